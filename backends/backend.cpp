@@ -1,0 +1,22 @@
+#include "backends/backend.h"
+
+#include <chrono>
+
+namespace voxspring {
+
+std::string to_string(Precision precision) { return precision == Precision::float32 ? "float32" : "float64"; }
+
+std::string Backend::unsupported(const Problem&) const { return {}; }
+
+Timing Backend::timed_step(int count) {
+    synchronize();
+    const auto begin = std::chrono::steady_clock::now();
+    mark(Mark::begin);
+    step(count);
+    mark(Mark::end);
+    synchronize();
+    const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - begin;
+    return {.device_seconds = seconds_between_marks(), .host_seconds = elapsed.count()};
+}
+
+}  // namespace voxspring

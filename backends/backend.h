@@ -1,0 +1,105 @@
+// The contract between the harness and everything that can step a mass-spring-damper model.
+// Adding a backend: one file that implements Backend and registers itself (registry.h), one roster line
+// in CMakeLists.txt.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "backends/physics/problem.h"
+
+namespace voxspring {
+
+enum class Precision : std::uint8_t { float32, float64 };
+std::string to_string(Precision precision);
+
+/// How a backend is to be built. Whatever changes the numbers or the speed is here and is recorded in
+/// the result.
+struct Options {
+    Precision precision = Precision::float32;
+    std::string formulation = "position";
+    /// Tuning parameters by name, complete: every name that the backend registered, each with a value
+    /// that it registered.
+    std::map<std::string, std::string> tuning;
+};
+
+/// There is no such device, driver or context here: the backend is skipped with this reason.
+class Unavailable : public std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+/// The device or its driver failed: the backend's row fails with this reason and the study goes on.
+class DeviceError : public std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+/// What a backend runs on.
+struct Capabilities {
+    std::string api;     ///< "CPU", "OpenGL 4.5 core", "CUDA 13.0"
+    std::string device;  ///< as its driver names it
+    std::string driver;  ///< version, or the SIMD target of a CPU backend
+    std::string uuid;    ///< of the physical device; empty where there is none
+    std::string clock;   ///< what the marks of timed_step are: "steady_clock", "GL_TIMESTAMP", "CUDA event"
+    bool deterministic = true;  ///< two runs give the same bits
+};
+
+/// One timed batch of steps.
+struct Timing {
+    double device_seconds = 0;  ///< between the two marks, on the backend's own clock
+    double host_seconds = 0;    ///< from before the first call to after the last synchronization
+};
+
+/// What the hardware's own counters say one step did, by counter name ("samples_passed"). The evidence
+/// that a skip skips.
+using WorkCount = std::map<std::string, std::uint64_t>;
+
+/// One simulation on one device. Constructing acquires the device and throws Unavailable where there is
+/// none; destroying gives it back and never throws. Every other member throws DeviceError when the
+/// device fails, after which the object is only good for destruction. Not thread-safe.
+class Backend {
+public:
+    Backend() = default;
+    Backend(const Backend&) = delete;
+    Backend& operator=(const Backend&) = delete;
+    virtual ~Backend() = default;
+
+    virtual Capabilities capabilities() const = 0;
+
+    /// Empty, or why this backend cannot run `problem` ("grid of 40000 x 1 exceeds the texture limit of
+    /// 16384"). Cheap: allocates nothing on the device.
+    virtual std::string unsupported(const Problem& problem) const;
+
+    /// Allocate, copy in, and stand at step 0. May be called again, with the same problem or another.
+    /// Blocks until the device has it all. `problem` must outlive its use here: until the next upload() or
+    /// destruction.
+    virtual void upload(const Problem& problem, const State& state) = 0;
+
+    /// Enqueue `count` steps; may return before they have run.
+    virtual void step(int count) = 0;
+
+    /// Wait for everything enqueued. Late errors surface here.
+    virtual void synchronize() = 0;
+
+    /// Synchronize, then copy the state out in canonical order.
+    virtual State download() = 0;
+
+    /// Advance one step under the hardware's own counters, where the device has any.
+    virtual WorkCount count_work() { return {}; }
+
+    /// The one stopwatch: synchronize, host clock, mark, step, mark, synchronize, host clock.
+    Timing timed_step(int count);
+
+protected:
+    enum class Mark : std::uint8_t { begin, end };
+
+private:
+    /// Enqueue a time stamp.
+    virtual void mark(Mark which) = 0;
+    /// Seconds between the two latest marks; called after synchronize().
+    virtual double seconds_between_marks() const = 0;
+};
+
+}  // namespace voxspring

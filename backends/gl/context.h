@@ -1,0 +1,53 @@
+// A headless OpenGL context: EGL without a window system.
+#pragma once
+
+#include <epoxy/egl.h>
+#include <epoxy/gl.h>
+
+#include <memory>
+#include <string>
+
+#include "backends/backend.h"
+#include "backends/gl/check.h"
+
+namespace voxspring::gl {
+
+/// An OpenGL 4.5 core context of its own. Several may live in one process, interleaved: whoever calls GL
+/// makes its own current first.
+class Context {
+public:
+    /// On the first EGL device that gives one, hardware before software. Throws Unavailable.
+    Context();
+    ~Context();
+    Context(const Context&) = delete;
+    Context& operator=(const Context&) = delete;
+
+    /// GL calls of this thread go to this context from here on. Throws DeviceError.
+    void make_current() const;
+    /// The same for destructors; false if the driver refuses.
+    bool try_make_current() const noexcept;
+
+    /// ErrorLog::check for this context, which must be current.
+    void check(const std::string& doing) const { errors_->check(doing); }
+
+    /// As GL_RENDERER and GL_VERSION name them.
+    const Capabilities& capabilities() const { return capabilities_; }
+    int max_texture_size() const { return max_texture_size_; }
+    int max_array_texture_layers() const { return max_array_texture_layers_; }
+    bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
+
+private:
+    struct Destroy {
+        EGLDisplay display;
+        void operator()(EGLContext context) const noexcept;
+    };
+
+    std::unique_ptr<ErrorLog> errors_;  // outlives the context that reports to it
+    std::unique_ptr<void, Destroy> context_;
+    Capabilities capabilities_;
+    GLint max_texture_size_ = 0;
+    GLint max_array_texture_layers_ = 0;
+    bool has_pipeline_statistics_ = false;
+};
+
+}  // namespace voxspring::gl

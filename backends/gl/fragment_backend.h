@@ -1,0 +1,95 @@
+// What the backends that step by drawing share (Mosegaard and Sorensen 2005): positions in texels, one
+// fragment a particle and step, ping-pong over three textures, the stencil buffer as mask, and the
+// stopwatch.
+//
+// Each particle has a texel: its position in xyz, and in w its bits, ACTIVE_BIT among them (neighbours.h).
+// Texels without a particle carry NaN and zero bits, so that whoever reads one shows it in the result.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <glm/vec2.hpp>
+#include <glm/vec4.hpp>
+#include <string>
+#include <vector>
+
+#include "backends/gl/context.h"
+#include "backends/gl/handles.h"
+#include "backends/gl/program.h"
+#include "backends/registry.h"
+
+namespace voxspring::gl {
+
+class FragmentBackend : public Backend {
+public:
+    Capabilities capabilities() const final { return context_.capabilities(); }
+    void upload(const Problem& problem, const State& state) final;
+    void step(int count) final;
+    void synchronize() final;
+    State download() final;
+    /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
+    WorkCount count_work() final;
+
+    /// All texels, row by row, of the texture that holds x(t - age dt), for age 0 and 1; age 2 is the one
+    /// that the next step writes.
+    std::vector<glm::vec4> texels(int age);
+
+protected:
+    /// Where the particles of a problem go.
+    struct Layout {
+        glm::ivec2 size{0};                ///< of the position textures
+        std::vector<std::uint32_t> texel;  ///< per particle: index of its texel, row by row
+        std::vector<std::uint32_t> bits;   ///< per particle: what its w holds
+    };
+
+    /// `fragment_shader`: the file in shaders/.
+    FragmentBackend(const Options& options, std::string fragment_shader);
+
+    /// Creates what the fragment shader reads beyond positions, loads and materials, and binds it to
+    /// texture units from first_own_unit on.
+    virtual Layout lay_out(const Problem& problem) = 0;
+    /// What specialises the fragment shader beyond the terms that it shares (shaders/particle.glsl).
+    virtual Defines specialise(const Problem& problem) const = 0;
+    virtual void set_uniforms(const Program& program, const Problem& problem) const = 0;
+
+    static constexpr GLuint first_own_unit = 4;
+    const Context& context() const { return context_; }
+    /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
+    bool all_terms() const { return all_terms_; }
+
+private:
+    void mark(Mark which) final;
+    double seconds_between_marks() const final;
+
+    void make_frames(const Problem& problem, const State& state, const Layout& layout);
+    void make_particle_textures(const Problem& problem, const Layout& layout);
+    void make_program(const Problem& problem);
+    std::size_t frame(int age) const { return (current_ + 3 - std::size_t(age)) % 3; }
+
+    Context context_;
+    bool masked_;
+    bool all_terms_;
+    std::string fragment_shader_;
+
+    VertexArray no_vertices_;  // core profile draws nothing without one, even where it is empty
+    Query begin_, end_;
+    std::array<Texture, 3> frames_;
+    Texture stencil_;
+    std::array<Framebuffer, 3> framebuffers_;
+    Texture load_, material_;
+    Program program_;
+    std::string fragment_text_;  // that program_ was made of
+
+    const Problem* problem_ = nullptr;
+    glm::ivec2 size_{0};
+    std::vector<std::uint32_t> texel_;
+    std::size_t current_ = 0;
+};
+
+/// The tuning parameters of every FragmentBackend.
+std::map<std::string, TuningValues> fragment_tuning();
+
+/// Bytes of what FragmentBackend itself uploads, for `texels` texels in a frame.
+std::uint64_t fragment_bytes(const Problem& problem, const Options& options, std::uint64_t texels);
+
+}  // namespace voxspring::gl

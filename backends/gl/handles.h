@@ -1,0 +1,51 @@
+// Owners of GL objects.
+#pragma once
+
+#include <epoxy/gl.h>
+
+#include <cstdint>
+#include <utility>
+
+#include "backends/gl/context.h"
+
+namespace voxspring::gl {
+
+enum class Object : std::uint8_t { texture, framebuffer, vertex_array, query, shader, program };
+
+/// Deletes object `name` of the current context.
+void destroy(Object kind, GLuint name) noexcept;
+
+/// Owns one object of a context, which must outlive it. Names are only unique within a context, so the
+/// destructor makes its own current.
+template <Object kind>
+class Handle {
+public:
+    Handle() = default;
+    Handle(const Context& context, GLuint name) : context_(&context), name_(name) {}
+    Handle(Handle&& other) noexcept : context_(other.context_), name_(std::exchange(other.name_, 0)) {}
+    Handle& operator=(Handle&& other) noexcept {
+        std::swap(context_, other.context_);
+        std::swap(name_, other.name_);
+        return *this;
+    }
+    ~Handle() {
+        if (name_ != 0 && context_->try_make_current()) destroy(kind, name_);
+    }
+
+    GLuint get() const { return name_; }
+
+private:
+    const Context* context_ = nullptr;
+    GLuint name_ = 0;
+};
+
+using Texture = Handle<Object::texture>;
+using Framebuffer = Handle<Object::framebuffer>;
+using VertexArray = Handle<Object::vertex_array>;
+using Query = Handle<Object::query>;
+
+Framebuffer make_framebuffer(const Context& context);
+VertexArray make_vertex_array(const Context& context);
+Query make_query(const Context& context);
+
+}  // namespace voxspring::gl

@@ -1,0 +1,53 @@
+// GLSL from the files embedded at build time.
+#pragma once
+
+#include <glm/vec3.hpp>
+#include <map>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "backends/gl/handles.h"
+
+namespace voxspring::gl {
+
+/// What specialises a shader: macro to value.
+using Defines = std::map<std::string, std::string>;
+
+/// Files by the name that `#include "..."` gives them.
+using Files = std::map<std::string_view, std::string_view>;
+
+/// A translation unit that knows where its lines come from. It has no `#line`: Mesa 22.3 forgets the file.
+struct Source {
+    std::string name;  ///< the file that was asked for
+    std::string text;
+    std::vector<std::string> origin;  ///< FILE:LINE of each line of the text; empty for the loader's own
+};
+
+/// `file` with what it includes, behind `#version 450 core`, VOXSPRING_GLSL and `defines`. A file is included
+/// once; the C++ headers that a shared header includes in angle brackets are left out. Throws DeviceError
+/// that names an unknown file and who includes it.
+Source load_source(const std::string& file, const Defines& defines, const Files& files);
+/// The same from shaders/ and the headers of backends/physics/ that GLSL shares.
+Source load_source(const std::string& file, const Defines& defines);
+
+/// A linked program. Compile and link errors are DeviceErrors that name file and line.
+class Program {
+public:
+    Program() = default;
+    Program(const Context& context, const Source& vertex, const Source& fragment);
+
+    GLuint get() const { return program_.get(); }
+
+    /// Sets a uniform; one that the program was specialised not to need is passed over.
+    void set(const char* name, float value) const;
+    void set(const char* name, glm::vec3 value) const;
+    void set(const char* name, std::span<const float> values) const;
+    void set(const char* name, int value) const;
+
+private:
+    Handle<Object::program> program_;
+};
+
+}  // namespace voxspring::gl

@@ -1,0 +1,53 @@
+#include "backends/gl/texture.h"
+
+namespace voxspring::gl {
+namespace {
+
+Texture make(const Context& context, GLenum target) {
+    GLuint name = 0;
+    glCreateTextures(target, 1, &name);
+    // A float32 or integer texture that asks for filtering is incomplete, and reads as zero.
+    glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTextureParameteri(name, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    return {context, name};
+}
+
+}  // namespace
+
+bool fits(const TexelFormat& format, glm::ivec2 size, int layers) {
+    const auto internal = GLint(format.internal);
+    GLint width = 0;
+    if (layers == 0) {
+        glTexImage2D(GL_PROXY_TEXTURE_2D, 0, internal, size.x, size.y, 0, format.external, format.type,
+                     nullptr);
+        glGetTexLevelParameteriv(GL_PROXY_TEXTURE_2D, 0, GL_TEXTURE_WIDTH, &width);
+    } else {
+        glTexImage3D(GL_PROXY_TEXTURE_2D_ARRAY, 0, internal, size.x, size.y, layers, 0, format.external,
+                     format.type, nullptr);
+        glGetTexLevelParameteriv(GL_PROXY_TEXTURE_2D_ARRAY, 0, GL_TEXTURE_WIDTH, &width);
+    }
+    return width != 0;
+}
+
+Texture make_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, const void* texels) {
+    Texture texture = make(context, GL_TEXTURE_2D);
+    glTextureStorage2D(texture.get(), 1, format.internal, size.x, size.y);
+    context.check("allocating a texture");
+    glPixelStorei(GL_UNPACK_ALIGNMENT, 1);  // rows of bytes end where they end
+    if (texels != nullptr) {
+        glTextureSubImage2D(texture.get(), 0, 0, 0, size.x, size.y, format.external, format.type, texels);
+    }
+    return texture;
+}
+
+Texture make_array_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, int layers,
+                           const void* texels) {
+    Texture texture = make(context, GL_TEXTURE_2D_ARRAY);
+    glTextureStorage3D(texture.get(), 1, format.internal, size.x, size.y, layers);
+    context.check("allocating a texture");
+    glTextureSubImage3D(texture.get(), 0, 0, 0, 0, size.x, size.y, layers, format.external, format.type,
+                        texels);
+    return texture;
+}
+
+}  // namespace voxspring::gl

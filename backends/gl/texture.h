@@ -1,0 +1,37 @@
+// Textures that are arrays of numbers: no filtering, one level.
+#pragma once
+
+#include <cstdint>
+#include <glm/vec2.hpp>
+
+#include "backends/gl/handles.h"
+
+namespace voxspring::gl {
+
+/// How a texel is stored, and how the host writes it.
+struct TexelFormat {
+    GLenum internal;
+    GLenum external;
+    GLenum type;
+    int bytes;
+};
+inline constexpr TexelFormat rgba32f{GL_RGBA32F, GL_RGBA, GL_FLOAT, 16};
+inline constexpr TexelFormat rg32f{GL_RG32F, GL_RG, GL_FLOAT, 8};
+inline constexpr TexelFormat r32ui{GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, 4};
+/// Depth in the upper 24 bits of a uint32, stencil in the lower 8. Drivers need not take stencil alone.
+inline constexpr TexelFormat stencil8{GL_STENCIL_INDEX8, GL_STENCIL_INDEX, GL_UNSIGNED_BYTE, 1};
+
+/// The width and height that every OpenGL 4.5 allows, for estimates made before there is a context.
+inline constexpr int guaranteed_texture_size = 16384;
+
+/// Whether the driver would take such a texture; `layers` 0 is a plain 2D texture. Allocates nothing.
+bool fits(const TexelFormat& format, glm::ivec2 size, int layers = 0);
+
+/// A 2D texture, row by row from `texels`, or left undefined where that is null.
+Texture make_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, const void* texels);
+
+/// A 2D array texture, layer by layer from `texels`.
+Texture make_array_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, int layers,
+                           const void* texels);
+
+}  // namespace voxspring::gl

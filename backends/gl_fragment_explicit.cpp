@@ -1,0 +1,177 @@
+// Explicit addressing: active particles side by side in a texture, and for each a list of its neighbours'
+// texels, so that springs need no grid. The lists are vertical: all first neighbours, then all second ones.
+#include <algorithm>
+#include <array>
+#include <sstream>
+
+#include "backends/gl/fragment_backend.h"
+#include "backends/gl/texture.h"
+#include "backends/physics/neighbours.h"
+
+namespace voxspring {
+namespace {
+
+/// Bits of a group's neighbour count in w: a group has at most 12 neighbours.
+constexpr int count_bits = 4;
+
+/// Texels for `particles` in a texture no higher than `limit`, as narrow as that allows but one screen tile
+/// of llvmpipe wide: rows that follow each other are then close in memory, 1.2 times as fast there as a
+/// square. The waste is less than a row.
+glm::ivec2 compact_size(std::size_t particles, int limit) {
+    constexpr std::size_t tile = 64;
+    const std::size_t width =
+        std::max(std::min(particles, tile), (particles + std::size_t(limit) - 1) / std::size_t(limit));
+    return {int(width), int((particles + width - 1) / width)};
+}
+
+/// Number of springs of each particle.
+std::vector<std::uint32_t> degrees(const Problem& problem) {
+    std::vector<std::uint32_t> degree(problem.particle_count(), 0);
+    for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
+        degree[i] = std::uint32_t(std::popcount(problem.lattice.mask[i] & NEIGHBOUR_BITS));
+    }
+    for (const Spring& spring : problem.springs) {
+        ++degree[spring.first];
+        ++degree[spring.second];
+    }
+    return degree;
+}
+
+int layer_count(const Problem& problem) {
+    const auto degree = degrees(problem);
+    return degree.empty() ? 1 : std::max(1, int(*std::max_element(degree.begin(), degree.end())));
+}
+
+/// Whether stiffness or rest length differ between springs of one group.
+bool differ_within_a_group(const Problem& problem) {
+    if (problem.has_materials() || !problem.springs.empty()) return true;
+    std::array<double, 3> length{};
+    for (const Direction& direction : directions()) {
+        double& group = length[std::size_t(direction.group)];
+        const double own = problem.rest_length[std::size_t(direction.bit)];
+        if (group != 0 && group != own) return true;
+        group = own;
+    }
+    return false;
+}
+
+class GlFragmentExplicit final : public gl::FragmentBackend {
+public:
+    explicit GlFragmentExplicit(const Options& options)
+        : FragmentBackend(options, "gl_fragment_explicit.frag") {}
+
+    std::string unsupported(const Problem& problem) const override {
+        std::ostringstream reason;
+        const int limit = context().max_texture_size();
+        const glm::ivec2 size = compact_size(problem.particle_count(), limit);
+        const int layers = layer_count(problem);
+        context().make_current();
+        if (size.x > limit) {
+            reason << problem.particle_count() << " particles exceed the texture limit of " << limit << " x "
+                   << limit;
+        } else if (layers > context().max_array_texture_layers()) {
+            reason << "a particle with " << layers << " springs exceeds the limit of "
+                   << context().max_array_texture_layers() << " texture layers";
+        } else if (!gl::fits(gl::rgba32f, size) || !gl::fits(gl::r32ui, size, layers) ||
+                   (per_spring(problem) && !gl::fits(gl::rg32f, size, layers))) {
+            reason << "neighbour lists of " << size.x << " x " << size.y << " x " << layers
+                   << " texels take more bytes than the driver allows one texture";
+        }
+        return reason.str();
+    }
+
+private:
+    bool per_spring(const Problem& problem) const { return all_terms() || differ_within_a_group(problem); }
+
+    Layout lay_out(const Problem& problem) override {
+        neighbour_ = {};
+        spring_ = {};
+        Layout layout;
+        layout.size = compact_size(problem.particle_count(), context().max_texture_size());
+        const bool own_values = per_spring(problem);
+        const std::size_t texels = std::size_t(layout.size.x) * std::size_t(layout.size.y);
+        const int layers = layer_count(problem);
+        std::vector<std::uint32_t> neighbour(texels * std::size_t(layers), 0);
+        std::vector<glm::vec2> spring(own_values ? neighbour.size() : 0, glm::vec2(0));
+        std::vector<std::uint32_t> degree(problem.particle_count(), 0);
+        const auto add = [&](std::size_t i, std::size_t j, double stiffness, double rest_length) {
+            const std::size_t slot = degree[i]++ * texels + i;
+            const auto width = std::size_t(layout.size.x);
+            neighbour[slot] = std::uint32_t(j % width | j / width << 16);
+            if (own_values) spring[slot] = {float(stiffness), float(rest_length)};
+        };
+
+        layout.bits.assign(problem.particle_count(), ACTIVE_BIT);
+        const auto particle = particle_of_voxel(problem.lattice);
+        for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
+            for (const Direction& direction : directions()) {
+                if ((problem.lattice.mask[i] >> direction.bit & 1u) == 0) continue;
+                const std::ptrdiff_t voxel = problem.lattice.voxel[i] + problem.lattice.stride(direction);
+                const std::size_t j = particle[std::size_t(voxel)];
+                add(i, j, problem.spring_stiffness(i, j, direction),
+                    problem.rest_length[std::size_t(direction.bit)]);
+                if (!own_values) layout.bits[i] += 1u << count_bits * int(direction.group);
+            }
+        }
+        for (const Spring& s : problem.springs) {
+            add(s.first, s.second, s.stiffness, s.rest_length);
+            add(s.second, s.first, s.stiffness, s.rest_length);
+        }
+        for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+            layout.texel.push_back(std::uint32_t(i));
+            if (own_values) layout.bits[i] |= degree[i];
+            if (problem.is_pinned(i)) layout.bits[i] |= PINNED_BIT;
+        }
+
+        neighbour_ = gl::make_array_texture(context(), gl::r32ui, layout.size, layers, neighbour.data());
+        glBindTextureUnit(first_own_unit, neighbour_.get());
+        if (own_values) {
+            spring_ = gl::make_array_texture(context(), gl::rg32f, layout.size, layers, spring.data());
+            glBindTextureUnit(first_own_unit + 1, spring_.get());
+        }
+        return layout;
+    }
+
+    gl::Defines specialise(const Problem& problem) const override {
+        gl::Defines defines{{"COUNT_BITS", std::to_string(count_bits)}};
+        if (per_spring(problem)) defines["PER_SPRING"] = "";
+        return defines;
+    }
+
+    void set_uniforms(const gl::Program& program, const Problem& problem) const override {
+        std::array<float, 3> rest_length{};
+        std::array<float, 3> stiffness{};
+        for (const Direction& direction : directions()) {
+            rest_length[std::size_t(direction.group)] =
+                float(problem.rest_length[std::size_t(direction.bit)]);
+        }
+        std::copy(problem.group_stiffness.begin(), problem.group_stiffness.end(), stiffness.begin());
+        program.set("rest_length", rest_length);
+        program.set("group_stiffness", stiffness);
+    }
+
+    gl::Texture neighbour_, spring_;
+};
+
+const Registered entry({
+    .name = "gl_fragment_explicit",
+    .summary = "OpenGL fragment shader over the active particles, neighbours from a list.",
+    .precisions = {Precision::float32},
+    .formulations = {"position"},
+    .tuning = gl::fragment_tuning(),
+    .make = [](const Options& options) { return std::make_unique<GlFragmentExplicit>(options); },
+    .bytes =
+        [](const Problem& problem, const Options& options) {
+            const glm::ivec2 size = compact_size(problem.particle_count(), gl::guaranteed_texture_size);
+            const std::uint64_t texels = std::uint64_t(size.x) * std::uint64_t(size.y);
+            std::uint64_t bytes_a_spring = gl::r32ui.bytes;
+            if (options.tuning.at("terms") == "all" || differ_within_a_group(problem)) {
+                bytes_a_spring += gl::rg32f.bytes;
+            }
+            return gl::fragment_bytes(problem, options, texels) +
+                   texels * std::uint64_t(layer_count(problem)) * bytes_a_spring;
+        },
+});
+
+}  // namespace
+}  // namespace voxspring

@@ -1,0 +1,114 @@
+// The spring force of spring.h by way of the inverse root that GPUs have in hardware, for C++ and CUDA.
+//
+// k (l - |d|) / |d| with r = 1/sqrt(|d|^2) is k (l - |d|^2 r) r: no IEEE root, no division. r is
+// approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured with the
+// same ruler: l is taken as measured_length(l^2) on the same device. At rest both products are then the
+// same number and the force is zero to the bit, whatever r's error. Away from rest the error is that of a
+// rest length off by about one unit in the last place.
+//
+// In host code r is exact to rounding, so that tests run the same source without a device.
+#pragma once
+
+#include <cmath>
+
+#include "backends/physics/portable.h"
+
+namespace voxspring {
+
+/// 1 / sqrt(squared), for a normal positive number.
+VOXSPRING_HOST_DEVICE inline float inverse_root(float squared) {
+#ifdef __CUDA_ARCH__
+    // rsqrtf() costs two more instructions, for denormal numbers.
+    float root;
+    asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(squared));
+    return root;
+#else
+    return 1 / std::sqrt(squared);
+#endif
+}
+
+/// One step of a third-order iteration for 1 / sqrt(squared): 20 good bits of `root` become 53.
+VOXSPRING_HOST_DEVICE inline double refined_inverse_root(double squared, double root) {
+    const double error = std::fma(-(squared * root), root, 1.0);
+    return std::fma(root * error, std::fma(0.375, error, 0.5), root);
+}
+
+VOXSPRING_HOST_DEVICE inline double inverse_root(double squared) {
+#ifdef __CUDA_ARCH__
+    // rsqrt(double) branches for numbers that are not normal.
+    double root;
+    asm("rsqrt.approx.ftz.f64 %0, %1;" : "=d"(root) : "d"(squared));
+    return refined_inverse_root(squared, root);
+#else
+    return 1 / std::sqrt(squared);
+#endif
+}
+
+/// a * b rounded, never the first half of a fused multiply-add: the difference of two equal products has
+/// to be zero.
+VOXSPRING_HOST_DEVICE inline float rounded_product(float a, float b) {
+#ifdef __CUDA_ARCH__
+    return __fmul_rn(a, b);
+#else
+    return a * b;
+#endif
+}
+
+VOXSPRING_HOST_DEVICE inline double rounded_product(double a, double b) {
+#ifdef __CUDA_ARCH__
+    return __dmul_rn(a, b);
+#else
+    return a * b;
+#endif
+}
+
+/// x^2 + y^2 + z^2, kept from zero by `shortest_squared`: in float32 added, which costs nothing and is lost
+/// in rounding for springs that are not nearly coincident; in float64 the larger of the two, as in
+/// spring_force().
+VOXSPRING_HOST_DEVICE inline float squared_length(float x, float y, float z, float shortest_squared) {
+    return std::fma(x, x, std::fma(y, y, std::fma(z, z, shortest_squared)));
+}
+
+VOXSPRING_HOST_DEVICE inline double squared_length(double x, double y, double z, double shortest_squared) {
+    return larger(x * x + y * y + z * z, shortest_squared);
+}
+
+/// A length from its square, as inverse_root() measures it.
+template <class Real>
+VOXSPRING_HOST_DEVICE Real measured_length(Real squared) {
+    return rounded_product(squared, inverse_root(squared));
+}
+
+/// (l - |d|) / |d|: the force density of a spring of stiffness 1. `rest_length` comes from measured_length().
+template <class Real>
+VOXSPRING_HOST_DEVICE Real unit_force_density(Real squared, Real rest_length, Real inverse) {
+    return (rest_length - rounded_product(squared, inverse)) * inverse;
+}
+
+/// One step of a third-order iteration for 1 / value: 20 good bits of `reciprocal` become 53.
+VOXSPRING_HOST_DEVICE inline double refined_reciprocal(double value, double reciprocal) {
+    const double error = std::fma(-value, reciprocal, 1.0);
+    return std::fma(reciprocal, std::fma(error, error, error), reciprocal);
+}
+
+/// series_stiffness() without an IEEE division.
+VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
+#ifdef __CUDA_ARCH__
+    return __fdividef(2.0F, compliance_a + compliance_b);
+#else
+    return 2 / (compliance_a + compliance_b);
+#endif
+}
+
+VOXSPRING_HOST_DEVICE inline double fast_series_stiffness(double compliance_a, double compliance_b) {
+#ifdef __CUDA_ARCH__
+    const double sum = compliance_a + compliance_b;
+    double reciprocal;
+    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(reciprocal) : "d"(sum));
+    return 2 * refined_reciprocal(sum, reciprocal);
+#else
+    return 2 / (compliance_a + compliance_b);
+#endif
+}
+
+}  // namespace voxspring

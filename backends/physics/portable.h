@@ -1,0 +1,54 @@
+// What C++, CUDA and GLSL need in order to compile the same physics.
+//
+// The headers of this folder that carry formulas (spring.h) keep to what the three languages share:
+// by-value arguments, `dot`, `sqrt`, no references and no namespaces inside. A function is declared
+//
+//     SHARED(Vec3) name(Vec3 x, Real k) { ... }
+//
+// which is a function template over its scalar and vector type in C++ and CUDA (so that float, double
+// and a SIMD register all run the same source) and a plain function of float and vec3 in GLSL.
+#ifndef VOXSPRING_PORTABLE_H
+#define VOXSPRING_PORTABLE_H
+
+#ifdef VOXSPRING_GLSL
+
+#define SHARED(ReturnType) ReturnType
+#define SHARED_SCALAR(ReturnType) ReturnType
+#define Real float
+#define Vec3 vec3
+#define larger max
+
+#else
+
+#include <cmath>
+
+/// Where the formulas are declared; SIMD code, which compiles them once a target, names its own place.
+#define VOXSPRING_PHYSICS_NAMESPACE voxspring
+
+#ifdef __CUDACC__
+#define VOXSPRING_HOST_DEVICE __host__ __device__
+#else
+#define VOXSPRING_HOST_DEVICE
+#endif
+
+/// A function whose arguments name both the vector and the scalar type.
+#define SHARED(ReturnType)            \
+    template <class Vec3, class Real> \
+    VOXSPRING_HOST_DEVICE inline ReturnType
+/// A function of scalars only.
+#define SHARED_SCALAR(ReturnType) \
+    template <class Real>         \
+    VOXSPRING_HOST_DEVICE inline ReturnType
+
+namespace voxspring {
+
+using std::sqrt;
+
+/// The larger of two numbers; `b` when `a` is NaN, like GLSL's max on every driver tried.
+VOXSPRING_HOST_DEVICE inline float larger(float a, float b) { return a > b ? a : b; }
+VOXSPRING_HOST_DEVICE inline double larger(double a, double b) { return a > b ? a : b; }
+
+}  // namespace voxspring
+
+#endif
+#endif

@@ -1,0 +1,149 @@
+#include "backends/physics/problem.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <limits>
+#include <utility>
+
+#include "backends/physics/neighbours.h"
+#include "backends/physics/spring.h"
+
+namespace voxspring {
+
+const std::array<Direction, neighbour_count>& directions() {
+#define FACE(bit, dx, dy, dz) Direction{bit, {dx, dy, dz}, SpringGroup::face},
+#define EDGE(bit, dx, dy, dz) Direction{bit, {dx, dy, dz}, SpringGroup::edge},
+#define CORNER(bit, dx, dy, dz) Direction{bit, {dx, dy, dz}, SpringGroup::corner},
+    static const std::array<Direction, neighbour_count> list = {FACE_NEIGHBOURS(FACE) EDGE_NEIGHBOURS(EDGE)
+                                                                    CORNER_NEIGHBOURS(CORNER)};
+#undef FACE
+#undef EDGE
+#undef CORNER
+    return list;
+}
+
+glm::ivec3 Lattice::coordinates(std::uint32_t voxel_index) const {
+    const auto width = std::uint32_t(dims.x);
+    const auto height = std::uint32_t(dims.y);
+    return {int(voxel_index % width), int(voxel_index / width % height), int(voxel_index / width / height)};
+}
+
+std::ptrdiff_t Lattice::stride(const Direction& direction) const {
+    const glm::ivec3 o = direction.offset;
+    return (std::ptrdiff_t(o.z) * dims.y + o.y) * dims.x + o.x;
+}
+
+double Problem::spring_stiffness(std::size_t particle, std::size_t neighbour,
+                                 const Direction& direction) const {
+    if (!has_materials()) return group_stiffness[std::size_t(direction.group)];
+    return series_stiffness(1 / material_of(particle).stiffness, 1 / material_of(neighbour).stiffness);
+}
+
+double Problem::shortest_squared() const {
+    double shortest = std::numeric_limits<double>::infinity();
+    if (lattice.voxel_count() > 0) {
+        shortest = std::min({lattice.spacing.x, lattice.spacing.y, lattice.spacing.z});
+    } else {
+        for (const Spring& spring : springs) {
+            if (spring.rest_length > 0) shortest = std::min(shortest, spring.rest_length);
+        }
+    }
+    return std::isfinite(shortest) ? 1e-12 * shortest * shortest : 1e-12;
+}
+
+SpringCounts count_springs(const Problem& problem) {
+    SpringCounts counts;
+    for (const std::uint32_t mask : problem.lattice.mask) {
+        counts.group[0] += std::uint64_t(std::popcount(mask & FACE_BITS));
+        counts.group[1] += std::uint64_t(std::popcount(mask & EDGE_BITS));
+        counts.group[2] += std::uint64_t(std::popcount(mask & CORNER_BITS));
+    }
+    for (auto& ends : counts.group) ends /= 2;
+    counts.beyond = problem.springs.size();
+    return counts;
+}
+
+std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice) {
+    std::vector<std::uint32_t> particle(lattice.voxel_count(), no_particle);
+    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) particle[lattice.voxel[i]] = std::uint32_t(i);
+    return particle;
+}
+
+std::vector<Spring> list_springs(const Problem& problem) {
+    std::vector<Spring> springs;
+    springs.reserve(count_springs(problem).total());
+    const auto particle = particle_of_voxel(problem.lattice);
+    for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
+        for (const Direction& direction : directions()) {
+            const std::ptrdiff_t stride = problem.lattice.stride(direction);
+            if ((direction.bit & 1) == 0 || (problem.lattice.mask[i] >> direction.bit & 1u) == 0) continue;
+            const std::uint32_t j = particle[std::size_t(std::ptrdiff_t(problem.lattice.voxel[i]) + stride)];
+            springs.push_back({std::uint32_t(i), j, problem.spring_stiffness(i, j, direction),
+                               problem.rest_length[std::size_t(direction.bit)]});
+        }
+    }
+    springs.insert(springs.end(), problem.springs.begin(), problem.springs.end());
+    return springs;
+}
+
+State state_at_rest(const Problem& problem) {
+    return {std::vector<glm::dvec3>(problem.particle_count(), glm::dvec3(0)),
+            std::vector<glm::dvec3>(problem.particle_count(), glm::dvec3(0))};
+}
+
+Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
+    Problem problem;
+    problem.group_bits = group_bits & NEIGHBOUR_BITS;
+    Lattice& lattice = problem.lattice;
+    lattice.dims = grid.dims;
+    lattice.spacing = grid.spacing;
+    for (const Direction& direction : directions()) {
+        problem.rest_length[std::size_t(direction.bit)] =
+            glm::length(glm::dvec3(direction.offset) * grid.spacing);
+    }
+
+    const std::size_t active =
+        grid.label.size() - std::size_t(std::count(grid.label.begin(), grid.label.end(), std::uint8_t(0)));
+    problem.rest_position.reserve(active);
+    lattice.voxel.reserve(active);
+    lattice.mask.reserve(active);
+    const bool several = std::any_of(grid.label.begin(), grid.label.end(), [](auto l) { return l > 1; });
+    if (several) problem.material.reserve(active);
+
+    const glm::ivec3 dims = grid.dims;
+    std::uint32_t voxel = 0;
+    for (int z = 0; z < dims.z; ++z) {
+        for (int y = 0; y < dims.y; ++y) {
+            for (int x = 0; x < dims.x; ++x, ++voxel) {
+                if (grid.label[voxel] == 0) continue;
+                std::uint32_t mask = ACTIVE_BIT;
+                for (const Direction& direction : directions()) {
+                    const glm::ivec3 n = glm::ivec3(x, y, z) + direction.offset;
+                    if (n.x < 0 || n.y < 0 || n.z < 0 || n.x >= dims.x || n.y >= dims.y || n.z >= dims.z)
+                        continue;
+                    if (grid.label[std::size_t(std::ptrdiff_t(voxel) + lattice.stride(direction))] != 0) {
+                        mask |= 1u << direction.bit;
+                    }
+                }
+                problem.rest_position.push_back(glm::dvec3(x, y, z) * grid.spacing);
+                lattice.voxel.push_back(voxel);
+                lattice.mask.push_back(mask & (problem.group_bits | ACTIVE_BIT));
+                if (several) problem.material.push_back(std::uint8_t(grid.label[voxel] - 1));
+            }
+        }
+    }
+    return problem;
+}
+
+void pin(Problem& problem, std::vector<std::uint8_t> pinned) {
+    const bool any = std::any_of(pinned.begin(), pinned.end(), [](auto p) { return p != 0; });
+    for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
+        auto& mask = problem.lattice.mask[i];
+        mask = pinned[i] != 0 ? mask | PINNED_BIT : mask & ~PINNED_BIT;
+    }
+    problem.pinned = any ? std::move(pinned) : std::vector<std::uint8_t>{};
+}
+
+}  // namespace voxspring

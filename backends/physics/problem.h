@@ -1,0 +1,141 @@
+// A scene's particles and springs, as every backend receives them.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <optional>
+#include <vector>
+
+namespace voxspring {
+
+/// Spring groups of the paper: 6 face, 12 edge and 8 corner neighbours.
+enum class SpringGroup : std::uint8_t { face, edge, corner };
+
+inline constexpr int neighbour_count = 26;
+
+/// One direction of the stencil: the voxel offset that mask bit `bit` stands for.
+struct Direction {
+    int bit;
+    glm::ivec3 offset;
+    SpringGroup group;
+};
+
+/// All 26 directions in summation order, from neighbours.h; element b is mask bit b.
+const std::array<Direction, neighbour_count>& directions();
+
+/// What a particle is made of. `stiffness` of a spring between two materials is that of two half
+/// springs in series (spring.h); `stiffness` is unused where the problem has one a group.
+struct Material {
+    double mass = 1;       ///< of one particle
+    double stiffness = 1;  ///< force per length
+};
+
+/// A regular grid with particles at the centres of its active voxels. x is the fastest axis. A network
+/// that lies on no grid has dims 0 and no masks.
+struct Lattice {
+    glm::ivec3 dims{0};                ///< voxels along x, y, z
+    glm::dvec3 spacing{1};             ///< distance between voxel centres along x, y, z
+    std::vector<std::uint32_t> voxel;  ///< per particle: index of its voxel, ascending
+    std::vector<std::uint32_t> mask;   ///< per particle: neighbour, active and pinned bits (neighbours.h)
+
+    std::size_t voxel_count() const {
+        return std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z);
+    }
+    glm::ivec3 coordinates(std::uint32_t voxel_index) const;
+    /// Offset of a direction in voxel indices; the neighbour exists only where the mask says so.
+    std::ptrdiff_t stride(const Direction& direction) const;
+};
+
+/// One undirected spring between particles `first` < `second`.
+struct Spring {
+    std::uint32_t first;
+    std::uint32_t second;
+    double stiffness;
+    double rest_length;
+};
+
+/// Everything that does not change while a simulation runs. Particles are in canonical order: active
+/// voxels only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip
+/// what they stand for.
+struct Problem {
+    std::vector<glm::dvec3> rest_position;  ///< one a particle
+    std::vector<Material> materials{1};     ///< at least one
+    std::vector<std::uint8_t> material;  ///< one a particle, index into `materials`; empty: all materials[0]
+    std::vector<std::uint8_t> pinned;    ///< one a particle, 1 = does not move; empty: none
+    std::vector<glm::dvec3> load;        ///< one a particle, constant force; empty: none
+
+    Lattice lattice;
+    /// Rest length of each direction of the lattice, by mask bit.
+    std::array<double, neighbour_count> rest_length{};
+    /// Stiffness of each spring group of the lattice, used while there is one material.
+    std::array<double, 3> group_stiffness{1, 1, 1};
+    /// The mask bits of the groups that are in use: no particle has a neighbour bit outside of it.
+    std::uint32_t group_bits = 0;
+
+    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, and the whole of
+    /// an unstructured network. Backends with implicit addressing refuse a problem that has any.
+    std::vector<Spring> springs;
+
+    glm::dvec3 gravity{0};  ///< acceleration
+    double damping = 0;     ///< lambda of the integrator, 0 <= lambda < 2
+    double time_step = 0;
+
+    std::size_t particle_count() const { return rest_position.size(); }
+    const Material& material_of(std::size_t particle) const {
+        return materials[material.empty() ? 0 : material[particle]];
+    }
+    bool is_pinned(std::size_t particle) const { return !pinned.empty() && pinned[particle] != 0; }
+    /// More than one material: springs take their stiffness from the two particles they join.
+    bool has_materials() const { return !material.empty(); }
+    bool has_gravity() const { return gravity != glm::dvec3(0); }
+    /// Stiffness of the lattice spring from `particle` along `direction` to `neighbour`.
+    double spring_stiffness(std::size_t particle, std::size_t neighbour, const Direction& direction) const;
+    /// |d|^2 under which two particles count as coincident (spring.h): (1e-6 of the shortest spacing, or of
+    /// the shortest spring of an unstructured network)^2.
+    double shortest_squared() const;
+};
+
+/// Undirected springs, each counted once.
+struct SpringCounts {
+    std::array<std::uint64_t, 3> group{};  ///< face, edge, corner
+    std::uint64_t beyond = 0;              ///< of Problem::springs
+    std::uint64_t total() const { return group[0] + group[1] + group[2] + beyond; }
+};
+SpringCounts count_springs(const Problem& problem);
+
+/// Every spring once: those of the lattice by `first`, then by direction; then those beyond it.
+std::vector<Spring> list_springs(const Problem& problem);
+
+/// For each voxel the particle in it, or `no_particle`.
+inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
+std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
+
+/// The moving part of a simulation, in float64 and canonical order, so that a backend which keeps
+/// displacements loses nothing on the way out.
+struct State {
+    std::vector<glm::dvec3> displacement;  ///< x(t) - rest position
+    std::vector<glm::dvec3> increment;     ///< x(t) - x(t - dt)
+};
+
+/// All particles at their rest position and at rest.
+State state_at_rest(const Problem& problem);
+
+/// What make_lattice_problem builds a problem from: labels of a voxel grid and spring groups.
+struct VoxelGrid {
+    glm::ivec3 dims{0};
+    glm::dvec3 spacing{1};
+    /// One a voxel, x fastest: 0 = inactive, m + 1 = material m.
+    std::vector<std::uint8_t> label;
+};
+
+/// Particles at the centres of the active voxels and springs to the active neighbours of the chosen
+/// groups. Materials, pins, loads, gravity, damping and time step are the caller's to fill in; then
+/// pin() keeps masks and list in step.
+Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits);
+
+/// Pin the particles for which `pinned` (one a particle) is not zero.
+void pin(Problem& problem, std::vector<std::uint8_t> pinned);
+
+}  // namespace voxspring

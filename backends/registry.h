@@ -1,0 +1,64 @@
+// The roster at run time: every backend registers itself under its name from a static initialiser.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backends/backend.h"
+
+namespace voxspring {
+
+/// A tuning parameter: its accepted values, the default first. An empty list accepts a positive integer
+/// or "auto", which is the default.
+using TuningValues = std::vector<std::string>;
+
+/// A backend as the harness knows it before any device is touched.
+struct BackendEntry {
+    std::string name;     ///< also its file, the `backend` field of a result and its test's name
+    std::string summary;  ///< one sentence
+    std::vector<Precision> precisions{Precision::float32};  ///< the default first
+    std::vector<std::string> formulations{"position"};      ///< the default first
+    std::map<std::string, TuningValues> tuning;
+    std::function<std::unique_ptr<Backend>(const Options&)> make;
+    /// Bytes of memory, on the device if it has its own, that upload() would take.
+    std::function<std::uint64_t(const Problem&, const Options&)> bytes;
+};
+
+/// `static const Registered entry({...});` in a backend's file adds it to the roster.
+struct Registered {
+    explicit Registered(BackendEntry entry);
+};
+
+/// Every backend of this build, by name.
+const std::map<std::string, BackendEntry>& registry();
+
+/// Backends that the source has but this build left out: name to reason (CMakeLists.txt).
+const std::map<std::string, std::string>& left_out();
+
+/// Why a backend specification was refused; the message names what is accepted.
+class BadSpecification : public std::invalid_argument {
+    using std::invalid_argument::invalid_argument;
+};
+
+/// A backend and its options, as a user writes them: `NAME[:key=value[,key=value]...]` where a key is
+/// `precision`, `formulation` or a tuning parameter of that backend.
+struct BackendSpec {
+    const BackendEntry* entry = nullptr;
+    Options options;
+
+    /// Throws BadSpecification.
+    static BackendSpec parse(const std::string& text);
+    std::unique_ptr<Backend> make() const { return entry->make(options); }
+    /// "mask=stencil,threads=2": all tuning parameters, empty if there are none.
+    std::string tuning() const;
+    /// NAME/formulation/precision[/tuning], the tuning parameters that are not at their default: what a
+    /// result row is called after its scene. Two backends at their defaults differ in NAME alone, so that
+    /// Google Benchmark's compare.py pairs them.
+    std::string label() const;
+};
+
+}  // namespace voxspring

@@ -1,0 +1,52 @@
+// What every CUDA backend shares and no kernel is part of: the device, its clock, and the replay of steps.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "backends/backend.h"
+#include "cuda/device/device.h"
+#include "cuda/device/event.h"
+#include "cuda/device/graph.h"
+
+namespace voxspring::cuda {
+
+/// A backend whose two position buffers take turns: a step reads one and overwrites x(t - dt) in the other.
+class CudaBackend : public Backend {
+public:
+    Capabilities capabilities() const override;
+    std::string unsupported(const Problem& problem) const final;
+    void step(int count) final;
+    void synchronize() final { stream_.synchronize(); }
+
+protected:
+    const Device& device() const { return device_; }
+    const Stream& stream() const { return stream_; }
+    /// The buffer that holds x(t), 0 or 1.
+    int current() const { return current_; }
+
+    /// Stand at step 0 with x(t) in buffer 0. `recapture`: what enqueue_step() enqueues has changed.
+    void rewind(bool recapture);
+
+private:
+    /// Empty, or why the strategy cannot run `problem`, memory aside.
+    virtual std::string refused(const Problem& problem) const = 0;
+    /// Device memory that upload(problem) would take, and that the last one took.
+    virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
+    virtual std::uint64_t bytes_held() const = 0;
+    /// Enqueue one step that reads buffer `reading`.
+    virtual void enqueue_step(int reading) = 0;
+
+    void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
+    double seconds_between_marks() const final { return end_.seconds_since(begin_); }
+
+    Device device_;  // first: its absence is found before anything is created on it
+    Stream stream_;
+    Event begin_, end_;
+    int current_ = 0;
+    /// graphs_[b][k] runs 2^k steps, the first of which reads buffer b.
+    std::array<std::vector<Graph>, 2> graphs_;
+};
+
+}  // namespace voxspring::cuda

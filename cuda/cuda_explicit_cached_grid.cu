@@ -1,0 +1,27 @@
+// Neighbour lists of a regular grid: a counter a spring group instead of a secondary list; positions through
+// the texture path.
+#include "backends/registry.h"
+#include "cuda/explicit.cuh"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr Secondary secondary = Secondary::never;
+
+const Registered entry({
+    .name = "cuda_explicit_cached_grid",
+    .summary = "One thread a particle, neighbours by list with a counter a spring group, positions through a "
+               "texture object.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = {"position"},
+    .tuning = {{"block", explicit_blocks}, {"fetch", {"texture", "l1"}}, {"layout", list_layouts}},
+    .make =
+        [](const Options& options) {
+            return options.tuning.at("fetch") == "texture" ? make_explicit<secondary, ThroughTexture>(options)
+                                                           : make_explicit<secondary, ThroughL1>(options);
+        },
+    .bytes = explicit_bytes<secondary>,
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

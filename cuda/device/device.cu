@@ -1,0 +1,85 @@
+#include <array>
+#include <fstream>
+#include <regex>
+
+#include "cuda/device/check.h"
+#include "cuda/device/device.h"
+
+namespace voxspring::cuda {
+namespace {
+
+__global__ void probe() {}
+
+void require(cudaError_t status, const std::string& what) {
+    if (status == cudaSuccess) return;
+    cudaGetLastError();  // or the next call would report it again
+    throw Unavailable(what + ": " + cudaGetErrorString(status));
+}
+
+// CUDA writes 13.0 as 13000.
+std::string version_text(int version) {
+    return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
+}
+
+std::string uuid_text(const cudaUUID_t& uuid) {
+    constexpr std::array<char, 17> digits{"0123456789abcdef"};
+    std::string text = "GPU-";
+    for (std::size_t i = 0; i < sizeof uuid.bytes; ++i) {
+        if (i == 4 || i == 6 || i == 8 || i == 10) text += '-';
+        const auto byte = static_cast<unsigned char>(uuid.bytes[i]);
+        text += digits[byte >> 4];
+        text += digits[byte & 15];
+    }
+    return text;
+}
+
+}  // namespace
+
+Device::Device() {
+    // Without a driver the runtime would only say that it is too old.
+    int driver = 0;
+    require(cudaDriverGetVersion(&driver), "no CUDA driver");
+    if (driver == 0) throw Unavailable("no NVIDIA driver is installed");
+    int count = 0;
+    require(cudaGetDeviceCount(&count), "no CUDA device");
+    if (count == 0) throw Unavailable("no CUDA device");
+    require(cudaSetDevice(0), "no CUDA context");
+    cudaDeviceProp properties{};
+    require(cudaGetDeviceProperties(&properties, 0), "no CUDA context");
+    name_ = properties.name;
+    uuid_ = uuid_text(properties.uuid);
+    cudaFuncAttributes attributes{};
+    require(cudaFuncGetAttributes(&attributes, probe),
+            "this build has no code for " + name_ + " (compute capability " +
+                std::to_string(properties.major) + "." + std::to_string(properties.minor) + ")");
+    const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
+    check(cudaDeviceGetTexture1DLinearMaxWidth(&most_texels_, &texel, 0));
+}
+
+std::size_t Device::free_bytes() const {
+    std::size_t available = 0;
+    std::size_t total = 0;
+    check(cudaMemGetInfo(&available, &total));
+    return available;
+}
+
+std::string Device::runtime_version() {
+    int version = 0;
+    check(cudaRuntimeGetVersion(&version));
+    return "CUDA " + version_text(version);
+}
+
+std::string Device::driver_version() {
+    int version = 0;
+    check(cudaDriverGetVersion(&version));
+    std::string text = "CUDA " + version_text(version);
+    // The driver's own number is known only to the kernel module, or to NVML, which not every server has.
+    std::ifstream module("/proc/driver/nvidia/version");
+    std::string line;
+    std::smatch number;
+    if (std::getline(module, line) && std::regex_search(line, number, std::regex(R"(\b\d+\.\d+(\.\d+)?\b)")))
+        text = number.str() + " (" + text + ")";
+    return text;
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,33 @@
+// The GPU that this process uses.
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+namespace voxspring::cuda {
+
+/// The first device that CUDA shows (CUDA_VISIBLE_DEVICES chooses). Constructing it throws Unavailable, with
+/// the reason, where there is no device, driver or context, or this build has no code for the device.
+class Device {
+public:
+    Device();
+
+    const std::string& name() const { return name_; }
+    /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
+    const std::string& uuid() const { return uuid_; }
+    /// Most 16-byte texels of a texture on linear memory.
+    std::size_t most_texels() const { return most_texels_; }
+    /// Bytes of device memory that nobody has allocated.
+    std::size_t free_bytes() const;
+
+    /// "CUDA 13.0": of the runtime this build carries.
+    static std::string runtime_version();
+    /// Version of the driver and, in parentheses, the newest CUDA that it knows.
+    static std::string driver_version();
+
+private:
+    std::string name_, uuid_;
+    std::size_t most_texels_ = 0;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,39 @@
+// Work captured once and replayed with one call.
+#pragma once
+
+#include "cuda/device/stream.h"
+
+namespace voxspring::cuda {
+
+class Graph {
+public:
+    /// What `enqueue()` puts into `stream`, which does not run now.
+    template <class Enqueue>
+    static Graph capture(const Stream& stream, Enqueue enqueue) {
+        check(cudaStreamBeginCapture(stream.get(), cudaStreamCaptureModeThreadLocal));
+        cudaGraph_t graph{};
+        try {
+            enqueue();
+        } catch (...) {
+            // Ends the capture, so that the stream can be destroyed.
+            if (cudaStreamEndCapture(stream.get(), &graph) == cudaSuccess)
+                static_cast<void>(cudaGraphDestroy(graph));
+            throw;
+        }
+        check(cudaStreamEndCapture(stream.get(), &graph));
+        const Handle<cudaGraph_t, cudaGraphDestroy> owner(graph);
+        cudaGraphExec_t executable{};
+        check(cudaGraphInstantiate(&executable, graph, 0));
+        Graph captured;
+        captured.handle_ = Handle<cudaGraphExec_t, cudaGraphExecDestroy>(executable);
+        check(cudaGraphUpload(executable, stream.get()));
+        return captured;
+    }
+    void launch(const Stream& stream) const { check(cudaGraphLaunch(handle_.get(), stream.get())); }
+
+private:
+    Graph() = default;
+    Handle<cudaGraphExec_t, cudaGraphExecDestroy> handle_;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,24 @@
+// A stream, in which work runs in order.
+#pragma once
+
+#include "cuda/device/handle.h"
+
+namespace voxspring::cuda {
+
+/// Independent of the legacy default stream.
+class Stream {
+public:
+    Stream() {
+        cudaStream_t stream{};
+        check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
+        handle_ = Handle<cudaStream_t, cudaStreamDestroy>(stream);
+    }
+    cudaStream_t get() const { return handle_.get(); }
+    /// Wait for everything enqueued; errors of that work surface here.
+    void synchronize() const { check(cudaStreamSynchronize(get())); }
+
+private:
+    Handle<cudaStream_t, cudaStreamDestroy> handle_;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,119 @@
+// How kernels read: one type a path. Each is what a kernel gets as its argument; its Source lives on the host
+// beside the buffer that it reads.
+#pragma once
+
+#include "cuda/device/buffer.h"
+#include "cuda/device/texture.h"
+#include "cuda/kernels/words.h"
+
+namespace voxspring::cuda {
+
+__device__ inline std::uint32_t list_entry_past_l1(const std::uint32_t* p) { return __ldcg(p); }
+__device__ inline SpringEnds list_entry_past_l1(const SpringEnds* p) {
+    const uint2 v = __ldcg(reinterpret_cast<const uint2*>(p));
+    return {v.x, v.y};
+}
+__device__ inline SpringConstants<float> list_entry_past_l1(const SpringConstants<float>* p) {
+    const float2 v = __ldcg(reinterpret_cast<const float2*>(p));
+    return {v.x, v.y};
+}
+__device__ inline SpringConstants<double> list_entry_past_l1(const SpringConstants<double>* p) {
+    const double2 v = __ldcg(reinterpret_cast<const double2*>(p));
+    return {v.x, v.y};
+}
+
+__device__ inline std::uint32_t list_entry_through_l1(const std::uint32_t* p) { return __ldg(p); }
+__device__ inline SpringEnds list_entry_through_l1(const SpringEnds* p) {
+    const uint2 v = __ldg(reinterpret_cast<const uint2*>(p));
+    return {v.x, v.y};
+}
+__device__ inline SpringConstants<float> list_entry_through_l1(const SpringConstants<float>* p) {
+    const float2 v = __ldg(reinterpret_cast<const float2*>(p));
+    return {v.x, v.y};
+}
+__device__ inline SpringConstants<double> list_entry_through_l1(const SpringConstants<double>* p) {
+    const double2 v = __ldg(reinterpret_cast<const double2*>(p));
+    return {v.x, v.y};
+}
+
+/// Reads a buffer by its address.
+template <class Fetch>
+class AddressSource {
+public:
+    explicit AddressSource(const Buffer<typename Fetch::Element>& buffer) : fetch_{buffer.data()} {}
+    const Fetch& fetch() const { return fetch_; }
+
+private:
+    Fetch fetch_;
+};
+
+/// Global memory past L1 (ld.global.cg): the nearest thing today to the uncached loads of 2008.
+template <class Real>
+struct PastL1 {
+    using Element = Word<Real>;
+    using Source = AddressSource<PastL1>;
+    static constexpr int texels_per_word = 0;
+
+    const Word<Real>* words;
+    __device__ Particle<Real> at(int index, int dx) const {
+        const Word<Real>* row = words + index;
+        return load_past_l1(row + dx);
+    }
+    template <class T>
+    __device__ T entry(const T* p) const {
+        return list_entry_past_l1(p);
+    }
+};
+
+/// Plain loads, which L1 caches.
+template <class Real>
+struct ThroughL1 {
+    using Element = Word<Real>;
+    using Source = AddressSource<ThroughL1>;
+    static constexpr int texels_per_word = 0;
+
+    const Word<Real>* words;
+    __device__ Particle<Real> at(int index, int dx) const {
+        const Word<Real>* row = words + index;
+        return load_through_l1(row + dx);
+    }
+    template <class T>
+    __device__ T entry(const T* p) const {
+        return list_entry_through_l1(p);
+    }
+};
+
+/// Positions through a texture object (tex1Dfetch): float4, or two int4 for float64. Lists as plain loads.
+template <class Real>
+struct ThroughTexture {
+    static constexpr int texels_per_word = int(sizeof(Word<Real>) / 16);
+
+    cudaTextureObject_t texture;
+    __device__ Particle<Real> at(int index, int dx) const {
+        if constexpr (texels_per_word == 1) {
+            return unpacked(tex1Dfetch<float4>(texture, index + dx));
+        } else {
+            const int4 a = tex1Dfetch<int4>(texture, 2 * (index + dx));
+            const int4 b = tex1Dfetch<int4>(texture, 2 * (index + dx) + 1);
+            return {{__hiloint2double(a.y, a.x), __hiloint2double(a.w, a.z), __hiloint2double(b.y, b.x)},
+                    unsigned(b.z)};
+        }
+    }
+    template <class T>
+    __device__ T entry(const T* p) const {
+        return list_entry_through_l1(p);
+    }
+
+    class Source {
+    public:
+        explicit Source(const Buffer<Word<Real>>& buffer)
+            : texture_(make_texture(
+                  buffer, texels_per_word == 1 ? cudaChannelFormatKindFloat : cudaChannelFormatKindSigned)) {}
+        ThroughTexture fetch() const { return {texture_.get()}; }
+
+    private:
+        Texture texture_;
+    };
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,406 @@
+#include "cuda/layout.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <sstream>
+
+namespace voxspring::cuda {
+namespace {
+
+// Signed, as OpenMP's loops were made for.
+std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
+
+template <class Real>
+Vector<Real> vector_of(const glm::dvec3& v) {
+    return {Real(v.x), Real(v.y), Real(v.z)};
+}
+
+template <class Real>
+glm::dvec3 dvec_of(const Vector<Real>& v) {
+    return {double(v.x), double(v.y), double(v.z)};
+}
+
+std::uint32_t rounded_up(std::size_t value, std::uint32_t multiple) {
+    return std::uint32_t((value + multiple - 1) / multiple * multiple);
+}
+
+// 128 bytes of list entries: columns of vertical lists begin on a cache line.
+constexpr std::uint32_t pitch_multiple = 32;
+
+ListShape make_shape(std::size_t particles, std::uint32_t slots, ListLayout layout) {
+    if (layout == ListLayout::concatenated)
+        return {.particle_stride = slots, .slot_stride = 1, .slots = slots};
+    return {.particle_stride = 1, .slot_stride = rounded_up(particles, pitch_multiple), .slots = slots};
+}
+
+template <class Real>
+void start_lists(NeighbourLists<Real>& lists, const Problem& problem, std::uint32_t slots,
+                 ListLayout layout) {
+    lists.shape = make_shape(problem.particle_count(), slots, layout);
+    lists.neighbour.resize(list_size(problem.particle_count(), slots, layout));
+    lists.bits = state_bits(problem);
+}
+
+// An unused slot holds its own particle.
+template <class Real>
+void fill_unused(NeighbourLists<Real>& lists, std::uint32_t particle, std::uint32_t begin,
+                 std::uint32_t end) {
+    for (std::uint32_t slot = begin; slot < end; ++slot)
+        lists.neighbour[lists.shape.at(particle, slot)] = particle;
+}
+
+template <class Real>
+SpringConstants<Real> constants_of(double stiffness, double squared) {
+    return {Real(stiffness), Real(squared)};
+}
+
+std::uint32_t mask_of(const Problem& problem, std::size_t particle) {
+    return problem.lattice.mask.empty() ? 0 : problem.lattice.mask[particle];
+}
+
+constexpr std::array<std::uint32_t, 3> group_masks = {FACE_BITS, EDGE_BITS, CORNER_BITS};
+constexpr std::array<std::uint32_t, 3> group_slots = {6, 12, 8};
+
+// The lattice neighbours of particles.
+class NeighbourVisitor {
+public:
+    explicit NeighbourVisitor(const Problem& problem)
+        : problem_(&problem), particle_(particle_of_voxel(problem.lattice)) {
+        for (const Direction& direction : directions())
+            stride_[std::size_t(direction.bit)] = problem.lattice.stride(direction);
+    }
+
+    /// Calls visit(direction, j) for each neighbour j of particle i, in summation order.
+    template <class Visit>
+    void visit(std::size_t i, Visit visit) const {
+        for (std::uint32_t bits = mask_of(*problem_, i) & NEIGHBOUR_BITS; bits != 0; bits &= bits - 1) {
+            const auto bit = std::size_t(std::countr_zero(bits));
+            const std::ptrdiff_t voxel = std::ptrdiff_t(problem_->lattice.voxel[i]) + stride_[bit];
+            visit(directions()[bit], particle_[std::size_t(voxel)]);
+        }
+    }
+
+private:
+    const Problem* problem_;
+    std::vector<std::uint32_t> particle_;
+    std::array<std::ptrdiff_t, neighbour_count> stride_{};
+};
+
+}  // namespace
+
+Placement place_on_grid(const Lattice& lattice) {
+    const std::size_t slice = std::size_t(lattice.dims.x) * std::size_t(lattice.dims.y);
+    // Voxel 0 begins on a cache line.
+    const std::size_t guard = (slice + std::size_t(lattice.dims.x) + 1 + 7) / 8 * 8;
+    return {.words = lattice.voxel_count() + 2 * guard, .first = guard, .voxel = &lattice.voxel};
+}
+
+Placement place_compact(const Problem& problem) { return {.words = problem.particle_count()}; }
+
+template <class Real>
+PackedState<Real> pack(const Problem& problem, const State& state, const Placement& placement,
+                       std::span<const std::uint32_t> bits) {
+    PackedState<Real> packed{std::vector<Word<Real>>(placement.words),
+                             std::vector<Word<Real>>(placement.words)};
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
+        const auto i = std::size_t(n);
+        const glm::dvec3 position = problem.rest_position[i] + state.displacement[i];
+        const std::size_t at = placement.at(i);
+        packed.current[at] = {vector_of<Real>(position), bits[i]};
+        packed.previous[at] = {vector_of<Real>(position - state.increment[i]), bits[i]};
+    }
+    return packed;
+}
+
+template <class Real>
+State unpack(const Problem& problem, const PackedState<Real>& packed, const Placement& placement) {
+    State state = state_at_rest(problem);
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
+        const auto i = std::size_t(n);
+        const std::size_t at = placement.at(i);
+        const glm::dvec3 position = dvec_of(packed.current[at].position);
+        state.displacement[i] = position - problem.rest_position[i];
+        state.increment[i] = position - dvec_of(packed.previous[at].position);
+    }
+    return state;
+}
+
+template <class Real>
+std::vector<Vector<Real>> pack_load(const Problem& problem, const Placement& placement) {
+    if (problem.load.empty()) return {};
+    std::vector<Vector<Real>> load(placement.words, Vector<Real>{0, 0, 0});
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        load[placement.at(i)] = vector_of<Real>(problem.load[i]);
+    return load;
+}
+
+template <class Real>
+std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& placement) {
+    if (!problem.has_materials()) return {};
+    std::vector<Real> inverse(placement.words);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        inverse[placement.at(i)] = Real(1 / problem.material_of(i).mass);
+    return inverse;
+}
+
+template <class Real>
+std::vector<Real> pack_compliance(const Problem& problem, const Placement& placement) {
+    if (!problem.has_materials()) return {};
+    std::vector<Real> compliance(placement.words);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        compliance[placement.at(i)] = Real(1 / problem.material_of(i).stiffness);
+    return compliance;
+}
+
+template <class Real>
+Motion<Real> make_motion(const Problem& problem) {
+    return {.gravity = vector_of<Real>(problem.gravity),
+            .inverse_mass = Real(1 / problem.materials.front().mass),
+            .inverse_masses = nullptr,
+            .load = nullptr,
+            .retained = Real(1 - problem.damping),
+            .time_step_squared = Real(problem.time_step * problem.time_step),
+            .shortest_squared = Real(problem.shortest_squared())};
+}
+
+double squared_rest_length(const Problem& problem, const Direction& direction) {
+    const glm::dvec3 offset = glm::dvec3(direction.offset) * problem.lattice.spacing;
+    const double rest_length = problem.rest_length[std::size_t(direction.bit)];
+    const double squared = glm::dot(offset, offset);
+    return rest_length == std::sqrt(squared) ? squared : rest_length * rest_length;
+}
+
+std::string beyond_groups(const Problem& problem) {
+    if (problem.lattice.voxel_count() == 0) return "the network lies on no regular grid";
+    if (!problem.springs.empty()) return "springs between particles that are no grid neighbours";
+    if (problem.has_materials()) return "several materials give the springs of a group several stiffnesses";
+    for (const Direction& a : directions()) {
+        for (const Direction& b : directions()) {
+            const bool used = (problem.group_bits >> a.bit & problem.group_bits >> b.bit & 1U) != 0;
+            if (used && a.group == b.group &&
+                squared_rest_length(problem, a) != squared_rest_length(problem, b))
+                return "the springs of a group have several rest lengths";
+        }
+    }
+    return {};
+}
+
+std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout layout) {
+    const ListShape shape = make_shape(particles, slots, layout);
+    return layout == ListLayout::vertical ? std::size_t(shape.slot_stride) * slots : particles * slots;
+}
+
+std::uint32_t slots_by_groups(const Problem& problem) {
+    std::uint32_t slots = 0;
+    for (std::size_t g = 0; g < 3; ++g)
+        slots += (problem.group_bits & group_masks[g]) != 0 ? group_slots[g] : 0;
+    return std::max(slots, 1U);
+}
+
+std::uint32_t slots_by_springs(const Problem& problem) {
+    std::vector<std::uint32_t> degree(problem.particle_count());
+    for (std::size_t i = 0; i < degree.size(); ++i)
+        degree[i] = std::uint32_t(std::popcount(mask_of(problem, i) & NEIGHBOUR_BITS));
+    for (const Spring& spring : problem.springs) {
+        ++degree[spring.first];
+        ++degree[spring.second];
+    }
+    const std::uint32_t most = degree.empty() ? 0 : *std::max_element(degree.begin(), degree.end());
+    return rounded_up(std::max(most, 1U), list_chunk);
+}
+
+template <class Real>
+NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout) {
+    NeighbourLists<Real> lists;
+    start_lists(lists, problem, slots_by_groups(problem), layout);
+    std::uint32_t next = 0;
+    for (std::size_t g = 0; g < 3; ++g) {
+        lists.first_slot[g] = next;
+        if ((problem.group_bits & group_masks[g]) != 0) next += group_slots[g];
+    }
+    const std::array<std::uint32_t, 4> first = {lists.first_slot[0], lists.first_slot[1], lists.first_slot[2],
+                                                lists.shape.slots};
+    const NeighbourVisitor neighbours(problem);
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
+        const auto i = std::uint32_t(n);
+        std::array<std::uint32_t, 3> count{};
+        neighbours.visit(i, [&](const Direction& direction, std::uint32_t j) {
+            const auto g = std::size_t(direction.group);
+            lists.neighbour[lists.shape.at(i, first[g] + count[g]++)] = j;
+        });
+        for (std::size_t g = 0; g < 3; ++g) {
+            lists.bits[i] |= count[g] << GroupCounters::shift(int(g));
+            fill_unused(lists, i, first[g] + count[g], first[g + 1]);
+        }
+    }
+    return lists;
+}
+
+template <class Real>
+NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout) {
+    NeighbourLists<Real> lists;
+    start_lists(lists, problem, slots_by_springs(problem), layout);
+    lists.constants.resize(lists.neighbour.size(), {0, 0});
+    // Appends to a particle's list; its count is in its bits.
+    const auto append = [&](std::uint32_t i, std::uint32_t j, const SpringConstants<Real>& constants) {
+        const std::size_t at = lists.shape.at(i, lists.bits[i] & list_count_bits);
+        lists.neighbour[at] = j;
+        lists.constants[at] = constants;
+        ++lists.bits[i];
+    };
+    std::array<double, neighbour_count> squared{};
+    for (const Direction& direction : directions())
+        squared[std::size_t(direction.bit)] = squared_rest_length(problem, direction);
+    const NeighbourVisitor neighbours(problem);
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
+        const auto i = std::uint32_t(n);
+        neighbours.visit(i, [&](const Direction& direction, std::uint32_t j) {
+            append(i, j,
+                   constants_of<Real>(problem.spring_stiffness(i, j, direction),
+                                      squared[std::size_t(direction.bit)]));
+        });
+    }
+    for (const Spring& spring : problem.springs) {
+        const auto constants = constants_of<Real>(spring.stiffness, spring.rest_length * spring.rest_length);
+        append(spring.first, spring.second, constants);
+        append(spring.second, spring.first, constants);
+    }
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
+        const auto i = std::uint32_t(n);
+        fill_unused(lists, i, lists.bits[i] & list_count_bits, lists.shape.slots);
+    }
+    return lists;
+}
+
+template <class Real>
+SpringArrays<Real> list_every_spring(const Problem& problem) {
+    const std::size_t total = count_springs(problem).total();
+    SpringArrays<Real> springs{std::vector<SpringEnds>(total), std::vector<SpringConstants<Real>>(total)};
+    std::array<std::size_t, neighbour_count + 1> begin{};
+    for (const std::uint32_t mask : problem.lattice.mask) {
+        // Each spring once: the odd bits point to a higher voxel.
+        for (std::size_t bit = 1; bit < neighbour_count; bit += 2) begin[bit + 1] += mask >> bit & 1U;
+    }
+    for (std::size_t bit = 0; bit < neighbour_count; ++bit) begin[bit + 1] += begin[bit];
+
+    const auto particle = particle_of_voxel(problem.lattice);
+#pragma omp parallel for schedule(dynamic)
+    for (int bit = 1; bit < neighbour_count; bit += 2) {
+        const Direction& direction = directions()[std::size_t(bit)];
+        const double squared = squared_rest_length(problem, direction);
+        std::size_t s = begin[std::size_t(bit)];
+        for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
+            if ((problem.lattice.mask[i] >> bit & 1U) == 0) continue;
+            const std::uint32_t j = particle[std::size_t(std::ptrdiff_t(problem.lattice.voxel[i]) +
+                                                         problem.lattice.stride(direction))];
+            springs.ends[s] = {std::uint32_t(i), j};
+            springs.constants[s++] = constants_of<Real>(problem.spring_stiffness(i, j, direction), squared);
+        }
+    }
+    std::size_t s = begin[neighbour_count];
+    for (const Spring& spring : problem.springs) {
+        springs.ends[s] = {spring.first, spring.second};
+        springs.constants[s++] =
+            constants_of<Real>(spring.stiffness, spring.rest_length * spring.rest_length);
+    }
+    return springs;
+}
+
+std::vector<std::uint32_t> state_bits(const Problem& problem) {
+    std::vector<std::uint32_t> bits(problem.particle_count(), ACTIVE_BIT);
+    for (std::size_t i = 0; i < bits.size(); ++i) {
+        if (problem.is_pinned(i)) bits[i] |= PINNED_BIT;
+    }
+    return bits;
+}
+
+template <class Real>
+ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement) {
+    ImplicitStep<Real> step{};
+    step.nx = problem.lattice.dims.x;
+    step.ny = problem.lattice.dims.y;
+    step.nz = problem.lattice.dims.z;
+    step.first = int(placement.first);
+    step.group_bits = problem.group_bits;
+    for (std::size_t b = 0; b < 13; ++b)
+        step.rest_length[b] = Real(squared_rest_length(problem, directions()[2 * b]));
+    for (std::size_t g = 0; g < 3; ++g) step.stiffness[g] = Real(problem.group_stiffness[g]);
+    step.motion = make_motion<Real>(problem);
+    return step;
+}
+
+template <class Real>
+ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists) {
+    ExplicitStep<Real> step{};
+    step.particles = int(problem.particle_count());
+    step.shape = lists.shape;
+    for (std::size_t g = 0; g < 3; ++g) {
+        step.first_slot[g] = lists.first_slot[g];
+        step.stiffness[g] = Real(problem.group_stiffness[g]);
+    }
+    // beyond_groups() compared the others of the group.
+    for (const Direction& direction : directions())
+        step.rest_length[std::size_t(direction.group)] = Real(squared_rest_length(problem, direction));
+    step.motion = make_motion<Real>(problem);
+    return step;
+}
+
+BlockShape BlockShape::parse(const std::string& text) {
+    BlockShape shape;
+    std::istringstream stream(text);
+    char separator = 0;
+    stream >> shape.x >> separator >> shape.y >> separator >> shape.z;
+    shape.y = std::max(shape.y, 1);
+    shape.z = std::max(shape.z, 1);
+    return shape;
+}
+
+std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape) {
+    const auto blocks = [](int extent, int block) { return (extent + block - 1) / block; };
+    const int nx = blocks(lattice.dims.x, shape.x);
+    const int ny = blocks(lattice.dims.y, shape.y);
+    const int nz = blocks(lattice.dims.z, shape.z);
+    std::vector<std::uint8_t> active(std::size_t(nx) * std::size_t(ny) * std::size_t(nz));
+    for (const std::uint32_t voxel : lattice.voxel) {
+        const glm::ivec3 c = lattice.coordinates(voxel);
+        active[(std::size_t(c.z / shape.z) * std::size_t(ny) + std::size_t(c.y / shape.y)) * std::size_t(nx) +
+               std::size_t(c.x / shape.x)] = 1;
+    }
+    constexpr int most_blocks = 65535;  // along y and z
+    const bool all = std::find(active.begin(), active.end(), std::uint8_t(0)) == active.end();
+    if (all && ny <= most_blocks && nz <= most_blocks) return {};
+    std::vector<BlockOrigin> origins;
+    for (std::size_t b = 0; b < active.size(); ++b) {
+        if (active[b] == 0) continue;
+        origins.push_back({int(b % std::size_t(nx)) * shape.x,
+                           int(b / std::size_t(nx) % std::size_t(ny)) * shape.y,
+                           int(b / std::size_t(nx) / std::size_t(ny)) * shape.z, 0});
+    }
+    return origins;
+}
+
+#define FOR_PRECISION(Real)                                                                      \
+    template PackedState<Real> pack(const Problem&, const State&, const Placement&,              \
+                                    std::span<const std::uint32_t>);                             \
+    template State unpack(const Problem&, const PackedState<Real>&, const Placement&);           \
+    template std::vector<Vector<Real>> pack_load(const Problem&, const Placement&);              \
+    template std::vector<Real> pack_inverse_masses(const Problem&, const Placement&);            \
+    template std::vector<Real> pack_compliance(const Problem&, const Placement&);                \
+    template Motion<Real> make_motion(const Problem&);                                           \
+    template NeighbourLists<Real> list_by_groups(const Problem&, ListLayout);                    \
+    template NeighbourLists<Real> list_by_springs(const Problem&, ListLayout);                   \
+    template ImplicitStep<Real> make_implicit_step(const Problem&, const Placement&);            \
+    template ExplicitStep<Real> make_explicit_step(const Problem&, const NeighbourLists<Real>&); \
+    template SpringArrays<Real> list_every_spring(const Problem&);
+FOR_PRECISION(float)
+FOR_PRECISION(double)
+#undef FOR_PRECISION
+
+}  // namespace voxspring::cuda

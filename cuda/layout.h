@@ -1,0 +1,135 @@
+// How a problem lies in device memory, built on the host and without a device: word arrays, neighbour lists,
+// blocks, spring arrays.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "backends/physics/problem.h"
+#include "cuda/kernels/explicit.h"
+#include "cuda/kernels/implicit.h"
+#include "cuda/kernels/scatter.h"
+
+namespace voxspring::cuda {
+
+/// Indices of words are of type int.
+inline constexpr std::size_t most_words = 0x7FFFFFFF;
+
+// --- Words --------------------------------------------------------------------------------------------
+
+/// Which word of an array a particle has.
+struct Placement {
+    std::size_t words = 0;
+    std::size_t first = 0;
+    const std::vector<std::uint32_t>* voxel = nullptr;  ///< null: particle i is word i
+    std::size_t at(std::size_t particle) const {
+        return voxel == nullptr ? particle : first + (*voxel)[particle];
+    }
+};
+
+/// One word a voxel, with enough guard words on either side that the 26 neighbours of every voxel are words.
+Placement place_on_grid(const Lattice& lattice);
+/// One word a particle.
+Placement place_compact(const Problem& problem);
+
+/// x(t) and x(t - dt) of every particle in its word; words without one are zero.
+template <class Real>
+struct PackedState {
+    std::vector<Word<Real>> current, previous;
+};
+/// `bits`: one a particle.
+template <class Real>
+PackedState<Real> pack(const Problem& problem, const State& state, const Placement& placement,
+                       std::span<const std::uint32_t> bits);
+template <class Real>
+State unpack(const Problem& problem, const PackedState<Real>& packed, const Placement& placement);
+
+/// Problem::load, one a word; empty if the problem has none.
+template <class Real>
+std::vector<Vector<Real>> pack_load(const Problem& problem, const Placement& placement);
+/// 1 / mass, one a word; empty if there is one material.
+template <class Real>
+std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& placement);
+/// 1 / stiffness, one a word; empty if there is one material.
+template <class Real>
+std::vector<Real> pack_compliance(const Problem& problem, const Placement& placement);
+
+/// `load` and `inverse_masses` are the caller's to point at device memory.
+template <class Real>
+Motion<Real> make_motion(const Problem& problem);
+
+// --- Springs ------------------------------------------------------------------------------------------
+
+/// The square of a lattice direction's rest length: that of its offset where the lattice is stress-free, so
+/// that it is the very number a kernel computes at rest, and not the square of a rounded root.
+double squared_rest_length(const Problem& problem, const Direction& direction);
+
+/// Empty, or why stiffness and rest length are not the same for all springs of a group.
+std::string beyond_groups(const Problem& problem);
+
+enum class ListLayout : std::uint8_t { vertical, concatenated };
+
+/// Neighbour lists as kernels/explicit.h reads them.
+template <class Real>
+struct NeighbourLists {
+    ListShape shape;
+    std::vector<std::uint32_t> neighbour;
+    std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without
+    std::vector<std::uint32_t> bits;               ///< one a particle: counters, active and pinned
+    std::array<std::uint32_t, 3> first_slot{};     ///< of each group, without the secondary list
+};
+
+/// Elements of a list of `slots` a particle.
+std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout layout);
+/// Slots a particle that list_by_groups() and list_by_springs() would make.
+std::uint32_t slots_by_groups(const Problem& problem);
+std::uint32_t slots_by_springs(const Problem& problem);
+
+/// A counter a spring group and no secondary list, for a problem that is not beyond_groups().
+template <class Real>
+NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout);
+/// One counter, stiffness and rest length a spring, for any problem. A particle's lattice springs come first,
+/// in the order of directions(), then those beyond the lattice in theirs.
+template <class Real>
+NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout);
+
+/// Every spring once. Those of the lattice by direction, then by particle, so that the threads of a warp
+/// touch particles that lie together.
+template <class Real>
+struct SpringArrays {
+    std::vector<SpringEnds> ends;
+    std::vector<SpringConstants<Real>> constants;
+};
+template <class Real>
+SpringArrays<Real> list_every_spring(const Problem& problem);
+
+/// Active and pinned bits of every particle.
+std::vector<std::uint32_t> state_bits(const Problem& problem);
+
+// --- Steps --------------------------------------------------------------------------------------------
+
+// The kernels' arguments, rest lengths squared and pointers null: what is on the device is the caller's to
+// fill in.
+template <class Real>
+ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement);
+template <class Real>
+ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists);
+
+// --- Blocks -------------------------------------------------------------------------------------------
+
+/// Threads of a block along x, y, z.
+struct BlockShape {
+    int x = 1, y = 1, z = 1;
+    /// From "32x4x2"; missing extents are 1.
+    static BlockShape parse(const std::string& text);
+    bool operator==(const BlockShape&) const = default;
+};
+
+/// Origins of the blocks that hold an active voxel; empty if all do and the blocks' own coordinates, within
+/// CUDA's limits on a grid of blocks, give the origins.
+std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,20 @@
+// Rest lengths as the device's own inverse root measures them (physics/inverse_root.h).
+#pragma once
+
+#include <array>
+#include <span>
+
+#include "cuda/device/buffer.h"
+#include "cuda/kernels/words.h"
+
+namespace voxspring::cuda {
+
+/// measured_length() of each square, computed on the device.
+template <class Real>
+void measure_rest_lengths(std::span<Real> squared, const Stream& stream);
+
+/// Turns the squared rest length of every spring into its length, in place.
+template <class Real>
+void measure_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,19 @@
+// What a user wrote cannot be used: the one exception that becomes exit code 2.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+namespace voxspring {
+
+/// `FILE: KEY: VALUE is not accepted; expected ACCEPTED`, always one line of printable characters: control
+/// characters are escaped and long values are cut.
+class BadInput : public std::runtime_error {
+public:
+    /// `file` is the file or argument that was read, `key` the place in it (empty: all of it), `value` what
+    /// stands there, `accepted` what would have been accepted.
+    BadInput(std::string_view file, std::string_view key, std::string_view value, std::string_view accepted);
+};
+
+}  // namespace voxspring

@@ -1,0 +1,228 @@
+#include "harness/commands.h"
+
+#include <cmath>
+#include <iomanip>
+#include <iostream>
+#include <limits>
+#include <sstream>
+
+#include "backends/registry.h"
+#include "harness/bad_input.h"
+#include "harness/result.h"
+#include "harness/scene.h"
+
+namespace voxspring {
+namespace {
+
+nlohmann::json describe_backend(const BackendEntry& entry) {
+    nlohmann::json tuning = nlohmann::json::object();
+    for (const auto& [key, values] : entry.tuning) {
+        tuning[key] = values.empty() ? nlohmann::json{"auto", "positive integer"} : nlohmann::json(values);
+    }
+    nlohmann::json described = {{"name", entry.name},
+                                {"summary", entry.summary},
+                                {"formulations", entry.formulations},
+                                {"precisions", nlohmann::json::array()},
+                                {"tuning", tuning}};
+    for (const Precision precision : entry.precisions)
+        described["precisions"].push_back(to_string(precision));
+    try {
+        const Capabilities capabilities = BackendSpec::parse(entry.name).make()->capabilities();
+        described["available"] = true;
+        described["api"] = capabilities.api;
+        described["device"] = capabilities.device;
+        described["driver"] = capabilities.driver;
+        described["clock"] = capabilities.clock;
+    } catch (const std::runtime_error& error) {
+        described["available"] = false;
+        described["reason"] = error.what();
+    }
+    return described;
+}
+
+std::string bytes_text(std::uint64_t bytes) {
+    std::ostringstream text;
+    text << std::fixed << std::setprecision(1) << double(bytes) / (1 << 20) << " MiB";
+    return text.str();
+}
+
+void print_heading(const char* heading, std::ostream& out) { out << heading << "\n"; }
+
+void write_csv(const std::filesystem::path& path, const Scene& scene, const State& state) {
+    const Problem& problem = scene.problem;
+    std::ostringstream text;
+    text << std::setprecision(std::numeric_limits<double>::max_digits10);
+    text
+        << "voxel_x,voxel_y,voxel_z,x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,"
+           "velocity_z\n";
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        const glm::ivec3 voxel = problem.lattice.coordinates(problem.lattice.voxel[i]);
+        const glm::dvec3 position = problem.rest_position[i] + state.displacement[i];
+        const glm::dvec3 velocity = state.increment[i] / problem.time_step;
+        text << voxel.x << "," << voxel.y << "," << voxel.z;
+        for (const glm::dvec3& v : {position, state.displacement[i], velocity}) {
+            text << "," << v.x << "," << v.y << "," << v.z;
+        }
+        text << "\n";
+    }
+    write_atomically(path, text.str());
+}
+
+}  // namespace
+
+void list_everything(bool json, std::ostream& out) {
+    nlohmann::json all = {{"backends", nlohmann::json::array()},
+                          {"scenes", nlohmann::json::array()},
+                          {"studies", nlohmann::json::array()}};
+    for (const auto& [name, entry] : registry()) all["backends"].push_back(describe_backend(entry));
+    for (const auto& [name, reason] : left_out()) {
+        all["backends"].push_back(
+            {{"name", name}, {"available", false}, {"reason", "not in this build: " + reason}});
+    }
+    for (const auto& scene : builtin_scenes()) {
+        all["scenes"].push_back({{"name", scene.name}, {"description", scene.description}});
+    }
+    for (const auto& study : builtin_studies()) {
+        all["studies"].push_back({{"name", study.name}, {"description", study.description}});
+    }
+    if (json) {
+        out << all.dump(2) << "\n";
+        return;
+    }
+    print_heading("Backends", out);
+    for (const auto& backend : all["backends"]) {
+        out << "  " << backend["name"].get<std::string>() << "\n";
+        if (backend.contains("summary")) out << "      " << backend["summary"].get<std::string>() << "\n";
+        if (backend["available"].get<bool>()) {
+            out << "      available: " << backend["api"].get<std::string>() << ", "
+                << backend["device"].get<std::string>() << "\n";
+        } else {
+            out << "      unavailable: " << backend["reason"].get<std::string>() << "\n";
+        }
+        if (!backend.contains("precisions")) continue;
+        const auto values = [](const nlohmann::json& list) {
+            std::string text;
+            for (const auto& value : list) text += (text.empty() ? "" : "|") + value.get<std::string>();
+            return text;
+        };
+        out << "      precision=" << values(backend["precisions"]);
+        for (const auto& [key, list] : backend["tuning"].items()) out << " " << key << "=" << values(list);
+        out << "\n";
+    }
+    for (const auto& [heading, key] : {std::pair{"Scenes", "scenes"}, std::pair{"Studies", "studies"}}) {
+        print_heading(heading, out);
+        for (const auto& item : all[key]) {
+            out << "  " << item["name"].get<std::string>() << ": " << item["description"].get<std::string>()
+                << "\n";
+        }
+    }
+}
+
+void describe_scene(const std::string& argument, bool json, std::ostream& out) {
+    const Scene scene = load_scene(argument);
+    const Problem& problem = scene.problem;
+    const SpringCounts springs = count_springs(problem);
+    std::size_t pinned = 0;
+    for (const auto p : problem.pinned) pinned += p;
+    nlohmann::json bytes;
+    for (const auto& [name, entry] : registry()) {
+        bytes[name] = entry.bytes(problem, BackendSpec::parse(name).options);
+    }
+    const glm::ivec3 dims = problem.lattice.dims;
+    const glm::dvec3 spacing = problem.lattice.spacing;
+    const nlohmann::json all = {
+        {"scene", scene.name},
+        {"description", scene.description},
+        {"dims", {dims.x, dims.y, dims.z}},
+        {"spacing", {spacing.x, spacing.y, spacing.z}},
+        {"voxels", problem.lattice.voxel_count()},
+        {"active_particles", problem.particle_count()},
+        {"pinned_particles", pinned},
+        {"materials", problem.materials.size()},
+        {"springs",
+         {{"face", springs.group[0]},
+          {"edge", springs.group[1]},
+          {"corner", springs.group[2]},
+          {"total", springs.total()}}},
+        {"time_step", problem.time_step},
+        {"stable_time_step", scene.stable_time_step},
+        {"fraction_of_stable", problem.time_step / scene.stable_time_step},
+        {"damping", problem.damping},
+        {"bytes", bytes},
+    };
+    if (json) {
+        out << all.dump(2) << "\n";
+        return;
+    }
+    const auto row = [&](const std::string& name, const auto& value) {
+        out << std::left << std::setw(18) << name << value << "\n";
+    };
+    const auto triple = [](const auto& v) {
+        std::ostringstream text;
+        text << v.x << " x " << v.y << " x " << v.z;
+        return text.str();
+    };
+    row("scene", scene.name);
+    if (!scene.description.empty()) row("", scene.description);
+    row("dims", triple(dims));
+    row("spacing", triple(spacing));
+    row("voxels", problem.lattice.voxel_count());
+    row("active particles", problem.particle_count());
+    row("pinned particles", pinned);
+    row("materials", problem.materials.size());
+    std::ostringstream counts;
+    counts << springs.total() << " (face " << springs.group[0] << ", edge " << springs.group[1] << ", corner "
+           << springs.group[2] << ")";
+    row("springs", counts.str());
+    row("damping", problem.damping);
+    std::ostringstream step;
+    step << problem.time_step << " (" << std::setprecision(3)
+         << 100 * problem.time_step / scene.stable_time_step << "% of the stable " << std::setprecision(6)
+         << scene.stable_time_step << ")";
+    row("time step", step.str());
+    out << "memory\n";
+    for (const auto& [name, entry] : registry()) {
+        out << "  " << std::left << std::setw(26) << name << std::right << std::setw(12)
+            << bytes_text(bytes[name].get<std::uint64_t>()) << "\n";
+    }
+}
+
+int run_scene(const std::string& argument, const RunOptions& options, std::ostream& out) {
+    const BackendSpec spec = BackendSpec::parse(options.backend);
+    if (options.out) check_writable(*options.out, "--out", ".csv");
+    const Scene scene = load_scene(argument);
+    const auto backend = spec.make();
+    if (const std::string why = backend->unsupported(scene.problem); !why.empty()) {
+        throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
+    }
+    backend->upload(scene.problem, scene.state);
+    const Timing timing = backend->timed_step(options.steps);
+    const State state = backend->download();
+
+    double largest = 0;
+    for (const glm::dvec3& u : state.displacement) {
+        const double length = std::sqrt(u.x * u.x + u.y * u.y + u.z * u.z);
+        if (!(length <= std::numeric_limits<double>::max())) {
+            throw std::runtime_error(spec.entry->name + ": " + scene.name + " is no longer finite after " +
+                                     std::to_string(options.steps) + " steps; time step " +
+                                     std::to_string(scene.problem.time_step) + ", stable " +
+                                     std::to_string(scene.stable_time_step));
+        }
+        largest = std::max(largest, length);
+    }
+    out << scene.name << ": " << options.steps << " steps of " << scene.problem.particle_count()
+        << " particles on " << spec.label() << " in " << timing.host_seconds << " s, "
+        << timing.device_seconds / options.steps * 1e6 << " us a step; largest displacement " << largest
+        << "\n";
+    if (options.out) write_csv(*options.out, scene, state);
+    return 0;
+}
+
+int run_and_print_study(const std::string& argument, const StudyOptions& options, std::ostream& out) {
+    const nlohmann::json result = run_study(load_study(argument), options);
+    print_table(result, out);
+    if (options.out) out << "written: " << options.out->string() << "\n";
+    return result.at("failed").empty() ? 0 : 1;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,31 @@
+// What each subcommand does, apart from reading the command line.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "harness/study.h"
+
+namespace voxspring {
+
+/// `voxspring list`: backends, available or why not; built-in scenes and studies.
+void list_everything(bool json, std::ostream& out);
+
+/// `voxspring info`: dims, particles, springs, memory and time step of a scene. Throws BadInput.
+void describe_scene(const std::string& scene, bool json, std::ostream& out);
+
+struct RunOptions {
+    std::string backend;
+    int steps = 100;
+    std::optional<std::filesystem::path> out;
+};
+
+/// `voxspring run`: returns the exit code. Throws BadInput, BadSpecification.
+int run_scene(const std::string& scene, const RunOptions& options, std::ostream& out);
+
+/// `voxspring study`: returns the exit code. Throws BadInput, BadSpecification.
+int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);
+
+}  // namespace voxspring

@@ -1,0 +1,54 @@
+// Where a scene's voxels come from.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "backends/physics/problem.h"
+
+namespace voxspring {
+
+/// The largest grid that is loaded. Checked before anything is allocated.
+struct Limits {
+    std::uint64_t voxels = 0;     ///< of the grid; at most 2^32 - 1, so that an index fits 32 bits
+    std::uint64_t particles = 0;  ///< active voxels
+
+    /// What fits the machine's memory: 16 bytes a voxel (the largest voxel type, labels and index) and 192 a
+    /// particle (the problem and two states).
+    static Limits of_this_machine();
+};
+
+/// Spacing, mass, stiffness and time step lie between these, so that no product of a few of them leaves the
+/// range of a 64-bit float.
+inline constexpr double smallest_quantity = 1e-12;
+inline constexpr double largest_quantity = 1e12;
+
+/// Labels of a volume: whole numbers of at most 15 digits, which a 64-bit float holds exactly. A particle's
+/// material is a byte.
+inline constexpr std::int64_t largest_label = 999'999'999'999'999;
+inline constexpr std::size_t most_labels = 255;
+
+/// The longest side of a grid, so that a product of three fits 64 bits.
+inline constexpr int longest_side = 1 << 20;
+
+/// Voxels of a grid. Throws BadInput, naming `file`, `key` and the dims, if a side is not within 1 to
+/// longest_side or if there are more voxels than `limits` allows.
+std::uint64_t checked_voxel_count(glm::ivec3 dims, const Limits& limits, std::string_view file,
+                                  std::string_view key);
+
+/// "60 x 51 x 46".
+std::string to_string(glm::ivec3 dims);
+
+/// Every voxel active. Spacing 1.
+VoxelGrid make_box(glm::ivec3 dims);
+
+/// The heart phantom: two ventricles, two atria, two vessels and two valves, made of ellipsoids and tubes
+/// in a design box of 60 x 51 x 46, sampled at the voxel centres. At those dims it has the size of the
+/// paper's MRI heart: 140760 voxels, 29449 of them active. Spacing 1.
+VoxelGrid make_heart(glm::ivec3 dims);
+
+}  // namespace voxspring

@@ -1,0 +1,100 @@
+// A strict reader for the JSON files that users write: scenes and studies.
+//
+// Every refusal is a BadInput that names the file, the key's path ("dataset.dims[1]"), the value that
+// stands there and what would be accepted.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <glm/vec3.hpp>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace voxspring {
+
+class JsonObject;
+
+/// One value of a document. Keeps the document alive.
+class JsonValue {
+public:
+    bool is_number() const;
+    bool is_string() const;
+    bool is_array() const;
+    bool is_object() const;
+
+    /// A number. JSON has no NaN or infinity, and what overflows a double was refused with the text.
+    double number() const;
+    /// A number within [low, high].
+    double number(double low, double high) const;
+    /// A whole number within [low, high]; 3.0 is one. The bounds are within +-(2^53 - 1).
+    std::int64_t integer(std::int64_t low, std::int64_t high) const;
+    bool boolean() const;
+    /// A string that is not empty.
+    std::string string() const;
+    /// One of the strings `accepted`.
+    std::string one_of(const std::vector<std::string>& accepted) const;
+    /// Three numbers within [-limit, limit].
+    glm::dvec3 vec3(double limit) const;
+    /// The elements of an array of at least `shortest` and at most `longest`.
+    std::vector<JsonValue> array(std::size_t shortest = 0, std::size_t longest = ~std::size_t{0}) const;
+    JsonObject object() const;
+
+    [[noreturn]] void refuse(std::string_view accepted) const;
+
+    /// Its place in the document; empty for the document's root.
+    const std::string& path() const { return path_; }
+    const std::string& file() const;
+    /// As compact JSON.
+    std::string text() const;
+
+private:
+    friend class JsonObject;
+    friend JsonObject parse_json(std::string_view text, const std::string& file);
+    struct Document;
+    JsonValue(std::shared_ptr<const Document> document, const nlohmann::json* value, std::string path);
+
+    std::shared_ptr<const Document> document_;
+    const nlohmann::json* value_;
+    std::string path_;
+};
+
+/// An object whose keys are asked for by name. What was asked for is what is accepted: finish() refuses
+/// the rest.
+class JsonObject {
+public:
+    explicit JsonObject(JsonValue value);
+
+    /// The value of `key`, if it is there.
+    std::optional<JsonValue> find(const std::string& key);
+    /// The value of `key`; refuses an object without it, saying that `accepted` was expected.
+    JsonValue require(const std::string& key, std::string_view accepted = "a value");
+    /// Every key and its value, whatever the key; all of them are then accepted.
+    std::vector<std::pair<std::string, JsonValue>> items();
+    /// Refuses the first key that was never asked for and names those that were.
+    void finish() const;
+
+    bool contains(const std::string& key) const;
+    /// The object as a value, for its path and for refuse().
+    const JsonValue& value() const { return value_; }
+
+private:
+    JsonValue member(const std::string& key) const;
+
+    JsonValue value_;
+    std::vector<std::string> accepted_;
+};
+
+/// The object that `text` is. Syntax errors name line and column; a key that an object gives twice, nesting
+/// beyond 32 and numbers that overflow a double are refused. `file` is what messages name.
+JsonObject parse_json(std::string_view text, const std::string& file);
+
+/// The object in a file of at most 16 MiB.
+JsonObject read_json(const std::filesystem::path& file);
+
+}  // namespace voxspring

@@ -1,0 +1,74 @@
+// The command line. Exit codes: 0 done, 1 a backend failed or an error exceeded its tolerance, 2 bad input
+// or usage.
+#include <CLI/CLI.hpp>
+#include <iostream>
+#include <string>
+
+#include "backends/registry.h"
+#include "harness/bad_input.h"
+#include "harness/commands.h"
+
+int main(int argc, char** argv) {
+    using namespace voxspring;
+    CLI::App app{
+        "Voxspring: which GPU API and which data layout should run a mass-spring-damper model on this "
+        "machine, how fast, with what error, and up to which time step."};
+    app.name("voxspring");
+    app.require_subcommand(1);
+    int exit_code = 0;
+
+    bool json = false;
+    CLI::App* list =
+        app.add_subcommand("list", "Backends (available, or why not), built-in scenes and studies");
+    list->add_flag("--json", json, "Print JSON");
+    list->callback([&] { list_everything(json, std::cout); });
+
+    std::string scene;
+    const char* scene_help =
+        "Built-in scene (box, or resized: box@64, heart@120x102x92), scene file or volume file";
+    CLI::App* info = app.add_subcommand("info", "What a scene holds, what it needs and how stable it is");
+    info->add_option("SCENE", scene, scene_help)->required();
+    info->add_flag("--json", json, "Print JSON");
+    info->callback([&] { describe_scene(scene, json, std::cout); });
+
+    RunOptions run_options;
+    CLI::App* run = app.add_subcommand("run", "One simulation on one backend");
+    run->add_option("SCENE", scene, scene_help)->required();
+    run->add_option("--backend", run_options.backend, "NAME[:key=value,...]; see `voxspring list`")
+        ->required();
+    run->add_option("--steps", run_options.steps, "Time steps")
+        ->check(CLI::PositiveNumber)
+        ->capture_default_str();
+    run->add_option("--out", run_options.out, "Final state as a .csv file");
+    run->callback([&] { exit_code = run_scene(scene, run_options, std::cout); });
+
+    std::string study;
+    StudyOptions study_options;
+    CLI::App* study_command = app.add_subcommand("study", "Time and verify scenes on several backends");
+    study_command->add_option("STUDY", study, "Built-in study or study file")->required();
+    study_command->add_option("--out", study_options.out, "Result as a .json file");
+    study_command->add_option("--backend", study_options.backends,
+                              "Only backends that match this glob; may be given several times");
+    study_command->add_option("--scene", study_options.scenes,
+                              "Only scenes that match this glob, or this scene; may be given several times");
+    study_command
+        ->add_option("--repetitions", study_options.repetitions, "Timed batches of each backend and scene")
+        ->check(CLI::Range(1, 10000));
+    study_command->callback([&] { exit_code = run_and_print_study(study, study_options, std::cout); });
+
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::ParseError& error) {
+        return app.exit(error) == 0 ? 0 : 2;
+    } catch (const BadInput& error) {
+        std::cerr << "voxspring: " << error.what() << "\n";
+        return 2;
+    } catch (const BadSpecification& error) {
+        std::cerr << "voxspring: " << error.what() << "\n";
+        return 2;
+    } catch (const std::exception& error) {
+        std::cerr << "voxspring: " << error.what() << "\n";
+        return 1;
+    }
+    return exit_code;
+}

@@ -1,0 +1,174 @@
+#include "harness/measure.h"
+
+#include <benchmark/benchmark.h>
+
+#include <cmath>
+#include <sstream>
+#include <string>
+#include <utility>
+
+namespace voxspring {
+namespace {
+
+/// One contender while Google Benchmark calls it in whatever order it likes.
+struct Run {
+    Contender* contender;
+    std::string name;
+    int repetitions_left = 0;
+    std::string failure;  ///< empty: none so far
+    State last;           ///< after the last timed batch
+    WorkCount work;
+};
+
+std::string describe(const std::exception& error) { return error.what(); }
+
+/// Uploads and advances once, so that shaders are compiled and clocks are up before anything is timed.
+void warm_up(Run& run, const Scene& scene, int steps) {
+    try {
+        Backend& backend = *run.contender->backend;
+        backend.upload(scene.problem, scene.state);
+        run.work = backend.count_work();
+        backend.upload(scene.problem, scene.state);
+        backend.step(steps);
+        backend.synchronize();
+    } catch (const std::exception& error) {
+        run.failure = describe(error);
+    }
+}
+
+/// One repetition: Google Benchmark's iteration is one step.
+void repeat(benchmark::State& state, Run& run, const Scene& scene, std::uint64_t springs, int steps) {
+    Timing timing;
+    if (run.failure.empty()) {
+        try {
+            Backend& backend = *run.contender->backend;
+            backend.upload(scene.problem, scene.state);
+            while (state.KeepRunningBatch(steps)) {
+                timing = backend.timed_step(steps);
+                state.SetIterationTime(timing.device_seconds);
+            }
+            if (--run.repetitions_left == 0) run.last = backend.download();
+        } catch (const std::exception& error) {
+            run.failure = describe(error);
+        }
+    }
+    if (!run.failure.empty()) {
+        state.SkipWithError(run.failure.c_str());
+        return;
+    }
+    using benchmark::Counter;
+    state.counters["particle_updates_per_second"] =
+        Counter(double(scene.problem.particle_count()) * steps, Counter::kIsRate);
+    state.counters["spring_updates_per_second"] = Counter(double(springs) * steps, Counter::kIsRate);
+    state.counters["host_seconds_per_step"] = timing.host_seconds / steps;
+}
+
+/// What a user of Google Benchmark would give on its command line. It keeps pointers to the arguments and
+/// reads them once a process.
+void initialize_google_benchmark() {
+    static std::string name = "voxspring";
+    static std::string interleave = "--benchmark_enable_random_interleaving=true";
+    static char* arguments[] = {name.data(), interleave.data(), nullptr};
+    static int count = 2;
+    if (count == 2) benchmark::Initialize(&count, arguments);
+}
+
+nlohmann::json number_or_null(double value) {
+    return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
+}
+
+}  // namespace
+
+nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec) {
+    return {{"name", scene + "/" + spec.label()},
+            {"scene", scene},
+            {"backend", spec.entry->name},
+            {"formulation", spec.options.formulation},
+            {"precision", to_string(spec.options.precision)},
+            {"tuning", spec.tuning()}};
+}
+
+SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int steps, int repetitions,
+                    const OnRepetition& on_repetition) {
+    initialize_google_benchmark();
+    const std::uint64_t springs = count_springs(scene.problem).total();
+
+    std::vector<Run> runs;
+    for (Contender& contender : contenders) {
+        const std::string name = row_identity(scene.name, contender.spec).at("name");
+        runs.push_back({&contender, name, repetitions, {}, {}, {}});
+    }
+    int begun = 0;
+    benchmark::ClearRegisteredBenchmarks();
+    for (Run& run : runs) {
+        on_repetition(run.contender->spec.label(), 0, repetitions * int(runs.size()));
+        warm_up(run, scene, steps);
+        benchmark::RegisterBenchmark(run.name.c_str(),
+                                     [&](benchmark::State& state) {
+                                         on_repetition(run.contender->spec.label(), ++begun,
+                                                       repetitions * int(runs.size()));
+                                         repeat(state, run, scene, springs, steps);
+                                     })
+            ->Iterations(steps)
+            ->Repetitions(repetitions)
+            ->UseManualTime()
+            ->Unit(benchmark::kMicrosecond);
+    }
+    std::ostringstream output;
+    benchmark::JSONReporter reporter;
+    reporter.SetOutputStream(&output);
+    reporter.SetErrorStream(&output);
+    benchmark::RunSpecifiedBenchmarks(&reporter, nullptr, ".");
+    benchmark::ClearRegisteredBenchmarks();
+    const auto measured = nlohmann::json::parse(output.str());
+
+    const auto oracle = BackendSpec::parse("cpu_reference").make();
+    oracle->upload(scene.problem, scene.state);
+    oracle->step(steps);
+    const State reference = oracle->download();
+
+    SceneResult result;
+    result.context = measured.at("context");
+    for (Run& run : runs) {
+        nlohmann::json identity = row_identity(scene.name, run.contender->spec);
+        identity["steps"] = steps;
+        identity["particles"] = scene.problem.particle_count();
+        identity["springs"] = springs;
+
+        if (run.failure.empty()) {
+            const Comparison comparison =
+                compare(scene.problem, run.last, reference, run.contender->spec.options.precision, steps);
+            nlohmann::json verified = identity;
+            verified["passed"] = comparison.passed();
+            verified["finite"] = comparison.finite;
+            verified["error_relative_l2"] = number_or_null(comparison.relative_l2);
+            verified["error_max"] = number_or_null(comparison.max);
+            verified["error_rms"] = number_or_null(comparison.rms);
+            verified["worst_particle"] = comparison.worst;
+            verified["tolerance"] = number_or_null(comparison.tolerance);
+            if (!run.work.empty()) verified["work"] = run.work;
+            if (!comparison.passed()) {
+                verified["reason"] = comparison.reason;
+                run.failure = "does not agree with cpu_reference: " + comparison.reason;
+            }
+            identity["error_relative_l2"] = verified["error_relative_l2"];
+            identity["error_max"] = verified["error_max"];
+            result.verification.push_back(std::move(verified));
+        }
+        if (!run.failure.empty()) {
+            identity["reason"] = run.failure;
+            result.failed.push_back(std::move(identity));
+            continue;
+        }
+        for (nlohmann::json row : measured.at("benchmarks")) {
+            const std::string row_name = row.at("run_name");
+            if (!row_name.starts_with(run.name + "/iterations:")) continue;
+            identity["name"] = row.at("name");  // Google Benchmark's, which goes on after ours
+            row.update(identity);
+            result.benchmarks.push_back(std::move(row));
+        }
+    }
+    return result;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,187 @@
+#include "harness/result.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <iomanip>
+#include <map>
+#include <sstream>
+#include <system_error>
+#include <vector>
+
+#include "backends/cpu_backend.h"
+#include "harness/bad_input.h"
+#include "version.h"  // generated
+
+namespace voxspring {
+namespace {
+
+/// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".
+std::string si(double value, const std::string& unit) {
+    static const std::pair<double, const char*> prefixes[] = {
+        {1e12, "T"}, {1e9, "G"}, {1e6, "M"}, {1e3, "k"}, {1, ""}, {1e-3, "m"}, {1e-6, "u"}, {1e-9, "n"}};
+    for (const auto& [scale, prefix] : prefixes) {
+        if (value < 0.9995 * scale && scale > 1e-9) continue;
+        std::ostringstream text;
+        const double scaled = value / scale;
+        text << std::fixed
+             << std::setprecision(scaled < 9.995   ? 2
+                                  : scaled < 99.95 ? 1
+                                                   : 0)
+             << scaled << " " << prefix << unit;
+        return text.str();
+    }
+    return {};
+}
+
+std::string error_text(const nlohmann::json& value) {
+    if (!value.is_number()) return "-";
+    std::ostringstream text;
+    text << std::scientific << std::setprecision(1) << value.get<double>();
+    return text.str();
+}
+
+using Row = std::vector<std::string>;
+
+void print_aligned(const std::vector<Row>& rows, std::ostream& out) {
+    std::vector<std::size_t> width;
+    for (const Row& row : rows) {
+        width.resize(std::max(width.size(), row.size()));
+        for (std::size_t c = 0; c < row.size(); ++c) width[c] = std::max(width[c], row[c].size());
+    }
+    for (const Row& row : rows) {
+        std::string line;
+        for (std::size_t c = 0; c < row.size(); ++c) {
+            const std::string padding(width[c] - row[c].size(), ' ');
+            // Names to the left, figures to the right.
+            line += (c == 0 ? "" : "  ") + (c < 2 ? row[c] + padding : padding + row[c]);
+        }
+        out << line << "\n";
+    }
+}
+
+/// "gl_fragment_implicit float32 mask=none" of the name SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], which
+/// Google Benchmark continues with /iterations:N...
+std::string contender(const nlohmann::json& row) {
+    const std::string scene = row.at("scene"), formulation = row.at("formulation"), name = row.at("name");
+    std::string text = name.substr(scene.size() + 1, name.find("/iterations:") - scene.size() - 1);
+    text.erase(text.find("/" + formulation), formulation.size() + 1);
+    std::replace(text.begin(), text.end(), '/', ' ');
+    return text;
+}
+
+std::string joined(const std::vector<std::string>& words) {
+    std::string text;
+    for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+    return text;
+}
+
+}  // namespace
+
+void write_atomically(const std::filesystem::path& path, const std::string& text) {
+    const auto fail = [&](const char* what) {
+        throw std::system_error(errno, std::generic_category(), what + (" " + path.string()));
+    };
+    std::string temporary = path.string() + ".XXXXXX";
+    const int file = mkstemp(temporary.data());
+    if (file < 0) fail("cannot write");
+    std::size_t written = 0;
+    while (written < text.size()) {
+        const ssize_t n = write(file, text.data() + written, text.size() - written);
+        if (n < 0 && errno == EINTR) continue;
+        if (n < 0) break;
+        written += std::size_t(n);
+    }
+    // mkstemp makes the file private; a result is as readable as any file its user writes.
+    const mode_t mask = umask(0);
+    umask(mask);
+    const bool done = written == text.size() && fchmod(file, 0666 & ~mask) == 0 && fsync(file) == 0;
+    const int error = errno;
+    close(file);
+    if (!done || std::rename(temporary.c_str(), path.c_str()) != 0) {
+        if (!done) errno = error;
+        const int reason = errno;
+        unlink(temporary.c_str());
+        errno = reason;
+        fail("cannot write");
+    }
+}
+
+void check_writable(const std::filesystem::path& path, const std::string& option,
+                    const std::string& extension) {
+    if (path.extension() != extension) {
+        throw BadInput("command line", option, path.string(), "a path that ends in " + extension);
+    }
+    std::string probe = path.string() + ".XXXXXX";
+    const int file = mkstemp(probe.data());
+    if (file < 0) {
+        throw BadInput(
+            "command line", option, path.string(),
+            std::string("a path in a folder that takes a new file (") + std::strerror(errno) + ")");
+    }
+    close(file);
+    unlink(probe.c_str());
+}
+
+nlohmann::json build_context() {
+    return {{"commit", version_commit},
+            {"clean", version_clean},
+            {"compiler", version_compiler},
+            {"flags", version_flags},
+            {"cpu", cpu_name()}};
+}
+
+void print_table(const nlohmann::json& result, std::ostream& out) {
+    std::vector<std::string> scenes;
+    std::map<std::string, std::vector<nlohmann::json>> medians;
+    for (const auto& row : result.at("benchmarks")) {
+        // One repetition has no aggregates; its only row is its median.
+        const bool only = row.at("run_type") == "iteration" && row.at("repetitions") == 1;
+        if (!only && row.value("aggregate_name", "") != "median") continue;
+        const std::string scene = row.at("scene");
+        if (!medians.contains(scene)) scenes.push_back(scene);
+        medians[scene].push_back(row);
+    }
+    std::vector<Row> table = {{"scene", "backend", "time a step", "particles/s", "springs/s",
+                               "error (rel. L2)", "error (max)", "x fastest"}};
+    for (const std::string& scene : scenes) {
+        auto& rows = medians[scene];
+        const auto time = [](const nlohmann::json& row) { return row.at("real_time").get<double>(); };
+        std::stable_sort(rows.begin(), rows.end(),
+                         [&](const auto& a, const auto& b) { return time(a) < time(b); });
+        for (const auto& row : rows) {
+            std::ostringstream ratio;
+            ratio << std::fixed << std::setprecision(2) << time(row) / time(rows.front());
+            table.push_back({scene, contender(row), si(time(row) * 1e-6, "s"),
+                             si(row.at("particle_updates_per_second"), "/s"),
+                             si(row.at("spring_updates_per_second"), "/s"),
+                             error_text(row.at("error_relative_l2")), error_text(row.at("error_max")),
+                             ratio.str()});
+        }
+    }
+    print_aligned(table, out);
+    for (const char* list : {"skipped", "failed"}) {
+        // A reason once, with all that it holds for.
+        std::vector<std::string> reasons;
+        std::map<std::string, std::vector<std::string>> contenders, on;
+        const auto add = [](std::vector<std::string>& to, const std::string& text) {
+            if (std::find(to.begin(), to.end(), text) == to.end()) to.push_back(text);
+        };
+        for (const auto& row : result.at(list)) {
+            const std::string reason = row.at("reason");
+            add(reasons, reason);
+            add(contenders[reason], contender(row));
+            add(on[reason], row.at("scene"));
+        }
+        for (const std::string& reason : reasons) {
+            out << list << ": " << reason << "\n    " << joined(contenders[reason]) << "\n    on "
+                << joined(on[reason]) << "\n";
+        }
+    }
+}
+
+}  // namespace voxspring

@@ -1,0 +1,30 @@
+// The result file: Google Benchmark's schema with our fields, written so that no reader ever sees half of
+// it, and the table for people.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <string>
+
+namespace voxspring {
+
+/// Replaces `path` by `text` in one step: a reader sees the old file or the new one. Throws
+/// std::system_error, leaving `path` as it was.
+void write_atomically(const std::filesystem::path& path, const std::string& text);
+
+/// Throws BadInput unless `path` ends in `extension` and its folder takes a new file. `option` is what
+/// the message calls it.
+void check_writable(const std::filesystem::path& path, const std::string& option,
+                    const std::string& extension);
+
+/// `context.voxspring`: what was built (commit, whether the tree was clean, compiler, flags) and the
+/// processor it runs on. The study adds the GPU.
+nlohmann::json build_context();
+
+/// One row a contender that passed, fastest first within a scene: time a step (median over the
+/// repetitions), particle and spring updates a second, error, and time as a multiple of the fastest.
+/// Then what was skipped and what failed, with the reasons.
+void print_table(const nlohmann::json& result, std::ostream& out);
+
+}  // namespace voxspring

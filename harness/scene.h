@@ -1,0 +1,42 @@
+// A scene: what is simulated, from which state, with which time step. harness/scenes/README.md describes the
+// file format, harness/scenes/scene.schema.json publishes it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "backends/physics/problem.h"
+#include "harness/dataset.h"
+
+namespace voxspring {
+
+struct Scene {
+    /// What result rows call it: the built-in name or the file's stem, with "@W x H x D" (no blanks) or "@N"
+    /// where the argument resized it. Has no '/'.
+    std::string name;
+    std::string description;  ///< one sentence; may be empty
+    Problem problem;
+    State state;  ///< at step 0
+    /// The largest stable time step for small displacements (stability.h); infinite where nothing oscillates.
+    double stable_time_step = 0;
+};
+
+/// `argument` is a built-in scene ("box"), a scene file (*.json) or a volume file (*.nii, *.nii.gz, *.nrrd),
+/// which is simulated with the parameters of the built-in scene `heart`. "@N" or "@WxHxD" after a built-in
+/// name or a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
+///
+/// Throws BadInput. Allocates in proportion to what was really read and never beyond `limits`.
+Scene load_scene(const std::string& argument, const Limits& limits = Limits::of_this_machine());
+
+/// The scene that the JSON `text` describes. `file` is what messages name and what a volume's path is
+/// relative to; its stem is the scene's name.
+Scene parse_scene(const std::string& text, const std::string& file, const Limits& limits);
+
+struct BuiltinScene {
+    std::string name;
+    std::string description;
+};
+/// By name.
+std::vector<BuiltinScene> builtin_scenes();
+
+}  // namespace voxspring

@@ -1,0 +1,242 @@
+#include "harness/scene_file.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+
+#include "harness/bad_input.h"
+#include "harness/dataset.h"
+
+namespace voxspring {
+namespace {
+
+constexpr std::array<SpringGroup, 3> all_groups = {SpringGroup::face, SpringGroup::edge, SpringGroup::corner};
+
+double positive(const JsonValue& value) { return value.number(smallest_quantity, largest_quantity); }
+
+glm::dvec3 vector(const JsonValue& value) { return value.vec3(largest_quantity); }
+
+/// Three whole numbers within [low, high].
+glm::ivec3 voxel_triple(const JsonValue& value, int low, int high) {
+    const std::vector<JsonValue> list = value.array(3, 3);
+    return {int(list[0].integer(low, high)), int(list[1].integer(low, high)),
+            int(list[2].integer(low, high))};
+}
+
+DatasetSpec read_dataset(JsonObject object) {
+    DatasetSpec dataset;
+    const std::string type =
+        object.require("type", "box, heart or volume").one_of({"box", "heart", "volume"});
+    if (type == "volume") {
+        dataset.type = DatasetType::volume;
+        dataset.file_source = object.require("file", "the path of a volume file");
+        dataset.file = dataset.file_source->string();
+        const auto threshold = object.find("threshold");
+        const auto labels = object.find("labels");
+        if (threshold) dataset.threshold = threshold->number(-largest_quantity, largest_quantity);
+        if (threshold && labels) labels->refuse("either a threshold or labels, not both");
+        if (labels) {
+            dataset.labels.emplace();
+            for (const JsonValue& label : labels->array(1, most_labels)) {
+                const std::int64_t number = label.integer(-largest_label, largest_label);
+                if (std::find(dataset.labels->begin(), dataset.labels->end(), number) !=
+                    dataset.labels->end()) {
+                    label.refuse("each label once");
+                }
+                dataset.labels->push_back(number);
+            }
+        }
+    } else {
+        dataset.type = type == "box" ? DatasetType::box : DatasetType::heart;
+        dataset.dims = voxel_triple(object.require("dims", "voxels along x, y and z"), 1, longest_side);
+    }
+    object.finish();
+    return dataset;
+}
+
+std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
+    std::vector<SpringGroup> groups;
+    for (const JsonValue& element : value.array(1, all_groups.size())) {
+        const std::string name = element.one_of({"face", "edge", "corner"});
+        for (const SpringGroup group : all_groups) {
+            if (to_string(group) != name) continue;
+            if (std::find(groups.begin(), groups.end(), group) != groups.end())
+                element.refuse("each spring group once");
+            groups.push_back(group);
+        }
+    }
+    return groups;
+}
+
+/// The label that `key` spells, as JSON spells a whole number.
+std::optional<std::int64_t> parse_label(const std::string& key) {
+    std::int64_t label = 0;
+    const char* end = key.data() + key.size();
+    const auto [stop, error] = std::from_chars(key.data(), end, label);
+    if (error != std::errc() || stop != end || std::to_string(label) != key) return std::nullopt;
+    return label >= -largest_label && label <= largest_label ? std::optional(label) : std::nullopt;
+}
+
+Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
+    Parameter parameter;
+    parameter.source = value;
+    const std::string accepted = groups_allowed
+                                     ? "a number, or an object with one number a spring group or one a label"
+                                     : "a number, or an object with one number a label";
+    if (value.is_number()) {
+        parameter.everywhere = positive(value);
+        return parameter;
+    }
+    if (!value.is_object()) value.refuse(accepted);
+    for (const auto& [key, element] : value.object().items()) {
+        const auto group = std::find_if(all_groups.begin(), all_groups.end(),
+                                        [&name = key](SpringGroup g) { return to_string(g) == name; });
+        if (groups_allowed && group != all_groups.end()) {
+            parameter.by_group[*group] = positive(element);
+        } else if (const auto label = parse_label(key)) {
+            parameter.by_label[*label] = positive(element);
+        } else {
+            throw BadInput(value.file(), value.path(), "the key \"" + key + "\"", accepted);
+        }
+    }
+    if (parameter.by_group.empty() == parameter.by_label.empty()) value.refuse(accepted);
+    return parameter;
+}
+
+/// The keys of a region; `object` may have others, which the caller asks for.
+Region read_region(JsonObject& object) {
+    Region region{.source = object.value()};
+    const auto side = object.find("side");
+    const auto slices = object.find("slices");
+    const auto fraction = object.find("fraction");
+    const auto voxel = object.find("voxel");
+    const auto from = object.find("from");
+    const auto to = object.find("to");
+    const std::string accepted =
+        R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
+        R"(or {"voxel": [x, y, z]})";
+    if (int(side.has_value()) + int(voxel.has_value()) + int(from.has_value()) != 1 ||
+        from.has_value() != to.has_value() || (slices && fraction) || ((slices || fraction) && !side)) {
+        object.value().refuse(accepted);
+    }
+    if (side) {
+        const std::string name = side->one_of({"x-", "x+", "y-", "y+", "z-", "z+"});
+        region.at_side = true;
+        region.axis = name[0] - 'x';
+        region.upper = name[1] == '+';
+        if (slices) region.slices = int(slices->integer(1, longest_side));
+        if (fraction) region.fraction = fraction->number(smallest_quantity, 1);
+    } else if (voxel) {
+        region.from = region.to = voxel_triple(*voxel, 0, longest_side - 1);
+    } else {
+        region.from = voxel_triple(*from, 0, longest_side - 1);
+        region.to = voxel_triple(*to, 0, longest_side - 1);
+    }
+    return region;
+}
+
+Region read_region_alone(const JsonValue& value) {
+    JsonObject object = value.object();
+    Region region = read_region(object);
+    object.finish();
+    return region;
+}
+
+InitialField read_initial_field(const JsonValue& value) {
+    InitialField field;
+    if (value.is_array()) {
+        field.everywhere = vector(value);
+        return field;
+    }
+    if (!value.is_object()) value.refuse("[x, y, z] or {\"random\": AMPLITUDE, \"seed\": NUMBER}");
+    JsonObject object = value.object();
+    field.amplitude = positive(object.require("random", "an amplitude"));
+    field.seed =
+        std::uint64_t(object.require("seed", "a whole number").integer(0, (std::int64_t{1} << 53) - 1));
+    object.finish();
+    return field;
+}
+
+TimeStep read_time_step(const JsonValue& value) {
+    TimeStep time_step;
+    time_step.source = value;
+    if (value.is_number()) {
+        time_step.absolute = positive(value);
+        return time_step;
+    }
+    if (!value.is_object()) value.refuse("a number or {\"fraction_of_stable\": NUMBER}");
+    JsonObject object = value.object();
+    time_step.fraction_of_stable = positive(object.require("fraction_of_stable", "a number"));
+    object.finish();
+    return time_step;
+}
+
+}  // namespace
+
+std::string to_string(SpringGroup group) {
+    switch (group) {
+        case SpringGroup::face:
+            return "face";
+        case SpringGroup::edge:
+            return "edge";
+        case SpringGroup::corner:
+            return "corner";
+    }
+    return {};
+}
+
+SceneFile read_scene_file(JsonObject document) {
+    SceneFile scene;
+    if (const auto schema = document.find("$schema")) schema->string();
+    if (const auto text = document.find("description")) scene.description = text->string();
+    scene.dataset = read_dataset(document.require("dataset", "a box, heart or volume").object());
+    if (const auto groups = document.find("spring_groups")) scene.spring_groups = read_spring_groups(*groups);
+    if (const auto spacing = document.find("spacing")) {
+        if (spacing->is_array()) {
+            const std::vector<JsonValue> list = spacing->array(3, 3);
+            scene.spacing = {positive(list[0]), positive(list[1]), positive(list[2])};
+        } else {
+            scene.spacing = glm::dvec3(positive(*spacing));
+        }
+    }
+    scene.mass.everywhere = 1;
+    scene.stiffness.everywhere = 1;
+    if (const auto mass = document.find("mass")) scene.mass = read_parameter(*mass, false);
+    if (const auto stiffness = document.find("stiffness")) scene.stiffness = read_parameter(*stiffness, true);
+    if (const auto damping = document.find("damping")) {
+        scene.damping = damping->number();
+        if (!(scene.damping >= 0 && scene.damping < 2)) damping->refuse("a number from 0 to below 2");
+    }
+    if (const auto gravity = document.find("gravity")) scene.gravity = vector(*gravity);
+    if (const auto time_step = document.find("time_step")) scene.time_step = read_time_step(*time_step);
+    if (const auto pinned = document.find("pinned")) {
+        if (pinned->is_array()) {
+            for (const JsonValue& region : pinned->array()) scene.pinned.push_back(read_region_alone(region));
+        } else {
+            scene.pinned.push_back(read_region_alone(*pinned));
+        }
+    }
+    if (const auto initial = document.find("initial")) {
+        JsonObject object = initial->object();
+        if (const auto field = object.find("displacement")) scene.displacement = read_initial_field(*field);
+        if (const auto field = object.find("velocity")) scene.velocity = read_initial_field(*field);
+        object.finish();
+    }
+    if (const auto loads = document.find("loads")) {
+        for (const JsonValue& element : loads->array()) {
+            JsonObject object = element.object();
+            Region region = read_region(object);
+            scene.loads.push_back(
+                {std::move(region), vector(object.require("force", "an array of 3 numbers"))});
+            object.finish();
+        }
+    }
+    if (document.contains("edits")) {
+        throw BadInput(document.value().file(), "edits", "this key",
+                       "a scene without it: edits of springs are reserved for a later version");
+    }
+    document.finish();
+    return scene;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,270 @@
+#include "harness/study.h"
+
+#include <fnmatch.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <iostream>
+#include <set>
+
+#include "backends/registry.h"
+#include "builtin_study_files.h"  // generated
+#include "harness/bad_input.h"
+#include "harness/json.h"
+#include "harness/measure.h"
+#include "harness/result.h"
+#include "harness/scene.h"
+
+namespace voxspring {
+namespace {
+
+bool matches(const std::string& glob, const std::string& text) {
+    return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
+}
+
+/// The specifications that a pattern GLOB[:options] stands for, in the registry's order.
+std::vector<BackendSpec> expand(const std::string& pattern) {
+    const auto colon = pattern.find(':');
+    const std::string glob = pattern.substr(0, colon);
+    const std::string options = colon == std::string::npos ? "" : pattern.substr(colon);
+    std::vector<BackendSpec> specs;
+    for (const auto& [name, entry] : registry()) {
+        if (matches(glob, name)) specs.push_back(BackendSpec::parse(name + options));
+    }
+    return specs;
+}
+
+/// All of `patterns` without repetition. A study may name backends that this build left out.
+std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns) {
+    std::vector<BackendSpec> specs;
+    std::set<std::string> seen;
+    for (const std::string& pattern : patterns) {
+        for (BackendSpec& spec : expand(pattern)) {
+            if (seen.insert(spec.label()).second) specs.push_back(std::move(spec));
+        }
+    }
+    return specs;
+}
+
+/// What the command line's --backend leaves of a scene's contenders, and what it adds to them.
+std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs) {
+    if (globs.empty()) return specs;
+    std::vector<BackendSpec> kept;
+    for (const std::string& glob : globs) {
+        const auto wanted = [&](const BackendSpec& spec) {
+            return matches(glob, spec.entry->name) || matches(glob, spec.label());
+        };
+        std::vector<BackendSpec> found;
+        std::copy_if(specs.begin(), specs.end(), std::back_inserter(found), wanted);
+        if (found.empty()) found = expand(glob);
+        for (BackendSpec& spec : found) {
+            const std::string label = spec.label();
+            if (std::none_of(kept.begin(), kept.end(), [&](const auto& k) { return k.label() == label; })) {
+                kept.push_back(std::move(spec));
+            }
+        }
+    }
+    return kept;
+}
+
+std::vector<BackendSpec> contenders_of(const Study& study, const StudyScene& scene,
+                                       const StudyOptions& options) {
+    return select(expand_all(scene.backends.empty() ? study.backends : scene.backends), options.backends);
+}
+
+/// What --scene leaves of the study's scenes, and what it adds to them.
+void select_scenes(Study& study, const std::vector<std::string>& globs) {
+    if (globs.empty()) return;
+    std::vector<StudyScene> kept;
+    for (const std::string& glob : globs) {
+        const auto before = kept.size();
+        for (const StudyScene& scene : study.scenes) {
+            if (matches(glob, scene.scene)) kept.push_back(scene);
+        }
+        if (kept.size() == before) kept.push_back({glob, study.steps, {}});
+    }
+    study.scenes = std::move(kept);
+}
+
+std::string registered_names() {
+    std::string names;
+    for (const auto& [name, entry] : registry()) names += (names.empty() ? "" : ", ") + name;
+    return names;
+}
+
+std::vector<std::string> read_patterns(const JsonValue& list) {
+    std::vector<std::string> patterns;
+    for (const JsonValue& item : list.array(1)) {
+        patterns.push_back(item.string());
+        try {
+            if (expand(patterns.back()).empty() && !left_out().contains(patterns.back())) {
+                item.refuse("a glob that matches one of: " + registered_names());
+            }
+        } catch (const BadSpecification& error) {
+            item.refuse(error.what());
+        }
+    }
+    return patterns;
+}
+
+int read_count(JsonObject& object, const std::string& key, int most, int otherwise) {
+    const auto value = object.find(key);
+    return value ? int(value->integer(1, most)) : otherwise;
+}
+
+constexpr int most_steps = 1000000000;
+constexpr int most_repetitions = 10000;
+
+/// One line on a terminal that is overwritten; nothing in a pipe.
+class Progress {
+public:
+    ~Progress() { clear(); }
+    void show(const std::string& text) {
+        if (terminal_) std::cerr << "\r\x1b[K" << text << std::flush;
+    }
+    void clear() { show(""); }
+
+private:
+    bool terminal_ = isatty(STDERR_FILENO) != 0;
+};
+
+nlohmann::json describe(const Capabilities& capabilities) {
+    return {{"api", capabilities.api},       {"device", capabilities.device},
+            {"driver", capabilities.driver}, {"uuid", capabilities.uuid},
+            {"clock", capabilities.clock},   {"deterministic", capabilities.deterministic}};
+}
+
+/// The GPU and GL renderer that any row of this study ran on.
+void note_devices(nlohmann::json& context) {
+    for (const auto& [name, backend] : context.at("backends").items()) {
+        const std::string api = backend.at("api");
+        if (api.starts_with("CUDA")) {
+            context["gpu"] = backend.at("device");
+            context["driver"] = backend.at("driver");
+        } else if (api.starts_with("OpenGL")) {
+            context["gl_renderer"] = backend.at("device");
+            if (context["driver"].is_null()) context["driver"] = backend.at("driver");
+        }
+    }
+}
+
+}  // namespace
+
+std::vector<Named> builtin_studies() {
+    std::vector<Named> studies;
+    for (const auto& [file, text] : builtin_study_files) {
+        const Study study = load_study(std::filesystem::path(file).stem().string());
+        studies.push_back({study.name, study.description});
+    }
+    return studies;
+}
+
+Study load_study(const std::string& argument) {
+    const std::filesystem::path path(argument);
+    const auto builtin = builtin_study_files.find(argument + ".json");
+    if (builtin == builtin_study_files.end() && path.extension() != ".json") {
+        std::string known;
+        for (const auto& [file, text] : builtin_study_files)
+            known += std::filesystem::path(file).stem().string() + ", ";
+        throw BadInput("command line", "STUDY", argument, known + "or a .json file");
+    }
+    JsonObject root = builtin != builtin_study_files.end()
+                          ? parse_json(builtin->second, std::string(builtin->first))
+                          : read_json(path);
+    Study study;
+    study.name = path.stem().string();
+    if (const auto schema = root.find("$schema")) (void)schema->string();
+    if (const auto description = root.find("description")) study.description = description->string();
+    study.repetitions = read_count(root, "repetitions", most_repetitions, 9);
+    study.steps = read_count(root, "steps", most_steps, 100);
+    study.backends = read_patterns(root.require("backends"));
+    for (const JsonValue& item : root.require("scenes").array(1)) {
+        JsonObject object = item.object();
+        StudyScene scene;
+        scene.scene = object.require("scene").string();
+        // A file that the study names is found beside the study, wherever the study is run from.
+        const auto beside = path.parent_path() / scene.scene;
+        if (builtin == builtin_study_files.end() && std::filesystem::is_regular_file(beside)) {
+            scene.scene = beside.string();
+        }
+        scene.steps = read_count(object, "steps", most_steps, study.steps);
+        if (const auto backends = object.find("backends")) scene.backends = read_patterns(*backends);
+        object.finish();
+        study.scenes.push_back(std::move(scene));
+    }
+    root.finish();
+    return study;
+}
+
+nlohmann::json run_study(Study study, const StudyOptions& options) {
+    select_scenes(study, options.scenes);
+    const int repetitions = options.repetitions.value_or(study.repetitions);
+    if (options.out) check_writable(*options.out, "--out", ".json");
+    // Every scene is read before the first is timed: a mistake in the last one costs no hour.
+    for (const StudyScene& scene : study.scenes) {
+        load_scene(scene.scene);
+        if (contenders_of(study, scene, options).empty()) {
+            throw BadInput("command line", "--backend", options.backends.front(),
+                           "a glob that matches one of: " + registered_names());
+        }
+    }
+
+    nlohmann::json result = {{"context", nlohmann::json::object()},
+                             {"benchmarks", nlohmann::json::array()},
+                             {"verification", nlohmann::json::array()},
+                             {"skipped", nlohmann::json::array()},
+                             {"failed", nlohmann::json::array()}};
+    nlohmann::json context = build_context();
+    context["gpu"] = context["driver"] = context["gl_renderer"] = nullptr;
+    context["study"] = {{"name", study.name}, {"repetitions", repetitions}};
+    context["backends"] = nlohmann::json::object();
+
+    Progress progress;
+    std::size_t number = 0;
+    for (const StudyScene& item : study.scenes) {
+        ++number;
+        const Scene scene = load_scene(item.scene);
+        const auto specs = contenders_of(study, item, options);
+        const std::string heading = "[" + std::to_string(number) + "/" + std::to_string(study.scenes.size()) +
+                                    "] " + scene.name + " ";
+
+        std::vector<Contender> contenders;
+        for (const BackendSpec& spec : specs) {
+            progress.show(heading + spec.label());
+            nlohmann::json row = row_identity(scene.name, spec);
+            try {
+                auto backend = spec.make();
+                row["reason"] = backend->unsupported(scene.problem);
+                if (row["reason"] == "") {
+                    context["backends"][spec.entry->name] = describe(backend->capabilities());
+                    contenders.push_back({spec, std::move(backend)});
+                } else {
+                    result["skipped"].push_back(row);
+                }
+            } catch (const Unavailable& absent) {
+                row["reason"] = absent.what();
+                result["skipped"].push_back(row);
+            } catch (const DeviceError& error) {
+                row["reason"] = error.what();
+                result["failed"].push_back(row);
+            }
+        }
+        if (!contenders.empty()) {
+            SceneResult measured = measure(scene, contenders, item.steps, repetitions,
+                                           [&](const auto& label, int begun, int total) {
+                                               progress.show(heading + std::to_string(begun) + "/" +
+                                                             std::to_string(total) + " " + label);
+                                           });
+            if (result["context"].empty()) result["context"] = measured.context;
+            for (auto& row : measured.benchmarks) result["benchmarks"].push_back(std::move(row));
+            for (auto& row : measured.verification) result["verification"].push_back(std::move(row));
+            for (auto& row : measured.failed) result["failed"].push_back(std::move(row));
+        }
+        note_devices(context);
+        result["context"]["voxspring"] = context;
+        if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
+    }
+    return result;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,54 @@
+// A study: which scenes, which backends, how many steps; and its run.
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace voxspring {
+
+/// One scene of a study.
+struct StudyScene {
+    std::string scene;                  ///< what load_scene() takes
+    int steps = 0;                      ///< in a batch; also the steps after which errors are taken
+    std::vector<std::string> backends;  ///< backend patterns; empty: the study's
+};
+
+/// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
+/// registered backend whose name matches, with these options.
+struct Study {
+    std::string name;
+    std::string description;
+    int repetitions = 9;
+    int steps = 0;  ///< for scenes that the command line adds
+    std::vector<std::string> backends;
+    std::vector<StudyScene> scenes;
+};
+
+/// A built-in study or a study file. Throws BadInput.
+Study load_study(const std::string& argument);
+
+struct Named {
+    std::string name;
+    std::string description;
+};
+std::vector<Named> builtin_studies();
+
+/// What the command line changes about a study.
+struct StudyOptions {
+    /// Keep what matches one of these globs (a backend's name or its label; a scene's name); one that
+    /// matches nothing of the study but a backend or a scene outside of it adds that.
+    std::vector<std::string> backends;
+    std::vector<std::string> scenes;
+    std::optional<int> repetitions;
+    std::optional<std::filesystem::path> out;
+};
+
+/// Runs the study and returns the result (results/schema.json). With `out` the file is replaced after
+/// every scene, so that a study which is cut short leaves what it finished. Throws BadInput before
+/// anything has run.
+nlohmann::json run_study(Study study, const StudyOptions& options);
+
+}  // namespace voxspring

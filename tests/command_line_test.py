@@ -1,0 +1,182 @@
+"""The voxspring executable as its users meet it: output, files and exit codes.
+
+VOXSPRING names the executable; the current directory is the source tree.
+"""
+
+import csv
+import json
+import math
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import jsonschema
+
+VOXSPRING = os.environ["VOXSPRING"]
+COMPARE = "/usr/share/benchmark/compare.py"
+
+
+def voxspring(*arguments, **options):
+    return subprocess.run([VOXSPRING, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options)
+
+
+class InTemporaryFolder(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def assert_refused(self, result, *words):
+        """Exit code 2 and one line that has every word; nothing on disk."""
+        self.assertEqual(result.returncode, 2, result.stderr)
+        self.assertEqual(result.stdout, "")
+        self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+        for word in words:
+            self.assertIn(word, result.stderr)
+
+
+class List(unittest.TestCase):
+    def test_names_every_backend_with_what_it_runs_on_or_why_not(self):
+        listed = json.loads(voxspring("list", "--json").stdout)
+        backends = {b["name"]: b for b in listed["backends"]}
+        for name in ("cpu_reference", "cpu_parallel", "gl_fragment_implicit", "gl_fragment_explicit"):
+            self.assertIn(name, backends)
+        for backend in backends.values():
+            self.assertTrue(backend["device"] if backend["available"] else backend["reason"])
+        self.assertTrue(backends["cpu_reference"]["available"])
+        self.assertIn("box", [s["name"] for s in listed["scenes"]])
+        self.assertIn("default", [s["name"] for s in listed["studies"]])
+        text = voxspring("list").stdout
+        for name in backends:
+            self.assertIn(name, text)
+
+
+class Info(unittest.TestCase):
+    def test_heart_phantom_has_the_published_counts(self):
+        info = json.loads(voxspring("info", "heart", "--json").stdout)
+        self.assertEqual(info["voxels"], 140760)
+        self.assertEqual(info["active_particles"], 29449)
+        self.assertEqual(info["springs"]["total"], 220507)
+        self.assertGreater(info["pinned_particles"], 0)
+        self.assertLess(info["time_step"], info["stable_time_step"])
+        self.assertGreater(info["bytes"]["cpu_reference"], 220507 * 24)
+
+    def test_text_says_the_same(self):
+        text = voxspring("info", "heart").stdout
+        for figure in ("140760", "29449", "220507", "60 x 51 x 46"):
+            self.assertIn(figure, text)
+
+
+class Run(InTemporaryFolder):
+    def test_writes_the_final_state(self):
+        out = self.folder / "state.csv"
+        result = voxspring("run", "box@6", "--backend", "cpu_parallel", "--steps", 20, "--out", out)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        with open(out) as file:
+            rows = list(csv.DictReader(file))
+        self.assertEqual(len(rows), 216)
+        self.assertTrue(all(math.isfinite(float(v)) for row in rows for v in row.values()))
+        top = rows[-1]
+        self.assertEqual([top["voxel_x"], top["voxel_y"], top["voxel_z"]], ["5", "5", "5"])
+        self.assertLess(float(top["displacement_z"]), 0, "gravity pulls down")
+        self.assertEqual([p.name for p in self.folder.iterdir()], ["state.csv"], "no temporary file is left")
+
+    def test_refuses_bad_usage(self):
+        missing = self.folder / "missing" / "state.csv"
+        self.assert_refused(voxspring("run", "box@6", "--backend", "cpu_parallel", "--out", missing), "missing")
+        text = self.folder / "state.txt"
+        self.assert_refused(voxspring("run", "box@6", "--backend", "cpu_parallel", "--out", text), "state.txt", ".csv")
+        self.assert_refused(voxspring("run", "box@6", "--backend", "cpu_magic"), "cpu_magic", "cpu_parallel")
+        self.assert_refused(voxspring("run", "box@6", "--backend", "cpu_parallel:precision=half"), "half", "float64")
+        self.assert_refused(voxspring("run", "no_such_scene", "--backend", "cpu_parallel"), "no_such_scene", "box")
+        self.assertEqual(voxspring("run", "box@6", "--backend", "cpu_parallel", "--steps", "0").returncode, 2)
+        self.assertEqual(voxspring("run").returncode, 2)
+        self.assertEqual(voxspring("fly").returncode, 2)
+        self.assertEqual(voxspring("--help").returncode, 0)
+        self.assertEqual(list(self.folder.iterdir()), [])
+
+    def test_divergence_is_a_failure(self):
+        scene = self.folder / "unstable.json"
+        scene.write_text(json.dumps({
+            "dataset": {"type": "box", "dims": [5, 5, 5]}, "time_step": 1.5,
+            "initial": {"displacement": {"random": 0.1, "seed": 1}}}))
+        out = self.folder / "state.csv"
+        result = voxspring("run", scene, "--backend", "cpu_reference", "--steps", 5000, "--out", out)
+        self.assertEqual(result.returncode, 1, result.stdout)
+        self.assertIn("no longer finite", result.stderr)
+        self.assertFalse(out.exists())
+
+
+class Study(InTemporaryFolder):
+    def test_builtin_studies_follow_their_schema(self):
+        with open("harness/studies/study.schema.json") as file:
+            schema = jsonschema.Draft202012Validator(json.load(file))
+        for path in pathlib.Path("harness/studies").glob("*.json"):
+            if path.name != "study.schema.json":
+                schema.validate(json.loads(path.read_text()))
+        self.assertFalse(schema.is_valid({"backends": ["*"], "scenes": []}))
+        self.assertFalse(schema.is_valid({"backends": ["*"], "scenes": [{"scene": "box", "step": 3}]}))
+
+    def run_smoke(self, *arguments):
+        out = self.folder / "smoke.json"
+        result = voxspring("study", "smoke", "--out", out, *arguments)
+        self.assertEqual(result.returncode, 0, result.stdout + result.stderr)
+        self.assertEqual(result.stderr, "", "quiet in a pipe")
+        with open(out) as file:
+            return result.stdout, json.load(file)
+
+    def test_result_follows_its_schema_and_leaves_nothing_out(self):
+        table, result = self.run_smoke()
+        with open("results/schema.json") as file:
+            jsonschema.Draft202012Validator(json.load(file)).validate(result)
+        measured = {(r["scene"], r["backend"]) for r in result["benchmarks"]}
+        skipped = {(r["scene"], r["backend"]) for r in result["skipped"]}
+        listed = [b["name"] for b in json.loads(voxspring("list", "--json").stdout)["backends"]
+                  if "summary" in b]
+        for scene in ("box@8", "heart@30x26x23"):
+            for backend in listed:
+                self.assertIn((scene, backend), measured | skipped)
+                self.assertIn(backend, table)
+        self.assertEqual(result["failed"], [])
+        for row in result["benchmarks"]:
+            self.assertTrue(row["name"].startswith(f"{row['scene']}/{row['backend']}/"), row["name"])
+        commit = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True).stdout
+        self.assertIn(result["context"]["voxspring"]["commit"], (commit.strip(), "unknown"))
+
+    def test_google_benchmarks_own_tool_reads_it(self):
+        self.run_smoke("--backend", "cpu_reference", "--backend", "cpu_parallel:precision=float64")
+        out = str(self.folder / "smoke.json")
+        result = subprocess.run([sys.executable, COMPARE, "filters", out, "/cpu_reference/", "/cpu_parallel/"],
+                                capture_output=True, text=True)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertIn("box@8[/cpu_reference/ vs. /cpu_parallel/]position/float64", result.stdout)
+        self.assertIn("OVERALL_GEOMEAN", result.stdout)
+
+    def test_runs_on_a_scene_of_the_users(self):
+        _, result = self.run_smoke("--backend", "cpu_*", "--scene", "beam@4x4x9", "--repetitions", 1)
+        self.assertEqual({r["scene"] for r in result["benchmarks"]}, {"beam@4x4x9"})
+
+    def test_refuses_before_anything_runs(self):
+        out = self.folder / "result.json"
+        self.assert_refused(voxspring("study", "no_such_study", "--out", out), "no_such_study", "default")
+        self.assert_refused(voxspring("study", "smoke", "--backend", "vulkan*", "--out", out), "vulkan*")
+        self.assert_refused(voxspring("study", "smoke", "--scene", "nowhere", "--out", out), "nowhere")
+        self.assert_refused(voxspring("study", "smoke", "--out", self.folder / "result.xml"), "result.xml", ".json")
+        self.assertEqual(voxspring("study", "smoke", "--repetitions", "0").returncode, 2)
+        self.assertEqual(list(self.folder.iterdir()), [])
+
+    def test_a_finished_result_is_not_lost_to_a_refusal(self):
+        out = self.folder / "smoke.json"
+        out.write_text("{}")
+        self.assert_refused(voxspring("study", "smoke", "--scene", "nowhere", "--out", out), "nowhere")
+        self.assertEqual(out.read_text(), "{}")
+
+    def test_refuses_a_folder_that_cannot_be_written(self):
+        self.assert_refused(voxspring("study", "smoke", "--out", "/proc/smoke.json"), "/proc/smoke.json")
+
+
+if __name__ == "__main__":
+    unittest.main()

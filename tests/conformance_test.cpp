@@ -1,0 +1,275 @@
+// Every backend that this machine can run, in every precision and tuning that it registers, against
+// cpu_reference on small problems of every kind. A backend without its device is skipped, or fails if
+// VOXSPRING_REQUIRE names it: names or prefixes of names, as in VOXSPRING_REQUIRE=cuda,gl_fragment.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <memory>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+struct Case {
+    std::string name;
+    std::function<Problem()> make;
+};
+
+Problem with_dynamics(Problem problem) {
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.damping = 0.01;
+    problem.time_step = 0.25;
+    return problem;
+}
+
+Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
+    return with_dynamics(make_lattice_problem(grid, groups));
+}
+
+std::vector<Case> cases() {
+    return {
+        {"one_particle",
+         [] {
+             return lattice(solid({1, 1, 1}));
+         }},
+        {"one_particle_in_a_grid",
+         [] {
+             return lattice(
+                 make_grid({5, 4, 3}, [](int x, int y, int z) { return x == 2 && y == 1 && z == 1; }));
+         }},
+        {"single_row_x",
+         [] {
+             return lattice(solid({17, 1, 1}));
+         }},
+        {"single_row_y",
+         [] {
+             return lattice(solid({1, 19, 1}));
+         }},
+        {"single_row_z",
+         [] {
+             return lattice(solid({1, 1, 23}));
+         }},
+        {"prime_box",
+         [] {
+             return lattice(solid({13, 7, 11}));
+         }},
+        {"wide_box",
+         [] {
+             return lattice(solid({67, 3, 5}));
+         }},
+        {"checkerboard_without_springs",
+         [] {
+             return lattice(make_grid({8, 7, 6}, [](int x, int y, int z) { return (x + y + z) % 2; }),
+                            FACE_BITS);
+         }},
+        {"random_mask_sparse",
+         [] {
+             return lattice(random_grid({19, 17, 13}, 0.2, 1));
+         }},
+        {"random_mask_dense",
+         [] {
+             return lattice(random_grid({19, 17, 13}, 0.8, 2));
+         }},
+        {"faces_only",
+         [] {
+             return lattice(solid({9, 8, 7}), FACE_BITS);
+         }},
+        {"edges_only",
+         [] {
+             return lattice(solid({9, 8, 7}), EDGE_BITS);
+         }},
+        {"all_three_groups",
+         [] {
+             return lattice(random_grid({11, 9, 10}, 0.7, 3), NEIGHBOUR_BITS);
+         }},
+        {"stiffness_a_group",
+         [] {
+             Problem problem = lattice(random_grid({11, 9, 10}, 0.7, 3), NEIGHBOUR_BITS);
+             problem.group_stiffness = {1.0, 0.5, 0.25};
+             return problem;
+         }},
+        {"anisotropic_spacing",
+         [] {
+             return lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS);
+         }},
+        {"several_labels",
+         [] {
+             Problem problem = lattice(random_grid({12, 11, 10}, 0.7, 4, 3));
+             problem.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+             return problem;
+         }},
+        {"pinned",
+         [] {
+             Problem problem = lattice(random_grid({12, 11, 10}, 0.7, 5));
+             pin_base(problem);
+             return problem;
+         }},
+        {"loads",
+         [] {
+             Problem problem = lattice(solid({7, 6, 5}));
+             problem.load.assign(problem.particle_count(), glm::dvec3(0));
+             problem.load[3] = {0.01, -0.02, 0.03};
+             problem.load.back() = {0, 0, -0.05};
+             return problem;
+         }},
+        {"corner_of_a_grid",
+         [] {
+             return lattice(
+                 make_grid({70, 21, 9}, [](int x, int y, int z) { return x > 40 && y > 14 && z > 5; }));
+         }},
+        {"network_without_a_grid", [] { return with_dynamics(random_network(300, 1000, 6)); }},
+        {"sutured_lattice",
+         [] {
+             Problem problem = lattice(random_grid({9, 8, 7}, 0.9, 6));
+             const auto last = std::uint32_t(problem.particle_count() - 1);
+             problem.springs = {{0, last, 0.5, 3.0}, {1, last - 1, 0.25, 2.0}};
+             return problem;
+         }},
+        {"no_damping_no_gravity",
+         [] {
+             Problem problem = lattice(solid({7, 6, 5}));
+             problem.damping = 0;
+             problem.gravity = glm::dvec3(0);
+             return problem;
+         }},
+    };
+}
+
+/// Whether `backend` may refuse `problem`; every other refusal is a failure.
+bool may_refuse(const std::string& backend, const Problem& problem) {
+    const bool counts_groups = backend == "cuda_explicit_cached_grid";
+    const bool has_lists = backend.find("explicit") != std::string::npos || backend == "cuda_scatter";
+    if (!problem.springs.empty()) return counts_groups || !has_lists;
+    const glm::dvec3 spacing = problem.lattice.spacing;
+    const bool cubic = spacing.x == spacing.y && spacing.y == spacing.z;
+    return counts_groups && (problem.has_materials() || !cubic);
+}
+
+std::vector<std::string> required_prefixes() {
+    const char* value = std::getenv("VOXSPRING_REQUIRE");
+    std::istringstream list(value == nullptr ? "" : value);
+    std::vector<std::string> prefixes;
+    for (std::string prefix; std::getline(list, prefix, ',');) prefixes.push_back(prefix);
+    return prefixes;
+}
+
+bool is_required(const std::string& backend) {
+    const auto prefixes = required_prefixes();
+    return std::any_of(prefixes.begin(), prefixes.end(),
+                       [&](const std::string& prefix) { return backend.starts_with(prefix); });
+}
+
+TEST(Roster, HasWhatIsRequired) {
+    for (const std::string& prefix : required_prefixes()) {
+        const bool found = std::any_of(registry().begin(), registry().end(),
+                                       [&](const auto& entry) { return entry.first.starts_with(prefix); });
+        EXPECT_TRUE(found) << prefix << " is required and not in this build";
+    }
+}
+
+class Conformance : public ::testing::TestWithParam<std::string> {
+protected:
+    // Leaves backend null, and the test skipped or failed, where the device is absent.
+    void SetUp() override {
+        try {
+            backend = spec.make();
+        } catch (const Unavailable& absent) {
+            if (is_required(spec.entry->name)) FAIL() << "required and unavailable: " << absent.what();
+            GTEST_SKIP() << absent.what();
+        }
+    }
+
+    const BackendSpec spec = BackendSpec::parse(GetParam());
+    std::unique_ptr<Backend> backend;
+};
+
+TEST_P(Conformance, AgreesWithTheReference) {
+    for (const Case& c : cases()) {
+        SCOPED_TRACE(c.name);
+        const Problem problem = c.make();
+        if (const std::string why = backend->unsupported(problem); !why.empty()) {
+            EXPECT_TRUE(may_refuse(spec.entry->name, problem)) << "unsupported: " << why;
+            continue;
+        }
+        const State start = random_state(problem, 0.05, 7);
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        oracle->upload(problem, start);
+        backend->upload(problem, start);
+        int steps = 0;
+        for (const int batch : {1, 2, 17}) {
+            oracle->step(batch);
+            backend->step(batch);
+            steps += batch;
+            const Comparison comparison =
+                compare(problem, backend->download(), oracle->download(), spec.options.precision, steps);
+            EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+        }
+    }
+}
+
+TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
+    const Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 9));
+    const State start = random_state(problem, 0.05, 8);
+    backend->upload(problem, start);
+    backend->step(10);
+    const State once = backend->download();
+    backend->upload(problem, start);
+    for (int n = 0; n < 10; ++n) backend->step(1);
+    const State again = backend->download();
+    if (backend->capabilities().deterministic) {
+        EXPECT_EQ(once.displacement, again.displacement);
+        EXPECT_EQ(once.increment, again.increment);
+    }
+}
+
+// OpenGL leaves the rounding of its root to the driver.
+TEST_P(Conformance, RestStaysRestToTheBit) {
+    if (spec.entry->name.starts_with("gl")) GTEST_SKIP() << "not promised by OpenGL";
+    Problem problem = make_lattice_problem(random_grid({12, 11, 10}, 0.8, 3), NEIGHBOUR_BITS);
+    problem.time_step = 0.25;
+    problem.damping = 0.01;
+    const State rest = state_at_rest(problem);
+    backend->upload(problem, rest);
+    backend->step(1000);
+    const State state = backend->download();
+    EXPECT_EQ(state.displacement, rest.displacement);
+    EXPECT_EQ(state.increment, rest.increment);
+}
+
+/// Every backend with its defaults, then each other precision and each other tuning value by itself.
+std::vector<std::string> every_specification() {
+    std::vector<std::string> specs;
+    for (const auto& [name, entry] : registry()) {
+        if (name == "cpu_reference") continue;
+        for (const Precision precision : entry.precisions) {
+            const std::string base = name + ":precision=" + to_string(precision);
+            specs.push_back(base);
+            for (const auto& [key, values] : entry.tuning) {
+                for (std::size_t v = 1; v < values.size(); ++v)
+                    specs.push_back(base + "," + key + "=" + values[v]);
+            }
+        }
+    }
+    return specs;
+}
+
+std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
+    std::string name = tested.param;
+    for (char& c : name) {
+        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
+    }
+    return name;
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, Conformance, ::testing::ValuesIn(every_specification()), test_name);
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(Conformance);
+
+}  // namespace
+}  // namespace voxspring::testing

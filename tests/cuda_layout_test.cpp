@@ -1,0 +1,660 @@
+// The CUDA backends' data layouts and the bodies of their kernels, run on the host: every block, thread, list
+// and mask of a step as the device would see it, with each access checked against its array.
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <memory>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "backends/registry.h"
+#include "cuda/layout.h"
+#include "harness/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::cuda {
+namespace {
+
+using testing::make_grid;
+using testing::random_grid;
+using testing::random_network;
+using testing::random_state;
+using testing::solid;
+
+Problem with_dynamics(Problem problem) {
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.damping = 0.01;
+    problem.time_step = 0.2;
+    return problem;
+}
+
+Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
+    return with_dynamics(make_lattice_problem(grid, groups));
+}
+
+Problem sutured(Problem problem) {
+    const auto last = std::uint32_t(problem.particle_count() - 1);
+    problem.springs = {{0, last, 0.5, 3.0}, {1, last - 1, 0.25, 2.0}, {1, last, 0.125, 0}};
+    return problem;
+}
+
+Problem loaded_and_pinned(Problem problem) {
+    testing::pin_base(problem);
+    problem.load.assign(problem.particle_count(), glm::dvec3(0));
+    problem.load.back() = {0.01, -0.02, 0.03};
+    problem.load[problem.particle_count() / 2] = {0, 0, 0.05};
+    return problem;
+}
+
+/// Problems that lie on a grid and have no springs beyond it.
+std::map<std::string, Problem> lattices() {
+    std::map<std::string, Problem> problems;
+    problems["one_particle"] = lattice(solid({1, 1, 1}));
+    problems["row_x"] = lattice(solid({37, 1, 1}));
+    problems["row_y"] = lattice(solid({1, 19, 1}));
+    problems["row_z"] = lattice(solid({1, 1, 23}));
+    problems["prime_box"] = lattice(solid({13, 7, 11}));
+    problems["aligned_box"] = lattice(solid({32, 8, 4}));
+    problems["wide_box"] = lattice(solid({67, 9, 5}));
+    problems["without_springs"] =
+        lattice(make_grid({8, 7, 6}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
+    problems["sparse"] = lattice(random_grid({41, 17, 9}, 0.2, 1));
+    problems["dense"] = lattice(random_grid({41, 17, 9}, 0.8, 2));
+    problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
+    problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
+    problems["corners"] = lattice(solid({9, 8, 7}), CORNER_BITS);
+    problems["all_groups"] = lattice(random_grid({21, 9, 10}, 0.8, 3), NEIGHBOUR_BITS);
+    problems["all_groups"].group_stiffness = {1.0, 0.5, 0.25};
+    problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS);
+    problems["materials"] = lattice(random_grid({22, 11, 10}, 0.7, 4, 3));
+    problems["materials"].materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+    problems["materials_all_groups"] = lattice(random_grid({12, 11, 10}, 0.9, 4, 2), NEIGHBOUR_BITS);
+    problems["materials_all_groups"].materials = {{1, 0.3}, {2, 0.25}};
+    problems["loads_and_pins"] = loaded_and_pinned(lattice(random_grid({12, 11, 10}, 0.7, 5)));
+    return problems;
+}
+
+std::map<std::string, Problem> networks() {
+    std::map<std::string, Problem> problems;
+    problems["unstructured"] = with_dynamics(random_network(60, 200, 6));
+    problems["sutured_box"] = sutured(lattice(solid({7, 6, 5})));
+    problems["sutured_materials"] = sutured(lattices().at("materials"));
+    return problems;
+}
+
+// --- A device that checks every access -------------------------------------------------------------------
+
+/// Element `index` of `values`, which a kernel reads through a pointer on the device.
+template <class T>
+const T& checked(const std::vector<T>& values, std::ptrdiff_t index) {
+    if (index < 0 || std::size_t(index) >= values.size()) throw std::out_of_range("read outside of an array");
+    return values[std::size_t(index)];
+}
+
+template <class Real>
+struct HostFetch {
+    const std::vector<Word<Real>>* words;
+    const NeighbourLists<Real>* lists = nullptr;
+
+    Particle<Real> at(int index, int dx) const {
+        const Word<Real>& word = checked(*words, std::ptrdiff_t(index) + dx);
+        return {word.position, std::uint32_t(word.bits)};
+    }
+    std::uint32_t entry(const std::uint32_t* p) const {
+        return checked(lists->neighbour, p - lists->neighbour.data());
+    }
+    SpringConstants<Real> entry(const SpringConstants<Real>* p) const {
+        return lists == nullptr ? *p : checked(lists->constants, p - lists->constants.data());
+    }
+    SpringEnds entry(const SpringEnds* p) const { return *p; }
+};
+
+template <class Real>
+void measure(std::span<Real> squared) {
+    for (Real& length : squared) length = length > 0 ? measured_length(length) : 0;
+}
+
+template <class Real>
+void measure(std::vector<SpringConstants<Real>>& springs) {
+    for (auto& spring : springs)
+        spring.rest_length = spring.rest_length > 0 ? measured_length(spring.rest_length) : 0;
+}
+
+/// What the backends share: words, loads and masses, and the turns of the two buffers.
+template <class Real>
+class Simulation {
+public:
+    Simulation(const Problem& problem, const State& start, const Placement& placement,
+               std::span<const std::uint32_t> bits)
+        : problem_(&problem),
+          placement_(placement),
+          load_(pack_load<Real>(problem, placement)),
+          inverse_masses_(pack_inverse_masses<Real>(problem, placement)) {
+        auto packed = pack<Real>(problem, start, placement, bits);
+        buffer_ = {std::move(packed.current), std::move(packed.previous)};
+    }
+    virtual ~Simulation() = default;
+
+    void step(int count) {
+        for (int n = 0; n < count; ++n) {
+            step_once(buffer_[0], buffer_[1]);
+            std::swap(buffer_[0], buffer_[1]);
+        }
+    }
+    State download() const { return unpack<Real>(*problem_, {buffer_[0], buffer_[1]}, placement_); }
+
+    /// Words that are no particle's hold NaN.
+    void poison() {
+        for (auto& buffer : buffer_) {
+            for (Word<Real>& word : buffer) {
+                const Real nan = std::numeric_limits<Real>::quiet_NaN();
+                if (word.bits == 0) word.position = {nan, nan, nan};
+            }
+        }
+    }
+
+protected:
+    void attach(Motion<Real>& motion) const {
+        motion.load = load_.empty() ? nullptr : load_.data();
+        motion.inverse_masses = inverse_masses_.empty() ? nullptr : inverse_masses_.data();
+    }
+    virtual void step_once(const std::vector<Word<Real>>& current, std::vector<Word<Real>>& previous) = 0;
+
+private:
+    const Problem* problem_;
+    Placement placement_;
+    std::array<std::vector<Word<Real>>, 2> buffer_;
+    std::vector<Vector<Real>> load_;
+    std::vector<Real> inverse_masses_;
+};
+
+/// All blocks of an implicit kernel.
+template <class Real>
+class ImplicitSimulation : public Simulation<Real> {
+public:
+    ImplicitSimulation(const Problem& problem, const State& start, BlockShape shape)
+        : Simulation<Real>(problem, start, place_on_grid(problem.lattice), problem.lattice.mask),
+          shape_(shape),
+          face_and_edge_(problem.group_bits == (FACE_BITS | EDGE_BITS)),
+          compliance_(pack_compliance<Real>(problem, place_on_grid(problem.lattice))),
+          step_(make_implicit_step<Real>(problem, place_on_grid(problem.lattice))),
+          origins_(active_blocks(problem.lattice, shape)) {
+        measure<Real>(step_.rest_length);
+        step_.compliance = compliance_.data();
+        this->attach(step_.motion);
+        if (origins_.empty()) cover_the_lattice();
+    }
+
+    /// Every block of the lattice, active voxels or not.
+    void cover_the_lattice() {
+        origins_.clear();
+        for (int z = 0; z < step_.nz; z += shape_.z) {
+            for (int y = 0; y < step_.ny; y += shape_.y) {
+                for (int x = 0; x < step_.nx; x += shape_.x) origins_.push_back({x, y, z, 0});
+            }
+        }
+    }
+
+    /// The kernel that tests for every group at run time.
+    void use_general_kernel() { face_and_edge_ = false; }
+
+protected:
+    template <class Terms>
+    void step_blocks(const std::vector<Word<Real>>& current, std::vector<Word<Real>>& previous) {
+        const HostFetch<Real> fetch{&current};
+        for (const BlockOrigin& o : origins_) {
+            for (int z = 0; z < shape_.z; ++z) {
+                for (int y = 0; y < shape_.y; ++y) {
+                    for (int x = 0; x < shape_.x; ++x)
+                        step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, fetch, previous.data());
+                }
+            }
+        }
+    }
+
+    void step_once(const std::vector<Word<Real>>& current, std::vector<Word<Real>>& previous) override {
+        if (!compliance_.empty() && face_and_edge_) step_blocks<ImplicitTerms<true, true>>(current, previous);
+        if (!compliance_.empty() && !face_and_edge_)
+            step_blocks<ImplicitTerms<true, false>>(current, previous);
+        if (compliance_.empty() && face_and_edge_) step_blocks<ImplicitTerms<false, true>>(current, previous);
+        if (compliance_.empty() && !face_and_edge_)
+            step_blocks<ImplicitTerms<false, false>>(current, previous);
+    }
+
+    BlockShape shape_;
+    bool face_and_edge_;
+    std::vector<Real> compliance_;
+    ImplicitStep<Real> step_;
+    std::vector<BlockOrigin> origins_;
+};
+
+/// The same by way of a tile, which starts as NaN: what a thread needs, some thread has loaded.
+template <class Real, int W, int H>
+class TileSimulation final : public ImplicitSimulation<Real> {
+public:
+    TileSimulation(const Problem& problem, const State& start)
+        : ImplicitSimulation<Real>(problem, start, BlockShape{W, H, 1}) {}
+
+private:
+    void step_once(const std::vector<Word<Real>>& current, std::vector<Word<Real>>& previous) override {
+        const ImplicitStep<Real>& step = this->step_;
+        const int row = step.nx, slice = step.nx * step.ny;
+        const HostFetch<Real> fetch{&current};
+        auto tile = std::make_unique<Tile<Real, W, H>>();
+        for (const BlockOrigin& o : this->origins_) {
+            std::fill_n(&tile->x[0][0][0], sizeof(*tile) / sizeof(Real),
+                        std::numeric_limits<Real>::quiet_NaN());
+            std::array<Particle<Real>, std::size_t(W) * H> self{};
+            const auto for_each_thread = [&](auto visit) {
+                for (int ty = 0; ty < H; ++ty) {
+                    for (int tx = 0; tx < W; ++tx) {
+                        const int x = o.x + tx, y = o.y + ty;
+                        if (x < step.nx && y < step.ny)
+                            visit(tx, ty, step.first + x + row * y + slice * o.z,
+                                  self[std::size_t(ty * W + tx)]);
+                    }
+                }
+            };
+            for_each_thread([&](int tx, int ty, int index, Particle<Real>& particle) {
+                particle = tile->fill(tx, ty, index, row, slice, fetch);
+            });
+            for_each_thread([&](int tx, int ty, int index, const Particle<Real>& particle) {
+                const TileNeighbours<Real, W, H> neighbours{*tile, tx, ty};
+                const GridCompliance<Real> compliance{step.compliance, index, row, slice};
+                if (this->compliance_.empty())
+                    step_voxel<ImplicitTerms<false, false>>(step, index, particle, previous.data(),
+                                                            neighbours, compliance);
+                else
+                    step_voxel<ImplicitTerms<true, false>>(step, index, particle, previous.data(), neighbours,
+                                                           compliance);
+            });
+        }
+    }
+};
+
+/// All threads of an explicit kernel.
+template <class Real>
+class ExplicitSimulation final : public Simulation<Real> {
+public:
+    ExplicitSimulation(const Problem& problem, const State& start, NeighbourLists<Real> lists)
+        : Simulation<Real>(problem, start, place_compact(problem), lists.bits),
+          face_and_edge_(problem.group_bits == (FACE_BITS | EDGE_BITS)),
+          lists_(std::move(lists)),
+          step_(make_explicit_step<Real>(problem, lists_)) {
+        measure<Real>(step_.rest_length);
+        measure(lists_.constants);
+        step_.neighbour = lists_.neighbour.data();
+        step_.constants = lists_.constants.data();
+        this->attach(step_.motion);
+    }
+
+    /// The kernel that tests for every group at run time.
+    void use_general_kernel() { face_and_edge_ = false; }
+
+private:
+    void step_once(const std::vector<Word<Real>>& current, std::vector<Word<Real>>& previous) override {
+        const HostFetch<Real> fetch{&current, &lists_};
+        // Some threads of the last block have no particle.
+        for (int i = 0; i < step_.particles + 7; ++i) {
+            if (!lists_.constants.empty()) {
+                step_by_springs(step_, i, fetch, previous.data());
+            } else if (face_and_edge_) {
+                step_by_groups<true>(step_, i, fetch, previous.data());
+            } else {
+                step_by_groups<false>(step_, i, fetch, previous.data());
+            }
+        }
+    }
+
+    bool face_and_edge_;
+    NeighbourLists<Real> lists_;
+    ExplicitStep<Real> step_;
+};
+
+/// All threads of both scatter kernels.
+template <class Real>
+class ScatterSimulation final : public Simulation<Real> {
+public:
+    ScatterSimulation(const Problem& problem, const State& start)
+        : Simulation<Real>(problem, start, place_compact(problem), state_bits(problem)),
+          springs_(list_every_spring<Real>(problem)),
+          force_(3 * problem.particle_count()) {
+        measure(springs_.constants);
+        step_ = {.particles = int(problem.particle_count()),
+                 .springs = springs_.ends.size(),
+                 .ends = springs_.ends.data(),
+                 .constants = springs_.constants.data(),
+                 .force = force_.data(),
+                 .pitch = problem.particle_count(),
+                 .motion = make_motion<Real>(problem)};
+        this->attach(step_.motion);
+    }
+
+private:
+    void step_once(const std::vector<Word<Real>>& current, std::vector<Word<Real>>& previous) override {
+        const HostFetch<Real> fetch{&current};
+        for (std::size_t s = 0; s < step_.springs + 7; ++s) scatter_spring(step_, s, fetch);
+        for (int i = 0; i < step_.particles + 7; ++i) integrate(step_, i, fetch, previous.data());
+    }
+
+    SpringArrays<Real> springs_;
+    std::vector<Real> force_;
+    ScatterStep<Real> step_{};
+};
+
+// --- Every kernel body against the oracle ----------------------------------------------------------------
+
+template <class Real>
+class KernelBodies : public ::testing::Test {
+protected:
+    static constexpr Precision precision = sizeof(Real) == 4 ? Precision::float32 : Precision::float64;
+
+    static void expect_reference(const Problem& problem, const State& start, Simulation<Real>& simulation) {
+        constexpr int steps = 5;
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        oracle->upload(problem, start);
+        oracle->step(steps);
+        simulation.step(steps);
+        const Comparison comparison =
+            compare(problem, simulation.download(), oracle->download(), precision, steps);
+        EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    }
+};
+using Reals = ::testing::Types<float, double>;
+TYPED_TEST_SUITE(KernelBodies, Reals);
+
+TYPED_TEST(KernelBodies, ImplicitFromMemory) {
+    for (const auto& [name, problem] : lattices()) {
+        const State start = random_state(problem, 0.05, 7);
+        for (const char* block : {"32x4x2", "128x1x1", "8x8x4", "16x4x4"}) {
+            SCOPED_TRACE(name + " in blocks of " + block);
+            ImplicitSimulation<TypeParam> simulation(problem, start, BlockShape::parse(block));
+            simulation.poison();
+            this->expect_reference(problem, start, simulation);
+        }
+    }
+}
+
+TYPED_TEST(KernelBodies, ImplicitFromTiles) {
+    for (const auto& [name, problem] : lattices()) {
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        TileSimulation<TypeParam, 32, 4> wide(problem, start);
+        wide.poison();
+        this->expect_reference(problem, start, wide);
+        TileSimulation<TypeParam, 16, 16> square(problem, start);
+        this->expect_reference(problem, start, square);
+    }
+}
+
+TYPED_TEST(KernelBodies, ExplicitByGroups) {
+    int tried = 0;
+    for (const auto& [name, problem] : lattices()) {
+        if (!beyond_groups(problem).empty()) continue;
+        ++tried;
+        const State start = random_state(problem, 0.05, 7);
+        for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
+            SCOPED_TRACE(name);
+            ExplicitSimulation<TypeParam> simulation(problem, start,
+                                                     list_by_groups<TypeParam>(problem, layout));
+            this->expect_reference(problem, start, simulation);
+        }
+    }
+    EXPECT_EQ(tried, int(lattices().size()) - 3);  // all but those of several materials or spacings
+}
+
+TYPED_TEST(KernelBodies, ExplicitBySprings) {
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        const State start = random_state(problem, 0.05, 7);
+        for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
+            SCOPED_TRACE(name);
+            ExplicitSimulation<TypeParam> simulation(problem, start,
+                                                     list_by_springs<TypeParam>(problem, layout));
+            this->expect_reference(problem, start, simulation);
+        }
+    }
+}
+
+TYPED_TEST(KernelBodies, Scatter) {
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        ScatterSimulation<TypeParam> simulation(problem, start);
+        this->expect_reference(problem, start, simulation);
+    }
+}
+
+TYPED_TEST(KernelBodies, RestStaysRestToTheBit) {
+    Problem problem = make_lattice_problem(random_grid({12, 11, 10}, 0.8, 3), NEIGHBOUR_BITS);
+    problem.time_step = 0.2;
+    problem.damping = 0.01;
+    const State rest = state_at_rest(problem);
+    const auto expect_rest = [&](Simulation<TypeParam>&& simulation) {
+        simulation.step(20);
+        const State state = simulation.download();
+        EXPECT_EQ(state.displacement, rest.displacement);
+        EXPECT_EQ(state.increment, rest.increment);
+    };
+    expect_rest(ImplicitSimulation<TypeParam>(problem, rest, BlockShape{8, 8, 4}));
+    expect_rest(TileSimulation<TypeParam, 32, 4>(problem, rest));
+    expect_rest(ExplicitSimulation<TypeParam>(problem, rest,
+                                              list_by_groups<TypeParam>(problem, ListLayout::vertical)));
+    expect_rest(ExplicitSimulation<TypeParam>(problem, rest,
+                                              list_by_springs<TypeParam>(problem, ListLayout::vertical)));
+    expect_rest(ScatterSimulation<TypeParam>(problem, rest));
+}
+
+// What a scene does not need is skipped: empty blocks, loads, groups. The bits are those of a run that skips
+// nothing.
+TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
+    const Problem problem = lattice(make_grid({70, 21, 9}, [](int x, int y, int z) {
+        return (x - 50) * (x - 50) + (y - 9) * (y - 9) + (z - 4) * (z - 4) < 36;
+    }));
+    Problem unladen = problem;
+    unladen.load.assign(problem.particle_count(), glm::dvec3(0));
+    const State start = random_state(problem, 0.05, 7);
+    const BlockShape shape{8, 4, 2};
+
+    ImplicitSimulation<TypeParam> skips(problem, start, shape);
+    ImplicitSimulation<TypeParam> every_block(problem, start, shape);
+    every_block.cover_the_lattice();
+    ImplicitSimulation<TypeParam> every_group(problem, start, shape);
+    every_group.use_general_kernel();
+    ImplicitSimulation<TypeParam> every_load(unladen, start, shape);
+    skips.step(5);
+    const State expected = skips.download();
+    for (Simulation<TypeParam>* other : {&every_block, &every_group, &every_load}) {
+        other->step(5);
+        EXPECT_EQ(other->download().displacement, expected.displacement);
+    }
+
+    const auto lists = list_by_groups<TypeParam>(problem, ListLayout::vertical);
+    ExplicitSimulation<TypeParam> paper(problem, start, lists);
+    ExplicitSimulation<TypeParam> general(problem, start, lists);
+    general.use_general_kernel();
+    paper.step(5);
+    general.step(5);
+    EXPECT_EQ(paper.download().displacement, expected.displacement);
+    EXPECT_EQ(general.download().displacement, expected.displacement);
+}
+
+// --- Layouts ---------------------------------------------------------------------------------------------
+
+using Pair = std::pair<std::uint32_t, std::uint32_t>;
+
+TEST(NeighbourLists, HoldEachSpringFromBothEnds) {
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        SCOPED_TRACE(name);
+        std::multiset<Pair> expected;
+        for (const Spring& spring : list_springs(problem)) {
+            expected.insert({spring.first, spring.second});
+            expected.insert({spring.second, spring.first});
+        }
+        const auto lists = list_by_springs<double>(problem, ListLayout::vertical);
+        std::multiset<Pair> found;
+        for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+            const std::uint32_t count = lists.bits[i] & list_count_bits;
+            for (std::uint32_t slot = 0; slot < lists.shape.slots; ++slot) {
+                const std::size_t at = lists.shape.at(i, slot);
+                if (slot < count) {
+                    found.insert({i, lists.neighbour[at]});
+                } else {
+                    EXPECT_EQ(lists.neighbour[at], i);
+                    EXPECT_EQ(lists.constants[at].stiffness, 0);
+                }
+            }
+        }
+        EXPECT_EQ(found, expected);
+    }
+}
+
+TEST(NeighbourLists, CountTheSpringsOfEachGroup) {
+    for (const auto& [name, problem] : lattices()) {
+        if (!beyond_groups(problem).empty()) continue;
+        SCOPED_TRACE(name);
+        const auto lists = list_by_groups<float>(problem, ListLayout::concatenated);
+        std::array<std::uint64_t, 3> ends{};
+        for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+            EXPECT_NE(lists.bits[i] & ACTIVE_BIT, 0U);
+            EXPECT_EQ((lists.bits[i] & PINNED_BIT) != 0, problem.is_pinned(i));
+            for (int g = 0; g < 3; ++g) ends[std::size_t(g)] += GroupCounters::count(lists.bits[i], g);
+        }
+        const SpringCounts counts = count_springs(problem);
+        for (std::size_t g = 0; g < 3; ++g) EXPECT_EQ(ends[g], 2 * counts.group[g]);
+    }
+}
+
+TEST(NeighbourLists, NeighboursComeInSummationOrder) {
+    const Problem problem = lattice(solid({3, 3, 3}), NEIGHBOUR_BITS);
+    const auto lists = list_by_springs<float>(problem, ListLayout::vertical);
+    const std::uint32_t centre = 13;
+    ASSERT_EQ(lists.bits[centre] & list_count_bits, 26U);
+    for (const Direction& direction : directions()) {
+        EXPECT_EQ(lists.neighbour[lists.shape.at(centre, std::uint32_t(direction.bit))],
+                  std::uint32_t(std::ptrdiff_t(centre) + problem.lattice.stride(direction)));
+    }
+}
+
+TEST(NeighbourLists, LayoutsDifferInOrderAlone) {
+    const Problem problem = lattices().at("dense");
+    const auto vertical = list_by_groups<float>(problem, ListLayout::vertical);
+    const auto concatenated = list_by_groups<float>(problem, ListLayout::concatenated);
+    EXPECT_EQ(vertical.shape.at(5, 3) + 1, vertical.shape.at(6, 3));
+    EXPECT_EQ(vertical.shape.at(0, 3) % 32, 0U);
+    EXPECT_EQ(concatenated.shape.at(5, 3) + 1, concatenated.shape.at(5, 4));
+    for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+        for (std::uint32_t slot = 0; slot < vertical.shape.slots; ++slot)
+            EXPECT_EQ(vertical.neighbour[vertical.shape.at(i, slot)],
+                      concatenated.neighbour[concatenated.shape.at(i, slot)]);
+    }
+}
+
+TEST(NeighbourLists, IndicesOfLargeLatticesDoNotWrap) {
+    // Box 512^3 with 26 neighbours: 3.5e9 entries.
+    const std::uint32_t particles = 512U * 512U * 512U;
+    const ListShape vertical{.particle_stride = 1, .slot_stride = particles, .slots = 26};
+    EXPECT_EQ(vertical.at(particles - 1, 25), 26ULL * particles - 1);
+    EXPECT_EQ(list_size(particles, 26, ListLayout::vertical), 26ULL * particles);
+    EXPECT_EQ(list_size(particles, 26, ListLayout::concatenated), 26ULL * particles);
+}
+
+TEST(SpringArrays, HoldEachSpringOnceAndByDirection) {
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        SCOPED_TRACE(name);
+        std::multiset<std::pair<Pair, double>> expected, found;
+        for (const Spring& spring : list_springs(problem))
+            expected.insert({{spring.first, spring.second}, spring.stiffness});
+        const auto springs = list_every_spring<double>(problem);
+        for (std::size_t s = 0; s < springs.ends.size(); ++s)
+            found.insert({{springs.ends[s].first, springs.ends[s].second}, springs.constants[s].stiffness});
+        EXPECT_EQ(found, expected);
+    }
+    const auto springs = list_every_spring<double>(lattice(solid({4, 4, 4})));
+    EXPECT_EQ(springs.ends[0], (SpringEnds{0, 1}));
+    EXPECT_EQ(springs.ends[1], (SpringEnds{1, 2}));
+}
+
+TEST(Placement, GuardsHoldEveryNeighbourOfEveryVoxel) {
+    for (const glm::ivec3 dims : {glm::ivec3{1, 1, 1}, {5, 1, 3}, {7, 6, 5}, {1, 9, 2}}) {
+        const Problem problem = lattice(solid(dims));
+        const Placement placement = place_on_grid(problem.lattice);
+        for (const std::size_t particle : {std::size_t(0), problem.particle_count() - 1}) {
+            for (const Direction& direction : directions()) {
+                const auto at = std::ptrdiff_t(placement.at(particle)) + problem.lattice.stride(direction);
+                EXPECT_GE(at, 0);
+                EXPECT_LT(at, std::ptrdiff_t(placement.words));
+            }
+        }
+    }
+}
+
+TEST(PackedState, RoundTripsInDoublePrecision) {
+    const Problem problem = lattices().at("sparse");
+    const State start = random_state(problem, 0.05, 3);
+    const Placement placement = place_on_grid(problem.lattice);
+    const State back =
+        unpack<double>(problem, pack<double>(problem, start, placement, problem.lattice.mask), placement);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        // x = rest + u rounds to half an ulp of a coordinate under 64, previous x likewise.
+        for (int axis = 0; axis < 3; ++axis) {
+            EXPECT_NEAR(back.displacement[i][axis], start.displacement[i][axis], std::ldexp(1.0, -48));
+            EXPECT_NEAR(back.increment[i][axis], start.increment[i][axis], std::ldexp(1.0, -47));
+        }
+    }
+}
+
+TEST(ActiveBlocks, HoldEveryActiveVoxelAndNoEmptyBlock) {
+    const Problem problem =
+        lattice(make_grid({70, 21, 9}, [](int x, int y, int z) { return x > 40 && y < 3 && z > 5 ? 1 : 0; }));
+    const BlockShape shape = BlockShape::parse("32x4x2");
+    const std::vector<BlockOrigin> origins = active_blocks(problem.lattice, shape);
+    EXPECT_LT(origins.size(), std::size_t(3 * 6 * 5));
+    std::set<std::array<int, 3>> blocks;
+    for (const BlockOrigin& o : origins) blocks.insert({o.x, o.y, o.z});
+    EXPECT_EQ(blocks.size(), origins.size());
+    std::set<std::array<int, 3>> needed;
+    for (const std::uint32_t voxel : problem.lattice.voxel) {
+        const glm::ivec3 c = problem.lattice.coordinates(voxel);
+        needed.insert({c.x / 32 * 32, c.y / 4 * 4, c.z / 2 * 2});
+    }
+    EXPECT_EQ(blocks, needed);
+}
+
+TEST(ActiveBlocks, AreListedOnlyWhereTheyDoNotCoverTheLattice) {
+    EXPECT_TRUE(active_blocks(lattice(solid({33, 5, 3})).lattice, BlockShape::parse("32x4x2")).empty());
+    // More blocks along z than a grid of blocks may have.
+    const std::vector<BlockOrigin> tall =
+        active_blocks(lattice(solid({1, 1, 70000})).lattice, BlockShape::parse("32x8"));
+    ASSERT_EQ(tall.size(), 70000U);
+    EXPECT_EQ(tall.back(), (BlockOrigin{0, 0, 69999, 0}));
+}
+
+TEST(ActiveBlocks, ShapesAreParsed) {
+    EXPECT_EQ(BlockShape::parse("32x4x2"), (BlockShape{32, 4, 2}));
+    EXPECT_EQ(BlockShape::parse("64x4"), (BlockShape{64, 4, 1}));
+    EXPECT_EQ(BlockShape::parse("128"), (BlockShape{128, 1, 1}));
+}
+
+TEST(BeyondGroups, SaysWhyNot) {
+    EXPECT_EQ(beyond_groups(lattices().at("all_groups")), "");
+    EXPECT_NE(beyond_groups(lattices().at("anisotropic")), "");
+    EXPECT_NE(beyond_groups(lattices().at("materials")), "");
+    EXPECT_NE(beyond_groups(networks().at("unstructured")), "");
+    EXPECT_NE(beyond_groups(networks().at("sutured_box")), "");
+}
+
+}  // namespace
+}  // namespace voxspring::cuda

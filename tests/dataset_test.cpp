@@ -1,0 +1,90 @@
+// Particle and spring counts of the datasets, to the last one.
+#include "harness/dataset.h"
+
+#include <gtest/gtest.h>
+
+#include "backends/physics/neighbours.h"
+#include "harness/bad_input.h"
+
+namespace voxspring::testing {
+namespace {
+
+struct Counts {
+    glm::ivec3 dims;
+    std::size_t voxels;
+    std::size_t particles;
+    std::array<std::uint64_t, 3> springs;
+};
+
+void expect_counts(const VoxelGrid& grid, const Counts& expected) {
+    const Problem problem = make_lattice_problem(grid, NEIGHBOUR_BITS);
+    EXPECT_EQ(problem.lattice.voxel_count(), expected.voxels);
+    EXPECT_EQ(grid.label.size(), expected.voxels);
+    EXPECT_EQ(problem.particle_count(), expected.particles);
+    EXPECT_EQ(count_springs(problem).group, expected.springs);
+}
+
+// The paper's Table 1 prints 280240 springs for this box; face + edge can be no more than 279744.
+TEST(Dataset, Box) { expect_counts(make_box({32, 32, 32}), {{}, 32768, 32768, {95232, 184512, 119164}}); }
+
+TEST(Dataset, BoxOfDifferentSides) {
+    // Springs of a W x H x D box by counting one direction of the stencil at a time.
+    expect_counts(
+        make_box({3, 2, 5}),
+        {{}, 30, 30, {2 * 10 + 3 * 5 + 6 * 4, 2 * (2 * 1 * 5 + 2 * 2 * 4 + 3 * 1 * 4), 4 * 2 * 1 * 4}});
+}
+
+class Heart : public ::testing::TestWithParam<Counts> {};
+
+TEST_P(Heart, HasItsCounts) { expect_counts(make_heart(GetParam().dims), GetParam()); }
+
+INSTANTIATE_TEST_SUITE_P(
+    Dataset, Heart,
+    ::testing::Values(Counts{{60, 51, 46}, 140760, 29449, {77101, 143406, 90356}},
+                      Counts{{120, 102, 92}, 1126080, 236609, {664619, 1284842, 834663}},
+                      Counts{{148, 126, 113}, 2107224, 440695, {1252978, 2437827, 1591574}},
+                      Counts{{240, 204, 184}, 9008640, 1887153, {5479345, 10778407, 7096254}},
+                      Counts{{296, 251, 227}, 16865192, 3532872, {10322276, 20371435, 13445616}}),
+    [](const auto& tested) { return "x" + std::to_string(tested.param.dims.x); });
+
+TEST(Dataset, NoVoxelOfTheHeartTouchesTheBorder) {
+    const glm::ivec3 dims{60, 51, 46};
+    const VoxelGrid grid = make_heart(dims);
+    Lattice lattice;
+    lattice.dims = dims;
+    for (std::uint32_t voxel = 0; voxel < grid.label.size(); ++voxel) {
+        if (grid.label[voxel] == 0) continue;
+        const glm::ivec3 at = lattice.coordinates(voxel);
+        for (int axis = 0; axis < 3; ++axis) {
+            EXPECT_GT(at[axis], 0);
+            EXPECT_LT(at[axis], dims[axis] - 1);
+        }
+    }
+}
+
+std::string refusal(glm::ivec3 dims, const Limits& limits) {
+    try {
+        checked_voxel_count(dims, limits, "f", "k");
+    } catch (const BadInput& refused) {
+        return refused.what();
+    }
+    return "accepted";
+}
+
+TEST(Dataset, DimsAreCheckedWithoutOverflow) {
+    EXPECT_EQ(checked_voxel_count({10, 10, 10}, {1000, 0}, "f", "k"), 1000u);
+    EXPECT_EQ(refusal({10, 10, 11}, {1000, 0}),
+              "f: k: 10 x 10 x 11 is not accepted; expected at most 1000 voxels on this machine, not 1100");
+    // 2^60 voxels; in 32 bits the product would be 0.
+    EXPECT_EQ(refusal({1 << 20, 1 << 20, 1 << 20}, Limits::of_this_machine()).rfind("f: k: 1048576 x ", 0),
+              0u);
+    EXPECT_EQ(refusal({5, 0, 5}, {1000, 0}),
+              "f: k: 5 x 0 x 5 is not accepted; expected sides from 1 to 1048576");
+    EXPECT_EQ(refusal({5, 5, -5}, {1000, 0}),
+              "f: k: 5 x 5 x -5 is not accepted; expected sides from 1 to 1048576");
+    EXPECT_LE(Limits::of_this_machine().voxels, 0xFFFFFFFFu);
+    EXPECT_GT(Limits::of_this_machine().particles, 1000000u);
+}
+
+}  // namespace
+}  // namespace voxspring::testing

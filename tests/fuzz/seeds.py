@@ -1,0 +1,89 @@
+"""Writes the seeds that the fuzzers start from: seeds.py FOLDER.
+
+FOLDER/NAME/ gets the seeds of the fuzzer NAME, FOLDER itself the volume that scene seeds name, and
+FOLDER/scene.dict the words that scenes are made of.
+"""
+
+import gzip
+import json
+import pathlib
+import struct
+import sys
+
+VOXELS = bytes([0, 1, 1, 2, 0, 2, 1, 2])
+BOX = {"type": "box", "dims": [4, 3, 2]}
+
+SCENES = [
+    {"dataset": BOX},
+    {"dataset": {"type": "heart", "dims": [12, 11, 10]}, "pinned": {"side": "x-", "fraction": 0.35},
+     "gravity": [8e-4, 0, -2e-3], "damping": 0.00115, "time_step": {"fraction_of_stable": 0.5}},
+    {"dataset": BOX, "spring_groups": ["face", "corner"], "stiffness": {"face": 1, "corner": 0.5},
+     "spacing": [1, 2, 0.5], "mass": 2, "time_step": 0.01},
+    {"dataset": BOX, "pinned": [{"side": "z-", "slices": 1}, {"from": [0, 0, 0], "to": [1, 1, 1]}],
+     "initial": {"displacement": {"random": 0.1, "seed": 7}, "velocity": [1, 0, 0]},
+     "loads": [{"voxel": [3, 2, 1], "force": [0, 0, 1]}]},
+    {"dataset": {"type": "volume", "file": "volume.nrrd", "threshold": 1}, "spacing": 3},
+    {"dataset": {"type": "volume", "file": "volume.nrrd", "labels": [1, 2]},
+     "mass": {"1": 1, "2": 2}, "stiffness": {"1": 1, "2": 0.25}},
+]
+
+WORDS = [
+    "dataset", "type", "box", "heart", "volume", "dims", "file", "threshold", "labels", "spring_groups", "face",
+    "edge", "corner", "spacing", "mass", "stiffness", "damping", "gravity", "time_step", "fraction_of_stable",
+    "pinned", "side", "slices", "fraction", "from", "to", "voxel", "initial", "displacement", "velocity", "random",
+    "seed", "loads", "force", "edits", "description", "$schema", "x-", "x+", "y-", "y+", "z-", "z+", "volume.nrrd",
+]
+
+NRRD_WORDS = [
+    "NRRD0004", "NRRD0005", "type: ", "uint8", "int16", "unsigned short", "float", "double", "long long",
+    "dimension: ", "sizes: ", "encoding: ", "raw", "gzip", "endian: ", "little", "big", "spacings: ", "nan", "inf",
+    "space directions: ", "none", "(1,0,0) (0,1,0) (0,0,1)", "data file: ", "line skip: ", "byte skip: ", ":=", "#",
+]
+
+
+def nrrd(kind, order, encoding, more, data):
+    header = f"NRRD0004\ntype: {kind}\ndimension: 3\nsizes: 2 2 2\nendian: {order}\nencoding: {encoding}\n{more}\n"
+    return header.encode() + data
+
+
+def nifti(order, datatype, data, spacing=(1, 1, 1), slope=0.0):
+    header = struct.pack(order + "i36x8h14xh4x8f3f", 348, 3, 2, 2, 2, 1, 1, 1, 1, datatype, 1, *spacing, 0, 0, 0, 0,
+                         352, slope, 0)
+    return header.ljust(344, b"\0") + b"n+1\0" + b"\0" * 4 + data
+
+
+def scalars(order, code):
+    return struct.pack(order + str(len(VOXELS)) + code, *VOXELS)
+
+
+def quoted(words):
+    return "".join(json.dumps(word) + "\n" for word in words)
+
+
+def main():
+    folder = pathlib.Path(sys.argv[1])
+    seeds = {"scene": [json.dumps(scene).encode() for scene in SCENES]}
+    directions = "space: left-posterior-superior\nspace directions: (0,2,0) (1,0,0) (0,0,0.5)\n"
+    seeds["nrrd"] = [
+        nrrd("uint8", "little", "raw", "spacings: 1 2 0.5\n", VOXELS),
+        nrrd("short", "big", "raw", directions, scalars(">", "h")),
+        nrrd("double", "little", "gzip", "key:=value\n# comment\n", gzip.compress(scalars("<", "d"), mtime=0)),
+    ]
+    seeds["nifti"] = [
+        nifti("<", 2, VOXELS),
+        nifti(">", 4, scalars(">", "h"), (1, 2, 0.5), 2.0),
+        nifti("<", 64, scalars("<", "d")),
+        gzip.compress(nifti("<", 16, scalars("<", "f")), mtime=0),
+    ]
+    for name, files in seeds.items():
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        for number, data in enumerate(files):
+            (folder / name / f"seed{number}").write_bytes(data)
+    (folder / "volume.nrrd").write_bytes(seeds["nrrd"][0])
+    (folder / "scene.dict").write_text(quoted(WORDS))
+    (folder / "nrrd.dict").write_text(quoted(NRRD_WORDS))
+    (folder / "nifti.dict").write_text(quoted(["n+1"]))
+
+
+if __name__ == "__main__":
+    main()

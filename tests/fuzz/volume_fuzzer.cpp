@@ -1,0 +1,42 @@
+// libFuzzer: any bytes as a volume file, READER deciding the format, either become a grid with an active
+// voxel or are refused with BadInput.
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <sstream>
+
+#include "harness/bad_input.h"
+#include "harness/volume.h"
+
+namespace {
+
+void require(bool condition) {
+    if (!condition) std::abort();
+}
+
+template <class Select>
+void try_to(const Select& select) {
+    try {
+        const voxspring::LabelledGrid labelled = select();
+        const auto& label = labelled.grid.label;
+        require(std::any_of(label.begin(), label.end(), [](std::uint8_t l) { return l != 0; }));
+        require(*std::max_element(label.begin(), label.end()) <= labelled.labels.size());
+    } catch (const voxspring::BadInput&) {
+    }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    const voxspring::Limits limits{1 << 16, 1 << 16};
+    std::istringstream stream(std::string(reinterpret_cast<const char*>(data), size));
+    try {
+        const voxspring::Volume volume = voxspring::READER(stream, "volume", limits);
+        require(volume.spacing.x > 0 && volume.spacing.y > 0 && volume.spacing.z > 0);
+        try_to([&] { return above_threshold(volume, 0); });
+        try_to([&] { return with_labels(volume, std::nullopt); });
+        try_to([&] { return with_labels(volume, std::vector<std::int64_t>{2, 1}); });
+    } catch (const voxspring::BadInput&) {
+    }
+    return 0;
+}

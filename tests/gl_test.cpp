@@ -1,0 +1,408 @@
+// What only the OpenGL backends can be asked: that the stencil mask masks, that it and the skipped terms
+// change no bit, that nothing is written beside the particles, and how their failures read.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <cstdlib>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backends/gl/context.h"
+#include "backends/gl/fragment_backend.h"
+#include "backends/gl/program.h"
+#include "backends/gl/texture.h"
+#include "backends/registry.h"
+#include "harness/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+/// Skips its tests where there is no OpenGL.
+class Gl : public ::testing::Test {
+protected:
+    void SetUp() override {
+        try {
+            const gl::Context probe;
+            software_ = probe.capabilities().device.find("llvmpipe") != std::string::npos;
+        } catch (const Unavailable& absent) {
+            GTEST_SKIP() << absent.what();
+        }
+    }
+
+    static std::unique_ptr<gl::FragmentBackend> make(const std::string& specification) {
+        auto backend = BackendSpec::parse(specification).make();
+        return std::unique_ptr<gl::FragmentBackend>(&dynamic_cast<gl::FragmentBackend&>(*backend.release()));
+    }
+
+    bool software_ = false;
+};
+
+/// The same for each of the fragment backends.
+class GlFragment : public Gl, public ::testing::WithParamInterface<std::string> {};
+INSTANTIATE_TEST_SUITE_P(, GlFragment, ::testing::Values("gl_fragment_implicit", "gl_fragment_explicit"));
+
+/// Two thirds full, every term in use.
+Problem problem_with_everything() {
+    Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11, 3), NEIGHBOUR_BITS);
+    problem.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.damping = 0.01;
+    problem.time_step = 0.2;
+    problem.load.assign(problem.particle_count(), glm::dvec3(0));
+    problem.load[7] = {0.01, -0.02, 0.03};
+    pin_base(problem);
+    return problem;
+}
+
+/// The same shape without any optional term, face springs only.
+Problem plain_problem() {
+    Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), FACE_BITS);
+    problem.time_step = 0.2;
+    return problem;
+}
+
+State after(Backend& backend, const Problem& problem, int steps) {
+    backend.upload(problem, random_state(problem, 0.05, 3));
+    backend.step(steps);
+    return backend.download();
+}
+
+void expect_same_bits(const State& one, const State& other) {
+    EXPECT_EQ(one.displacement, other.displacement);
+    EXPECT_EQ(one.increment, other.increment);
+}
+
+TEST_P(GlFragment, SamplesPassedAreTheActiveParticles) {
+    const Problem problem = plain_problem();
+    const auto masked = make(GetParam() + ":mask=stencil");
+    const auto unmasked = make(GetParam() + ":mask=none");
+    masked->upload(problem, state_at_rest(problem));
+    unmasked->upload(problem, state_at_rest(problem));
+    const WorkCount with = masked->count_work();
+    const WorkCount without = unmasked->count_work();
+    EXPECT_EQ(with.at("samples_passed"), problem.particle_count());
+    EXPECT_EQ(without.at("samples_passed"), unmasked->texels(0).size());
+    EXPECT_GT(without.at("samples_passed"), problem.particle_count());
+    // llvmpipe counts every fragment of the triangle, masked or not.
+    const auto invocations = with.find("fragment_shader_invocations");
+    if (!software_ && invocations != with.end()) {
+        EXPECT_EQ(invocations->second, problem.particle_count());
+    }
+}
+
+TEST_P(GlFragment, CountedStepIsAStep) {
+    const Problem problem = problem_with_everything();
+    const auto counted = make(GetParam());
+    counted->upload(problem, random_state(problem, 0.05, 3));
+    counted->step(4);
+    counted->count_work();
+    expect_same_bits(counted->download(), after(*make(GetParam()), problem, 5));
+}
+
+TEST_P(GlFragment, MaskChangesNoBit) {
+    for (const Problem& problem : {plain_problem(), problem_with_everything()}) {
+        expect_same_bits(after(*make(GetParam() + ":mask=stencil"), problem, 20),
+                         after(*make(GetParam() + ":mask=none"), problem, 20));
+    }
+}
+
+TEST_P(GlFragment, SkippedTermsChangeNoBit) {
+    std::vector<std::pair<std::string, Problem>> cases;
+    const auto add = [&](const char* name, Problem problem) { cases.emplace_back(name, std::move(problem)); };
+    add("nothing to skip", problem_with_everything());
+    add("nothing but face springs", plain_problem());
+    Problem problem = problem_with_everything();
+    problem.damping = 0;
+    add("no damping", problem);
+    problem = problem_with_everything();
+    problem.gravity = glm::dvec3(0);
+    add("no gravity", problem);
+    problem = problem_with_everything();
+    problem.load.clear();
+    add("no loads", problem);
+    problem = problem_with_everything();
+    pin(problem, std::vector<std::uint8_t>(problem.particle_count(), 0));
+    add("no pins", problem);
+    problem = problem_with_everything();
+    problem.material.clear();
+    problem.materials = {{1.3, 1}};
+    problem.group_stiffness = {0.9, 0.7, 0.3};
+    add("one material", problem);
+    for (const std::uint32_t groups : {FACE_BITS, EDGE_BITS, CORNER_BITS, FACE_BITS | EDGE_BITS}) {
+        problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), groups);
+        problem.time_step = 0.2;
+        problem.gravity = {0, 0, -2e-3};
+        add("some groups", problem);
+    }
+    for (const auto& [name, scene] : cases) {
+        SCOPED_TRACE(name);
+        expect_same_bits(after(*make(GetParam() + ":terms=needed"), scene, 20),
+                         after(*make(GetParam() + ":terms=all"), scene, 20));
+    }
+}
+
+/// Index of each texel that holds no particle, by its bits.
+std::vector<std::size_t> guards(const std::vector<glm::vec4>& texels) {
+    std::vector<std::size_t> list;
+    for (std::size_t i = 0; i < texels.size(); ++i) {
+        if ((std::bit_cast<std::uint32_t>(texels[i].w) & ACTIVE_BIT) == 0) list.push_back(i);
+    }
+    return list;
+}
+
+using TexelBits = std::array<std::uint32_t, 4>;
+
+TEST_P(GlFragment, MaskedTexelsKeepTheirBits) {
+    const Problem problem = problem_with_everything();
+    const auto backend = make(GetParam() + ":mask=stencil");
+    backend->upload(problem, random_state(problem, 0.05, 3));
+    const std::vector<glm::vec4> before = backend->texels(0);
+    const std::vector<std::size_t> guard = guards(before);
+    ASSERT_EQ(guard.size(), before.size() - problem.particle_count());
+    ASSERT_GT(guard.size(), 0u);
+    for (const std::size_t i : guard) ASSERT_TRUE(std::isnan(before[i].x)) << "no canary in texel " << i;
+    backend->step(7);
+    for (const int age : {0, 1, 2}) {
+        const std::vector<glm::vec4> texels = backend->texels(age);
+        for (const std::size_t i : guard) {
+            EXPECT_EQ(std::bit_cast<TexelBits>(texels[i]), std::bit_cast<TexelBits>(before[i]))
+                << "texel " << i << ", age " << age;
+        }
+    }
+}
+
+TEST_P(GlFragment, UnmaskedTexelsWithoutAParticleStayInactiveAndHarmless) {
+    const Problem problem = problem_with_everything();
+    const auto backend = make(GetParam() + ":mask=none");
+    backend->upload(problem, random_state(problem, 0.05, 3));
+    const std::vector<std::size_t> guard = guards(backend->texels(0));
+    backend->step(20);
+    EXPECT_EQ(guards(backend->texels(0)), guard);
+    // They hold NaN, which would have spread through every neighbour by now.
+    for (const glm::dvec3& u : backend->download().displacement) {
+        ASSERT_TRUE(std::isfinite(u.x) && std::isfinite(u.y) && std::isfinite(u.z));
+    }
+}
+
+TEST_P(GlFragment, InterleavedInstancesDoNotMeet) {
+    const Problem one = problem_with_everything();
+    const Problem other = plain_problem();
+    const State alone = after(*make(GetParam()), one, 12);
+    const State other_alone = after(*make("gl_fragment_implicit:mask=none"), other, 12);
+
+    const auto first = make(GetParam());
+    auto second = make("gl_fragment_implicit:mask=none");
+    first->upload(one, random_state(one, 0.05, 3));
+    second->upload(other, random_state(other, 0.05, 3));
+    for (int n = 0; n < 6; ++n) {
+        first->step(1);
+        second->step(2);
+    }
+    expect_same_bits(second->download(), other_alone);
+    second.reset();
+    first->step(6);
+    expect_same_bits(first->download(), alone);
+}
+
+TEST_P(GlFragment, DeviceTimeAgreesWithHostTime) {
+    Problem problem = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
+    problem.time_step = 0.25;
+    const auto backend = make(GetParam());
+    backend->upload(problem, state_at_rest(problem));
+    backend->step(4);
+    Timing timing = backend->timed_step(4);
+    // Enough steps that neither starting the first nor waiting for the last matters: 50 ms.
+    const int steps = int(4 * std::ceil(0.05 / timing.host_seconds)) + 4;
+    timing = backend->timed_step(steps);
+    // The marks lie between the readings of the host clock; the clocks differ by parts in a million. A clock
+    // that stops while steps run, or that counts what follows them, misses half of it or more.
+    EXPECT_LE(timing.device_seconds, 1.001 * timing.host_seconds);
+    EXPECT_GE(timing.device_seconds, 0.5 * timing.host_seconds);
+    EXPECT_EQ(backend->capabilities().clock, "GL_TIMESTAMP");
+}
+
+TEST_P(GlFragment, EstimatesItsBytes) {
+    const BackendEntry& entry = registry().at(GetParam());
+    const Problem box = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
+    const auto bytes = [&](const Problem& problem, const std::string& tuning) {
+        return entry.bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
+    };
+    // Three positions of 16 bytes and the stencil's one; lists of 18 neighbours of 4 bytes each.
+    const std::uint64_t list = GetParam() == "gl_fragment_explicit" ? 18 * 4 : 0;
+    const std::uint64_t plain = bytes(box, "");
+    EXPECT_GE(plain, box.particle_count() * (49 + list));
+    EXPECT_LE(double(plain), 1.02 * double(box.particle_count() * (49 + list)));
+    EXPECT_LT(bytes(box, ":mask=none"), plain);
+    EXPECT_GT(bytes(box, ":terms=all"), plain);
+    EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
+}
+
+TEST_F(Gl, GridBeyondTheTextureLimitIsUnsupported) {
+    const auto backend = make("gl_fragment_implicit");
+    Problem problem;
+    for (const glm::ivec3 dims : {glm::ivec3(1 << 20, 1, 1), glm::ivec3(1, 1 << 20, 1),
+                                  glm::ivec3(1 << 15, 1 << 15, 2), glm::ivec3(1 << 12, 1 << 12, 1 << 10)}) {
+        problem.lattice.dims = dims;
+        EXPECT_THAT(backend->unsupported(problem),
+                    AllOf(HasSubstr("grid of " + std::to_string(dims.x) + " x " + std::to_string(dims.y)),
+                          HasSubstr("exceeds the texture limit of ")));
+    }
+    problem.lattice.dims = {1, 1, 1 << 20};  // slices fold into rows
+    EXPECT_THAT(backend->unsupported(problem), IsEmpty());
+    problem.lattice.dims = {1 << 7, 1 << 7, 1 << 14};  // 4 GiB a texture
+    if (software_) {
+        EXPECT_THAT(backend->unsupported(problem), HasSubstr("more bytes than the driver allows"));
+    }
+}
+
+TEST_F(Gl, SlicesInSeveralColumnsFollowTheReference) {
+    // 80000 rows of voxels: more than a texture is high, so that slices lie beside each other too.
+    Problem problem = make_lattice_problem(random_grid({2, 16, 5000}, 0.8, 5), NEIGHBOUR_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.time_step = 0.2;
+    const int steps = 3;
+    const State reference = after(*BackendSpec::parse("cpu_reference").make(), problem, steps);
+    const auto backend = make("gl_fragment_implicit");
+    ASSERT_THAT(backend->unsupported(problem), IsEmpty());
+    const Comparison comparison =
+        compare(problem, after(*backend, problem, steps), reference, Precision::float32, steps);
+    EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    EXPECT_LE(double(backend->texels(0).size()), 1.01 * double(problem.lattice.voxel_count()));
+}
+
+/// `arms` particles around one, each joined to it by a spring; on no grid.
+Problem star(std::uint32_t arms) {
+    Problem problem;
+    problem.rest_position.assign(arms + 1, glm::dvec3(0));
+    for (std::uint32_t i = 1; i <= arms; ++i) {
+        const double angle = 2 * 3.14159265358979 * i / arms;
+        problem.rest_position[i] = {std::cos(angle), std::sin(angle), 0.1 * i / arms};
+        problem.springs.push_back({0, i, 1.0 + 0.5 * i / arms, 0.9});
+    }
+    problem.time_step = 0.1;
+    return problem;
+}
+
+TEST_F(Gl, SpringsBeyondTheGridNeedExplicitAddressing) {
+    const auto implicit = make("gl_fragment_implicit");
+    const auto explicit_lists = make("gl_fragment_explicit");
+    Problem sutured = plain_problem();
+    sutured.springs.push_back({0, std::uint32_t(sutured.particle_count() - 1), 0.1, 3});
+    EXPECT_THAT(implicit->unsupported(sutured), HasSubstr("springs beyond the grid"));
+    EXPECT_THAT(implicit->unsupported(star(5)), HasSubstr("explicit addressing"));
+    EXPECT_THAT(explicit_lists->unsupported(sutured), IsEmpty());
+    EXPECT_THAT(explicit_lists->unsupported(star(5)), IsEmpty());
+    EXPECT_THAT(explicit_lists->unsupported(star(100000)),
+                AllOf(HasSubstr("100000 springs"), HasSubstr("texture layers")));
+}
+
+TEST_F(Gl, ExplicitFollowsTheReferenceBeyondTheGrid) {
+    Problem sutured = problem_with_everything();
+    const auto last = std::uint32_t(sutured.particle_count() - 1);
+    sutured.springs = {{0, last, 0.1, 9}, {1, last - 2, 0.2, 8}, {0, 1, 0.3, 1}};
+    for (const Problem& problem : {sutured, star(7)}) {
+        const int steps = 20;
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        const State reference = after(*oracle, problem, steps);
+        for (const char* tuning : {"", ":mask=none", ":terms=all"}) {
+            const State state = after(*make("gl_fragment_explicit" + std::string(tuning)), problem, steps);
+            const Comparison comparison = compare(problem, state, reference, Precision::float32, steps);
+            EXPECT_TRUE(comparison.passed()) << comparison.reason;
+        }
+    }
+}
+
+TEST_F(Gl, ErrorsSurfaceAtTheNextCheck) {
+    const gl::Context context;
+    EXPECT_NO_THROW(context.check("testing"));
+    glEnable(GL_RGBA32F);  // no capability
+    try {
+        context.check("testing");
+        FAIL() << "no DeviceError";
+    } catch (const DeviceError& error) {
+        EXPECT_THAT(error.what(), AllOf(HasSubstr("GL_INVALID_ENUM"), HasSubstr("while testing")));
+    }
+    EXPECT_NO_THROW(context.check("testing"));
+    const int limit = context.max_texture_size();
+    EXPECT_FALSE(gl::fits(gl::rgba32f, {limit + 1, 1}));
+    EXPECT_THROW(gl::make_texture(context, gl::rgba32f, {limit + 1, 1}, nullptr), DeviceError);
+}
+
+// --- The shader loader --------------------------------------------------------------------------------
+
+std::string reason_of_loading(const std::string& file, const gl::Files& files) {
+    try {
+        gl::load_source(file, {}, files);
+    } catch (const DeviceError& error) {
+        return error.what();
+    }
+    return {};
+}
+
+TEST(ShaderLoader, WritesVersionDefinesAndIncludesOnce) {
+    const gl::Source source = gl::load_source(
+        "a", {{"TERM", "1"}},
+        {{"a", "#include \"b\"\n#include <cmath>\nint a;\n#include \"b\"\n"}, {"b", "int b;\n"}});
+    EXPECT_EQ(source.text, "#version 450 core\n#define VOXSPRING_GLSL\n#define TERM 1\nint b;\nint a;\n");
+    EXPECT_EQ(source.origin, (std::vector<std::string>{"", "", "", "b:1", "a:3"}));
+}
+
+TEST(ShaderLoader, NamesTheFileItCannotInclude) {
+    EXPECT_THAT(reason_of_loading("nowhere.frag", {}), HasSubstr("no shader 'nowhere.frag'"));
+    EXPECT_THAT(reason_of_loading("a.frag", {{"a.frag", "\n\n#include \"b.glsl\"\n"}}),
+                HasSubstr("a.frag:3: no file to include: 'b.glsl'"));
+}
+
+TEST_F(Gl, CompileErrorNamesFileAndLine) {
+    const gl::Context context;
+    const gl::Files files{{"outer.frag", "#include \"inner.glsl\"\nvoid main() {}\n"},
+                          {"inner.glsl", "float right;\n\nfloat wrong = nonsense;\n"}};
+    try {
+        gl::Program(context, gl::load_source("full_screen.vert", {}),
+                    gl::load_source("outer.frag", {}, files));
+        FAIL() << "compiled";
+    } catch (const DeviceError& error) {
+        EXPECT_THAT(error.what(), AllOf(HasSubstr("outer.frag does not compile"), HasSubstr("inner.glsl:3")));
+    }
+    EXPECT_NO_THROW(context.check("testing")) << "a compile error is told once";
+}
+
+TEST_F(Gl, LinkErrorNamesItsShaders) {
+    const gl::Context context;
+    const gl::Files files{
+        {"lone.frag", "float undefined();\nout vec4 c;\nvoid main() { c = vec4(undefined()); }\n"}};
+    EXPECT_THROW(gl::Program(context, gl::load_source("full_screen.vert", {}),
+                             gl::load_source("lone.frag", {}, files)),
+                 DeviceError);
+}
+
+// --- No OpenGL ----------------------------------------------------------------------------------------
+
+TEST(NoGl, AMissingDriverIsASkipAndNoCrash) {
+    // A fresh process, since this one may have loaded a driver already.
+    GTEST_FLAG_SET(death_test_style, "threadsafe");
+    EXPECT_EXIT(
+        {
+            setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent", 1);
+            setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent.json", 1);
+            try {
+                BackendSpec::parse("gl_fragment_implicit").make();
+            } catch (const Unavailable& absent) {
+                std::fprintf(stderr, "Unavailable: %s\n", absent.what());
+                std::exit(0);
+            }
+            std::exit(1);
+        },
+        ::testing::ExitedWithCode(0), "Unavailable: no OpenGL");
+}
+
+}  // namespace
+}  // namespace voxspring::testing

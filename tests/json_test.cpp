@@ -1,0 +1,171 @@
+// The strict JSON reader: what it takes, what it refuses, and what it says about it.
+#include "harness/json.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <string>
+
+#include "harness/bad_input.h"
+#include "tests/volume_files.h"
+
+namespace voxspring::testing {
+namespace {
+
+/// What `use` is refused with.
+template <class Use>
+std::string refusal(const Use& use) {
+    try {
+        use();
+    } catch (const BadInput& refused) {
+        return refused.what();
+    }
+    return "accepted";
+}
+
+std::string parse_refusal(const std::string& text) {
+    return refusal([&] { parse_json(text, "f.json"); });
+}
+
+JsonValue value(const std::string& text) {
+    return parse_json("{\"a\": {\"b\": " + text + "}}", "f.json").require("a").object().require("b");
+}
+
+TEST(Json, SyntaxErrorsNameLineAndColumn) {
+    EXPECT_EQ(parse_refusal("{\n  \"a\": 1,\n  \"b\" 2\n}"),
+              "f.json: line 3, column 7: 2 is not accepted; expected JSON: ':'");
+    EXPECT_EQ(parse_refusal("{\"a\": nul}"),
+              "f.json: line 1, column 10: nul} is not accepted; expected JSON: invalid literal");
+    EXPECT_EQ(parse_refusal("{\"a\": NaN}"),
+              "f.json: line 1, column 7: N is not accepted; expected JSON: invalid literal");
+    for (const std::string text :
+         {"", " ", "{", "{\"a\": ", "{\"a\": 1,}", "{\"a\": 1} {}", "{\"a\": Infinity}", "{'a': 1}",
+          "{\"a\": 01}", "{\"a\": +1}", "{\"a\": .5}", "{\"a\": \"\x01\"}", "{\"a\": \"\xff\"}", "\xff\xfe",
+          "{\"a\": 1} // comment", "{\"a\": \"\\ud800\"}"}) {
+        const std::string message = parse_refusal(text);
+        EXPECT_EQ(message.rfind("f.json: line 1, column ", 0), 0u) << text << " -> " << message;
+    }
+}
+
+TEST(Json, OnlyAnObjectIsADocument) {
+    EXPECT_EQ(parse_refusal("[1]"), "f.json: [1] is not accepted; expected an object");
+    EXPECT_EQ(parse_refusal("null"), "f.json: null is not accepted; expected an object");
+}
+
+TEST(Json, AKeyGivenTwiceIsRefused) {
+    EXPECT_EQ(parse_refusal(R"({"a": [0, {"b": 1, "b": 2}]})"),
+              "f.json: a[1].b: a second value is not accepted; expected each key once");
+    EXPECT_EQ(parse_refusal(R"({"a": 1, "a": 1})"),
+              "f.json: a: a second value is not accepted; expected each key once");
+    EXPECT_EQ(parse_refusal(R"({"a": {"b": 1}, "b": {"b": 1}})"), "accepted");
+}
+
+TEST(Json, NumbersThatOverflowAreRefused) {
+    EXPECT_EQ(parse_refusal("{\"a\": 1e999}"),
+              "f.json: line 1, column 11: 1e999 is not accepted; expected a number that a 64-bit float can "
+              "hold");
+    EXPECT_EQ(parse_refusal("{\"a\": -" + std::string(400, '9') + "}").substr(0, 30),
+              "f.json: line 1, column 407: -9");
+    EXPECT_EQ(value("123456789012345678901234567890").number(), 123456789012345678901234567890.0);
+}
+
+TEST(Json, DeepNestingIsRefusedHoweverDeep) {
+    for (const int depth : {40, 1000000}) {
+        const std::string message = parse_refusal("{\"a\": " + std::string(std::size_t(depth), '['));
+        EXPECT_EQ(message.rfind("f.json: a[0][0]", 0), 0u) << message;
+        EXPECT_NE(message.find("deeper nesting is not accepted; expected at most 32"), std::string::npos);
+    }
+    EXPECT_EQ(parse_refusal("{\"a\": " + std::string(31, '[') + std::string(31, ']') + "}"), "accepted");
+}
+
+TEST(Json, Numbers) {
+    EXPECT_EQ(value("-2.5").number(), -2.5);
+    EXPECT_EQ(value("3").number(0, 3), 3);
+    const auto refused = [](const std::string& text) { return refusal([&] { value(text).number(0, 3); }); };
+    EXPECT_EQ(refused("3.01"), "f.json: a.b: 3.01 is not accepted; expected a number from 0 to 3");
+    EXPECT_EQ(refused("true"), "f.json: a.b: true is not accepted; expected a number from 0 to 3");
+    EXPECT_EQ(refused("\"1\""), "f.json: a.b: \"1\" is not accepted; expected a number from 0 to 3");
+}
+
+TEST(Json, WholeNumbers) {
+    constexpr std::int64_t largest = (std::int64_t{1} << 53) - 1;
+    EXPECT_EQ(value("7").integer(0, 7), 7);
+    EXPECT_EQ(value("7.0").integer(0, 7), 7);
+    EXPECT_EQ(value("-9007199254740991").integer(-largest, 0), -largest);
+    // As a double the first of these is the second.
+    for (const std::string text : {"9007199254740993", "9007199254740992"})
+        EXPECT_NE(refusal([&] { value(text).integer(0, largest); }), "accepted");
+    for (const std::string text :
+         {"8", "-1", "6.5", "18446744073709551615", "1e300", "-1e300", "null", "[]"}) {
+        EXPECT_EQ(
+            refusal([&] { value(text).integer(0, 7); }),
+            "f.json: a.b: " + value(text).text() + " is not accepted; expected a whole number from 0 to 7");
+    }
+}
+
+TEST(Json, OtherTypes) {
+    EXPECT_TRUE(value("true").boolean());
+    EXPECT_EQ(value("\"x\"").string(), "x");
+    EXPECT_EQ(value("\"x\"").one_of({"y", "x"}), "x");
+    EXPECT_EQ(value("[1, 2, 3]").vec3(3), glm::dvec3(1, 2, 3));
+    EXPECT_EQ(value("[1, [2]]").array()[1].array(1, 1)[0].path(), "a.b[1][0]");
+    EXPECT_EQ(refusal([] { value("0").boolean(); }),
+              "f.json: a.b: 0 is not accepted; expected true or false");
+    EXPECT_EQ(refusal([] { value("\"\"").string(); }),
+              "f.json: a.b: \"\" is not accepted; expected a string that is not empty");
+    EXPECT_EQ(refusal([] {
+                  value("\"z\"").one_of({"y", "x"});
+              }),
+              "f.json: a.b: \"z\" is not accepted; expected one of y, x");
+    EXPECT_EQ(refusal([] { value("[1, 2, 4]").vec3(3); }),
+              "f.json: a.b[2]: 4 is not accepted; expected a number from -3 to 3");
+    EXPECT_EQ(refusal([] { value("[1, 2]").vec3(3); }),
+              "f.json: a.b: [1,2] is not accepted; expected an array of 3 numbers");
+    EXPECT_EQ(refusal([] { value("[1]").array(2); }),
+              "f.json: a.b: [1] is not accepted; expected an array of 2 elements or more");
+    EXPECT_EQ(refusal([] { value("1").array(); }), "f.json: a.b: 1 is not accepted; expected an array");
+    EXPECT_EQ(refusal([] { value("1").object(); }), "f.json: a.b: 1 is not accepted; expected an object");
+}
+
+TEST(Json, UnknownAndMissingKeysAreRefused) {
+    JsonObject object = parse_json(R"({"a": 1, "c": {"x": 2}})", "f.json");
+    EXPECT_TRUE(object.find("a").has_value());
+    EXPECT_FALSE(object.find("b").has_value());
+    EXPECT_EQ(refusal([&] { object.finish(); }),
+              "f.json: c: {\"x\":2} is not accepted; expected the keys: a, b");
+    EXPECT_EQ(refusal([&] { object.require("d", "a whole number"); }),
+              "f.json: d: nothing is not accepted; expected a whole number");
+    JsonObject inner = object.require("c").object();
+    EXPECT_EQ(refusal([&] { inner.finish(); }), "f.json: c.x: 2 is not accepted; expected the keys of c: ");
+    EXPECT_EQ(inner.items().at(0).first, "x");
+    EXPECT_EQ(refusal([&] { inner.finish(); }), "accepted");
+}
+
+TEST(Json, MessagesAreOnePrintableLine) {
+    const std::string message = refusal(
+        [] { parse_json(R"({"a\nb": ")" + std::string(500, 'x') + "\\u0007\"}", "f\n.json").finish(); });
+    EXPECT_EQ(message.rfind("f\\x0a.json: a\\x0ab: \"xxx", 0), 0u) << message;
+    EXPECT_EQ(message.find('\n'), std::string::npos);
+    EXPECT_LT(message.size(), 200u);
+    EXPECT_NE(message.find("xxx... is not accepted"), std::string::npos) << message;
+    // A cut never leaves half a character.
+    EXPECT_NE(std::string(BadInput("f", "k", std::string(79, 'x') + "\xc3\xa9\xc3\xa9", "e").what())
+                  .find("x... is"),
+              std::string::npos);
+}
+
+TEST(Json, FilesAreReadWhole) {
+    const TemporaryFolder folder;
+    EXPECT_EQ(read_json(folder.write("good.json", "{\"a\": 5}")).require("a").number(), 5);
+    EXPECT_EQ(refusal([&] { read_json(folder.path() / "absent.json"); }),
+              (folder.path() / "absent.json").string() + ": no file is not accepted; expected a JSON file");
+    EXPECT_EQ(refusal([&] { read_json(folder.path()); }),
+              folder.path().string() + ": no file is not accepted; expected a JSON file");
+    const std::string large = folder.write("large.json", "{}");
+    std::filesystem::resize_file(large, (std::uintmax_t{16} << 20) + 1);
+    EXPECT_EQ(refusal([&] { read_json(large); }),
+              large + ": 16777217 bytes is not accepted; expected a file of at most 16777216 bytes");
+}
+
+}  // namespace
+}  // namespace voxspring::testing

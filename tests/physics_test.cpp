@@ -1,0 +1,344 @@
+// The oracle, and with it every backend that this machine can run, against closed forms and symmetries.
+//
+// Closed forms are those of the discrete recurrence, not of the differential equation, so that nothing but
+// rounding is left and rounding_tolerance() (harness/verify.h) is the bound unless a test says otherwise.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <memory>
+#include <numbers>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+class Physics : public ::testing::TestWithParam<std::string> {
+protected:
+    void SetUp() override {
+        try {
+            backend = spec.make();
+        } catch (const Unavailable& absent) {
+            GTEST_SKIP() << absent.what();
+        }
+    }
+
+    State run(const Problem& problem, const State& start, int steps) {
+        EXPECT_EQ(backend->unsupported(problem), "");
+        backend->upload(problem, start);
+        backend->step(steps);
+        return backend->download();
+    }
+
+    void expect_close(const Problem& problem, const State& state, const State& expected, int steps) {
+        const Comparison comparison = compare(problem, state, expected, spec.options.precision, steps);
+        EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+    }
+
+    /// Half an ulp of 1.
+    double unit() const { return spec.options.precision == Precision::float32 ? 0x1p-24 : 0x1p-53; }
+
+    const BackendSpec spec = BackendSpec::parse(GetParam());
+    std::unique_ptr<Backend> backend;
+};
+
+/// z_{n+1} = z_n + (1 - lambda)(z_n - z_{n-1}) - w z_n, what the integrator makes of z'' = -omega^2 z with
+/// w = (omega dt)^2: z_n = rho^n (a cos n phi + b sin n phi), rho^2 = 1 - lambda,
+/// cos phi = (2 - lambda - w) / (2 rho).
+struct Oscillator {
+    double rho, phi, a, b;
+
+    Oscillator(double w, double lambda, double z0, double z_before)
+        : rho(std::sqrt(1 - lambda)), phi(std::acos((2 - lambda - w) / (2 * rho))), a(z0) {
+        // z_{-1} = (a cos phi - b sin phi) / rho
+        b = (a * std::cos(phi) - rho * z_before) / std::sin(phi);
+    }
+    double at(int n) const { return std::pow(rho, n) * (a * std::cos(n * phi) + b * std::sin(n * phi)); }
+};
+
+TEST_P(Physics, OneSpringOscillatesAtTheDiscreteFrequencyOfVerlet) {
+    Problem problem = make_lattice_problem(solid({2, 1, 1}), FACE_BITS);
+    problem.group_stiffness = {3, 1, 1};
+    problem.materials = {{0.5, 1}};
+    problem.time_step = 0.2;
+    // The stretch s of the spring obeys s'' = -(2 k / m) s.
+    const double omega = std::sqrt(2 * 3 / 0.5);
+    const double phi = 2 * std::asin(omega * problem.time_step / 2);
+    const double amplitude = 0.1;
+    State start = state_at_rest(problem);
+    start.displacement = {{-amplitude / 2, 0, 0}, {amplitude / 2, 0, 0}};
+    const double first_step = amplitude * (1 - std::cos(phi)) / 2;  // from s_{-1} = A cos(phi)
+    start.increment = {{-first_step, 0, 0}, {first_step, 0, 0}};
+    for (const int steps : {1, 2, 3, 10, 100, 1000}) {
+        State expected = state_at_rest(problem);
+        const double stretch = amplitude * std::cos(steps * phi);
+        expected.displacement = {{-stretch / 2, 0, 0}, {stretch / 2, 0, 0}};
+        expect_close(problem, run(problem, start, steps), expected, steps);
+    }
+}
+
+TEST_P(Physics, APinnedSpringWithMassOscillatesDampedAboutItsEquilibrium) {
+    for (const double lambda : {0.0, 0.01, 0.3}) {
+        Problem problem = make_lattice_problem(solid({1, 1, 2}), FACE_BITS);
+        pin_base(problem);
+        problem.group_stiffness = {2, 1, 1};
+        problem.materials = {{1.5, 1}};
+        problem.gravity = {0, 0, -0.05};
+        problem.damping = lambda;
+        problem.time_step = 0.3;
+        const double sag = -0.05 * 1.5 / 2;
+        State start = state_at_rest(problem);
+        start.displacement[1].z = 0.02;
+        start.increment[1].z = 0.003;
+        const Oscillator z(2 / 1.5 * 0.3 * 0.3, lambda, 0.02 - sag, 0.02 - 0.003 - sag);
+        for (const int steps : {1, 2, 3, 10, 100, 1000}) {
+            State expected = state_at_rest(problem);
+            expected.displacement[1].z = sag + z.at(steps);
+            expect_close(problem, run(problem, start, steps), expected, steps);
+        }
+    }
+}
+
+TEST_P(Physics, AnUnstructuredSpringIsTheSame) {
+    Problem problem;
+    problem.rest_position = {{0.5, 0, 0}, {0.5, 2, 0}};
+    problem.springs = {{0, 1, 3, 2}};
+    problem.time_step = 0.2;
+    if (const std::string why = backend->unsupported(problem); !why.empty()) GTEST_SKIP() << why;
+    State start = state_at_rest(problem);
+    start.displacement[0].y = -0.05;
+    start.displacement[1].y = 0.05;
+    const Oscillator stretch(2 * 3 * 0.2 * 0.2, 0, 0.1, 0.1);
+    for (const int steps : {1, 10, 100}) {
+        State expected = state_at_rest(problem);
+        expected.displacement[0].y = -stretch.at(steps) / 2;
+        expected.displacement[1].y = stretch.at(steps) / 2;
+        expect_close(problem, run(problem, start, steps), expected, steps);
+    }
+}
+
+TEST_P(Physics, TheShortestWaveHasTheFrequencyOfTheInfiniteLattice) {
+    // u = (-1)^x A along x, the wave q = (pi, 0, 0) of the highest frequency: omega^2 = 4 k1 + 8 k2 + 16/3
+    // k3. The border's influence travels one voxel a step: the centre has not felt it before step 8.
+    const glm::ivec3 dims(17);
+    const int steps = 7;
+    // Springs across the wave are geometrically nonlinear, which at first order cancels between opposite
+    // neighbours; the strain of 2 A squared is left, of an acceleration of 4 A. And displacements this small
+    // must stand out against the rounding of positions.
+    const double amplitude = spec.options.precision == Precision::float32 ? 5e-3 : 1e-4;
+    const std::vector<std::array<double, 3>> stiffnesses = {
+        {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 0}, {1, 0.5, 0.25}};
+    for (const auto& k : stiffnesses) {
+        const std::uint32_t groups =
+            (k[0] > 0 ? FACE_BITS : 0u) | (k[1] > 0 ? EDGE_BITS : 0u) | (k[2] > 0 ? CORNER_BITS : 0u);
+        Problem problem = make_lattice_problem(solid(dims), groups);
+        problem.group_stiffness = k;
+        const double omega_squared = 4 * k[0] + 8 * k[1] + 16.0 / 3 * k[2];
+        problem.time_step = 0.8 * 2 / std::sqrt(omega_squared);
+        State start = state_at_rest(problem);
+        for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+            start.displacement[i].x = int(problem.rest_position[i].x) % 2 == 0 ? amplitude : -amplitude;
+        }
+        const State end = run(problem, start, steps);
+        const Oscillator wave(omega_squared * problem.time_step * problem.time_step, 0, amplitude, amplitude);
+        const auto centre = std::size_t((8 * 17 + 8) * 17 + 8);
+        ASSERT_EQ(problem.rest_position[centre], glm::dvec3(8));
+        const double tolerance = double(steps * steps) * amplitude * 4 * amplitude * amplitude +
+                                 rounding_tolerance(problem, end, spec.options.precision, steps);
+        ASSERT_LT(tolerance, amplitude / 40) << "too loose to tell a frequency";
+        EXPECT_NEAR(end.displacement[centre].x, wave.at(steps), tolerance);
+        EXPECT_NEAR(end.displacement[centre].y, 0, tolerance);
+        EXPECT_NEAR(end.displacement[centre].z, 0, tolerance);
+    }
+}
+
+TEST_P(Physics, ParticlesWithoutSpringsFallFreely) {
+    for (const double lambda : {0.0, 0.05}) {
+        Problem problem = make_lattice_problem(
+            make_grid({6, 5, 4}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
+        ASSERT_EQ(count_springs(problem).total(), 0u);
+        problem.materials = {{2, 1}};
+        problem.gravity = {0.01, 0, -0.02};
+        problem.damping = lambda;
+        problem.time_step = 0.5;
+        problem.load.assign(problem.particle_count(), glm::dvec3(0));
+        problem.load[7] = {0, 0.1, 0};
+        const State start = random_state(problem, 0.1, 21);
+        const int steps = 50;
+        // The increment v obeys v_n = (1 - lambda) v_{n-1} + a dt^2.
+        double retained = 1, sum_retained = 0, sum_acceleration = 0, weight = 0;
+        for (int n = 1; n <= steps; ++n) {
+            weight = weight * (1 - lambda) + 1;
+            retained *= 1 - lambda;
+            sum_retained += retained;
+            sum_acceleration += weight;
+        }
+        if (lambda == 0) {
+            EXPECT_EQ(sum_acceleration, steps * (steps + 1) / 2);
+        }
+        State expected = start;
+        for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+            const glm::dvec3 acceleration = problem.gravity + problem.load[i] / 2.0;
+            expected.displacement[i] +=
+                start.increment[i] * sum_retained + acceleration * 0.25 * sum_acceleration;
+        }
+        expect_close(problem, run(problem, start, steps), expected, steps);
+    }
+}
+
+TEST_P(Physics, ALatticeAtRestStaysAtRest) {
+    for (const double lambda : {0.0, 0.01}) {
+        Problem problem = make_lattice_problem(random_grid({19, 8, 7}, 0.8, 22), NEIGHBOUR_BITS);
+        problem.damping = lambda;
+        problem.time_step = 0.3;
+        const State rest = state_at_rest(problem);
+        const State end = run(problem, rest, 200);
+        // To the bit wherever the square root is rounded correctly, since then every spring between integer
+        // coordinates measures its rest length; OpenGL does not promise that.
+        if (backend->capabilities().api == "CPU") {
+            EXPECT_EQ(end.displacement, rest.displacement);
+            EXPECT_EQ(end.increment, rest.increment);
+        } else {
+            expect_close(problem, end, rest, 200);
+        }
+    }
+}
+
+TEST_P(Physics, MomentumIsConservedWithoutExternalForce) {
+    Problem problem = make_lattice_problem(random_grid({11, 10, 9}, 0.8, 23, 2), NEIGHBOUR_BITS);
+    problem.materials = {{1, 1}, {3, 0.5}};
+    problem.time_step = 0.2;
+    if (const std::string why = backend->unsupported(problem); !why.empty()) GTEST_SKIP() << why;
+    const State start = random_state(problem, 0.05, 24);
+    const int steps = 300;
+    const State end = run(problem, start, steps);
+    glm::dvec3 before(0), after(0);
+    double scale = 0;
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        const double mass = problem.material_of(i).mass;
+        before += mass * start.increment[i];
+        after += mass * end.increment[i];
+        scale += mass * glm::length(start.increment[i]);
+    }
+    // Each particle and step rounds a momentum by a few m u |x|, of either sign: a random walk of
+    // particles times steps. Three standard deviations of it, with 3 for "a few".
+    const double walk = std::sqrt(double(problem.particle_count()) * steps);
+    const double tolerance = 3 * 3 * 3.0 * unit() * 11 * walk;
+    ASSERT_LT(tolerance, scale / 50) << "too loose to tell momentum from its loss";
+    EXPECT_LT(glm::length(after - before), tolerance);
+}
+
+TEST_P(Physics, AxesArePermutable) {
+    // The box turned so that axis a lies along (a + 1) % 3, and everything in it.
+    const glm::ivec3 dims(13, 6, 9);
+    const glm::dvec3 spacing(0.8, 1.0, 1.3);
+    const VoxelGrid grid = random_grid(dims, 0.8, 25);
+    const auto turned = [](const auto& v) { return std::decay_t<decltype(v)>(v.z, v.x, v.y); };
+    const auto label = [&](int x, int y, int z) {
+        return int(grid.label[std::size_t((z * dims.y + y) * dims.x + x)]);
+    };
+    Problem problem = make_lattice_problem(grid, NEIGHBOUR_BITS);
+    problem = make_lattice_problem(make_grid(dims, label, spacing), NEIGHBOUR_BITS);
+    Problem turned_problem = make_lattice_problem(
+        make_grid(
+            turned(dims), [&](int x, int y, int z) { return label(y, z, x); }, turned(spacing)),
+        NEIGHBOUR_BITS);
+    for (Problem* p : {&problem, &turned_problem}) {
+        p->group_stiffness = {1, 0.5, 0.25};
+        p->damping = 0.01;
+        p->time_step = 0.2;
+    }
+    problem.gravity = {0.01, -0.02, 0.03};
+    turned_problem.gravity = turned(problem.gravity);
+
+    if (const std::string why = backend->unsupported(problem); !why.empty()) GTEST_SKIP() << why;
+
+    const auto turned_particle = particle_of_voxel(turned_problem.lattice);
+    const auto index_of_turned = [&](std::size_t i) {
+        const glm::ivec3 c = turned(problem.lattice.coordinates(problem.lattice.voxel[i]));
+        const glm::ivec3 d = turned_problem.lattice.dims;
+        return std::size_t(turned_particle[std::size_t((c.z * d.y + c.y) * d.x + c.x)]);
+    };
+    const State start = random_state(problem, 0.05, 26);
+    State turned_start = state_at_rest(turned_problem);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        turned_start.displacement[index_of_turned(i)] = turned(start.displacement[i]);
+        turned_start.increment[index_of_turned(i)] = turned(start.increment[i]);
+    }
+
+    // The same but for the order in which a particle's forces are summed, hence for rounding.
+    const int steps = 50;
+    const State end = run(problem, start, steps);
+    const State turned_end = run(turned_problem, turned_start, steps);
+    State expected = turned_end;
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        expected.displacement[index_of_turned(i)] = turned(end.displacement[i]);
+    }
+    expect_close(turned_problem, turned_end, expected, steps);
+}
+
+TEST_P(Physics, UndampedMotionRunsBackwards) {
+    Problem problem = make_lattice_problem(random_grid({8, 7, 6}, 0.8, 27), FACE_BITS | EDGE_BITS);
+    pin_base(problem);
+    problem.gravity = {0, 0.01, -0.02};
+    problem.time_step = 0.2;
+    const State start = random_state(problem, 0.05, 28);
+    const int steps = 60;
+    State end = run(problem, start, steps);
+    // Verlet is symmetric in x_{n+1} and x_{n-1}: start again from x_{n-1} with x_n behind it.
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        end.displacement[i] -= end.increment[i];
+        end.increment[i] = -end.increment[i];
+    }
+    expect_close(problem, run(problem, end, steps - 1), start, 2 * steps);
+}
+
+TEST_P(Physics, CoincidentParticlesStayFinite) {
+    Problem problem = make_lattice_problem(solid({2, 1, 1}), FACE_BITS);
+    problem.time_step = 0.2;
+    State start = state_at_rest(problem);
+    start.displacement[1].x = -1;
+    // No direction to push in: they stay where they are.
+    EXPECT_EQ(run(problem, start, 10).displacement, start.displacement);
+
+    problem = make_lattice_problem(solid({5, 5, 5}), NEIGHBOUR_BITS);
+    problem.damping = 0.05;
+    problem.time_step = 0.2;
+    start = state_at_rest(problem);
+    start.displacement[62].x = 1;  // the centre, onto its neighbour
+    const State end = run(problem, start, 100);
+    for (const glm::dvec3& u : end.displacement) {
+        ASSERT_TRUE(std::isfinite(u.x) && std::isfinite(u.y) && std::isfinite(u.z));
+        // Springs that hold the energy of one voxel's displacement move no particle far.
+        EXPECT_LT(glm::length(u), 2);
+    }
+}
+
+std::vector<std::string> every_backend() {
+    std::vector<std::string> specs;
+    for (const auto& [name, entry] : registry()) {
+        for (const Precision precision : entry.precisions) {
+            specs.push_back(name + ":precision=" + to_string(precision));
+        }
+    }
+    return specs;
+}
+
+std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
+    std::string name = tested.param;
+    for (char& c : name) {
+        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
+    }
+    return name;
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, Physics, ::testing::ValuesIn(every_backend()), test_name);
+
+}  // namespace
+}  // namespace voxspring::testing

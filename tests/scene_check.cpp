@@ -1,0 +1,18 @@
+// Reads one scene document a line and answers for each, on a line, "accepted" or why it was refused:
+// what tests/schema_test.py compares with the published schema. Makes no voxels.
+#include <iostream>
+#include <string>
+
+#include "harness/bad_input.h"
+#include "harness/scene_file.h"
+
+int main() {
+    for (std::string text; std::getline(std::cin, text);) {
+        try {
+            voxspring::read_scene_file(voxspring::parse_json(text, "scene"));
+            std::cout << "accepted\n";
+        } catch (const voxspring::BadInput& refused) {
+            std::cout << refused.what() << '\n';
+        }
+    }
+}

@@ -1,0 +1,327 @@
+// Scenes: the built-in ones, what a file's keys become, and how each kind of bad input is refused.
+#include "harness/scene.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "backends/physics/neighbours.h"
+#include "harness/bad_input.h"
+#include "harness/scene_file.h"
+#include "harness/stability.h"
+#include "tests/volume_files.h"
+
+namespace voxspring::testing {
+namespace {
+
+constexpr Limits small{100000, 10000};
+
+Scene parse(const std::string& text) { return parse_scene(text, "scene", small); }
+
+/// A scene of a 4 x 3 x 2 box with more keys.
+Scene box_with(const std::string& keys) {
+    return parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}, )" + keys + "}");
+}
+
+template <class Use>
+std::string refusal(const Use& use) {
+    try {
+        use();
+    } catch (const BadInput& refused) {
+        return refused.what();
+    }
+    return "accepted";
+}
+
+std::vector<std::size_t> pinned_particles(const Problem& problem) {
+    std::vector<std::size_t> list;
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        if (problem.is_pinned(i)) list.push_back(i);
+    }
+    return list;
+}
+
+struct Expected {
+    std::string argument;
+    std::size_t voxels, particles;
+    std::uint64_t springs;
+    std::size_t pinned;
+};
+
+TEST(Scene, BuiltinScenesHaveTheirCounts) {
+    for (const Expected& expected :
+         {Expected{"box", 32768, 32768, 279744, 1024}, Expected{"heart", 140760, 29449, 220507, 8188},
+          Expected{"heart@120x102x92", 1126080, 236609, 1949461, 68965},
+          Expected{"beam", 8192, 8192, 63456, 64}, Expected{"free", 13824, 13824, 115920, 0},
+          Expected{"box@5", 125, 125, 780, 25}}) {
+        SCOPED_TRACE(expected.argument);
+        const Scene scene = load_scene(expected.argument);
+        EXPECT_EQ(scene.name, expected.argument);
+        EXPECT_EQ(scene.problem.lattice.voxel_count(), expected.voxels);
+        EXPECT_EQ(scene.problem.particle_count(), expected.particles);
+        EXPECT_EQ(count_springs(scene.problem).total(), expected.springs);
+        EXPECT_EQ(pinned_particles(scene.problem).size(), expected.pinned);
+        EXPECT_EQ(scene.problem.time_step, 0.5 * scene.stable_time_step);
+        EXPECT_FALSE(scene.description.empty());
+    }
+}
+
+TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
+    std::vector<std::string> names;
+    for (const BuiltinScene& scene : builtin_scenes()) {
+        names.push_back(scene.name);
+        EXPECT_EQ(load_scene(scene.name).description, scene.description);
+    }
+    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart"}));
+}
+
+// Backends skip what a vector that is empty stands for.
+TEST(Scene, WhatASceneDoesNotNeedIsAbsent) {
+    const Scene scene = parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}})");
+    EXPECT_TRUE(scene.problem.material.empty());
+    EXPECT_TRUE(scene.problem.pinned.empty());
+    EXPECT_TRUE(scene.problem.load.empty());
+    EXPECT_TRUE(scene.problem.springs.empty());
+    EXPECT_FALSE(scene.problem.has_gravity());
+    EXPECT_EQ(scene.problem.damping, 0);
+    EXPECT_EQ(scene.problem.group_bits, FACE_BITS | EDGE_BITS);
+    EXPECT_EQ(scene.problem.time_step, 0.8 * scene.stable_time_step);
+    EXPECT_EQ(scene.state.displacement, state_at_rest(scene.problem).displacement);
+    EXPECT_EQ(scene.state.increment, state_at_rest(scene.problem).increment);
+    EXPECT_TRUE(box_with(R"("pinned": [], "loads": [], "initial": {})").problem.load.empty());
+}
+
+TEST(Scene, PhysicalParameters) {
+    const Scene scene = box_with(R"("mass": 2, "stiffness": 3, "damping": 0.5, "gravity": [1, 2, 3],
+        "spring_groups": ["corner", "face"], "spacing": [1, 2, 3], "time_step": 0.125)");
+    EXPECT_EQ(scene.problem.materials.size(), 1u);
+    EXPECT_EQ(scene.problem.materials[0].mass, 2);
+    EXPECT_EQ(scene.problem.group_stiffness, (std::array<double, 3>{3, 3, 3}));
+    EXPECT_EQ(scene.problem.damping, 0.5);
+    EXPECT_EQ(scene.problem.gravity, glm::dvec3(1, 2, 3));
+    EXPECT_EQ(scene.problem.group_bits, FACE_BITS | CORNER_BITS);
+    EXPECT_EQ(scene.problem.rest_position.back(), glm::dvec3(3, 4, 3));
+    EXPECT_EQ(scene.problem.rest_length[1], 1);
+    EXPECT_DOUBLE_EQ(scene.problem.rest_length[19], std::sqrt(14.0));
+    EXPECT_EQ(scene.problem.time_step, 0.125);
+    EXPECT_EQ(scene.stable_time_step, stable_time_step(scene.problem));
+    EXPECT_EQ(box_with(R"("spacing": 0.5)").problem.lattice.spacing, glm::dvec3(0.5));
+    const Scene groups =
+        box_with(R"("spring_groups": ["edge", "face"], "stiffness": {"face": 2, "edge": 0.5})");
+    EXPECT_EQ(groups.problem.group_stiffness, (std::array<double, 3>{2, 0.5, 1}));
+    EXPECT_EQ(groups.problem.time_step, 0.8 * stable_time_step(groups.problem));
+}
+
+TEST(Scene, Regions) {
+    const auto pinned = [](const std::string& region) {
+        return pinned_particles(box_with("\"time_step\": 1, \"pinned\": " + region).problem);
+    };
+    using List = std::vector<std::size_t>;
+    EXPECT_EQ(pinned(R"({"side": "x-"})"), (List{0, 4, 8, 12, 16, 20}));
+    EXPECT_EQ(pinned(R"({"side": "x+", "slices": 2})"), (List{2, 3, 6, 7, 10, 11, 14, 15, 18, 19, 22, 23}));
+    EXPECT_EQ(pinned(R"({"side": "y+"})"), (List{8, 9, 10, 11, 20, 21, 22, 23}));
+    EXPECT_EQ(pinned(R"({"side": "z-", "slices": 99})").size(), 24u);
+    EXPECT_EQ(pinned(R"({"side": "z+", "fraction": 0.01})").size(), 12u);
+    EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.5})").size(), 12u);
+    EXPECT_EQ(pinned(R"({"from": [1, 0, 1], "to": [2, 1, 1]})"), (List{13, 14, 17, 18}));
+    EXPECT_EQ(pinned(R"([{"voxel": [0, 0, 0]}, {"voxel": [3, 2, 1]}, {"voxel": [0, 0, 0]}])"), (List{0, 23}));
+    const Scene scene = box_with(R"("pinned": {"voxel": [1, 0, 0]})");
+    EXPECT_NE(scene.problem.lattice.mask[1] & PINNED_BIT, 0u);
+    EXPECT_EQ(scene.problem.lattice.mask[2] & PINNED_BIT, 0u);
+}
+
+TEST(Scene, SidesAreCountedFromTheFirstActiveSlice) {
+    const Scene heart = load_scene("heart");
+    for (const std::size_t i : pinned_particles(heart.problem)) {
+        // Active from x = 1 to 55; 0.35 of 55 slices is 19.
+        EXPECT_LE(heart.problem.rest_position[i].x, 19);
+    }
+}
+
+TEST(Scene, LoadsAddUp) {
+    const Scene scene = box_with(R"("loads": [{"voxel": [1, 0, 0], "force": [1, 0, 0]},
+        {"side": "z-", "force": [0, 2, 0]}])");
+    ASSERT_EQ(scene.problem.load.size(), 24u);
+    EXPECT_EQ(scene.problem.load[0], glm::dvec3(0, 2, 0));
+    EXPECT_EQ(scene.problem.load[1], glm::dvec3(1, 2, 0));
+    EXPECT_EQ(scene.problem.load[12], glm::dvec3(0));
+}
+
+TEST(Scene, InitialState) {
+    const Scene scene = box_with(R"("pinned": {"voxel": [0, 0, 0]}, "time_step": 0.5,
+        "initial": {"displacement": [1, 2, 3], "velocity": [4, 0, -2]})");
+    EXPECT_EQ(scene.state.displacement[0], glm::dvec3(0));
+    EXPECT_EQ(scene.state.increment[0], glm::dvec3(0));
+    EXPECT_EQ(scene.state.displacement[1], glm::dvec3(1, 2, 3));
+    EXPECT_EQ(scene.state.increment[1], glm::dvec3(2, 0, -1));
+}
+
+TEST(Scene, RandomStatesRepeat) {
+    const auto random = [](const std::string& seed) {
+        return box_with(R"("initial": {"displacement": {"random": 0.25, "seed": )" + seed + "}}")
+            .state.displacement;
+    };
+    EXPECT_EQ(random("5"), random("5"));
+    EXPECT_NE(random("5"), random("6"));
+    double largest = 0;
+    double smallest = 0;
+    for (const glm::dvec3& u : random("5")) {
+        largest = std::max({largest, u.x, u.y, u.z});
+        smallest = std::min({smallest, u.x, u.y, u.z});
+    }
+    EXPECT_LE(largest, 0.25);
+    EXPECT_GE(smallest, -0.25);
+    EXPECT_GT(largest - smallest, 0.4);
+    // The first output of std::mt19937_64 for its default seed is 14514284786278117030 (C++ standard:
+    // the 10000th is 9981545732273789042; this is its first), so these bits hold on every machine.
+    EXPECT_EQ(random("5489")[0].x, 0.25 * (std::ldexp(double(14514284786278117030u >> 11), -52) - 1));
+}
+
+TEST(Scene, VolumesByThresholdAndLabels) {
+    const TemporaryFolder folder;
+    const std::vector<double> voxels = {0, 1, 1, 0, 2, 2, 0, 2};
+    folder.write("v.nrrd", nrrd_file("type: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n"
+                                     "spacings: 1 2 3\n",
+                                     bytes_of_values<std::uint8_t>(voxels)));
+    const auto scene = [&](const std::string& dataset, const std::string& keys) {
+        const std::string text =
+            R"({"dataset": {"type": "volume", "file": "v.nrrd")" + dataset + "}" + keys + "}";
+        return load_scene(folder.write("s.json", text), small);
+    };
+    const Scene threshold = scene("", "");
+    EXPECT_EQ(threshold.name, "s");
+    EXPECT_EQ(threshold.problem.lattice.voxel, (std::vector<std::uint32_t>{1, 2, 4, 5, 7}));
+    EXPECT_EQ(threshold.problem.lattice.spacing, glm::dvec3(1, 2, 3));
+    EXPECT_TRUE(threshold.problem.material.empty());
+    EXPECT_EQ(scene(R"(, "threshold": 1.5)", "").problem.lattice.voxel,
+              (std::vector<std::uint32_t>{4, 5, 7}));
+    EXPECT_EQ(scene(R"(, "labels": [1])", R"(, "spacing": 7)").problem.lattice.spacing, glm::dvec3(7));
+
+    const Scene labelled = scene("", R"(, "mass": {"2": 20, "1": 10}, "stiffness": {"1": 3, "2": 4})");
+    EXPECT_EQ(labelled.problem.material, (std::vector<std::uint8_t>{0, 0, 1, 1, 1}));
+    ASSERT_EQ(labelled.problem.materials.size(), 2u);
+    EXPECT_EQ(labelled.problem.materials[0].mass, 10);
+    EXPECT_EQ(labelled.problem.materials[0].stiffness, 3);
+    EXPECT_EQ(labelled.problem.materials[1].mass, 20);
+    EXPECT_EQ(labelled.problem.materials[1].stiffness, 4);
+    const Scene one_of_them = scene(R"(, "labels": [2])", R"(, "mass": {"2": 20})");
+    EXPECT_EQ(one_of_them.problem.particle_count(), 3u);
+    EXPECT_EQ(one_of_them.problem.materials[0].mass, 20);
+    // Equal values make one material.
+    EXPECT_FALSE(scene("", R"(, "mass": {"1": 2, "2": 2})").problem.has_materials());
+
+    const auto refused = [&](const std::string& dataset, const std::string& keys) {
+        const std::string message = refusal([&] { scene(dataset, keys); });
+        return message.substr(message.find(": ") + 2);
+    };
+    EXPECT_EQ(refused("", R"(, "mass": {"1": 2})"),
+              "mass: {\"1\":2} is not accepted; expected a value for each of the labels 1, 2");
+    EXPECT_EQ(
+        refused("", R"(, "mass": {"1": 2, "2": 2, "3": 2})"),
+        "mass: {\"1\":2,\"2\":2,\"3\":2} is not accepted; expected values for no other labels than 1, 2");
+    EXPECT_EQ(refused("", R"(, "mass": {"1": 2, "2": 3}, "stiffness": {"face": 1, "edge": 1})"),
+              "stiffness: {\"edge\":1,\"face\":1} is not accepted; expected one value, or one a label, where "
+              "masses differ between labels");
+    EXPECT_EQ(refused(R"(, "threshold": 2)", ""),
+              "threshold: 2 is not accepted; expected one below the largest value in the volume, 2, so that "
+              "some voxel is active");
+    EXPECT_EQ(refused(R"(, "labels": [3])", ""),
+              "labels: 3 is not accepted; expected labels that some voxel carries");
+}
+
+TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
+    const TemporaryFolder folder;
+    const std::string data(4 * 5 * 6, '\3');
+    const std::string file = folder.write(
+        "wall.seg.nii.gz", gzipped(nifti_file(nifti_header({4, 5, 6}, 2, {0.5F, 0.5F, 2}), data)));
+    const Scene scene = load_scene(file, small);
+    const Scene heart = load_scene("heart");
+    EXPECT_EQ(scene.name, "wall.seg");
+    EXPECT_EQ(scene.problem.particle_count(), 120u);
+    EXPECT_EQ(scene.problem.lattice.spacing, glm::dvec3(0.5, 0.5, 2));
+    EXPECT_EQ(scene.problem.gravity, heart.problem.gravity);
+    EXPECT_EQ(scene.problem.damping, heart.problem.damping);
+    EXPECT_EQ(pinned_particles(scene.problem).size(), 30u);
+    EXPECT_EQ(
+        refusal([&] {
+            load_scene(file, {100, 100});
+        }),
+        file + ": dim: 4 x 5 x 6 is not accepted; expected at most 100 voxels on this machine, not 120");
+    EXPECT_EQ(refusal([&] {
+                  load_scene(file, {200, 100});
+              }),
+              file + ": dataset: 120 active voxels is not accepted; expected at most 100 on this machine");
+}
+
+TEST(Scene, SceneFilesCanBeResized) {
+    const TemporaryFolder folder;
+    const std::string file =
+        folder.write("my@2.json", R"({"dataset": {"type": "box", "dims": [2, 2, 2]}, "description": "d"})");
+    EXPECT_EQ(load_scene(file).name, "my@2");
+    EXPECT_EQ(load_scene(file + "@3x4x5").name, "my@2@3x4x5");
+    EXPECT_EQ(load_scene(file + "@3x4x5").problem.lattice.dims, glm::ivec3(3, 4, 5));
+    EXPECT_EQ(load_scene(file).description, "d");
+}
+
+TEST(Scene, BadArgumentsAreRefused) {
+    const TemporaryFolder folder;
+    const auto refused = [](const std::string& argument) {
+        return refusal([&] { load_scene(argument, small); });
+    };
+    EXPECT_EQ(refused("bax"),
+              "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart), a scene "
+              "file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
+    for (const std::string suffix :
+         {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"}) {
+        EXPECT_EQ(refused("box" + suffix),
+                  "box" + suffix + ": dims: " + suffix + " is not accepted; expected @N or @WxHxD");
+    }
+    EXPECT_EQ(refused("box@0"),
+              "box@0: dataset.dims: 0 x 0 x 0 is not accepted; expected sides from 1 to 1048576");
+    EXPECT_EQ(refused("box@99999999999999999999").substr(0, 40), "box@99999999999999999999: dataset.dims: ");
+    EXPECT_EQ(refused("box@47"),
+              "box@47: dataset.dims: 47 x 47 x 47 is not accepted; expected at most 100000 voxels on this "
+              "machine, not 103823");
+    EXPECT_EQ(refused("box@30"),
+              "box@30: dataset: 27000 active voxels is not accepted; expected at most 10000 on this machine");
+    EXPECT_EQ(refused("absent.json"), "absent.json: no file is not accepted; expected a JSON file");
+    EXPECT_EQ(refused("absent.nrrd"), "absent.nrrd: no file is not accepted; expected a volume file");
+    EXPECT_EQ(refused(folder.write("v.json", R"({"dataset": {"type": "volume", "file": "v.nrrd"}})") + "@4")
+                  .substr(folder.path().string().size()),
+              "/v.json@4: dims: @4 is not accepted; expected no dims: a volume keeps its own");
+    EXPECT_EQ(refused(folder.write("twice.json", "{\"dataset\": 1,\n \"dataset\": 2}"))
+                  .substr(folder.path().string().size()),
+              "/twice.json: dataset: a second value is not accepted; expected each key once");
+}
+
+// The documents that tests/schema_test.py holds against the published schema.
+class Corpus : public ::testing::Test {
+protected:
+    Corpus() { std::ifstream(VOXSPRING_SCENE_CORPUS) >> corpus_; }
+    nlohmann::json corpus_;
+};
+
+TEST_F(Corpus, GoodDocumentsAreAccepted) {
+    ASSERT_GT(corpus_["accepted"].size(), 5u);
+    for (const auto& scene : corpus_["accepted"])
+        EXPECT_NO_THROW(read_scene_file(parse_json(scene.dump(), "scene"))) << scene;
+}
+
+TEST_F(Corpus, BadDocumentsAreRefusedInOneLine) {
+    ASSERT_GT(corpus_["refused"].size(), 50u);
+    for (const auto& bad : corpus_["refused"]) {
+        EXPECT_EQ(refusal([&] { read_scene_file(parse_json(bad["scene"].dump(), "scene")); }), bad["message"])
+            << bad["scene"];
+    }
+}
+
+TEST_F(Corpus, DocumentsThatDoNotFitTheirVoxelsAreRefused) {
+    ASSERT_GT(corpus_["refused_with_voxels"].size(), 5u);
+    for (const auto& bad : corpus_["refused_with_voxels"])
+        EXPECT_EQ(refusal([&] { parse(bad["scene"].dump()); }), bad["message"]) << bad["scene"];
+}
+
+}  // namespace
+}  // namespace voxspring::testing

@@ -1,0 +1,196 @@
+// The study on backends that misbehave: each takes down its own row and nothing else.
+#include "harness/study.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+
+#include "backends/cpu_backend.h"
+#include "backends/registry.h"
+#include "harness/bad_input.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::Contains;
+using ::testing::HasSubstr;
+
+/// cpu_reference with a fault.
+class Faulty : public CpuBackend {
+public:
+    enum class Fault {
+        none,
+        unavailable,
+        unsupported,
+        device_error_in_upload,
+        device_error_in_step,
+        wrong,
+        nan
+    };
+
+    explicit Faulty(Fault fault) : fault_(fault), sound_(BackendSpec::parse("cpu_reference").make()) {
+        if (fault == Fault::unavailable) throw Unavailable("no such device");
+    }
+    Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
+    std::string unsupported(const Problem&) const override {
+        return fault_ == Fault::unsupported ? "grid of 8 exceeds the limit of 7" : "";
+    }
+    void upload(const Problem& problem, const State& state) override {
+        if (fault_ == Fault::device_error_in_upload) throw DeviceError("out of memory");
+        sound_->upload(problem, state);
+        ++uploads_;
+    }
+    void step(int count) override {
+        // The third upload is the second timed repetition.
+        if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
+        sound_->step(count);
+    }
+    State download() override {
+        State state = sound_->download();
+        if (fault_ == Fault::wrong) state.displacement.back().x += 0.1;
+        if (fault_ == Fault::nan) state.displacement.front().y = std::numeric_limits<double>::quiet_NaN();
+        return state;
+    }
+
+private:
+    Fault fault_;
+    std::unique_ptr<Backend> sound_;
+    int uploads_ = 0;
+};
+
+Registered faulty(const std::string& name, Faulty::Fault fault) {
+    return Registered({.name = name,
+                       .summary = "A backend for this test.",
+                       .precisions = {Precision::float64},
+                       .formulations = {"position"},
+                       .tuning = {},
+                       .make = [fault](const Options&) { return std::make_unique<Faulty>(fault); },
+                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+
+const Registered test_backends[] = {
+    faulty("test_sound", Faulty::Fault::none),
+    faulty("test_unavailable", Faulty::Fault::unavailable),
+    faulty("test_unsupported", Faulty::Fault::unsupported),
+    faulty("test_device_error_in_upload", Faulty::Fault::device_error_in_upload),
+    faulty("test_device_error_in_step", Faulty::Fault::device_error_in_step),
+    faulty("test_wrong", Faulty::Fault::wrong),
+    faulty("test_nan", Faulty::Fault::nan),
+};
+
+Study study_of(const std::vector<std::string>& backends) {
+    Study study;
+    study.name = "test";
+    study.repetitions = 3;
+    study.steps = 4;
+    study.backends = backends;
+    study.scenes = {{"box@5", 4, {}}};
+    return study;
+}
+
+const nlohmann::json& row_of(const nlohmann::json& list, const std::string& backend) {
+    for (const auto& row : list) {
+        if (row.at("backend") == backend) return row;
+    }
+    throw std::runtime_error("no row of " + backend);
+}
+
+TEST(Study, AFaultTakesDownItsOwnRowOnly) {
+    const nlohmann::json result = run_study(study_of({"test_*"}), {});
+
+    EXPECT_EQ(result.at("skipped").size(), 2u);
+    EXPECT_EQ(row_of(result.at("skipped"), "test_unavailable").at("reason"), "no such device");
+    EXPECT_THAT(std::string(row_of(result.at("skipped"), "test_unsupported").at("reason")),
+                HasSubstr("limit of 7"));
+
+    EXPECT_EQ(result.at("failed").size(), 4u);
+    EXPECT_EQ(row_of(result.at("failed"), "test_device_error_in_upload").at("reason"), "out of memory");
+    EXPECT_EQ(row_of(result.at("failed"), "test_device_error_in_step").at("reason"), "device lost");
+    EXPECT_THAT(std::string(row_of(result.at("failed"), "test_wrong").at("reason")),
+                HasSubstr("particle 124"));
+    EXPECT_THAT(std::string(row_of(result.at("failed"), "test_nan").at("reason")),
+                HasSubstr("particle 0 is not finite"));
+
+    for (const auto& row : result.at("benchmarks")) EXPECT_EQ(row.at("backend"), "test_sound");
+    EXPECT_EQ(result.at("benchmarks").size(), 3u + 4u) << "3 repetitions, mean, median, stddev, cv";
+    EXPECT_EQ(row_of(result.at("verification"), "test_sound").at("error_max"), 0.0);
+    EXPECT_EQ(row_of(result.at("verification"), "test_wrong").at("passed"), false);
+    EXPECT_TRUE(row_of(result.at("verification"), "test_nan").at("error_max").is_null());
+}
+
+TEST(Study, RatesFollowFromTimes) {
+    const nlohmann::json result = run_study(study_of({"test_sound"}), {});
+    for (const auto& row : result.at("benchmarks")) {
+        if (row.at("run_type") != "iteration") continue;
+        EXPECT_EQ(row.at("iterations"), 4);
+        EXPECT_EQ(row.at("particles"), 125);
+        EXPECT_EQ(row.at("springs"), 3 * 4 * 25 + 6 * 16 * 5);
+        const double seconds = row.at("real_time").get<double>() * 1e-6;
+        EXPECT_NEAR(row.at("particle_updates_per_second").get<double>() * seconds, 125, 1e-6);
+        EXPECT_NEAR(row.at("spring_updates_per_second").get<double>() * seconds, 780, 1e-6);
+        EXPECT_GE(row.at("host_seconds_per_step").get<double>(), seconds);
+    }
+}
+
+TEST(Study, SelectsAndAdds) {
+    StudyOptions options;
+    options.backends = {"*reference", "test_sound"};
+    options.scenes = {"beam@3x3x5"};
+    options.repetitions = 1;
+    const nlohmann::json result = run_study(study_of({"test_sound", "test_wrong"}), options);
+    EXPECT_TRUE(result.at("failed").empty());
+    ASSERT_EQ(result.at("benchmarks").size(), 2u);
+    EXPECT_EQ(result.at("benchmarks")[0].at("scene"), "beam@3x3x5");
+
+    options.backends = {"no_such_*"};
+    EXPECT_THROW(run_study(study_of({"test_sound"}), options), BadInput);
+    options.backends = {};
+    options.scenes = {"no_such_scene"};
+    EXPECT_THROW(run_study(study_of({"test_sound"}), options), BadInput);
+}
+
+class StudyFile : public ::testing::Test {
+protected:
+    std::filesystem::path path_ = std::filesystem::path(::testing::TempDir()) / "study_test.json";
+    void write(const std::string& text) { std::ofstream(path_) << text; }
+    void TearDown() override { std::filesystem::remove(path_); }
+    std::string refusal() {
+        try {
+            load_study(path_.string());
+        } catch (const BadInput& error) {
+            return error.what();
+        }
+        return "accepted";
+    }
+};
+
+TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
+    write(R"({"backends": ["cpu_*"], "scenes": []})");
+    EXPECT_THAT(refusal(), HasSubstr("scenes"));
+    write(R"({"backends": ["vulkan_*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("study_test.json"), HasSubstr("backends[0]"),
+                                            HasSubstr("vulkan_*"), HasSubstr("cpu_reference")));
+    write(R"({"backends": ["cpu_reference:precision=float16"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("float16"), HasSubstr("float64")));
+    write(R"({"backends": ["*"], "scenes": [{"scene": "box", "step": 3}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("scenes[0]"), HasSubstr("step"), HasSubstr("steps")));
+    write(R"({"backends": ["*"], "scenes": [{"scene": "box", "steps": 0}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("scenes[0].steps"), HasSubstr("0")));
+    write(R"({"backends": ["*"], "scenes": [{"scene": "box"}], "repetitions": 2.5})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("repetitions"), HasSubstr("2.5")));
+    write(R"({"backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_EQ(refusal(), "accepted");
+}
+
+TEST(BuiltinStudies, AllLoad) {
+    std::vector<std::string> names;
+    for (const auto& study : builtin_studies()) names.push_back(study.name);
+    EXPECT_THAT(names, Contains("default"));
+}
+
+}  // namespace
+}  // namespace voxspring::testing

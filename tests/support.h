@@ -1,0 +1,84 @@
+// Small problems and states that several tests share.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <functional>
+#include <glm/vec3.hpp>
+#include <random>
+
+#include "backends/physics/neighbours.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::testing {
+
+/// A grid whose voxel (x, y, z) carries `label(x, y, z)`; 0 is inactive.
+inline VoxelGrid make_grid(glm::ivec3 dims, const std::function<int(int, int, int)>& label,
+                           glm::dvec3 spacing = glm::dvec3(1)) {
+    VoxelGrid grid{dims, spacing, {}};
+    for (int z = 0; z < dims.z; ++z) {
+        for (int y = 0; y < dims.y; ++y) {
+            for (int x = 0; x < dims.x; ++x) grid.label.push_back(std::uint8_t(label(x, y, z)));
+        }
+    }
+    return grid;
+}
+
+inline VoxelGrid solid(glm::ivec3 dims, glm::dvec3 spacing = glm::dvec3(1)) {
+    return make_grid(
+        dims, [](int, int, int) { return 1; }, spacing);
+}
+
+/// Each voxel active with probability `fill`.
+inline VoxelGrid random_grid(glm::ivec3 dims, double fill, unsigned seed, int labels = 1) {
+    std::mt19937 generator(seed);
+    std::uniform_real_distribution<double> uniform(0, 1);
+    std::uniform_int_distribution<int> label(1, labels);
+    return make_grid(dims, [&](int, int, int) { return uniform(generator) < fill ? label(generator) : 0; });
+}
+
+/// Particles at random places in a box, on no grid, and as many random springs of random stiffness, most of
+/// them stressed: springs may repeat, and a particle may have none.
+inline Problem random_network(std::size_t particles, std::size_t springs, unsigned seed) {
+    std::mt19937 generator(seed);
+    std::uniform_real_distribution<double> place(0, 4), stiffness(0.01, 0.1), rest(0.5, 3);
+    std::uniform_int_distribution<std::uint32_t> end(0, std::uint32_t(particles - 1));
+    Problem problem;
+    for (std::size_t i = 0; i < particles; ++i) {
+        const double x = place(generator), y = place(generator), z = place(generator);
+        problem.rest_position.push_back({x, y, z});
+    }
+    while (problem.springs.size() < springs) {
+        const std::uint32_t a = end(generator), b = end(generator);
+        if (a == b) continue;
+        const double k = stiffness(generator), l = rest(generator);
+        problem.springs.push_back({std::min(a, b), std::max(a, b), k, l});
+    }
+    return problem;
+}
+
+/// Every particle displaced by up to `amplitude` and moving by up to a tenth of it a step; pinned ones still.
+inline State random_state(const Problem& problem, double amplitude, unsigned seed) {
+    std::mt19937 generator(seed);
+    std::uniform_real_distribution<double> uniform(-amplitude, amplitude);
+    const auto vector = [&] {
+        const double x = uniform(generator), y = uniform(generator), z = uniform(generator);
+        return glm::dvec3(x, y, z);
+    };
+    State state = state_at_rest(problem);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        state.displacement[i] = vector();
+        if (!problem.is_pinned(i)) state.increment[i] = 0.1 * vector();
+    }
+    return state;
+}
+
+/// Pins the particles of the lowest slice that has any.
+inline void pin_base(Problem& problem) {
+    std::vector<std::uint8_t> pinned(problem.particle_count());
+    const double base = problem.rest_position.front().z;
+    for (std::size_t i = 0; i < pinned.size(); ++i) pinned[i] = problem.rest_position[i].z == base;
+    pin(problem, std::move(pinned));
+}
+
+}  // namespace voxspring::testing

@@ -1,0 +1,131 @@
+// The verifier, above all on states that must fail.
+#include "harness/verify.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr int steps = 10;
+
+class Verify : public ::testing::Test {
+protected:
+    Comparison compared(Precision precision = Precision::float32) const {
+        return compare(problem, state, reference, precision, steps);
+    }
+
+    const Problem problem = make_lattice_problem(solid({6, 5, 4}), FACE_BITS);
+    const State reference = random_state(problem, 0.05, 3);
+    State state = reference;
+};
+
+TEST_F(Verify, PassesTheReferenceItself) {
+    const Comparison comparison = compared();
+    EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    EXPECT_TRUE(comparison.finite);
+    EXPECT_EQ(comparison.max, 0);
+    EXPECT_EQ(comparison.rms, 0);
+    EXPECT_EQ(comparison.relative_l2, 0);
+    EXPECT_GT(comparison.tolerance, 0);
+}
+
+TEST_F(Verify, PassesRoundingOfThatPrecisionAndNotOfALesserOne) {
+    for (std::size_t i = 0; i < state.displacement.size(); ++i) {
+        const glm::dvec3 x = problem.rest_position[i];
+        state.displacement[i] = glm::dvec3(glm::vec3(x + state.displacement[i])) - x;
+    }
+    EXPECT_TRUE(compared(Precision::float32).passed());
+    EXPECT_GT(compared(Precision::float32).max, 0);
+    EXPECT_FALSE(compared(Precision::float64).passed());
+}
+
+TEST_F(Verify, FailsOnWhatIsNotFinite) {
+    for (const double bad :
+         {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),
+          -std::numeric_limits<double>::infinity()}) {
+        for (const int axis : {0, 1, 2}) {
+            for (const std::size_t particle : {std::size_t(0), state.displacement.size() - 1}) {
+                state = reference;
+                state.displacement[particle][axis] = bad;
+                const Comparison comparison = compared();
+                EXPECT_FALSE(comparison.passed());
+                EXPECT_FALSE(comparison.finite);
+                EXPECT_EQ(comparison.worst, particle);
+                EXPECT_THAT(comparison.reason, HasSubstr("not finite"));
+            }
+        }
+    }
+}
+
+TEST_F(Verify, FailsOnAFlippedSign) {
+    state.displacement[17].y = -state.displacement[17].y;
+    const Comparison comparison = compared();
+    EXPECT_FALSE(comparison.passed());
+    EXPECT_EQ(comparison.worst, 17u);
+    EXPECT_DOUBLE_EQ(comparison.max, 2 * std::abs(reference.displacement[17].y));
+}
+
+TEST_F(Verify, FailsOnAWrongLastElement) {
+    state.displacement.back().z += 1e-3;
+    const Comparison comparison = compared();
+    EXPECT_FALSE(comparison.passed());
+    EXPECT_EQ(comparison.worst, state.displacement.size() - 1);
+    EXPECT_NEAR(comparison.max, 1e-3, 1e-15);
+    EXPECT_NEAR(comparison.rms, 1e-3 / std::sqrt(double(state.displacement.size())), 1e-15);
+}
+
+TEST_F(Verify, FailsOnTwoParticlesSwapped) {
+    std::swap(state.displacement[40], state.displacement[41]);
+    EXPECT_FALSE(compared().passed());
+}
+
+TEST_F(Verify, FailsOnAStateThatNeverMoved) {
+    state = state_at_rest(problem);
+    const Comparison comparison = compared();
+    EXPECT_FALSE(comparison.passed());
+    EXPECT_DOUBLE_EQ(comparison.relative_l2, 1);
+}
+
+TEST_F(Verify, FailsOnAWrongSize) {
+    state.displacement.pop_back();
+    EXPECT_FALSE(compared().passed());
+    EXPECT_THAT(compared().reason, HasSubstr("119 particles instead of 120"));
+    state = reference;
+    state.displacement.push_back(glm::dvec3(0));
+    EXPECT_FALSE(compared().passed());
+    state.displacement.clear();
+    EXPECT_FALSE(compared().passed());
+}
+
+TEST_F(Verify, RelativeErrorAgainstAReferenceAtRest) {
+    state = state_at_rest(problem);
+    EXPECT_EQ(compare(problem, state, state, Precision::float32, steps).relative_l2, 0);
+    const State rest = state;
+    state.displacement[5].x = 1e-9;
+    EXPECT_EQ(compare(problem, state, rest, Precision::float32, steps).relative_l2,
+              std::numeric_limits<double>::infinity());
+}
+
+TEST_F(Verify, ToleranceFollowsPrecisionAndSteps) {
+    const auto tolerance = [&](Precision precision, int n) {
+        return rounding_tolerance(problem, reference, precision, n);
+    };
+    // Units of rounding are 2^-24 and 2^-53.
+    EXPECT_DOUBLE_EQ(tolerance(Precision::float32, 100) / tolerance(Precision::float64, 100),
+                     std::ldexp(1.0, 29));
+    EXPECT_GT(tolerance(Precision::float32, 100), tolerance(Precision::float32, 10));
+    // Whatever the number of steps, an error that a viewer would see is none of rounding here.
+    EXPECT_LT(tolerance(Precision::float32, 20), 1e-3);
+}
+
+}  // namespace
+}  // namespace voxspring::testing
