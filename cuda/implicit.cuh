@@ -92,6 +92,16 @@ public:
         this->start(problem, state, placement, lattice.mask, launch);
     }
 
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        std::vector<std::uint32_t> particles, masks;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            particles.push_back(touched.particle);
+            masks.push_back(touched.mask);
+        }
+        this->write_particle_bits(particles, masks);
+    }
+
 private:
     std::string refused(const Problem& problem) const override {
         if (problem.lattice.voxel_count() == 0)

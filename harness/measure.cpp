@@ -2,10 +2,14 @@
 
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <sstream>
 #include <string>
 #include <utility>
+
+#include "harness/playback.h"
 
 namespace voxspring {
 namespace {
@@ -18,18 +22,25 @@ struct Run {
     std::string failure;  ///< empty: none so far
     State last;           ///< after the last timed batch
     WorkCount work;
+    nlohmann::json edits;  ///< what edits cost, as rows say it; null where a scene has none
 };
 
 std::string describe(const std::exception& error) { return error.what(); }
 
+double median(std::vector<double> values) {
+    const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+}
+
 /// Uploads and advances once, so that shaders are compiled and clocks are up before anything is timed.
-void warm_up(Run& run, const Scene& scene, int steps) {
+void warm_up(Run& run, Playback& playback, int steps) {
     try {
         Backend& backend = *run.contender->backend;
-        backend.upload(scene.problem, scene.state);
+        playback.rewind(backend);
         run.work = backend.count_work();
-        backend.upload(scene.problem, scene.state);
-        backend.step(steps);
+        playback.rewind(backend);
+        playback.run(backend, steps);
         backend.synchronize();
     } catch (const std::exception& error) {
         run.failure = describe(error);
@@ -37,14 +48,15 @@ void warm_up(Run& run, const Scene& scene, int steps) {
 }
 
 /// One repetition: Google Benchmark's iteration is one step.
-void repeat(benchmark::State& state, Run& run, const Scene& scene, std::uint64_t springs, int steps) {
+void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& playback, std::uint64_t springs,
+            int steps) {
     Timing timing;
     if (run.failure.empty()) {
         try {
             Backend& backend = *run.contender->backend;
-            backend.upload(scene.problem, scene.state);
+            playback.rewind(backend);
             while (state.KeepRunningBatch(steps)) {
-                timing = backend.timed_step(steps);
+                timing = backend.timed([&] { playback.run(backend, steps); });
                 state.SetIterationTime(timing.device_seconds);
             }
             if (--run.repetitions_left == 0) run.last = backend.download();
@@ -61,6 +73,41 @@ void repeat(benchmark::State& state, Run& run, const Scene& scene, std::uint64_t
         Counter(double(scene.problem.particle_count()) * steps, Counter::kIsRate);
     state.counters["spring_updates_per_second"] = Counter(double(springs) * steps, Counter::kIsRate);
     state.counters["host_seconds_per_step"] = timing.host_seconds / steps;
+}
+
+/// What edits cost: the latency of each by itself, from a device that waits to one that waits again, and the
+/// same steps without any, for the slow-down. The latency is the best of three plays, since an edit is far
+/// shorter than what may interrupt it.
+void measure_edits(Run& run, const Scene& scene, Playback& playback, int steps) {
+    const int count = playback.edits_within(steps);
+    if (count == 0 || !run.failure.empty()) return;
+    constexpr int plays = 3;
+    using Clock = std::chrono::steady_clock;
+    try {
+        Backend& backend = *run.contender->backend;
+        std::vector<double> latency(std::size_t(count), INFINITY), without;
+        for (int play = 0; play < plays; ++play) {
+            auto next = latency.begin();
+            playback.rewind(backend);
+            playback.run(backend, steps, [&](const Problem& edited, const SpringEdit& edit) {
+                backend.synchronize();
+                const auto begin = Clock::now();
+                backend.edit(edited, edit);
+                backend.synchronize();
+                *next = std::min(*next, std::chrono::duration<double>(Clock::now() - begin).count());
+                ++next;
+            });
+            backend.synchronize();
+            backend.upload(scene.problem, scene.state);
+            without.push_back(backend.timed([&] { backend.step(steps); }).device_seconds / steps);
+        }
+        run.edits = {{"edits", count},
+                     {"edit_seconds_median", median(latency)},
+                     {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())},
+                     {"seconds_per_step_without_edits", median(without)}};
+    } catch (const std::exception& error) {
+        run.failure = describe(error);
+    }
 }
 
 /// What a user of Google Benchmark would give on its command line. It keeps pointers to the arguments and
@@ -93,21 +140,22 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
     initialize_google_benchmark();
     const std::uint64_t springs = count_springs(scene.problem).total();
 
+    Playback playback(scene);
     std::vector<Run> runs;
     for (Contender& contender : contenders) {
         const std::string name = row_identity(scene.name, contender.spec).at("name");
-        runs.push_back({&contender, name, repetitions, {}, {}, {}});
+        runs.push_back({&contender, name, repetitions, {}, {}, {}, {}});
     }
     int begun = 0;
     benchmark::ClearRegisteredBenchmarks();
     for (Run& run : runs) {
         on_repetition(run.contender->spec.label(), 0, repetitions * int(runs.size()));
-        warm_up(run, scene, steps);
+        warm_up(run, playback, steps);
         benchmark::RegisterBenchmark(run.name.c_str(),
                                      [&](benchmark::State& state) {
                                          on_repetition(run.contender->spec.label(), ++begun,
                                                        repetitions * int(runs.size()));
-                                         repeat(state, run, scene, springs, steps);
+                                         repeat(state, run, scene, playback, springs, steps);
                                      })
             ->Iterations(steps)
             ->Repetitions(repetitions)
@@ -122,9 +170,11 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
     benchmark::ClearRegisteredBenchmarks();
     const auto measured = nlohmann::json::parse(output.str());
 
+    for (Run& run : runs) measure_edits(run, scene, playback, steps);
+
     const auto oracle = BackendSpec::parse("cpu_reference").make();
-    oracle->upload(scene.problem, scene.state);
-    oracle->step(steps);
+    playback.rewind(*oracle);
+    playback.run(*oracle, steps);
     const State reference = oracle->download();
 
     SceneResult result;
@@ -165,6 +215,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
             if (!row_name.starts_with(run.name + "/iterations:")) continue;
             identity["name"] = row.at("name");  // Google Benchmark's, which goes on after ours
             row.update(identity);
+            if (!run.edits.is_null()) row.update(run.edits);
             result.benchmarks.push_back(std::move(row));
         }
     }

@@ -12,6 +12,7 @@
 #include "harness/bad_input.h"
 #include "harness/json.h"
 #include "harness/measure.h"
+#include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
 
@@ -228,13 +229,14 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         const std::string heading = "[" + std::to_string(number) + "/" + std::to_string(study.scenes.size()) +
                                     "] " + scene.name + " ";
 
+        Playback playback(scene);
         std::vector<Contender> contenders;
         for (const BackendSpec& spec : specs) {
             progress.show(heading + spec.label());
             nlohmann::json row = row_identity(scene.name, spec);
             try {
                 auto backend = spec.make();
-                row["reason"] = backend->unsupported(scene.problem);
+                row["reason"] = playback.unsupported(*backend);
                 if (row["reason"] == "") {
                     context["backends"][spec.entry->name] = describe(backend->capabilities());
                     contenders.push_back({spec, std::move(backend)});

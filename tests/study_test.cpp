@@ -44,6 +44,7 @@ public:
         sound_->upload(problem, state);
         ++uploads_;
     }
+    void edit(const Problem&, const SpringEdit&) override {}
     void step(int count) override {
         // The third upload is the second timed repetition.
         if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
