@@ -22,7 +22,8 @@ struct Run {
     std::string failure;  ///< empty: none so far
     State last;           ///< after the last timed batch
     WorkCount work;
-    nlohmann::json edits;  ///< what edits cost, as rows say it; null where a scene has none
+    std::vector<double> without_edits;  ///< seconds a step of the same batch without edits, one a repetition
+    nlohmann::json edits;               ///< what edits cost, as rows say it; null where a scene has none
 };
 
 std::string describe(const std::exception& error) { return error.what(); }
@@ -60,6 +61,12 @@ void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& pla
                 state.SetIterationTime(timing.device_seconds);
             }
             if (--run.repetitions_left == 0) run.last = backend.download();
+            if (playback.edits_within(steps) > 0) {
+                // Beside the batch with edits, so that both meet the same clocks.
+                backend.upload(scene.problem, scene.state);
+                const Timing plain = backend.timed([&] { backend.step(steps); });
+                run.without_edits.push_back(plain.device_seconds / steps);
+            }
         } catch (const std::exception& error) {
             run.failure = describe(error);
         }
@@ -75,17 +82,16 @@ void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& pla
     state.counters["host_seconds_per_step"] = timing.host_seconds / steps;
 }
 
-/// What edits cost: the latency of each by itself, from a device that waits to one that waits again, and the
-/// same steps without any, for the slow-down. The latency is the best of three plays, since an edit is far
-/// shorter than what may interrupt it.
-void measure_edits(Run& run, const Scene& scene, Playback& playback, int steps) {
+/// The latency of each edit by itself, from a device that waits to one that waits again: the best of three
+/// plays, since an edit is far shorter than what may interrupt it.
+void measure_edits(Run& run, Playback& playback, int steps) {
     const int count = playback.edits_within(steps);
     if (count == 0 || !run.failure.empty()) return;
     constexpr int plays = 3;
     using Clock = std::chrono::steady_clock;
     try {
         Backend& backend = *run.contender->backend;
-        std::vector<double> latency(std::size_t(count), INFINITY), without;
+        std::vector<double> latency(std::size_t(count), INFINITY);
         for (int play = 0; play < plays; ++play) {
             auto next = latency.begin();
             playback.rewind(backend);
@@ -98,13 +104,11 @@ void measure_edits(Run& run, const Scene& scene, Playback& playback, int steps) 
                 ++next;
             });
             backend.synchronize();
-            backend.upload(scene.problem, scene.state);
-            without.push_back(backend.timed([&] { backend.step(steps); }).device_seconds / steps);
         }
         run.edits = {{"edits", count},
                      {"edit_seconds_median", median(latency)},
                      {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())},
-                     {"seconds_per_step_without_edits", median(without)}};
+                     {"seconds_per_step_without_edits", median(run.without_edits)}};
     } catch (const std::exception& error) {
         run.failure = describe(error);
     }
@@ -144,7 +148,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
     std::vector<Run> runs;
     for (Contender& contender : contenders) {
         const std::string name = row_identity(scene.name, contender.spec).at("name");
-        runs.push_back({&contender, name, repetitions, {}, {}, {}, {}});
+        runs.push_back({&contender, name, repetitions, {}, {}, {}, {}, {}});
     }
     int begun = 0;
     benchmark::ClearRegisteredBenchmarks();
@@ -170,7 +174,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
     benchmark::ClearRegisteredBenchmarks();
     const auto measured = nlohmann::json::parse(output.str());
 
-    for (Run& run : runs) measure_edits(run, scene, playback, steps);
+    for (Run& run : runs) measure_edits(run, playback, steps);
 
     const auto oracle = BackendSpec::parse("cpu_reference").make();
     playback.rewind(*oracle);
