@@ -17,6 +17,7 @@ public:
     const std::string& uuid() const { return uuid_; }
     /// Most 16-byte texels of a texture on linear memory.
     std::size_t most_texels() const { return most_texels_; }
+    int multiprocessors() const { return multiprocessors_; }
     /// Bytes of device memory that nobody has allocated.
     std::size_t free_bytes() const;
 
@@ -28,6 +29,7 @@ public:
 private:
     std::string name_, uuid_;
     std::size_t most_texels_ = 0;
+    int multiprocessors_ = 0;
 };
 
 }  // namespace voxspring::cuda
