@@ -4,6 +4,7 @@
 #include "backends/registry.h"
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
+#include "cuda/work.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -66,6 +67,8 @@ public:
         load_kernel(add_forces<Real>);
         this->start(problem, state, place_compact(problem), state_bits(problem), launch);
     }
+
+    StepWork step_work(const Problem& problem) const override { return scatter_work<Real>(problem); }
 
 private:
     std::string refused(const Problem& problem) const override {

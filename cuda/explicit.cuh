@@ -5,6 +5,7 @@
 
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
+#include "cuda/work.h"
 
 namespace voxspring::cuda {
 
@@ -81,6 +82,10 @@ public:
         launch.step.constants = constants_.data();
         measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, place_compact(problem), lists.bits, launch);
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        return explicit_work<Real>(problem, options_.has_secondary(problem));
     }
 
 private:

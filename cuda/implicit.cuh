@@ -6,6 +6,7 @@
 
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
+#include "cuda/work.h"
 
 namespace voxspring::cuda {
 
@@ -91,6 +92,8 @@ public:
         measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
     }
+
+    StepWork step_work(const Problem& problem) const override { return implicit_work<Real>(problem); }
 
 private:
     std::string refused(const Problem& problem) const override {

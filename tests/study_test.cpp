@@ -49,6 +49,7 @@ public:
         if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
         sound_->step(count);
     }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
     State download() override {
         State state = sound_->download();
         if (fault_ == Fault::wrong) state.displacement.back().x += 0.1;
