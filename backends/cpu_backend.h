@@ -13,7 +13,7 @@ class CpuBackend : public Backend {
 public:
     void synchronize() override {}
     /// Of all cores and their SIMD registers, whatever the backend uses of them.
-    DeviceLimits measure_limits() final;
+    DeviceLimits measure_limits() override;
 
 private:
     void mark(Mark which) override {

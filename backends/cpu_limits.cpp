@@ -74,10 +74,20 @@ std::size_t multiply_add_on_best_target(std::size_t count, double* result) {
     return HWY_DYNAMIC_DISPATCH(multiply_add_float64)(count, result);
 }
 
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point begin) {
-    return std::chrono::duration<double>(Clock::now() - begin).count();
+/// Seconds that the slowest thread takes for `work(thread, threads)` once all of them are there. Not since
+/// the fork: on a processor shared with others a thread may wait for a core longer than it then works.
+template <class Work>
+double parallel_seconds(Work work) {
+    using Clock = std::chrono::steady_clock;
+    double slowest = 0;
+#pragma omp parallel reduction(max : slowest)
+    {
+#pragma omp barrier
+        const auto begin = Clock::now();
+        work(std::size_t(omp_get_thread_num()), std::size_t(omp_get_num_threads()));
+        slowest = std::chrono::duration<double>(Clock::now() - begin).count();
+    }
+    return slowest;
 }
 
 template <class T>
@@ -86,9 +96,7 @@ double operations_per_second() {
     std::atomic<std::size_t> operations = 0;  // of one repetition of all threads
     const double seconds = least_seconds([&](int count) {
         operations = 0;
-        const auto begin = Clock::now();
-#pragma omp parallel
-        {
+        return parallel_seconds([&](std::size_t, std::size_t) {
             // Factors that the compiler cannot know. The sums converge to 2.
             volatile T half = T(0.5);
             T result[] = {half, T(1)};
@@ -96,8 +104,7 @@ double operations_per_second() {
             for (int n = 0; n < count; ++n) done = multiply_add_on_best_target(repetition, result);
             operations += done;
             half = result[1];
-        }
-        return seconds_since(begin);
+        });
     });
     return double(operations) / seconds;
 }
@@ -112,26 +119,20 @@ double bytes_per_second(std::size_t bytes) {
         throw DeviceError("cannot allocate " + std::to_string(2 * bytes) + " bytes");
     // Each thread has the same part every time, and so in its own caches and its own memory.
     const auto on_every_part = [&](auto work) {
-#pragma omp parallel
-        {
-            const auto threads = std::size_t(omp_get_num_threads());
-            const auto thread = std::size_t(omp_get_thread_num());
+        return parallel_seconds([&](std::size_t thread, std::size_t threads) {
             const std::size_t begin = lines * thread / threads * line;
             const std::size_t end = lines * (thread + 1) / threads * line;
-            work(begin, end - begin);
-        }
+            work(current.get() + begin, previous.get() + begin, end - begin);
+        });
     };
-    on_every_part([&](std::size_t begin, std::size_t count) {
-        std::fill_n(current.get() + begin, count, 1.0F);
-        std::fill_n(previous.get() + begin, count, 1.0F);
+    on_every_part([](float* a, float* b, std::size_t count) {
+        std::fill_n(a, count, 1.0F);
+        std::fill_n(b, count, 1.0F);
     });
     const double seconds = least_seconds([&](int repetitions) {
-        const auto begin = Clock::now();
-        on_every_part([&](std::size_t first, std::size_t count) {
-            for (int n = 0; n < repetitions; ++n)
-                HWY_DYNAMIC_DISPATCH(overwrite)(current.get() + first, previous.get() + first, count);
+        return on_every_part([&](const float* a, float* b, std::size_t count) {
+            for (int n = 0; n < repetitions; ++n) HWY_DYNAMIC_DISPATCH(overwrite)(a, b, count);
         });
-        return seconds_since(begin);
     });
     return 3 * double(lines * line * sizeof(float)) / seconds;
 }

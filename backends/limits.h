@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -55,21 +56,33 @@ struct StepLimit {
 StepLimit limit_of(const StepWork& work, const DeviceLimits& limits, Precision precision);
 
 /// Seconds that one repetition takes at best. `seconds_of(count)` runs `count` repetitions, at least one,
-/// and returns how long they took. Repetitions in a batch double until a batch is long enough to be trusted.
+/// and returns how long they took.
 template <class SecondsOf>
 double least_seconds(SecondsOf seconds_of) {
-    constexpr double long_enough = 10e-3;
+    // Long enough that clocks and launches do not count; so short that, on a processor shared with others,
+    // some batches are over before another process takes a core.
+    constexpr double long_enough = 2e-3;
+    constexpr double in_all = 0.05;
+    constexpr int least_batches = 3;
     constexpr int most = 1 << 20;  // of a clock that stands still
-    constexpr int further_batches = 4;
-    seconds_of(1);  // what happens on a first run only
+    seconds_of(1);                 // what happens on a first run only
     int count = 1;
-    double seconds = seconds_of(count);
-    while (seconds < long_enough && count < most) {
+    int batches = 0;
+    double sum = 0;
+    double least = std::numeric_limits<double>::infinity();
+    while (batches < least_batches || (sum < in_all && batches < most)) {
+        const double seconds = seconds_of(count);
+        sum += seconds;
+        ++batches;
+        least = std::min(least, seconds);
+        if (least >= long_enough || count == most) continue;
+        // Any batch, however late: an interruption makes others seem long enough.
         count *= 2;
-        seconds = seconds_of(count);
+        batches = 0;
+        sum = 0;
+        least = std::numeric_limits<double>::infinity();
     }
-    for (int n = 0; n < further_batches; ++n) seconds = std::min(seconds, seconds_of(count));
-    return seconds / count;
+    return least / count;
 }
 
 }  // namespace voxspring

@@ -16,7 +16,7 @@ constexpr glm::ivec2 copy_size{2048, 2048};
 /// More fragments than any card has in flight, and work enough in each that its texel's write does not count.
 constexpr glm::ivec2 arithmetic_size{1024, 1024};
 constexpr int work_group = 16;  // along x and y, as in limits_arithmetic.glsl
-constexpr int rounds = 8;
+constexpr int rounds = 4;
 constexpr int operations_a_round = 64;
 
 /// On the host's clock: batches are long, and a clock of the device need not wait for compute shaders.
