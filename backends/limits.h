@@ -63,7 +63,7 @@ double least_seconds(SecondsOf seconds_of) {
     // some batches are over before another process takes a core.
     constexpr double long_enough = 2e-3;
     constexpr double in_all = 0.05;
-    constexpr int least_batches = 3;
+    constexpr int least_batches = 8;
     constexpr int most = 1 << 20;  // of a clock that stands still
     seconds_of(1);                 // what happens on a first run only
     int count = 1;
