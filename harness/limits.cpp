@@ -1,7 +1,6 @@
 #include "harness/limits.h"
 
-#include <utility>
-#include <vector>
+#include <cmath>
 
 #include "harness/result.h"
 
@@ -63,7 +62,8 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
             out << "not measured: " << device.get<std::string>() << "\n";
             continue;
         }
-        const auto value = [&](const char* name) { return device.value(name, 0.0); };
+        // Clang 14 captures no structured binding.
+        const auto value = [&limit = device](const char* name) { return limit.value(name, 0.0); };
         out << si(value("copy_bytes_per_second"), "B/s");
         if (value("cache_bytes") > 0) {
             out << ", " << si(value("cached_copy_bytes_per_second"), "B/s") << " in "
@@ -81,7 +81,7 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
         out << " (" << device.at("device").get<std::string>() << ")\n";
         if (fragment < compute / 4) {
             out << "    " << family << " runs fragment shaders on this device with 1/"
-                << int(compute / fragment + 0.5)
+                << std::lround(compute / fragment)
                 << " of the arithmetic of compute shaders: its rows say what that part of the device can "
                    "do, not what the API can\n";
         }
