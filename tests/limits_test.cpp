@@ -4,13 +4,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <memory>
 #include <sstream>
 #include <string>
 
 #include "backends/limits.h"
 #include "cuda/work.h"
-#include "harness/measure.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -228,6 +229,32 @@ TEST(CpuLimits, ArePositiveAndRepeat) {
     expect_rate(first.float32_operations_per_second);
     expect_rate(first.float64_operations_per_second.value());
     EXPECT_GT(first.float32_operations_per_second, *first.float64_operations_per_second);
+}
+
+TEST(CudaLimits, ArePositiveAndRepeat) {
+    if (!registry().contains("cuda_implicit_device")) GTEST_SKIP() << "no CUDA in this build";
+    const BackendSpec spec = BackendSpec::parse("cuda_implicit_device");
+    std::unique_ptr<Backend> backend;
+    try {
+        backend = spec.make();
+    } catch (const Unavailable& absent) {
+        GTEST_SKIP() << absent.what();
+    }
+    const DeviceLimits first = backend->measure_limits();
+    const DeviceLimits second = spec.make()->measure_limits();
+    expect_rate(first.copy_bytes_per_second);
+    expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
+    expect_rate(first.cached_copy_bytes_per_second);
+    expect_rate(first.launch_seconds);
+    EXPECT_LT(first.launch_seconds, 1e-4);
+    if (first.grid_barrier_seconds) {
+        expect_rate(*first.grid_barrier_seconds);
+        EXPECT_LT(*first.grid_barrier_seconds, 1e-4);
+    }
+    expect_rate(first.float32_operations_per_second);
+    expect_rate(first.float64_operations_per_second.value());
+    EXPECT_LT(*first.float64_operations_per_second, first.float32_operations_per_second);
+    EXPECT_FALSE(first.compute_shader_float32_operations_per_second);
 }
 
 TEST_F(Gl, LimitsArePositiveAndRepeat) {
