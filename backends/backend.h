@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/limits.h"
 #include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 
@@ -99,6 +100,12 @@ public:
 
     /// Advance one step under the hardware's own counters, where the device has any.
     virtual WorkCount count_work() { return {}; }
+
+    /// Measure what the device can do at best, in about a second. Before the first upload().
+    virtual DeviceLimits measure_limits() = 0;
+
+    /// The least that a step of `problem` takes. Cheap, and touches no device.
+    virtual StepWork step_work(const Problem& problem) const = 0;
 
     /// The one stopwatch: synchronize, host clock, mark, whatever `run` enqueues, mark, synchronize, host
     /// clock.

@@ -12,6 +12,8 @@ namespace voxspring {
 class CpuBackend : public Backend {
 public:
     void synchronize() override {}
+    /// Of all cores and their SIMD registers, whatever the backend uses of them.
+    DeviceLimits measure_limits() override;
 
 private:
     void mark(Mark which) override {

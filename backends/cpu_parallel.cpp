@@ -404,7 +404,32 @@ public:
         return state;
     }
 
+    StepWork step_work(const Problem& problem) const override {
+        const bool all = all_terms(options_);
+        const bool has_load = all || !problem.load.empty();
+        const std::uint32_t whole = bits_in_use(problem, options_) | ACTIVE_BIT;
+        std::uint64_t masks = 0;        // read: of particles that can lie in no whole block
+        std::uint64_t evaluations = 0;  // of a spring's force density: springs along x are evaluated twice
+        for (const std::uint32_t mask : problem.lattice.mask) {
+            masks += all || mask != whole ? 1 : 0;
+            const std::uint32_t twice = all ? NEIGHBOUR_BITS : along_x;
+            evaluations += std::uint64_t(std::popcount(mask & twice) + std::popcount(mask & ~twice & higher));
+        }
+        const std::uint64_t particles = problem.particle_count();
+        const std::uint64_t ends = 2 * count_springs(problem).total();
+        const std::uint64_t arrays = 9 + (has_load ? 3 : 0) + (all || problem.has_materials() ? 1 : 0) +
+                                     (problem.has_materials() ? 1 : 0);
+        return {.bytes = (particles * arrays + masks) * sizeof(T),
+                // A force density 5 + 1 + 1 + 3, and 2 more for its stiffness where materials give it. Either
+                // end of a spring: offset 3, force 3, sum 3. A particle: next_position() 21.
+                .operations = evaluations * (10 + (problem.has_materials() ? 2 : 0)) + ends * 9 +
+                              particles * (21 + (has_load ? 3 : 0))};
+    }
+
 private:
+    /// The mask bits of the neighbours along x, and of all those at a higher index.
+    static constexpr std::uint32_t along_x = 0x3, higher = NEIGHBOUR_BITS & 0xAAAAAAAA;
+
     /// A thread's part of every step.
     struct Share {
         Array<T> density;

@@ -43,6 +43,18 @@ public:
         return state;
     }
 
+    StepWork step_work(const Problem& problem) const override {
+        const std::uint64_t particles = problem.particle_count();
+        const std::uint64_t springs = count_springs(problem).total();
+        const std::uint64_t load = problem.load.empty() ? 0 : 1;
+        // Forces: zeroed, read and written with the springs, read with the particles. Positions: read with
+        // the springs, read and written with the particles; previous ones the same there.
+        return {.bytes = particles * (4 + 3 + 2 + load) * sizeof(glm::dvec3) + springs * sizeof(Spring),
+                // A spring: offset 3, force density 5 + 1 + 1 + 3, force 3, and its addition to either end 6.
+                // A particle: next_position() 21 and 1 / mass.
+                .operations = springs * (3 + 10 + 3 + 6) + particles * (21 + 1 + 3 * load)};
+    }
+
 private:
     void step_once() {
         const double shortest_squared = problem_->shortest_squared();

@@ -80,6 +80,14 @@ public:
         return reason.str();
     }
 
+    StepWork step_work(const Problem& problem) const override {
+        StepWork work = motion_work(problem, problem.particle_count());
+        const std::uint64_t ends = 2 * count_springs(problem).total();
+        work.bytes += ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0));
+        work.operations += ends * gl::pull_operations;
+        return work;
+    }
+
 private:
     bool per_spring(const Problem& problem) const { return all_terms() || differ_within_a_group(problem); }
 

@@ -61,6 +61,14 @@ public:
         return reason.str();
     }
 
+    StepWork step_work(const Problem& problem) const override {
+        StepWork work = motion_work(problem, problem.lattice.voxel_count());
+        // series_stiffness() and its product with the group's.
+        const std::uint64_t material = all_terms() || problem.has_materials() ? 3 : 0;
+        work.operations += 2 * count_springs(problem).total() * (gl::pull_operations + material);
+        return work;
+    }
+
 private:
     Layout lay_out(const Problem& problem) override {
         flat_ = lay_flat(problem.lattice.dims, context().max_texture_size()).value();

@@ -9,6 +9,7 @@
 #include "cuda/device/device.h"
 #include "cuda/device/event.h"
 #include "cuda/device/graph.h"
+#include "cuda/limits.h"
 
 namespace voxspring::cuda {
 
@@ -19,6 +20,7 @@ public:
     std::string unsupported(const Problem& problem) const final;
     void step(int count) final;
     void synchronize() final { stream_.synchronize(); }
+    DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
 
 protected:
     const Device& device() const { return device_; }

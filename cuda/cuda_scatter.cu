@@ -5,6 +5,7 @@
 #include "backends/registry.h"
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
+#include "cuda/work.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -86,6 +87,8 @@ public:
         write_springs(edited_springs_.send(std::span<const EditedSpring<Real>>(springs), this->stream()),
                       springs.size(), ends_.data(), constants_.data(), this->stream());
     }
+
+    StepWork step_work(const Problem& problem) const override { return scatter_work<Real>(problem); }
 
 private:
     std::string refused(const Problem& problem) const override {

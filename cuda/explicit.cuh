@@ -7,6 +7,7 @@
 
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
+#include "cuda/work.h"
 
 namespace voxspring::cuda {
 
@@ -89,6 +90,10 @@ public:
         write_rows(on_device, rows.particle.size(), step.shape, neighbour_.data(), constants_.data(),
                    this->stream());
         this->write_particle_bits(rows.particle, rows.lists.bits);
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        return explicit_work<Real>(problem, options_.has_secondary(problem));
     }
 
 private:

@@ -8,6 +8,7 @@
 
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
+#include "cuda/work.h"
 
 namespace voxspring::cuda {
 
@@ -117,6 +118,8 @@ public:
         }
         this->write_particle_bits(particles, masks);
     }
+
+    StepWork step_work(const Problem& problem) const override { return implicit_work<Real>(problem); }
 
 private:
     std::string refused(const Problem& problem) const override {

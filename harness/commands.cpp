@@ -8,6 +8,7 @@
 
 #include "backends/registry.h"
 #include "harness/bad_input.h"
+#include "harness/limits.h"
 #include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
@@ -116,6 +117,23 @@ void list_everything(bool json, std::ostream& out) {
             out << "  " << item["name"].get<std::string>() << ": " << item["description"].get<std::string>()
                 << "\n";
         }
+    }
+}
+
+void list_limits(bool json, std::ostream& out) {
+    MeasuredLimits limits;
+    for (const auto& [name, entry] : registry()) {
+        const BackendSpec spec = BackendSpec::parse(name);
+        try {
+            limits.of(spec, spec.make()->capabilities());
+        } catch (const std::runtime_error&) {
+            // `voxspring list` says why there is no such device.
+        }
+    }
+    if (json) {
+        out << limits.json().dump(2) << "\n";
+    } else {
+        print_limits(limits.json(), out);
     }
 }
 

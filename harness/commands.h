@@ -13,6 +13,9 @@ namespace voxspring {
 /// `voxspring list`: backends, available or why not; built-in scenes and studies.
 void list_everything(bool json, std::ostream& out);
 
+/// `voxspring limits`: what each device can do at best, measured now.
+void list_limits(bool json, std::ostream& out);
+
 /// `voxspring info`: dims, particles, springs, memory and time step of a scene. Throws BadInput.
 void describe_scene(const std::string& scene, bool json, std::ostream& out);
 

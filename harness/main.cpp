@@ -23,6 +23,10 @@ int main(int argc, char** argv) {
     list->add_flag("--json", json, "Print JSON");
     list->callback([&] { list_everything(json, std::cout); });
 
+    CLI::App* limits = app.add_subcommand("limits", "What each device can do at best, measured now");
+    limits->add_flag("--json", json, "Print JSON");
+    limits->callback([&] { list_limits(json, std::cout); });
+
     std::string scene;
     const char* scene_help =
         "Built-in scene (box, or resized: box@64, heart@120x102x92), scene file or volume file";

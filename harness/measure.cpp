@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "harness/limits.h"
 #include "harness/playback.h"
 
 namespace voxspring {
@@ -128,6 +129,13 @@ nlohmann::json number_or_null(double value) {
     return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
 }
 
+/// Nothing where the row is a measure of spread.
+std::optional<double> step_seconds(const nlohmann::json& row) {
+    const std::string aggregate = row.value("aggregate_name", "mean");
+    if (aggregate != "mean" && aggregate != "median") return std::nullopt;
+    return 1e-6 * row.at("real_time").get<double>();
+}
+
 }  // namespace
 
 nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec) {
@@ -214,12 +222,18 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
             result.failed.push_back(std::move(identity));
             continue;
         }
+        std::optional<StepLimit> limit;
+        if (const auto& limits = run.contender->limits) {
+            const StepWork work = run.contender->backend->step_work(scene.problem);
+            limit = limit_of(work, *limits, run.contender->spec.options.precision);
+        }
         for (nlohmann::json row : measured.at("benchmarks")) {
             const std::string row_name = row.at("run_name");
             if (!row_name.starts_with(run.name + "/iterations:")) continue;
             identity["name"] = row.at("name");  // Google Benchmark's, which goes on after ours
             row.update(identity);
             if (!run.edits.is_null()) row.update(run.edits);
+            row.update(limit_fields(limit, step_seconds(row)));
             result.benchmarks.push_back(std::move(row));
         }
     }

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,7 @@ namespace voxspring {
 struct Contender {
     BackendSpec spec;
     std::unique_ptr<Backend> backend;
+    std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
 };
 
 /// Called before each repetition with the contender's label and how many repetitions have begun, so far

@@ -15,28 +15,11 @@
 
 #include "backends/cpu_backend.h"
 #include "harness/bad_input.h"
+#include "harness/limits.h"
 #include "version.h"  // generated
 
 namespace voxspring {
 namespace {
-
-/// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".
-std::string si(double value, const std::string& unit) {
-    static const std::pair<double, const char*> prefixes[] = {
-        {1e12, "T"}, {1e9, "G"}, {1e6, "M"}, {1e3, "k"}, {1, ""}, {1e-3, "m"}, {1e-6, "u"}, {1e-9, "n"}};
-    for (const auto& [scale, prefix] : prefixes) {
-        if (value < 0.9995 * scale && scale > 1e-9) continue;
-        std::ostringstream text;
-        const double scaled = value / scale;
-        text << std::fixed
-             << std::setprecision(scaled < 9.995   ? 2
-                                  : scaled < 99.95 ? 1
-                                                   : 0)
-             << scaled << " " << prefix << unit;
-        return text.str();
-    }
-    return {};
-}
 
 std::string error_text(const nlohmann::json& value) {
     if (!value.is_number()) return "-";
@@ -74,6 +57,14 @@ std::string contender(const nlohmann::json& row) {
     return text;
 }
 
+std::string percent_text(const nlohmann::json& fraction) {
+    if (!fraction.is_number()) return "-";
+    const double percent = 100 * fraction.get<double>();
+    std::ostringstream text;
+    text << std::fixed << std::setprecision(percent < 9.95 ? 1 : 0) << percent << "%";
+    return text.str();
+}
+
 std::string joined(const std::vector<std::string>& words) {
     std::string text;
     for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
@@ -81,6 +72,23 @@ std::string joined(const std::vector<std::string>& words) {
 }
 
 }  // namespace
+
+std::string si(double value, const std::string& unit) {
+    static const std::pair<double, const char*> prefixes[] = {
+        {1e12, "T"}, {1e9, "G"}, {1e6, "M"}, {1e3, "k"}, {1, ""}, {1e-3, "m"}, {1e-6, "u"}, {1e-9, "n"}};
+    for (const auto& [scale, prefix] : prefixes) {
+        if (value < 0.9995 * scale && scale > 1e-9) continue;
+        std::ostringstream text;
+        const double scaled = value / scale;
+        text << std::fixed
+             << std::setprecision(scaled < 9.995   ? 2
+                                  : scaled < 99.95 ? 1
+                                                   : 0)
+             << scaled << " " << prefix << unit;
+        return text.str();
+    }
+    return {};
+}
 
 void write_atomically(const std::filesystem::path& path, const std::string& text) {
     const auto fail = [&](const char* what) {
@@ -149,7 +157,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
     std::vector<Row> edits = {
         {"scene", "backend", "edits", "an edit (median)", "(max)", "a step without", "slow-down"}};
     std::vector<Row> table = {{"scene", "backend", "time a step", "particles/s", "springs/s",
-                               "error (rel. L2)", "error (max)", "x fastest"}};
+                               "error (rel. L2)", "error (max)", "x fastest", "of limit"}};
     for (const std::string& scene : scenes) {
         auto& rows = medians[scene];
         const auto time = [](const nlohmann::json& row) { return row.at("real_time").get<double>(); };
@@ -162,7 +170,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
                              si(row.at("particle_updates_per_second"), "/s"),
                              si(row.at("spring_updates_per_second"), "/s"),
                              error_text(row.at("error_relative_l2")), error_text(row.at("error_max")),
-                             ratio.str()});
+                             ratio.str(), percent_text(row.at("fraction_of_limit"))});
             if (!row.contains("edits")) continue;
             const double without = row.at("seconds_per_step_without_edits");
             std::ostringstream slow_down;
@@ -178,6 +186,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
         out << "\n";
         print_aligned(edits, out);
     }
+    print_limits(result.at("context").at("voxspring").at("limits"), out);
     for (const char* list : {"skipped", "failed"}) {
         // A reason once, with all that it holds for.
         std::vector<std::string> reasons;

@@ -22,9 +22,13 @@ void check_writable(const std::filesystem::path& path, const std::string& option
 /// processor it runs on. The study adds the GPU.
 nlohmann::json build_context();
 
+/// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".
+std::string si(double value, const std::string& unit);
+
 /// One row a contender that passed, fastest first within a scene: time a step (median over the
-/// repetitions), particle and spring updates a second, error, and time as a multiple of the fastest.
-/// Then what was skipped and what failed, with the reasons.
+/// repetitions), particle and spring updates a second, error, time as a multiple of the fastest, and the
+/// fraction of its limit that it reached. Then the limits of the devices, what was skipped and what failed,
+/// with the reasons.
 void print_table(const nlohmann::json& result, std::ostream& out);
 
 }  // namespace voxspring

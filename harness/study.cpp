@@ -11,6 +11,7 @@
 #include "builtin_study_files.h"  // generated
 #include "harness/bad_input.h"
 #include "harness/json.h"
+#include "harness/limits.h"
 #include "harness/measure.h"
 #include "harness/playback.h"
 #include "harness/result.h"
@@ -221,6 +222,7 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     context["backends"] = nlohmann::json::object();
 
     Progress progress;
+    MeasuredLimits limits;
     std::size_t number = 0;
     for (const StudyScene& item : study.scenes) {
         ++number;
@@ -238,8 +240,9 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 auto backend = spec.make();
                 row["reason"] = playback.unsupported(*backend);
                 if (row["reason"] == "") {
-                    context["backends"][spec.entry->name] = describe(backend->capabilities());
-                    contenders.push_back({spec, std::move(backend)});
+                    const Capabilities capabilities = backend->capabilities();
+                    context["backends"][spec.entry->name] = describe(capabilities);
+                    contenders.push_back({spec, std::move(backend), limits.of(spec, capabilities)});
                 } else {
                     result["skipped"].push_back(row);
                 }
@@ -263,6 +266,7 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
             for (auto& row : measured.failed) result["failed"].push_back(std::move(row));
         }
         note_devices(context);
+        context["limits"] = limits.json();
         result["context"]["voxspring"] = context;
         if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
     }

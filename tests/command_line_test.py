@@ -54,6 +54,25 @@ class List(unittest.TestCase):
             self.assertIn(name, text)
 
 
+class Limits(unittest.TestCase):
+    def test_measures_every_device_found(self):
+        backends = json.loads(voxspring("list", "--json").stdout)["backends"]
+        result = voxspring("limits", "--json")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        limits = json.loads(result.stdout)
+        with open("results/schema.json") as file:
+            schema = json.load(file)
+        validator = jsonschema.Draft202012Validator({"$defs": schema["$defs"], "$ref": "#/$defs/limits"})
+        for device in limits.values():
+            validator.validate(device)
+        self.assertEqual({(family, device["device"]) for family, device in limits.items()},
+                         {(b["api"].split()[0], b["device"]) for b in backends if b["available"]})
+        text = voxspring("limits").stdout
+        for family, device in limits.items():
+            self.assertIn(f"limits of {family}: ", text)
+            self.assertIn(device["device"], text)
+
+
 class Info(unittest.TestCase):
     def test_heart_phantom_has_the_published_counts(self):
         info = json.loads(voxspring("info", "heart", "--json").stdout)
@@ -141,7 +160,12 @@ class Study(InTemporaryFolder):
                 self.assertIn((scene, backend), measured | skipped)
                 self.assertIn(backend, table)
         self.assertEqual(result["failed"], [])
+        self.assertIn("of limit", table)
+        for family in {b["api"].split()[0] for b in result["context"]["voxspring"]["backends"].values()}:
+            self.assertIn(f"limits of {family}: ", table)
         for row in result["benchmarks"]:
+            if row.get("aggregate_name") not in ("stddev", "cv"):
+                self.assertAlmostEqual(row["fraction_of_limit"], 1e6 * row["limit_seconds"] / row["real_time"])
             self.assertTrue(row["name"].startswith(f"{row['scene']}/{row['backend']}/"), row["name"])
         commit = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True).stdout
         self.assertIn(result["context"]["voxspring"]["commit"], (commit.strip(), "unknown"))

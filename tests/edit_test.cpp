@@ -148,6 +148,16 @@ TEST(SpringEditor, AWideSutureReachesBeyondTheLatticeAndOnlyAcrossTheCut) {
     expect_same_springs(problem, paper_box({6, 1, 1}));
 }
 
+TEST(SpringEditor, ASutureStaysAcrossTheCut) {
+    Problem problem = paper_box({6, 4, 1});
+    SpringEditor editor(problem);
+    const Plane plane{{2.5, 0, 0}, {1, 0, 0}};
+    editor.cut(plane);
+    // Rows at a distance of 0, 1 and 2; two on the same side that are 2 apart stay apart.
+    EXPECT_EQ(editor.suture(plane, 2.5).added.size(), 4u + 6 + 4);
+    EXPECT_EQ(problem.springs.size(), 4u);
+}
+
 TEST(SpringEditor, PairsAreJoinedOnce) {
     Problem problem = paper_box({4, 3, 2});
     SpringEditor editor(problem);

@@ -8,7 +8,9 @@
 #include <nlohmann/json.hpp>
 
 #include "backends/physics/neighbours.h"
+#include "backends/registry.h"
 #include "harness/bad_input.h"
+#include "harness/playback.h"
 #include "harness/scene_file.h"
 #include "harness/stability.h"
 #include "tests/volume_files.h"
@@ -74,7 +76,63 @@ TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
         names.push_back(scene.name);
         EXPECT_EQ(load_scene(scene.name).description, scene.description);
     }
-    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart"}));
+    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart", "scalpel_1", "scalpel_10",
+                                               "scalpel_100"}));
+}
+
+TEST(Scene, EditsAreFoundOneAfterTheOther) {
+    const Scene scene = box_with(R"("edits": [
+        {"step": 30, "suture": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}, "within": 1.5}},
+        {"step": 10, "cut": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}}},
+        {"step": 40, "cut": {"ball": {"centre": [0, 0, 0], "radius": 1}},
+         "repeat": {"times": 3, "every": 5, "move": [1, 0, 0]}},
+        {"step": 20, "suture": {"pairs": [[[0, 0, 0], [3, 0, 0]]], "stiffness": 0.5}}])");
+    std::vector<int> steps;
+    Problem edited = scene.problem;
+    for (const ScheduledEdit& scheduled : scene.edits) {
+        steps.push_back(scheduled.step);
+        apply(edited, scheduled.edit);
+    }
+    EXPECT_EQ(steps, (std::vector<int>{10, 20, 30, 40, 45, 50}));
+    EXPECT_EQ(scene.edits[0].edit.removed.size(), scene.edits[2].edit.added.size());
+    ASSERT_EQ(edited.springs.size(), 1u);
+    EXPECT_EQ(edited.springs[0].rest_length, 3);
+    EXPECT_EQ(edited.springs[0].stiffness, 0.5);
+    // The stiffer body has the shorter stable step, and the scene's default follows it.
+    const Scene stiff = box_with(R"("edits": [
+        {"step": 1, "suture": {"pairs": [[[0, 0, 0], [3, 0, 0]]], "stiffness": 100}}])");
+    EXPECT_LT(stiff.stable_time_step, scene.stable_time_step / 2);
+    EXPECT_EQ(stiff.problem.time_step, 0.8 * stiff.stable_time_step);
+}
+
+TEST(Scene, EditsPlayBetweenTheirSteps) {
+    const Scene scene = box_with(R"("gravity": [0, 0.01, -0.02], "edits": [
+        {"step": 0, "cut": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}}},
+        {"step": 7, "suture": {"pairs": [[[0, 0, 0], [3, 0, 0]]]}}])");
+    const auto backend = BackendSpec::parse("cpu_reference").make();
+    Problem edited = scene.problem;
+    backend->upload(scene.problem, scene.state);
+    apply(edited, scene.edits[0].edit);
+    backend->edit(edited, scene.edits[0].edit);
+    backend->step(7);
+    apply(edited, scene.edits[1].edit);
+    backend->edit(edited, scene.edits[1].edit);
+    backend->step(3);
+    const State by_hand = backend->download();
+
+    Playback playback(scene);
+    EXPECT_EQ(playback.edits_within(7), 1);
+    EXPECT_EQ(playback.edits_within(8), 2);
+    for (int time = 0; time < 2; ++time) {
+        playback.rewind(*backend);
+        playback.run(*backend, 4);
+        playback.run(*backend, 6);
+        EXPECT_EQ(backend->download().displacement, by_hand.displacement);
+    }
+    // A backend that cannot follow says so beforehand.
+    const auto implicit = BackendSpec::parse("cpu_parallel").make();
+    EXPECT_EQ(playback.unsupported(*implicit),
+              "implicit addressing has no springs beyond the lattice (edit after step 7)");
 }
 
 // Backends skip what a vector that is empty stands for.
@@ -270,9 +328,10 @@ TEST(Scene, BadArgumentsAreRefused) {
     const auto refused = [](const std::string& argument) {
         return refusal([&] { load_scene(argument, small); });
     };
-    EXPECT_EQ(refused("bax"),
-              "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart), a scene "
-              "file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
+    EXPECT_EQ(
+        refused("bax"),
+        "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart, scalpel_1, "
+        "scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
     for (const std::string suffix :
          {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"}) {
         EXPECT_EQ(refused("box" + suffix),

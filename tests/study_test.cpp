@@ -28,6 +28,7 @@ public:
         unsupported,
         device_error_in_upload,
         device_error_in_step,
+        device_error_in_limits,
         wrong,
         nan
     };
@@ -50,6 +51,11 @@ public:
         if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
         sound_->step(count);
     }
+    DeviceLimits measure_limits() override {
+        if (fault_ == Fault::device_error_in_limits) throw DeviceError("no counters");
+        return CpuBackend::measure_limits();
+    }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
     State download() override {
         State state = sound_->download();
         if (fault_ == Fault::wrong) state.displacement.back().x += 0.1;
@@ -79,6 +85,7 @@ const Registered test_backends[] = {
     faulty("test_unsupported", Faulty::Fault::unsupported),
     faulty("test_device_error_in_upload", Faulty::Fault::device_error_in_upload),
     faulty("test_device_error_in_step", Faulty::Fault::device_error_in_step),
+    faulty("unmeasured", Faulty::Fault::device_error_in_limits),
     faulty("test_wrong", Faulty::Fault::wrong),
     faulty("test_nan", Faulty::Fault::nan),
 };
@@ -134,6 +141,40 @@ TEST(Study, RatesFollowFromTimes) {
         EXPECT_NEAR(row.at("particle_updates_per_second").get<double>() * seconds, 125, 1e-6);
         EXPECT_NEAR(row.at("spring_updates_per_second").get<double>() * seconds, 780, 1e-6);
         EXPECT_GE(row.at("host_seconds_per_step").get<double>(), seconds);
+    }
+}
+
+TEST(Study, FractionsFollowFromLimits) {
+    const nlohmann::json result = run_study(study_of({"test_sound"}), {});
+    const auto& limits = result.at("context").at("voxspring").at("limits");
+    ASSERT_EQ(limits.size(), 1u);
+    // 125 particles and 780 springs as cpu_reference reads them: all in cache.
+    const double bytes = 125 * 9 * 24 + 780 * 24, operations = 780 * 22 + 125 * 22;
+    const auto& cpu = limits.at("CPU");
+    const bool cached = cpu.at("cache_bytes").get<double>() >= bytes;
+    const char* rate = cached ? "cached_copy_bytes_per_second" : "copy_bytes_per_second";
+    const double expected = std::max(bytes / cpu.at(rate).get<double>(),
+                                     operations / cpu.at("float64_operations_per_second").get<double>());
+    for (const auto& row : result.at("benchmarks")) {
+        EXPECT_DOUBLE_EQ(row.at("limit_seconds"), expected);
+        const std::string aggregate = row.value("aggregate_name", "");
+        if (aggregate == "stddev" || aggregate == "cv") {
+            EXPECT_TRUE(row.at("fraction_of_limit").is_null()) << aggregate;
+        } else {
+            const double seconds = row.at("real_time").get<double>() * 1e-6;
+            EXPECT_DOUBLE_EQ(row.at("fraction_of_limit").get<double>(), expected / seconds) << aggregate;
+        }
+    }
+}
+
+TEST(Study, GoesOnWithoutLimits) {
+    const nlohmann::json result = run_study(study_of({"unmeasured"}), {});
+    EXPECT_EQ(result.at("context").at("voxspring").at("limits").at("CPU"), "no counters");
+    EXPECT_TRUE(result.at("failed").empty());
+    ASSERT_EQ(result.at("benchmarks").size(), 3u + 4u);
+    for (const auto& row : result.at("benchmarks")) {
+        for (const char* field : {"limit_seconds", "limited_by", "fraction_of_limit"})
+            EXPECT_TRUE(row.at(field).is_null()) << field;
     }
 }
 

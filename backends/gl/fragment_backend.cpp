@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
 #include "backends/physics/neighbours.h"
 
@@ -256,6 +257,23 @@ WorkCount FragmentBackend::count_work() {
     }
     context_.check("counting work");
     return work;
+}
+
+DeviceLimits FragmentBackend::measure_limits() {
+    context_.make_current();
+    return gl::measure_limits(context_);
+}
+
+StepWork FragmentBackend::motion_work(const Problem& problem, std::uint64_t unmasked) const {
+    const std::uint64_t particles = problem.particle_count();
+    const bool loads = needs_loads(problem, all_terms_);
+    const bool materials = needs_materials(problem, all_terms_);
+    // next_position(), with `precise`: seven vector operations, of which gravity and damping have one each.
+    const std::uint64_t vectors = 5 + (all_terms_ || problem.has_gravity() ? 1 : 0) +
+                                  (all_terms_ || problem.damping != 0 ? 1 : 0) + (loads ? 1 : 0);
+    return {.bytes = (masked_ ? particles : unmasked) * 3 * std::uint64_t(rgba32f.bytes) +
+                     particles * std::uint64_t((loads ? rgba32f.bytes : 0) + (materials ? rg32f.bytes : 0)),
+            .operations = particles * 3 * vectors};
 }
 
 void FragmentBackend::mark(Mark which) {

@@ -30,6 +30,7 @@ public:
     State download() final;
     /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
+    DeviceLimits measure_limits() final;
 
     /// All texels, row by row, of the texture that holds x(t - age dt), for age 0 and 1; age 2 is the one
     /// that the next step writes.
@@ -79,6 +80,9 @@ protected:
 
     static constexpr GLuint first_own_unit = 4;
     const Context& context() const { return context_; }
+    /// Of one fragment a particle or, without a mask, `unmasked` in all. What a fragment reads and computes
+    /// for its springs is its own backend's to add.
+    StepWork motion_work(const Problem& problem, std::uint64_t unmasked) const;
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return all_terms_; }
 
@@ -114,6 +118,10 @@ private:
     std::vector<std::uint32_t> texel_;
     std::size_t current_ = 0;
 };
+
+/// Operations of spring_force() on one end of a spring, with the offset before and the sum after it. As GLSL
+/// may fuse them: offset 3, dot product 3, larger() and root 1 each, density 3, force and sum 3.
+inline constexpr std::uint64_t pull_operations = 3 + 3 + 1 + 1 + 3 + 3;
 
 /// The tuning parameters of every FragmentBackend.
 std::map<std::string, TuningValues> fragment_tuning();

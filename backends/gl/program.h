@@ -48,7 +48,7 @@ public:
     void set(const char* name, int value) const;
 
 private:
-    void link(std::span<const Handle<Object::shader>> stages, const std::string& names);
+    void link(std::span<const Handle<Object::shader>> stages, const std::string& failure) const;
 
     Handle<Object::program> program_;
 };

@@ -1,0 +1,13 @@
+// What an OpenGL device can do at best.
+#pragma once
+
+#include "backends/gl/context.h"
+#include "backends/limits.h"
+
+namespace voxspring::gl {
+
+/// In the draws that a FragmentBackend steps by. `context` is current and has a vertex array bound; programs,
+/// framebuffers and textures bound are others afterwards.
+DeviceLimits measure_limits(const Context& context);
+
+}  // namespace voxspring::gl

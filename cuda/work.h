@@ -1,0 +1,22 @@
+// The least that a step of each strategy takes, counted from the sources in kernels/. Host code without a
+// device, like layout.h.
+#pragma once
+
+#include "backends/limits.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+/// Of particles by grid offset. Words of inactive voxels do not count, nor neighbours a second time.
+template <class Real>
+StepWork implicit_work(const Problem& problem);
+
+/// Of particles by list, with or without the secondary list. Unused slots do not count.
+template <class Real>
+StepWork explicit_work(const Problem& problem, bool secondary);
+
+/// Of springs, then particles.
+template <class Real>
+StepWork scatter_work(const Problem& problem);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,36 @@
+// What the devices of this machine can do at best, and what fraction of it a row reached.
+#pragma once
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <ostream>
+#include <string>
+
+#include "backends/registry.h"
+
+namespace voxspring {
+
+/// The limits of every device that was measured, by family: "CUDA", "OpenGL", "CPU".
+class MeasuredLimits {
+public:
+    /// Those of the device that `spec` runs on, which `capabilities` describe; nothing where measuring them
+    /// failed. A family is measured once, on a backend of its own.
+    std::optional<DeviceLimits> of(const BackendSpec& spec, const Capabilities& capabilities);
+
+    /// By family: api, device and every limit that applies, or the reason why there are none.
+    const nlohmann::json& json() const { return json_; }
+
+private:
+    std::map<std::string, std::optional<DeviceLimits>> limits_;
+    nlohmann::json json_ = nlohmann::json::object();
+};
+
+/// What a row says of its limit: limit_seconds, limited_by and, where `step_seconds` is a time,
+/// fraction_of_limit; null where unknown.
+nlohmann::json limit_fields(const std::optional<StepLimit>& limit, std::optional<double> step_seconds);
+
+/// A line a device and, where its fragment shaders have a small part of its arithmetic, one that says so.
+void print_limits(const nlohmann::json& limits, std::ostream& out);
+
+}  // namespace voxspring

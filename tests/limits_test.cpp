@@ -1,0 +1,312 @@
+// The limits of devices, the least work of a step counted by hand, and the fraction that follows from both.
+#include "harness/limits.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <sstream>
+#include <string>
+
+#include "backends/limits.h"
+#include "cuda/work.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+// --- The shortest time of a step ------------------------------------------------------------------------
+
+DeviceLimits round_limits() {
+    DeviceLimits limits;
+    limits.copy_bytes_per_second = 1e9;
+    limits.cached_copy_bytes_per_second = 4e9;
+    limits.cache_bytes = 1000;
+    limits.launch_seconds = 1e-6;
+    limits.float32_operations_per_second = 1e10;
+    limits.float64_operations_per_second = 1e9;
+    return limits;
+}
+
+TEST(StepLimit, IsTheLongestOfWhatEachTakesAlone) {
+    const auto limit = [](StepWork work, Precision precision = Precision::float32) {
+        return limit_of(work, round_limits(), precision);
+    };
+    // 2 us of launches, 1.5 us of bytes, 1 us of operations.
+    const StepLimit launch = limit({.bytes = 1500, .operations = 10000, .launches = 2});
+    EXPECT_EQ(launch.limited_by, "launch");
+    EXPECT_DOUBLE_EQ(launch.seconds, 2e-6);
+    // 1 us, 5 us, 4 us.
+    const StepLimit bandwidth = limit({.bytes = 5000, .operations = 40000});
+    EXPECT_EQ(bandwidth.limited_by, "bandwidth");
+    EXPECT_DOUBLE_EQ(bandwidth.seconds, 5e-6);
+    // 1 us, 5 us, 6 us.
+    const StepLimit arithmetic = limit({.bytes = 5000, .operations = 60000});
+    EXPECT_EQ(arithmetic.limited_by, "arithmetic");
+    EXPECT_DOUBLE_EQ(arithmetic.seconds, 6e-6);
+    // 40 us at the rate of float64.
+    const StepLimit float64 = limit({.bytes = 5000, .operations = 40000}, Precision::float64);
+    EXPECT_EQ(float64.limited_by, "arithmetic");
+    EXPECT_DOUBLE_EQ(float64.seconds, 4e-5);
+}
+
+TEST(StepLimit, TakesTheCachesRateForWhatFitsIntoIt) {
+    DeviceLimits limits = round_limits();
+    limits.launch_seconds = 0;
+    const auto seconds = [&](std::uint64_t bytes) {
+        const StepLimit limit = limit_of({.bytes = bytes, .operations = 1}, limits, Precision::float32);
+        EXPECT_EQ(limit.limited_by, "bandwidth");
+        return limit.seconds;
+    };
+    EXPECT_DOUBLE_EQ(seconds(1000), 0.25e-6);
+    EXPECT_DOUBLE_EQ(seconds(1001), 1.001e-6);
+    limits.cache_bytes = limits.cached_copy_bytes_per_second = 0;
+    EXPECT_DOUBLE_EQ(seconds(1000), 1e-6) << "the cache is unknown";
+}
+
+TEST(LimitFields, HoldTheFractionWhereBothTimesAreKnown) {
+    const StepLimit limit{3e-6, "bandwidth"};
+    nlohmann::json fields = limit_fields(limit, 12e-6);
+    EXPECT_EQ(fields.at("limit_seconds"), 3e-6);
+    EXPECT_EQ(fields.at("limited_by"), "bandwidth");
+    EXPECT_DOUBLE_EQ(fields.at("fraction_of_limit"), 0.25);
+    fields = limit_fields(limit, std::nullopt);
+    EXPECT_EQ(fields.at("limit_seconds"), 3e-6);
+    EXPECT_TRUE(fields.at("fraction_of_limit").is_null());
+    for (const auto& field : limit_fields(std::nullopt, 12e-6)) EXPECT_TRUE(field.is_null());
+}
+
+TEST(LeastSeconds, AreThoseOfAnUndisturbedBatch) {
+    // A repetition takes 7 us. Two batches in three are interrupted for longer than a batch has to last.
+    int calls = 0;
+    int longest = 0;
+    const double seconds = least_seconds([&](int count) {
+        longest = std::max(longest, count);
+        return count * 7e-6 + (++calls % 3 == 0 ? 0 : 5e-3);
+    });
+    EXPECT_NEAR(seconds, 7e-6, 1e-12);
+    EXPECT_EQ(longest, 512) << "the first power of two that lasts 2 ms";
+}
+
+TEST(LeastSeconds, EndOnAClockThatStandsStill) {
+    EXPECT_EQ(least_seconds([](int) { return 0.0; }), 0);
+}
+
+// --- The least work of a step, counted by hand ----------------------------------------------------------
+
+/// 6 particles, 4 springs along x, 3 along y and 4 diagonals: 11, with 22 ends.
+Problem plate() { return make_lattice_problem(solid({3, 2, 1}), FACE_BITS | EDGE_BITS); }
+
+Problem loaded_plate_of_two_materials() {
+    Problem problem = make_lattice_problem(make_grid({3, 2, 1}, [](int x, int, int) { return 1 + x % 2; }),
+                                           FACE_BITS | EDGE_BITS);
+    problem.materials = {{1, 1}, {2, 3}};
+    problem.load.assign(6, glm::dvec3(0, 0, 1));
+    return problem;
+}
+
+StepWork work_of(const std::string& spec, const Problem& problem) {
+    return BackendSpec::parse(spec).make()->step_work(problem);
+}
+
+#define EXPECT_WORK(actual, expected_bytes, expected_operations, expected_launches) \
+    {                                                                               \
+        const StepWork work = actual;                                               \
+        EXPECT_EQ(work.bytes, std::uint64_t(expected_bytes));                       \
+        EXPECT_EQ(work.operations, std::uint64_t(expected_operations));             \
+        EXPECT_EQ(work.launches, expected_launches);                                \
+    }
+
+TEST(StepWork, OfCudaImplicit) {
+    EXPECT_WORK(cuda::implicit_work<float>(plate()), 6 * 48, 6 * (15 + 6) + 22 * 13, 1);
+    EXPECT_WORK(cuda::implicit_work<double>(plate()), 6 * 96, 6 * (15 + 6) + 22 * 19, 1);
+    const Problem loaded = loaded_plate_of_two_materials();
+    EXPECT_WORK(cuda::implicit_work<float>(loaded), 6 * (48 + 12 + 4 + 4), 6 * (18 + 3) + 22 * 16, 1);
+    EXPECT_WORK(cuda::implicit_work<double>(loaded), 6 * (96 + 24 + 8 + 8), 6 * (18 + 3) + 22 * 26, 1);
+}
+
+TEST(StepWork, OfCudaExplicit) {
+    EXPECT_WORK(cuda::explicit_work<float>(plate(), false), 6 * 48 + 22 * 4, 6 * (15 + 6) + 22 * 13, 1);
+    EXPECT_WORK(cuda::explicit_work<float>(plate(), true), 6 * 48 + 22 * 12, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(cuda::explicit_work<double>(plate(), true), 6 * 96 + 22 * 20, 6 * 15 + 22 * 20, 1);
+    Problem sutured = plate();
+    sutured.springs = {{0, 5, 1, 1}};
+    EXPECT_WORK(cuda::explicit_work<float>(sutured, true), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
+}
+
+TEST(StepWork, OfCudaScatter) {
+    // Forces are read and written by either launch, positions read by the first as well.
+    EXPECT_WORK(cuda::scatter_work<float>(plate()), 6 * (48 + 4 * 12 + 16) + 11 * 16, 6 * 15 + 11 * 20, 2);
+    EXPECT_WORK(cuda::scatter_work<double>(plate()), 6 * (96 + 4 * 24 + 32) + 11 * 24, 6 * 15 + 11 * 26, 2);
+    const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
+    EXPECT_WORK(cuda::scatter_work<float>(one_particle), 48 + 2 * 12, 15, 1);
+}
+
+TEST(StepWork, OfCpuParallel) {
+    // Springs along x are evaluated twice; no particle has every neighbour.
+    EXPECT_WORK(work_of("cpu_parallel", plate()), 6 * (9 + 1) * 4, 15 * 10 + 22 * 9 + 6 * 21, 1);
+    EXPECT_WORK(work_of("cpu_parallel:precision=float64", plate()), 6 * (9 + 1) * 8,
+                15 * 10 + 22 * 9 + 6 * 21, 1);
+    EXPECT_WORK(work_of("cpu_parallel", loaded_plate_of_two_materials()), 6 * (9 + 3 + 2 + 1) * 4,
+                15 * 12 + 22 * 9 + 6 * 24, 1);
+    EXPECT_WORK(work_of("cpu_parallel:terms=all", plate()), 6 * (9 + 3 + 1 + 1) * 4,
+                22 * 10 + 22 * 9 + 6 * 24, 1);
+    // The middle one of three has both neighbours, and its mask may go unread.
+    const Problem row = make_lattice_problem(solid({3, 1, 1}), FACE_BITS);
+    EXPECT_WORK(work_of("cpu_parallel", row), (3 * 9 + 2) * 4, 4 * 10 + 4 * 9 + 3 * 21, 1);
+}
+
+TEST(StepWork, OfCpuReference) {
+    EXPECT_WORK(work_of("cpu_reference", plate()), 6 * 9 * 24 + 11 * 24, 11 * 22 + 6 * 22, 1);
+    EXPECT_WORK(work_of("cpu_reference", loaded_plate_of_two_materials()), 6 * 10 * 24 + 11 * 24,
+                11 * 22 + 6 * 25, 1);
+}
+
+class Gl : public ::testing::Test {
+protected:
+    void SetUp() override {
+        try {
+            BackendSpec::parse("gl_fragment_implicit").make();
+        } catch (const Unavailable& absent) {
+            GTEST_SKIP() << absent.what();
+        }
+    }
+};
+
+TEST_F(Gl, StepWorkOfImplicit) {
+    EXPECT_WORK(work_of("gl_fragment_implicit", plate()), 6 * 48, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(work_of("gl_fragment_implicit", loaded_plate_of_two_materials()), 6 * (48 + 16 + 8),
+                6 * 18 + 22 * 17, 1);
+    Problem falling = plate();
+    falling.gravity = {0, 0, -1};
+    falling.damping = 0.1;
+    EXPECT_WORK(work_of("gl_fragment_implicit", falling), 6 * 48, 6 * 21 + 22 * 14, 1);
+    // Without a mask the empty voxel is shaded as well.
+    const Problem pair =
+        make_lattice_problem(make_grid({3, 1, 1}, [](int x, int, int) { return x != 1; }), FACE_BITS);
+    EXPECT_WORK(work_of("gl_fragment_implicit", pair), 2 * 48, 2 * 15, 1);
+    EXPECT_WORK(work_of("gl_fragment_implicit:mask=none", pair), 3 * 48, 2 * 15, 1);
+}
+
+TEST_F(Gl, StepWorkOfExplicit) {
+    EXPECT_WORK(work_of("gl_fragment_explicit", plate()), 6 * 48 + 22 * 4, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(work_of("gl_fragment_explicit", loaded_plate_of_two_materials()), 6 * (48 + 16 + 8) + 22 * 12,
+                6 * 18 + 22 * 14, 1);
+}
+
+// --- What devices reach ---------------------------------------------------------------------------------
+
+void expect_rate(double rate) {
+    EXPECT_TRUE(std::isfinite(rate));
+    EXPECT_GT(rate, 0);
+}
+
+/// Of two measurements of what does not change. Other processes may have any part of the machine in between.
+void expect_alike(double a, double b) {
+    EXPECT_LT(a, 3 * b);
+    EXPECT_LT(b, 3 * a);
+}
+
+TEST(CpuLimits, ArePositiveAndRepeat) {
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel");
+    const DeviceLimits first = spec.make()->measure_limits();
+    const DeviceLimits second = spec.make()->measure_limits();
+    expect_rate(first.copy_bytes_per_second);
+    expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
+    if (first.cache_bytes > 0) {
+        // Not faster for certain: a virtual machine may name a cache that others have.
+        expect_rate(first.cached_copy_bytes_per_second);
+        expect_alike(first.cached_copy_bytes_per_second, second.cached_copy_bytes_per_second);
+    }
+    EXPECT_EQ(first.launch_seconds, 0);
+    EXPECT_FALSE(first.grid_barrier_seconds);
+    EXPECT_FALSE(first.compute_shader_float32_operations_per_second);
+    expect_rate(first.float32_operations_per_second);
+    expect_rate(first.float64_operations_per_second.value());
+    EXPECT_GT(first.float32_operations_per_second, *first.float64_operations_per_second);
+}
+
+TEST(CudaLimits, ArePositiveAndRepeat) {
+    if (!registry().contains("cuda_implicit_device")) GTEST_SKIP() << "no CUDA in this build";
+    const BackendSpec spec = BackendSpec::parse("cuda_implicit_device");
+    std::unique_ptr<Backend> backend;
+    try {
+        backend = spec.make();
+    } catch (const Unavailable& absent) {
+        GTEST_SKIP() << absent.what();
+    }
+    const DeviceLimits first = backend->measure_limits();
+    const DeviceLimits second = spec.make()->measure_limits();
+    expect_rate(first.copy_bytes_per_second);
+    expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
+    expect_rate(first.cached_copy_bytes_per_second);
+    expect_rate(first.launch_seconds);
+    EXPECT_LT(first.launch_seconds, 1e-4);
+    if (first.grid_barrier_seconds) {
+        expect_rate(*first.grid_barrier_seconds);
+        EXPECT_LT(*first.grid_barrier_seconds, 1e-4);
+    }
+    expect_rate(first.float32_operations_per_second);
+    expect_rate(first.float64_operations_per_second.value());
+    EXPECT_LT(*first.float64_operations_per_second, first.float32_operations_per_second);
+    EXPECT_FALSE(first.compute_shader_float32_operations_per_second);
+}
+
+TEST_F(Gl, LimitsArePositiveAndRepeat) {
+    const BackendSpec spec = BackendSpec::parse("gl_fragment_implicit");
+    const DeviceLimits first = spec.make()->measure_limits();
+    const DeviceLimits second = spec.make()->measure_limits();
+    expect_rate(first.copy_bytes_per_second);
+    expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
+    expect_rate(first.launch_seconds);
+    expect_rate(first.float32_operations_per_second);
+    expect_rate(first.compute_shader_float32_operations_per_second.value());
+    EXPECT_FALSE(first.float64_operations_per_second);
+    EXPECT_EQ(first.cache_bytes, 0) << "OpenGL does not tell";
+}
+
+TEST_F(Gl, MeasuringLimitsChangesNoStep) {
+    const BackendSpec spec = BackendSpec::parse("gl_fragment_implicit");
+    Problem problem = plate();
+    problem.time_step = 0.1;
+    const State state = random_state(problem, 0.1, 1);
+    const auto stepped = [&](bool measured) {
+        const auto backend = spec.make();
+        if (measured) backend->measure_limits();
+        backend->upload(problem, state);
+        backend->step(3);
+        return backend->download();
+    };
+    const State with = stepped(true);
+    const State without = stepped(false);
+    EXPECT_NE(with.increment, state.increment);
+    EXPECT_EQ(with.displacement, without.displacement);
+    EXPECT_EQ(with.increment, without.increment);
+}
+
+TEST(PrintedLimits, SayWhereFragmentShadersHaveFewProcessors) {
+    nlohmann::json device = {{"api", "OpenGL 4.5 core"},
+                             {"device", "Card"},
+                             {"copy_bytes_per_second", 2e11},
+                             {"launch_seconds", 2e-6},
+                             {"float32_operations_per_second", 1e12},
+                             {"compute_shader_float32_operations_per_second", 3.2e13}};
+    const auto printed = [&] {
+        std::ostringstream out;
+        print_limits({{"OpenGL", device}, {"CUDA", "out of memory"}}, out);
+        return out.str();
+    };
+    EXPECT_THAT(printed(), HasSubstr("200 GB/s, a launch 2.00 us, float32 1.00 Top/s"));
+    EXPECT_THAT(printed(), HasSubstr("1/32 of the arithmetic"));
+    EXPECT_THAT(printed(), HasSubstr("CUDA: not measured: out of memory"));
+    device["float32_operations_per_second"] = 0.8e13;
+    EXPECT_THAT(printed(), Not(HasSubstr("of the arithmetic"))) << "a quarter";
+}
+
+}  // namespace
+}  // namespace voxspring::testing
