@@ -134,6 +134,16 @@ nlohmann::json describe(const Capabilities& capabilities) {
             {"clock", capabilities.clock},   {"deterministic", capabilities.deterministic}};
 }
 
+/// Empty, or why a backend on the card `uuid` is not for a table of `backends`, which describe() wrote.
+std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
+    for (const auto& [name, backend] : backends.items()) {
+        const std::string card = backend.at("uuid");
+        if (uuid.empty() || card.empty() || card == uuid) continue;
+        return "is on " + uuid + ", " + name + " on " + card + ": two cards are not compared as one";
+    }
+    return {};
+}
+
 /// The GPU and GL renderer that any row of this study ran on.
 void note_devices(nlohmann::json& context) {
     for (const auto& [name, backend] : context.at("backends").items()) {
@@ -234,9 +244,11 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
             nlohmann::json row = row_identity(scene.name, spec);
             try {
                 auto backend = spec.make();
-                row["reason"] = backend->unsupported(scene.problem);
+                const Capabilities capabilities = backend->capabilities();
+                row["reason"] = other_card(context["backends"], capabilities.uuid);
+                if (row["reason"] == "") row["reason"] = backend->unsupported(scene.problem);
                 if (row["reason"] == "") {
-                    context["backends"][spec.entry->name] = describe(backend->capabilities());
+                    context["backends"][spec.entry->name] = describe(capabilities);
                     contenders.push_back({spec, std::move(backend)});
                 } else {
                     result["skipped"].push_back(row);

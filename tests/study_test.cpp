@@ -7,7 +7,9 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
+#include <set>
 
 #include "backends/cpu_backend.h"
 #include "backends/registry.h"
@@ -32,10 +34,15 @@ public:
         nan
     };
 
-    explicit Faulty(Fault fault) : fault_(fault), sound_(BackendSpec::parse("cpu_reference").make()) {
+    explicit Faulty(Fault fault, std::string uuid = "")
+        : fault_(fault), uuid_(std::move(uuid)), sound_(BackendSpec::parse("cpu_reference").make()) {
         if (fault == Fault::unavailable) throw Unavailable("no such device");
     }
-    Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
+    Capabilities capabilities() const override {
+        Capabilities capabilities = cpu_capabilities("scalar", 1);
+        capabilities.uuid = uuid_;
+        return capabilities;
+    }
     std::string unsupported(const Problem&) const override {
         return fault_ == Fault::unsupported ? "grid of 8 exceeds the limit of 7" : "";
     }
@@ -58,18 +65,27 @@ public:
 
 private:
     Fault fault_;
+    std::string uuid_;
     std::unique_ptr<Backend> sound_;
     int uploads_ = 0;
 };
 
-Registered faulty(const std::string& name, Faulty::Fault fault) {
+Registered fake(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
     return Registered({.name = name,
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
                        .formulations = {"position"},
                        .tuning = {},
-                       .make = [fault](const Options&) { return std::make_unique<Faulty>(fault); },
+                       .make = [make](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+
+Registered faulty(const std::string& name, Faulty::Fault fault) {
+    return fake(name, [fault] { return std::make_unique<Faulty>(fault); });
+}
+
+Registered on_card(const std::string& name, const std::string& uuid) {
+    return fake(name, [uuid] { return std::make_unique<Faulty>(Faulty::Fault::none, uuid); });
 }
 
 const Registered test_backends[] = {
@@ -80,6 +96,9 @@ const Registered test_backends[] = {
     faulty("test_device_error_in_step", Faulty::Fault::device_error_in_step),
     faulty("test_wrong", Faulty::Fault::wrong),
     faulty("test_nan", Faulty::Fault::nan),
+    on_card("card_a", "GPU-a"),
+    on_card("card_b", "GPU-b"),
+    on_card("card_c", "GPU-a"),
 };
 
 Study study_of(const std::vector<std::string>& backends) {
@@ -120,6 +139,20 @@ TEST(Study, AFaultTakesDownItsOwnRowOnly) {
     EXPECT_EQ(row_of(result.at("verification"), "test_sound").at("error_max"), 0.0);
     EXPECT_EQ(row_of(result.at("verification"), "test_wrong").at("passed"), false);
     EXPECT_TRUE(row_of(result.at("verification"), "test_nan").at("error_max").is_null());
+}
+
+TEST(Study, TwoCardsAreNotComparedAsOne) {
+    Study study = study_of({"card_*", "test_sound"});
+    study.scenes.push_back({"box@4", 4, {"card_b", "card_c"}});
+    const nlohmann::json result = run_study(study, {});
+    std::set<std::string> measured;
+    for (const auto& row : result.at("benchmarks")) measured.insert(row.at("backend"));
+    EXPECT_THAT(measured, ::testing::ElementsAre("card_a", "card_c", "test_sound"));
+    ASSERT_EQ(result.at("skipped").size(), 2u) << "card_b, on both scenes";
+    for (const auto& row : result.at("skipped")) {
+        EXPECT_THAT(std::string(row.at("reason")),
+                    ::testing::AllOf(HasSubstr("GPU-b"), HasSubstr("card_a on GPU-a")));
+    }
 }
 
 TEST(Study, RatesFollowFromTimes) {
