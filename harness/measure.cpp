@@ -36,26 +36,27 @@ void warm_up(Run& run, const Scene& scene, int steps) {
     }
 }
 
-/// One repetition: Google Benchmark's iteration is one step.
+/// One repetition: Google Benchmark's iteration is one step. It is not told of a failure, since it aborts
+/// where some repetitions of a benchmark fail and others do not; measure() drops the rows of who failed.
 void repeat(benchmark::State& state, Run& run, const Scene& scene, std::uint64_t springs, int steps) {
-    Timing timing;
-    if (run.failure.empty()) {
+    Backend& backend = *run.contender->backend;
+    const auto unless_failed = [&](const auto& action) {
+        if (!run.failure.empty()) return;
         try {
-            Backend& backend = *run.contender->backend;
-            backend.upload(scene.problem, scene.state);
-            while (state.KeepRunningBatch(steps)) {
-                timing = backend.timed_step(steps);
-                state.SetIterationTime(timing.device_seconds);
-            }
-            if (--run.repetitions_left == 0) run.last = backend.download();
+            action();
         } catch (const std::exception& error) {
             run.failure = describe(error);
         }
+    };
+    Timing timing{.device_seconds = 1, .host_seconds = 1};  // of no meaning, but statistics of it are finite
+    unless_failed([&] { backend.upload(scene.problem, scene.state); });
+    while (state.KeepRunningBatch(steps)) {
+        unless_failed([&] { timing = backend.timed_step(steps); });
+        state.SetIterationTime(timing.device_seconds);
     }
-    if (!run.failure.empty()) {
-        state.SkipWithError(run.failure.c_str());
-        return;
-    }
+    unless_failed([&] {
+        if (--run.repetitions_left == 0) run.last = backend.download();
+    });
     using benchmark::Counter;
     state.counters["particle_updates_per_second"] =
         Counter(double(scene.problem.particle_count()) * steps, Counter::kIsRate);

@@ -255,8 +255,10 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 }
             } catch (const Unavailable& absent) {
                 row["reason"] = absent.what();
-                result["skipped"].push_back(row);
-            } catch (const DeviceError& error) {
+                // What was there for an earlier scene has been lost since.
+                const bool lost = context["backends"].contains(spec.entry->name);
+                result[lost ? "failed" : "skipped"].push_back(row);
+            } catch (const std::exception& error) {
                 row["reason"] = error.what();
                 result["failed"].push_back(row);
             }

@@ -10,10 +10,12 @@
 #include <functional>
 #include <limits>
 #include <set>
+#include <sstream>
 
 #include "backends/cpu_backend.h"
 #include "backends/registry.h"
 #include "harness/bad_input.h"
+#include "harness/commands.h"
 
 namespace voxspring::testing {
 namespace {
@@ -70,6 +72,43 @@ private:
     int uploads_ = 0;
 };
 
+/// A device that is lost in one of the calls to it; every call fails from then on, as with CUDA.
+struct Device {
+    std::string lost_in;
+    int calls_left = 0;
+    bool lost = false;
+    void call(const std::string& name) {
+        if (name == lost_in && --calls_left == 0) lost = true;
+        if (lost) throw DeviceError("device lost, seen in " + name);
+    }
+};
+Device device;
+
+/// cpu_reference on that device.
+class Losing : public CpuBackend {
+public:
+    Losing() : sound_(BackendSpec::parse("cpu_reference").make()) {
+        if (device.lost) throw Unavailable("no context: device lost");
+    }
+    Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
+    void upload(const Problem& problem, const State& state) override {
+        device.call("upload");
+        sound_->upload(problem, state);
+    }
+    void step(int count) override {
+        device.call("step");
+        sound_->step(count);
+    }
+    void synchronize() override { device.call("synchronize"); }
+    State download() override {
+        device.call("download");
+        return sound_->download();
+    }
+
+private:
+    std::unique_ptr<Backend> sound_;
+};
+
 Registered fake(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
     return Registered({.name = name,
                        .summary = "A backend for this test.",
@@ -99,6 +138,8 @@ const Registered test_backends[] = {
     on_card("card_a", "GPU-a"),
     on_card("card_b", "GPU-b"),
     on_card("card_c", "GPU-a"),
+    fake("losing_one", [] { return std::make_unique<Losing>(); }),
+    fake("losing_two", [] { return std::make_unique<Losing>(); }),
 };
 
 Study study_of(const std::vector<std::string>& backends) {
@@ -217,6 +258,59 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
     EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("repetitions"), HasSubstr("2.5")));
     write(R"({"backends": ["*"], "scenes": [{"scene": "box"}]})");
     EXPECT_EQ(refusal(), "accepted");
+}
+
+/// Parameters: the call in which the device is lost, and the number of that call.
+class LostDevice : public StudyFile, public ::testing::WithParamInterface<std::pair<const char*, int>> {
+protected:
+    std::filesystem::path out_ = std::filesystem::path(::testing::TempDir()) / "study_test_out.json";
+    void TearDown() override {
+        StudyFile::TearDown();
+        std::filesystem::remove(out_);
+        device = {};
+    }
+};
+
+// Two contenders, each of which warms up (upload, upload, step, synchronize), is timed four times (upload,
+// synchronize, step, synchronize) and read once. Before the device is lost in the second scene, three batches
+// are timed there, so that a contender has repetitions of either kind and none has finished.
+INSTANTIATE_TEST_SUITE_P(, LostDevice,
+                         ::testing::Values(std::pair{"upload", 2 * (2 + 4) + 2 * 2 + 3 + 1},
+                                           std::pair{"step", 2 * (1 + 4) + 2 * 1 + 3 + 1},
+                                           std::pair{"synchronize", 2 * (1 + 4 * 2) + 2 * 1 + 3 * 2 + 1},
+                                           std::pair{"download", 2 * 1 + 1}),
+                         [](const auto& tested) { return tested.param.first; });
+
+TEST_P(LostDevice, KeepsWhatWasFinishedAndNamesTheRest) {
+    write(R"({"backends": ["losing_*", "test_sound"], "repetitions": 4, "steps": 2,
+              "scenes": [{"scene": "box@3"}, {"scene": "box@4"}, {"scene": "box@5"}]})");
+    const auto [call, number] = GetParam();
+    device = {call, number, false};
+    StudyOptions options;
+    options.out = out_;
+    std::ostringstream table;
+    EXPECT_EQ(run_and_print_study(path_.string(), options, table), 1);
+
+    const auto result = nlohmann::json::parse(std::ifstream(out_));
+    const auto names = [&](const char* list) {
+        std::set<std::string> found;
+        for (const auto& row : result.at(list)) {
+            found.insert(std::string(row.at("scene")) + "/" + std::string(row.at("backend")));
+        }
+        return found;
+    };
+    EXPECT_THAT(names("benchmarks"),
+                ::testing::ElementsAre("box@3/losing_one", "box@3/losing_two", "box@3/test_sound",
+                                       "box@4/test_sound", "box@5/test_sound"));
+    EXPECT_THAT(names("failed"), ::testing::ElementsAre("box@4/losing_one", "box@4/losing_two",
+                                                        "box@5/losing_one", "box@5/losing_two"));
+    EXPECT_EQ(result.at("failed").size(), 4u);
+    EXPECT_TRUE(result.at("skipped").empty());
+    for (const auto& row : result.at("failed")) {
+        EXPECT_THAT(std::string(row.at("reason")), HasSubstr("device lost"));
+    }
+    EXPECT_THAT(table.str(),
+                ::testing::AllOf(HasSubstr("failed: device lost, seen in"), HasSubstr("losing_two")));
 }
 
 TEST(BuiltinStudies, AllLoad) {
