@@ -130,6 +130,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
 
     SceneResult result;
     result.context = measured.at("context");
+    result.context.erase("host_name");  // results are published
     for (Run& run : runs) {
         nlohmann::json identity = row_identity(scene.name, run.contender->spec);
         identity["steps"] = steps;

@@ -129,9 +129,13 @@ private:
 };
 
 nlohmann::json describe(const Capabilities& capabilities) {
-    return {{"api", capabilities.api},       {"device", capabilities.device},
-            {"driver", capabilities.driver}, {"uuid", capabilities.uuid},
-            {"clock", capabilities.clock},   {"deterministic", capabilities.deterministic}};
+    return {{"api", capabilities.api},
+            {"device", capabilities.device},
+            {"driver", capabilities.driver},
+            {"uuid", capabilities.uuid},
+            {"clock", capabilities.clock},
+            {"deterministic", capabilities.deterministic},
+            {"highest_mhz", capabilities.highest_mhz}};
 }
 
 /// Empty, or why a backend on the card `uuid` is not for a table of `backends`, which describe() wrote.

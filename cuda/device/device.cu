@@ -24,6 +24,12 @@ std::string version_text(int version) {
     return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
 }
 
+int megahertz(cudaDeviceAttr clock) {
+    int kilohertz = 0;
+    check(cudaDeviceGetAttribute(&kilohertz, clock, 0));
+    return kilohertz / 1000;
+}
+
 std::string uuid_of(const cudaDeviceProp& properties) {
     std::array<unsigned char, 16> bytes{};
     std::copy(std::begin(properties.uuid.bytes), std::end(properties.uuid.bytes), bytes.begin());
@@ -59,6 +65,8 @@ Device::Device() {
                 std::to_string(properties.major) + "." + std::to_string(properties.minor) + ")");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
     check(cudaDeviceGetTexture1DLinearMaxWidth(&most_texels_, &texel, 0));
+    sm_mhz_ = megahertz(cudaDevAttrClockRate);
+    memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate);
 }
 
 std::size_t Device::free_bytes() const {
