@@ -22,16 +22,30 @@ bool matches(const std::string& glob, const std::string& text) {
     return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
 }
 
-/// The specifications that a pattern GLOB[:options] stands for, in the registry's order.
+/// The specifications that a pattern GLOB[:options] stands for, in the registry's order: those that take the
+/// options. Throws BadSpecification if there are some and none does.
 std::vector<BackendSpec> expand(const std::string& pattern) {
     const auto colon = pattern.find(':');
     const std::string glob = pattern.substr(0, colon);
     const std::string options = colon == std::string::npos ? "" : pattern.substr(colon);
     std::vector<BackendSpec> specs;
+    std::optional<BadSpecification> refusal;
     for (const auto& [name, entry] : registry()) {
-        if (matches(glob, name)) specs.push_back(BackendSpec::parse(name + options));
+        if (!matches(glob, name)) continue;
+        try {
+            specs.push_back(BackendSpec::parse(name + options));
+        } catch (const BadSpecification& error) {
+            if (!refusal) refusal = error;
+        }
     }
+    if (specs.empty() && refusal) throw BadSpecification(*refusal);
     return specs;
+}
+
+bool matches_left_out(const std::string& pattern) {
+    const std::string glob = pattern.substr(0, pattern.find(':'));
+    return std::any_of(left_out().begin(), left_out().end(),
+                       [&](const auto& backend) { return matches(glob, backend.first); });
 }
 
 /// All of `patterns` without repetition. A study may name backends that this build left out.
@@ -97,7 +111,7 @@ std::vector<std::string> read_patterns(const JsonValue& list) {
     for (const JsonValue& item : list.array(1)) {
         patterns.push_back(item.string());
         try {
-            if (expand(patterns.back()).empty() && !left_out().contains(patterns.back())) {
+            if (expand(patterns.back()).empty() && !matches_left_out(patterns.back())) {
                 item.refuse("a glob that matches one of: " + registered_names());
             }
         } catch (const BadSpecification& error) {
@@ -218,8 +232,11 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     for (const StudyScene& scene : study.scenes) {
         load_scene(scene.scene);
         if (contenders_of(study, scene, options).empty()) {
-            throw BadInput("command line", "--backend", options.backends.front(),
-                           "a glob that matches one of: " + registered_names());
+            const std::string known = "a glob that matches one of: " + registered_names();
+            if (!options.backends.empty())
+                throw BadInput("command line", "--backend", options.backends.front(), known);
+            const auto& patterns = scene.backends.empty() ? study.backends : scene.backends;
+            throw BadInput("study " + study.name, "backends of " + scene.scene, patterns.front(), known);
         }
     }
 

@@ -20,7 +20,6 @@
 namespace voxspring::testing {
 namespace {
 
-using ::testing::Contains;
 using ::testing::HasSubstr;
 
 /// cpu_reference with a fault.
@@ -227,6 +226,14 @@ TEST(Study, SelectsAndAdds) {
     EXPECT_THROW(run_study(study_of({"test_sound"}), options), BadInput);
 }
 
+TEST(Study, APatternStandsForTheBackendsThatHaveItsOptions) {
+    const nlohmann::json result = run_study(study_of({"cpu_*:precision=float32"}), {});
+    for (const auto& row : result.at("benchmarks")) EXPECT_EQ(row.at("backend"), "cpu_parallel");
+    EXPECT_FALSE(result.at("benchmarks").empty());
+}
+
+TEST(Study, WithoutABackendIsRefused) { EXPECT_THROW(run_study(study_of({"left_out_*"}), {}), BadInput); }
+
 class StudyFile : public ::testing::Test {
 protected:
     std::filesystem::path path_ = std::filesystem::path(::testing::TempDir()) / "study_test.json";
@@ -250,6 +257,10 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
                                             HasSubstr("vulkan_*"), HasSubstr("cpu_reference")));
     write(R"({"backends": ["cpu_reference:precision=float16"], "scenes": [{"scene": "box"}]})");
     EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("float16"), HasSubstr("float64")));
+    write(R"({"backends": ["cpu_*:precision=float16"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), HasSubstr("float16")) << "no backend has it";
+    write(R"({"backends": ["cuda_*:fetch=l1"], "scenes": [{"scene": "box"}]})");
+    EXPECT_EQ(refusal(), "accepted") << "in a build without CUDA too";
     write(R"({"backends": ["*"], "scenes": [{"scene": "box", "step": 3}]})");
     EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("scenes[0]"), HasSubstr("step"), HasSubstr("steps")));
     write(R"({"backends": ["*"], "scenes": [{"scene": "box", "steps": 0}]})");
@@ -316,7 +327,8 @@ TEST_P(LostDevice, KeepsWhatWasFinishedAndNamesTheRest) {
 TEST(BuiltinStudies, AllLoad) {
     std::vector<std::string> names;
     for (const auto& study : builtin_studies()) names.push_back(study.name);
-    EXPECT_THAT(names, Contains("default"));
+    EXPECT_THAT(names,
+                ::testing::IsSupersetOf({"default", "figure7", "figure8", "smoke", "table1", "tuning"}));
 }
 
 }  // namespace
