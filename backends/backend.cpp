@@ -8,11 +8,11 @@ std::string to_string(Precision precision) { return precision == Precision::floa
 
 std::string Backend::unsupported(const Problem&) const { return {}; }
 
-Timing Backend::timed_step(int count) {
+Timing Backend::timed(const std::function<void()>& run) {
     synchronize();
     const auto begin = std::chrono::steady_clock::now();
     mark(Mark::begin);
-    step(count);
+    run();
     mark(Mark::end);
     synchronize();
     const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - begin;

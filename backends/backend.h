@@ -4,11 +4,13 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 
 namespace voxspring {
@@ -42,7 +44,7 @@ struct Capabilities {
     std::string device;  ///< as its driver names it
     std::string driver;  ///< version, or the SIMD target of a CPU backend
     std::string uuid;    ///< of the physical device; empty where there is none
-    std::string clock;   ///< what the marks of timed_step are: "steady_clock", "GL_TIMESTAMP", "CUDA event"
+    std::string clock;   ///< what the marks of timed() are: "steady_clock", "GL_TIMESTAMP", "CUDA event"
     bool deterministic = true;  ///< two runs give the same bits
     /// The device's highest clocks by what they drive ("sm", "memory"), where its driver tells.
     std::map<std::string, int> highest_mhz = {};
@@ -75,9 +77,18 @@ public:
     virtual std::string unsupported(const Problem& problem) const;
 
     /// Allocate, copy in, and stand at step 0. May be called again, with the same problem or another.
-    /// Blocks until the device has it all. `problem` must outlive its use here: until the next upload() or
-    /// destruction.
+    /// Blocks until the device has it all. `problem` must outlive its use here, unchanged: until the next
+    /// upload() or destruction.
     virtual void upload(const Problem& problem, const State& state) = 0;
+
+    /// Enqueue a change of springs between the steps before and the steps after; may return before it is
+    /// made. `edited` is the uploaded problem with this and all earlier edits since, which unsupported()
+    /// accepts; it must outlive its use as `problem` does, changed by nothing but the next edit. From here on
+    /// every step gives the bits that it would give had `edited` been uploaded with the state of this moment.
+    ///
+    /// What travels to the device is what `edit` touched. A backend whose arrays have no room for it, or
+    /// whose kernel was chosen for springs of another kind, may build anew what it keeps of springs.
+    virtual void edit(const Problem& edited, const SpringEdit& edit) = 0;
 
     /// Enqueue `count` steps; may return before they have run.
     virtual void step(int count) = 0;
@@ -91,8 +102,9 @@ public:
     /// Advance one step under the hardware's own counters, where the device has any.
     virtual WorkCount count_work() { return {}; }
 
-    /// The one stopwatch: synchronize, host clock, mark, step, mark, synchronize, host clock.
-    Timing timed_step(int count);
+    /// The one stopwatch: synchronize, host clock, mark, whatever `run` enqueues, mark, synchronize, host
+    /// clock.
+    Timing timed(const std::function<void()>& run);
 
 protected:
     enum class Mark : std::uint8_t { begin, end };

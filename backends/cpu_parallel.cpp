@@ -342,9 +342,29 @@ public:
         problem_ = &problem;
         grid_ = std::make_unique<PaddedGrid<T>>(problem.lattice.dims);
         copy_in(state);
-        const std::uint32_t bits = bits_in_use(problem, options_);
-        list_blocks(bits);
-        deal_out(bits);
+        bits_ = bits_in_use(problem, options_);
+        list_blocks();
+        deal_out();
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        problem_ = &edited;
+        std::uint32_t bits = bits_;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            const std::ptrdiff_t element = element_of(touched.particle);
+            mask_[std::size_t(element)] = touched.mask;
+            bits |= touched.mask & NEIGHBOUR_BITS;
+            // A block with a particle is listed, and has no other guards than those that end its row.
+            const auto next = std::upper_bound(blocks_.begin(), blocks_.end(), element,
+                                               [](auto e, const Block& block) { return e < block.first; });
+            Block& block = *std::prev(next);
+            block.whole = is_whole(block.first);
+        }
+        if (bits == bits_) return;
+        // Springs in a direction that had none so far.
+        bits_ = bits;
+        list_blocks();
+        deal_out();
     }
 
     void step(int count) override {
@@ -427,7 +447,14 @@ private:
         }
     }
 
-    void list_blocks(std::uint32_t bits) {
+    bool is_whole(std::ptrdiff_t first) const {
+        const MaskOf<T>* begin = mask_.get() + first;
+        return !all_terms(options_) && std::all_of(begin, begin + block_size<T>, [this](auto mask) {
+            return mask == (bits_ | ACTIVE_BIT);
+        });
+    }
+
+    void list_blocks() {
         const bool all = all_terms(options_);
         blocks_.clear();
         for (int z = 0; z < grid_->dims.z; ++z) {
@@ -436,19 +463,18 @@ private:
                 const MaskOf<T>* begin = mask_.get() + slice + in_slice;
                 const MaskOf<T>* end = begin + block_size<T>;
                 if (!all && std::all_of(begin, end, [](auto mask) { return mask == 0; })) continue;
-                const bool whole =
-                    !all && std::all_of(begin, end, [=](auto mask) { return mask == (bits | ACTIVE_BIT); });
-                blocks_.push_back({slice + in_slice, in_slice, z % 2 != 0, whole});
+                const std::ptrdiff_t block = slice + in_slice;
+                blocks_.push_back({block, in_slice, z % 2 != 0, is_whole(block)});
             }
         }
     }
 
-    void deal_out(std::uint32_t bits) {
+    void deal_out() {
         const auto count = std::size_t(share_count(options_, std::ptrdiff_t(blocks_.size())));
         shares_.clear();
         for (std::size_t s = 0; s < count; ++s) {
             Share& share = shares_.emplace_back();
-            fill_opposites(share, bits);
+            fill_opposites(share);
             Task<T>& task = share.task;
             task = uniform_task();
             task.opposites = {share.opposites[0].data(), share.opposites[1].data()};
@@ -464,13 +490,13 @@ private:
         }
     }
 
-    void fill_opposites(Share& share, std::uint32_t bits) {
-        if (bits == 0) return;
-        const auto pairs = std::ptrdiff_t(std::popcount(bits) / 2);
+    void fill_opposites(Share& share) {
+        if (bits_ == 0) return;
+        const auto pairs = std::ptrdiff_t(std::popcount(bits_) / 2);
         share.density = filled(2 * pairs * grid_->densities(), T(0));
         T* density = share.density.get() + grid_->density_guard();
         for (const Direction& direction : directions()) {
-            if (direction.bit % 2 == 0 || (bits >> direction.bit & 1u) == 0) continue;
+            if (direction.bit % 2 == 0 || (bits_ >> direction.bit & 1u) == 0) continue;
             const glm::ivec3 o = direction.offset;
             const std::ptrdiff_t stride_in_slice = o.y * grid_->row + o.x;
             const std::ptrdiff_t stride = o.z * grid_->slice + stride_in_slice;
@@ -512,6 +538,7 @@ private:
     const int threads_;
     const Problem* problem_ = nullptr;
     std::unique_ptr<PaddedGrid<T>> grid_;
+    std::uint32_t bits_ = 0;  ///< of the directions to visit
     Array<MaskOf<T>> mask_;
     std::array<Array<T>, 3> position_, previous_, load_;
     Array<T> inverse_mass_, compliance_;

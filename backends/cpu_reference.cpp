@@ -24,6 +24,12 @@ public:
         }
     }
 
+    // Anew, which is plainly right.
+    void edit(const Problem& edited, const SpringEdit&) override {
+        problem_ = &edited;
+        springs_ = list_springs(edited);
+    }
+
     void step(int count) override {
         for (int n = 0; n < count; ++n) step_once();
     }

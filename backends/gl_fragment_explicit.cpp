@@ -88,9 +88,9 @@ private:
         spring_ = {};
         Layout layout;
         layout.size = compact_size(problem.particle_count(), context().max_texture_size());
-        const bool own_values = per_spring(problem);
+        const bool own_values = per_spring_ = per_spring(problem);
         const std::size_t texels = std::size_t(layout.size.x) * std::size_t(layout.size.y);
-        const int layers = layer_count(problem);
+        const int layers = layers_ = layer_count(problem);
         std::vector<std::uint32_t> neighbour(texels * std::size_t(layers), 0);
         std::vector<glm::vec2> spring(own_values ? neighbour.size() : 0, glm::vec2(0));
         std::vector<std::uint32_t> degree(problem.particle_count(), 0);
@@ -150,7 +150,40 @@ private:
         program.set("group_stiffness", stiffness);
     }
 
+    bool has_room(const Problem& edited, const SpringEdit& edit) const override {
+        return per_spring(edited) == per_spring_ &&
+               std::all_of(edit.touched.begin(), edit.touched.end(), [&](const auto& touched) {
+                   return edit.springs_of(touched).size() <= std::size_t(layers_);
+               });
+    }
+
+    TexelEdit edited_texels(const SpringEdit& edit) const override {
+        TexelEdit texels;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            std::uint32_t bits = touched.mask & (ACTIVE_BIT | PINNED_BIT);
+            for (const ListedSpring& s : edit.springs_of(touched)) {
+                texels.neighbour.push_back(texel_of(s.neighbour));
+                bits += per_spring_ ? 1U : 1U << count_bits * int(directions()[std::size_t(s.bit)].group);
+                if (per_spring_) texels.spring.emplace_back(float(s.stiffness), float(s.rest_length));
+            }
+            texels.particles.push_back({texel_of(touched.particle), bits, touched.begin, touched.end});
+        }
+        return texels;
+    }
+
+    gl::Defines bind_lists() const override {
+        gl::Defines defines{{"LISTS", ""}};
+        glBindImageTexture(1, neighbour_.get(), 0, GL_TRUE, 0, GL_WRITE_ONLY, gl::r32ui.internal);
+        if (per_spring_) {
+            defines["PER_SPRING"] = "";
+            glBindImageTexture(2, spring_.get(), 0, GL_TRUE, 0, GL_WRITE_ONLY, gl::rg32f.internal);
+        }
+        return defines;
+    }
+
     gl::Texture neighbour_, spring_;
+    int layers_ = 0;           // of both
+    bool per_spring_ = false;  // whether spring_ is there
 };
 
 const Registered entry({

@@ -89,6 +89,15 @@ private:
         program.set("last_column", (flat_.columns - 1) * flat_.dims.x);
     }
 
+    bool has_room(const Problem&, const SpringEdit&) const override { return true; }
+
+    TexelEdit edited_texels(const SpringEdit& edit) const override {
+        TexelEdit texels;
+        for (const SpringEdit::Touched& touched : edit.touched)
+            texels.particles.push_back({texel_of(touched.particle), touched.mask, 0, 0});
+        return texels;
+    }
+
     FlatGrid flat_;
 };
 

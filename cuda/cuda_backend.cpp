@@ -37,9 +37,8 @@ std::string CudaBackend::unsupported(const Problem& problem) const {
     return "needs " + gibibytes(needed) + " of device memory, " + gibibytes(available) + " are free";
 }
 
-void CudaBackend::rewind(bool recapture) {
-    current_ = 0;
-    if (!recapture) return;
+void CudaBackend::capture() {
+    stream_.synchronize();  // what is captured already may still run
     // All lengths now, so that no capture falls into a step that is timed.
     for (int b = 0; b < 2; ++b) {
         auto& graphs = graphs_[std::size_t(b)];

@@ -26,8 +26,10 @@ protected:
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
-    /// Stand at step 0 with x(t) in buffer 0. `recapture`: what enqueue_step() enqueues has changed.
-    void rewind(bool recapture);
+    /// Stand at step 0 with x(t) in buffer 0.
+    void rewind() { current_ = 0; }
+    /// To be called when what enqueue_step() enqueues has changed.
+    void capture();
 
 private:
     /// Empty, or why the strategy cannot run `problem`, memory aside.

@@ -10,7 +10,7 @@ const Registered entry({
     .summary = "One thread a voxel, neighbours by grid offset and mask through a texture object.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {"position"},
-    .tuning = {{"block", implicit_blocks}, {"fetch", {"texture", "l1"}}},
+    .tuning = {{"block", implicit_blocks}, {"fetch", {"texture", "l1"}}, {"registers", implicit_registers}},
     .make =
         [](const Options& options) {
             return options.tuning.at("fetch") == "texture" ? make_implicit<ThroughTexture>(options)

@@ -10,8 +10,8 @@ namespace {
 template <class Real>
 using Fetch = PastL1<Real>;
 
-template <class Terms, class Real, int W, int H>
-__global__ void __launch_bounds__(W* H, implicit_blocks_per_sm<Real>)
+template <class Terms, Registers registers, class Real, int W, int H>
+__global__ void __launch_bounds__(W* H, implicit_blocks_per_sm<Real, registers>)
     step_tile(const __grid_constant__ ImplicitStep<Real> step, const __grid_constant__ Fetch<Real> current,
               Word<Real>* previous) {
     __shared__ Tile<Real, W, H> tile;
@@ -31,24 +31,24 @@ __global__ void __launch_bounds__(W* H, implicit_blocks_per_sm<Real>)
 
 template <class Real, int W, int H>
 struct FromTile {
-    template <class Terms>
+    template <class Terms, Registers registers>
     static ImplicitKernel<Real, Fetch<Real>> get() {
-        return step_tile<Terms, Real, W, H>;
+        return step_tile<Terms, registers, Real, W, H>;
     }
 };
 
 template <class Real, int W, int H>
-std::unique_ptr<Backend> make_tiled() {
-    return std::make_unique<ImplicitBackend<Real, Fetch<Real>>>(BlockShape{W, H, 1},
+std::unique_ptr<Backend> make_tiled(const std::string& registers) {
+    return std::make_unique<ImplicitBackend<Real, Fetch<Real>>>(BlockShape{W, H, 1}, registers,
                                                                 choose_implicit_kernel<FromTile<Real, W, H>>);
 }
 
 template <class Real>
-std::unique_ptr<Backend> make_shared_backend(const std::string& block) {
-    if (block == "32x8") return make_tiled<Real, 32, 8>();
-    if (block == "32x4") return make_tiled<Real, 32, 4>();
-    if (block == "64x4") return make_tiled<Real, 64, 4>();
-    return make_tiled<Real, 16, 16>();
+std::unique_ptr<Backend> make_shared_backend(const std::string& block, const std::string& registers) {
+    if (block == "32x8") return make_tiled<Real, 32, 8>(registers);
+    if (block == "32x4") return make_tiled<Real, 32, 4>(registers);
+    if (block == "64x4") return make_tiled<Real, 64, 4>(registers);
+    return make_tiled<Real, 16, 16>(registers);
 }
 
 const Registered entry({
@@ -57,12 +57,13 @@ const Registered entry({
                "memory.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {"position"},
-    .tuning = {{"block", {"32x8", "32x4", "64x4", "16x16"}}},
+    .tuning = {{"block", {"32x8", "32x4", "64x4", "16x16"}}, {"registers", implicit_registers}},
     .make =
         [](const Options& options) {
             const std::string& block = options.tuning.at("block");
-            return options.precision == Precision::float32 ? make_shared_backend<float>(block)
-                                                           : make_shared_backend<double>(block);
+            const std::string& registers = options.tuning.at("registers");
+            return options.precision == Precision::float32 ? make_shared_backend<float>(block, registers)
+                                                           : make_shared_backend<double>(block, registers);
         },
     .bytes = [](const Problem& problem, const Options& options) { return implicit_bytes(problem, options); },
 });

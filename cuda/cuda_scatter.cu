@@ -1,4 +1,5 @@
 // One thread a spring and atomic sums, then one thread a particle.
+#include <algorithm>
 #include <memory>
 
 #include "backends/registry.h"
@@ -46,6 +47,7 @@ public:
     void upload(const Problem& problem, const State& state) override {
         this->synchronize();
         const SpringArrays<Real> springs = list_every_spring<Real>(problem);
+        slots_ = SpringSlots(problem, springs.begin);
         ends_.upload(springs.ends, this->stream());
         constants_.upload(springs.constants, this->stream());
         measure_rest_lengths(constants_, this->stream());
@@ -67,17 +69,36 @@ public:
         this->start(problem, state, place_compact(problem), state_bits(problem), launch);
     }
 
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        const std::vector<EditedSpring<Real>> springs = slots_.slots_of<Real>(edit);
+        if (slots_.used() > ends_.size()) {
+            // Room for as many again and some more, empty until it is needed.
+            const std::size_t size = slots_.used() + std::max<std::size_t>(slots_.used() / 8, 1024);
+            ends_.grow(size, this->stream());
+            constants_.grow(size, this->stream());
+            typename ScatterBackend::Launch launch = this->launch();
+            launch.step.springs = size;
+            launch.step.ends = ends_.data();
+            launch.step.constants = constants_.data();
+            this->replay(launch);
+        }
+        write_springs(edited_springs_.send(std::span<const EditedSpring<Real>>(springs), this->stream()),
+                      springs.size(), ends_.data(), constants_.data(), this->stream());
+    }
+
 private:
     std::string refused(const Problem& problem) const override {
         return too_many_words<ThroughL1<Real>>(problem.particle_count(), this->device());
     }
     std::uint64_t bytes_needed(const Problem& problem) const override { return scatter_bytes<Real>(problem); }
     std::uint64_t bytes_held() const override {
-        return this->particle_bytes_held() + ends_.bytes() + constants_.bytes() + force_.bytes();
+        return this->particle_bytes_held() + ends_.bytes() + constants_.bytes() + force_.bytes() +
+               edited_springs_.bytes();
     }
 
     void enqueue_step(int reading) override {
-        const ScatterStep<Real>& step = this->step_argument();
+        const ScatterStep<Real>& step = this->launch().step;
         if (step.springs > 0)
             launch_kernel(this->stream(), add_forces<Real>, dim3(blocks_for(step.springs, block_)),
                           dim3(block_), step, this->reader(reading));
@@ -85,6 +106,8 @@ private:
     }
 
     unsigned block_;
+    SpringSlots slots_;
+    Staging<EditedSpring<Real>> edited_springs_;
     Buffer<SpringEnds> ends_;
     Buffer<SpringConstants<Real>> constants_;
     Buffer<Real> force_;

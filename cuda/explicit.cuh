@@ -2,6 +2,8 @@
 #pragma once
 
 #include <memory>
+#include <numeric>
+#include <utility>
 
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
@@ -65,9 +67,41 @@ public:
 
     void upload(const Problem& problem, const State& state) override {
         this->synchronize();
+        const auto [launch, bits] = lay_out(problem);
+        this->start(problem, state, place_compact(problem), bits, launch);
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        if (edit.empty()) return;
+        const ExplicitStep<Real>& step = this->launch().step;
+        const bool secondary = options_.has_secondary(edited);
+        if (secondary != (step.constants != nullptr) || longest_list(edit) > step.shape.slots) {
+            lay_out_anew(edited);
+            return;
+        }
+        const EditedLists<Real> rows = secondary ? edited_by_springs<Real>(edited, edit, step.shape.slots)
+                                                 : edited_by_groups<Real>(edited, edit, step.shape.slots);
+        const EditedRows<Real> on_device = {
+            edited_particles_.send(rows.particle, this->stream()),
+            edited_neighbours_.send(rows.lists.neighbour, this->stream()),
+            secondary ? edited_constants_.send(rows.lists.constants, this->stream()) : nullptr};
+        write_rows(on_device, rows.particle.size(), step.shape, neighbour_.data(), constants_.data(),
+                   this->stream());
+        this->write_particle_bits(rows.particle, rows.lists.bits);
+    }
+
+private:
+    struct LaidOut {
+        typename ExplicitBackend::Launch launch;
+        std::vector<std::uint32_t> bits;
+    };
+
+    /// Makes and uploads the lists.
+    LaidOut lay_out(const Problem& problem) {
         const bool secondary = options_.has_secondary(problem);
-        const NeighbourLists<Real> lists = secondary ? list_by_springs<Real>(problem, options_.layout)
-                                                     : list_by_groups<Real>(problem, options_.layout);
+        NeighbourLists<Real> lists = secondary ? list_by_springs<Real>(problem, options_.layout)
+                                               : list_by_groups<Real>(problem, options_.layout);
         neighbour_.upload(lists.neighbour, this->stream());
         constants_.upload(lists.constants, this->stream());
         measure_rest_lengths(constants_, this->stream());
@@ -80,10 +114,20 @@ public:
         launch.step.neighbour = neighbour_.data();
         launch.step.constants = constants_.data();
         measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
-        this->start(problem, state, place_compact(problem), lists.bits, launch);
+        return {launch, std::move(lists.bits)};
     }
 
-private:
+    /// Longer lists, or lists of the other kind, for the particles where they are.
+    void lay_out_anew(const Problem& edited) {
+        this->synchronize();
+        auto [launch, bits] = lay_out(edited);
+        launch.step.motion = this->launch().step.motion;
+        this->replay(launch);
+        std::vector<std::uint32_t> all(edited.particle_count());
+        std::iota(all.begin(), all.end(), 0U);
+        this->write_particle_bits(all, bits);
+    }
+
     // Compiles only what `when` can come to.
     static auto choose_kernel(const Problem& problem, [[maybe_unused]] bool secondary) {
         typename ExplicitBackend::Kernel kernel = nullptr;
@@ -108,12 +152,15 @@ private:
         return explicit_bytes<Real>(problem, options_);
     }
     std::uint64_t bytes_held() const override {
-        return this->particle_bytes_held() + neighbour_.bytes() + constants_.bytes();
+        return this->particle_bytes_held() + neighbour_.bytes() + constants_.bytes() +
+               edited_particles_.bytes() + edited_neighbours_.bytes() + edited_constants_.bytes();
     }
 
     ExplicitOptions options_;
     Buffer<std::uint32_t> neighbour_;
     Buffer<SpringConstants<Real>> constants_;
+    Staging<std::uint32_t> edited_particles_, edited_neighbours_;
+    Staging<SpringConstants<Real>> edited_constants_;
 };
 
 template <Secondary secondary>

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <memory>
+#include <string>
+#include <utility>
 
 #include "cuda/measure.h"
 #include "cuda/particles.cuh"
@@ -10,10 +12,16 @@
 namespace voxspring::cuda {
 
 inline constexpr int most_implicit_threads = 256;
-/// Blocks of that size an SM has to have room for: with 4 in float32, 64 registers a thread, room for the
-/// fetches of a group at once.
-template <class Real>
-inline constexpr int implicit_blocks_per_sm = sizeof(Real) == sizeof(float) ? 4 : 2;
+
+/// What a kernel is compiled for. On a small lattice, whose threads all run at once, a step takes as long as
+/// one thread waits for memory: it gets the registers to fetch all neighbours of a group at once. On a large
+/// one other threads run meanwhile, and few registers make room for more of them.
+enum class Registers : std::uint8_t { many, few };
+/// Blocks of most_implicit_threads that an SM has to have room for: in float32 with 64 and 32 registers a
+/// thread.
+template <class Real, Registers registers>
+inline constexpr int implicit_blocks_per_sm = (registers == Registers::many ? 4 : 8) /
+                                              int(sizeof(Real) / sizeof(float));
 
 /// Voxel that a block begins at.
 template <class Real>
@@ -22,8 +30,8 @@ __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
     return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z), 0};
 }
 
-template <class Terms, class Real, class Fetch>
-__global__ void __launch_bounds__(most_implicit_threads, implicit_blocks_per_sm<Real>)
+template <class Terms, Registers registers, class Real, class Fetch>
+__global__ void __launch_bounds__(most_implicit_threads, implicit_blocks_per_sm<Real, registers>)
     step_implicit(const __grid_constant__ ImplicitStep<Real> step, const __grid_constant__ Fetch current,
                   Word<Real>* previous) {
     const BlockOrigin origin = block_origin(step);
@@ -34,23 +42,29 @@ __global__ void __launch_bounds__(most_implicit_threads, implicit_blocks_per_sm<
 template <class Real, class Fetch>
 using ImplicitKernel = void (*)(ImplicitStep<Real>, Fetch, Word<Real>*);
 
-/// The kernel for a scene: Kernels::get<Terms>() is the one of `Terms`.
-template <class Kernels>
+template <class Kernels, Registers registers>
 auto choose_implicit_kernel(const Problem& problem) {
     const bool face_and_edge = problem.group_bits == (FACE_BITS | EDGE_BITS);
     if (problem.has_materials())
-        return face_and_edge ? Kernels::template get<ImplicitTerms<true, true>>()
-                             : Kernels::template get<ImplicitTerms<true, false>>();
-    return face_and_edge ? Kernels::template get<ImplicitTerms<false, true>>()
-                         : Kernels::template get<ImplicitTerms<false, false>>();
+        return face_and_edge ? Kernels::template get<ImplicitTerms<true, true>, registers>()
+                             : Kernels::template get<ImplicitTerms<true, false>, registers>();
+    return face_and_edge ? Kernels::template get<ImplicitTerms<false, true>, registers>()
+                         : Kernels::template get<ImplicitTerms<false, false>, registers>();
+}
+
+/// The kernel for a scene: Kernels::get<Terms, registers>() is the one of these.
+template <class Kernels>
+auto choose_implicit_kernel(const Problem& problem, Registers registers) {
+    return registers == Registers::many ? choose_implicit_kernel<Kernels, Registers::many>(problem)
+                                        : choose_implicit_kernel<Kernels, Registers::few>(problem);
 }
 
 /// step_implicit as choose_implicit_kernel() wants it.
 template <class Real, class Fetch>
 struct FromMemory {
-    template <class Terms>
+    template <class Terms, Registers registers>
     static ImplicitKernel<Real, Fetch> get() {
-        return step_implicit<Terms, Real, Fetch>;
+        return step_implicit<Terms, registers, Real, Fetch>;
     }
 };
 
@@ -65,10 +79,12 @@ std::uint64_t implicit_bytes(const Problem& problem, BlockShape shape) {
 template <class Real, class Fetch>
 class ImplicitBackend final : public ParticleBackend<Real, Fetch, ImplicitStep<Real>> {
 public:
-    using Choose = ImplicitKernel<Real, Fetch> (*)(const Problem&);
+    using Choose = ImplicitKernel<Real, Fetch> (*)(const Problem&, Registers);
 
-    /// `shape`: threads of a block, one a voxel.
-    ImplicitBackend(BlockShape shape, Choose choose) : shape_(shape), choose_(choose) {}
+    /// `shape`: threads of a block, one a voxel. `registers`: "many", "few" or, by the lattice's size,
+    /// "auto".
+    ImplicitBackend(BlockShape shape, std::string registers, Choose choose)
+        : shape_(shape), registers_(std::move(registers)), choose_(choose) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->synchronize();
@@ -79,17 +95,27 @@ public:
         compliance_.upload(pack_compliance<Real>(problem, placement), this->stream());
 
         typename ImplicitBackend::Launch launch;
-        launch.kernel = choose_(problem);
         launch.block = dim3(unsigned(shape_.x), unsigned(shape_.y), unsigned(shape_.z));
         launch.grid = !origins.empty() ? dim3(unsigned(origins.size()))
                                        : dim3(blocks_for(std::size_t(lattice.dims.x), launch.block.x),
                                               blocks_for(std::size_t(lattice.dims.y), launch.block.y),
                                               blocks_for(std::size_t(lattice.dims.z), launch.block.z));
+        launch.kernel = choose_(problem, registers_for(launch.grid));
         launch.step = make_implicit_step<Real>(problem, placement);
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
         measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        std::vector<std::uint32_t> particles, masks;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            particles.push_back(touched.particle);
+            masks.push_back(touched.mask);
+        }
+        this->write_particle_bits(particles, masks);
     }
 
 private:
@@ -108,7 +134,17 @@ private:
         return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes();
     }
 
+    Registers registers_for(dim3 grid) const {
+        if (registers_ != "auto") return registers_ == "many" ? Registers::many : Registers::few;
+        const std::size_t threads =
+            std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
+        const int at_once = this->device().multiprocessors() * most_implicit_threads *
+                            implicit_blocks_per_sm<Real, Registers::many>;
+        return threads <= std::size_t(at_once) ? Registers::many : Registers::few;
+    }
+
     BlockShape shape_;
+    std::string registers_;
     Choose choose_;
     Buffer<BlockOrigin> origins_;
     Buffer<Real> compliance_;
@@ -124,15 +160,19 @@ inline std::uint64_t implicit_bytes(const Problem& problem, const Options& optio
 template <template <class> class Fetch>
 std::unique_ptr<Backend> make_implicit(const Options& options) {
     const BlockShape shape = BlockShape::parse(options.tuning.at("block"));
+    const std::string& registers = options.tuning.at("registers");
     if (options.precision == Precision::float32)
         return std::make_unique<ImplicitBackend<float, Fetch<float>>>(
-            shape, choose_implicit_kernel<FromMemory<float, Fetch<float>>>);
+            shape, registers, choose_implicit_kernel<FromMemory<float, Fetch<float>>>);
     return std::make_unique<ImplicitBackend<double, Fetch<double>>>(
-        shape, choose_implicit_kernel<FromMemory<double, Fetch<double>>>);
+        shape, registers, choose_implicit_kernel<FromMemory<double, Fetch<double>>>);
 }
 
 /// Shapes of at most most_implicit_threads, the default first.
 inline const TuningValues implicit_blocks = {"32x4x2",  "32x8x1", "64x4x1", "128x2x1",
                                              "128x1x1", "16x4x4", "8x8x4"};
+
+/// As ImplicitBackend takes them.
+inline const TuningValues implicit_registers = {"auto", "many", "few"};
 
 }  // namespace voxspring::cuda

@@ -45,10 +45,10 @@ void start_lists(NeighbourLists<Real>& lists, const Problem& problem, std::uint3
 
 // An unused slot holds its own particle.
 template <class Real>
-void fill_unused(NeighbourLists<Real>& lists, std::uint32_t particle, std::uint32_t begin,
+void fill_unused(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t particle, std::uint32_t begin,
                  std::uint32_t end) {
     for (std::uint32_t slot = begin; slot < end; ++slot)
-        lists.neighbour[lists.shape.at(particle, slot)] = particle;
+        lists.neighbour[lists.shape.at(row, slot)] = particle;
 }
 
 template <class Real>
@@ -62,6 +62,15 @@ std::uint32_t mask_of(const Problem& problem, std::size_t particle) {
 
 constexpr std::array<std::uint32_t, 3> group_masks = {FACE_BITS, EDGE_BITS, CORNER_BITS};
 constexpr std::array<std::uint32_t, 3> group_slots = {6, 12, 8};
+
+// Where each group begins in a list, and where the last one ends.
+std::array<std::uint32_t, 4> group_slots_of(const Problem& problem) {
+    std::array<std::uint32_t, 4> first{};
+    for (std::size_t g = 0; g < 3; ++g)
+        first[g + 1] = first[g] + ((problem.group_bits & group_masks[g]) != 0 ? group_slots[g] : 0);
+    first[3] = std::max(first[3], 1U);
+    return first;
+}
 
 // The lattice neighbours of particles.
 class NeighbourVisitor {
@@ -194,12 +203,7 @@ std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout lay
     return layout == ListLayout::vertical ? std::size_t(shape.slot_stride) * slots : particles * slots;
 }
 
-std::uint32_t slots_by_groups(const Problem& problem) {
-    std::uint32_t slots = 0;
-    for (std::size_t g = 0; g < 3; ++g)
-        slots += (problem.group_bits & group_masks[g]) != 0 ? group_slots[g] : 0;
-    return std::max(slots, 1U);
-}
+std::uint32_t slots_by_groups(const Problem& problem) { return group_slots_of(problem)[3]; }
 
 std::uint32_t slots_by_springs(const Problem& problem) {
     std::vector<std::uint32_t> degree(problem.particle_count());
@@ -213,30 +217,68 @@ std::uint32_t slots_by_springs(const Problem& problem) {
     return rounded_up(std::max(most, 1U), list_chunk);
 }
 
+namespace {
+
+// Fills list `row` with a particle's springs: visit(add) calls add(group, neighbour) for each.
+template <class Real, class Visit>
+void fill_by_groups(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t particle,
+                    const std::array<std::uint32_t, 4>& first, Visit visit) {
+    std::array<std::uint32_t, 3> count{};
+    visit([&](SpringGroup group, std::uint32_t neighbour) {
+        const auto g = std::size_t(group);
+        lists.neighbour[lists.shape.at(row, first[g] + count[g]++)] = neighbour;
+    });
+    for (std::size_t g = 0; g < 3; ++g) {
+        lists.bits[row] |= count[g] << GroupCounters::shift(int(g));
+        fill_unused(lists, row, particle, first[g] + count[g], first[g + 1]);
+    }
+}
+
+// Appends to list `row`, whose bits count its springs.
+template <class Real>
+void append(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t neighbour, double stiffness,
+            double squared) {
+    const std::size_t at = lists.shape.at(row, lists.bits[row] & list_count_bits);
+    lists.neighbour[at] = neighbour;
+    lists.constants[at] = constants_of<Real>(stiffness, squared);
+    ++lists.bits[row];
+}
+
+std::array<double, neighbour_count> squared_rest_lengths(const Problem& problem) {
+    std::array<double, neighbour_count> squared{};
+    for (const Direction& direction : directions())
+        squared[std::size_t(direction.bit)] = squared_rest_length(problem, direction);
+    return squared;
+}
+
+template <class Real>
+EditedLists<Real> start_edited(const SpringEdit& edit, std::uint32_t slots) {
+    EditedLists<Real> edited;
+    edited.lists.shape = make_shape(edit.touched.size(), slots, ListLayout::concatenated);
+    edited.lists.neighbour.resize(edit.touched.size() * slots);
+    for (const SpringEdit::Touched& touched : edit.touched) {
+        edited.particle.push_back(touched.particle);
+        edited.lists.bits.push_back(touched.mask & (ACTIVE_BIT | PINNED_BIT));
+    }
+    return edited;
+}
+
+}  // namespace
+
 template <class Real>
 NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout) {
     NeighbourLists<Real> lists;
     start_lists(lists, problem, slots_by_groups(problem), layout);
-    std::uint32_t next = 0;
-    for (std::size_t g = 0; g < 3; ++g) {
-        lists.first_slot[g] = next;
-        if ((problem.group_bits & group_masks[g]) != 0) next += group_slots[g];
-    }
-    const std::array<std::uint32_t, 4> first = {lists.first_slot[0], lists.first_slot[1], lists.first_slot[2],
-                                                lists.shape.slots};
+    const auto first = group_slots_of(problem);
+    std::copy_n(first.begin(), 3, lists.first_slot.begin());
     const NeighbourVisitor neighbours(problem);
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
         const auto i = std::uint32_t(n);
-        std::array<std::uint32_t, 3> count{};
-        neighbours.visit(i, [&](const Direction& direction, std::uint32_t j) {
-            const auto g = std::size_t(direction.group);
-            lists.neighbour[lists.shape.at(i, first[g] + count[g]++)] = j;
+        fill_by_groups(lists, i, i, first, [&](auto add) {
+            neighbours.visit(i,
+                             [&](const Direction& direction, std::uint32_t j) { add(direction.group, j); });
         });
-        for (std::size_t g = 0; g < 3; ++g) {
-            lists.bits[i] |= count[g] << GroupCounters::shift(int(g));
-            fill_unused(lists, i, first[g] + count[g], first[g + 1]);
-        }
     }
     return lists;
 }
@@ -246,44 +288,70 @@ NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout) 
     NeighbourLists<Real> lists;
     start_lists(lists, problem, slots_by_springs(problem), layout);
     lists.constants.resize(lists.neighbour.size(), {0, 0});
-    // Appends to a particle's list; its count is in its bits.
-    const auto append = [&](std::uint32_t i, std::uint32_t j, const SpringConstants<Real>& constants) {
-        const std::size_t at = lists.shape.at(i, lists.bits[i] & list_count_bits);
-        lists.neighbour[at] = j;
-        lists.constants[at] = constants;
-        ++lists.bits[i];
-    };
-    std::array<double, neighbour_count> squared{};
-    for (const Direction& direction : directions())
-        squared[std::size_t(direction.bit)] = squared_rest_length(problem, direction);
+    const auto squared = squared_rest_lengths(problem);
     const NeighbourVisitor neighbours(problem);
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
         const auto i = std::uint32_t(n);
         neighbours.visit(i, [&](const Direction& direction, std::uint32_t j) {
-            append(i, j,
-                   constants_of<Real>(problem.spring_stiffness(i, j, direction),
-                                      squared[std::size_t(direction.bit)]));
+            append(lists, i, j, problem.spring_stiffness(i, j, direction),
+                   squared[std::size_t(direction.bit)]);
         });
     }
     for (const Spring& spring : problem.springs) {
-        const auto constants = constants_of<Real>(spring.stiffness, spring.rest_length * spring.rest_length);
-        append(spring.first, spring.second, constants);
-        append(spring.second, spring.first, constants);
+        const double length_squared = spring.rest_length * spring.rest_length;
+        append(lists, spring.first, spring.second, spring.stiffness, length_squared);
+        append(lists, spring.second, spring.first, spring.stiffness, length_squared);
     }
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
         const auto i = std::uint32_t(n);
-        fill_unused(lists, i, lists.bits[i] & list_count_bits, lists.shape.slots);
+        fill_unused(lists, i, i, lists.bits[i] & list_count_bits, lists.shape.slots);
     }
     return lists;
+}
+
+std::uint32_t longest_list(const SpringEdit& edit) {
+    std::uint32_t longest = 0;
+    for (const SpringEdit::Touched& touched : edit.touched)
+        longest = std::max(longest, touched.end - touched.begin);
+    return longest;
+}
+
+template <class Real>
+EditedLists<Real> edited_by_groups(const Problem& problem, const SpringEdit& edit, std::uint32_t slots) {
+    EditedLists<Real> edited = start_edited<Real>(edit, slots);
+    const auto first = group_slots_of(problem);
+    for (std::uint32_t row = 0; row < edit.touched.size(); ++row) {
+        fill_by_groups(edited.lists, row, edit.touched[row].particle, first, [&](auto add) {
+            for (const ListedSpring& s : edit.springs_of(edit.touched[row]))
+                add(directions()[std::size_t(s.bit)].group, s.neighbour);
+        });
+    }
+    return edited;
+}
+
+template <class Real>
+EditedLists<Real> edited_by_springs(const Problem& problem, const SpringEdit& edit, std::uint32_t slots) {
+    EditedLists<Real> edited = start_edited<Real>(edit, slots);
+    edited.lists.constants.resize(edited.lists.neighbour.size(), {0, 0});
+    const auto squared = squared_rest_lengths(problem);
+    for (std::uint32_t row = 0; row < edit.touched.size(); ++row) {
+        for (const ListedSpring& s : edit.springs_of(edit.touched[row])) {
+            append(edited.lists, row, s.neighbour, s.stiffness,
+                   s.bit < 0 ? s.rest_length * s.rest_length : squared[std::size_t(s.bit)]);
+        }
+        fill_unused(edited.lists, row, edit.touched[row].particle, edited.lists.bits[row] & list_count_bits,
+                    slots);
+    }
+    return edited;
 }
 
 template <class Real>
 SpringArrays<Real> list_every_spring(const Problem& problem) {
     const std::size_t total = count_springs(problem).total();
     SpringArrays<Real> springs{std::vector<SpringEnds>(total), std::vector<SpringConstants<Real>>(total)};
-    std::array<std::size_t, neighbour_count + 1> begin{};
+    auto& begin = springs.begin;
     for (const std::uint32_t mask : problem.lattice.mask) {
         // Each spring once: the odd bits point to a higher voxel.
         for (std::size_t bit = 1; bit < neighbour_count; bit += 2) begin[bit + 1] += mask >> bit & 1U;
@@ -311,6 +379,58 @@ SpringArrays<Real> list_every_spring(const Problem& problem) {
             constants_of<Real>(spring.stiffness, spring.rest_length * spring.rest_length);
     }
     return springs;
+}
+
+SpringSlots::SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin)
+    : listed_(&problem), begin_(begin), used_(begin.back() + problem.springs.size()) {
+    std::size_t slot = begin.back();
+    for (const Spring& spring : problem.springs)
+        others_.emplace(std::pair(spring.first, spring.second), slot++);
+}
+
+bool SpringSlots::was_listed(const ChangedSpring& changed) const {
+    return changed.bit >= 0 && (listed_->lattice.mask[changed.spring.first] >> changed.bit & 1U) != 0;
+}
+
+SpringSlots::Range SpringSlots::remove(const ChangedSpring& changed) {
+    if (was_listed(changed)) return {begin_[std::size_t(changed.bit)], begin_[std::size_t(changed.bit) + 1]};
+    const auto found = others_.find({changed.spring.first, changed.spring.second});
+    const std::size_t slot = found->second;
+    others_.erase(found);
+    free_.push_back(slot);
+    return {slot, slot};
+}
+
+SpringSlots::Range SpringSlots::add(const ChangedSpring& changed) {
+    if (was_listed(changed)) return {begin_[std::size_t(changed.bit)], begin_[std::size_t(changed.bit) + 1]};
+    std::size_t slot = used_;
+    if (free_.empty()) {
+        ++used_;
+    } else {
+        slot = free_.back();
+        free_.pop_back();
+    }
+    others_.emplace(std::pair(changed.spring.first, changed.spring.second), slot);
+    return {slot, slot};
+}
+
+template <class Real>
+std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit& edit) {
+    std::vector<EditedSpring<Real>> edited;
+    edited.reserve(edit.removed.size() + edit.added.size());
+    const auto write = [&](const ChangedSpring& changed, Range range, double stiffness) {
+        const Spring& spring = changed.spring;
+        const double squared = changed.bit < 0
+                                   ? spring.rest_length * spring.rest_length
+                                   : squared_rest_length(*listed_, directions()[std::size_t(changed.bit)]);
+        edited.push_back({{spring.first, spring.second},
+                          range.first,
+                          range.second,
+                          constants_of<Real>(stiffness, squared)});
+    };
+    for (const ChangedSpring& changed : edit.removed) write(changed, remove(changed), 0);
+    for (const ChangedSpring& changed : edit.added) write(changed, add(changed), changed.spring.stiffness);
+    return edited;
 }
 
 std::vector<std::uint32_t> state_bits(const Problem& problem) {
@@ -386,19 +506,22 @@ std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape)
     return origins;
 }
 
-#define FOR_PRECISION(Real)                                                                      \
-    template PackedState<Real> pack(const Problem&, const State&, const Placement&,              \
-                                    std::span<const std::uint32_t>);                             \
-    template State unpack(const Problem&, const PackedState<Real>&, const Placement&);           \
-    template std::vector<Vector<Real>> pack_load(const Problem&, const Placement&);              \
-    template std::vector<Real> pack_inverse_masses(const Problem&, const Placement&);            \
-    template std::vector<Real> pack_compliance(const Problem&, const Placement&);                \
-    template Motion<Real> make_motion(const Problem&);                                           \
-    template NeighbourLists<Real> list_by_groups(const Problem&, ListLayout);                    \
-    template NeighbourLists<Real> list_by_springs(const Problem&, ListLayout);                   \
-    template ImplicitStep<Real> make_implicit_step(const Problem&, const Placement&);            \
-    template ExplicitStep<Real> make_explicit_step(const Problem&, const NeighbourLists<Real>&); \
-    template SpringArrays<Real> list_every_spring(const Problem&);
+#define FOR_PRECISION(Real)                                                                         \
+    template PackedState<Real> pack(const Problem&, const State&, const Placement&,                 \
+                                    std::span<const std::uint32_t>);                                \
+    template State unpack(const Problem&, const PackedState<Real>&, const Placement&);              \
+    template std::vector<Vector<Real>> pack_load(const Problem&, const Placement&);                 \
+    template std::vector<Real> pack_inverse_masses(const Problem&, const Placement&);               \
+    template std::vector<Real> pack_compliance(const Problem&, const Placement&);                   \
+    template Motion<Real> make_motion(const Problem&);                                              \
+    template NeighbourLists<Real> list_by_groups(const Problem&, ListLayout);                       \
+    template NeighbourLists<Real> list_by_springs(const Problem&, ListLayout);                      \
+    template EditedLists<Real> edited_by_groups(const Problem&, const SpringEdit&, std::uint32_t);  \
+    template EditedLists<Real> edited_by_springs(const Problem&, const SpringEdit&, std::uint32_t); \
+    template ImplicitStep<Real> make_implicit_step(const Problem&, const Placement&);               \
+    template ExplicitStep<Real> make_explicit_step(const Problem&, const NeighbourLists<Real>&);    \
+    template SpringArrays<Real> list_every_spring(const Problem&);                                  \
+    template std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit&);
 FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION

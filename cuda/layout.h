@@ -4,11 +4,15 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
+#include "cuda/kernels/edit.h"
 #include "cuda/kernels/explicit.h"
 #include "cuda/kernels/implicit.h"
 #include "cuda/kernels/scatter.h"
@@ -96,15 +100,60 @@ NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout);
 template <class Real>
 NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout);
 
+/// New lists of the particles that an edit touched.
+template <class Real>
+struct EditedLists {
+    std::vector<std::uint32_t> particle;
+    NeighbourLists<Real> lists;  ///< concatenated; list n is that of particle[n]
+};
+/// The most springs that a touched particle has.
+std::uint32_t longest_list(const SpringEdit& edit);
+/// As list_by_groups() and list_by_springs() list them, `slots` a particle.
+template <class Real>
+EditedLists<Real> edited_by_groups(const Problem& edited, const SpringEdit& edit, std::uint32_t slots);
+template <class Real>
+EditedLists<Real> edited_by_springs(const Problem& edited, const SpringEdit& edit, std::uint32_t slots);
+
 /// Every spring once. Those of the lattice by direction, then by particle, so that the threads of a warp
 /// touch particles that lie together.
 template <class Real>
 struct SpringArrays {
     std::vector<SpringEnds> ends;
     std::vector<SpringConstants<Real>> constants;
+    /// Where the springs of each odd mask bit begin; at the end, where those beyond the lattice do.
+    std::array<std::size_t, neighbour_count + 1> begin{};
 };
 template <class Real>
 SpringArrays<Real> list_every_spring(const Problem& problem);
+
+/// Where a spring is in the spring array while springs come and go: one of the lattice that was listed keeps
+/// its slot, which is empty while it is cut; others get slots at the end and give them back.
+class SpringSlots {
+public:
+    SpringSlots() = default;
+    /// `problem` as it was listed, which must outlive this object; `begin` as in SpringArrays.
+    SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin);
+
+    /// What `edit` writes into the array.
+    template <class Real>
+    std::vector<EditedSpring<Real>> slots_of(const SpringEdit& edit);
+    /// Slots that have ever been in use.
+    std::size_t used() const { return used_; }
+
+private:
+    /// A range of slots to search or, empty, a slot.
+    using Range = std::pair<std::size_t, std::size_t>;
+    Range remove(const ChangedSpring& changed);
+    Range add(const ChangedSpring& changed);
+    bool was_listed(const ChangedSpring& changed) const;
+
+    const Problem* listed_ = nullptr;
+    std::array<std::size_t, neighbour_count + 1> begin_{};
+    std::size_t used_ = 0;
+    std::vector<std::size_t> free_;
+    /// Slots of the springs that were not lattice springs when listed, by their ends.
+    std::multimap<std::pair<std::uint32_t, std::uint32_t>, std::size_t> others_;
+};
 
 /// Active and pinned bits of every particle.
 std::vector<std::uint32_t> state_bits(const Problem& problem);

@@ -1,6 +1,4 @@
-#include <cfloat>
-
-#include "backends/physics/inverse_root.h"
+#include "cuda/kernels/edit.h"
 #include "cuda/measure.h"
 
 namespace voxspring::cuda {
@@ -8,23 +6,16 @@ namespace {
 
 constexpr unsigned block = 256;
 
-// An unused slot of a list has no length. inverse_root() is for normal numbers.
-template <class Real>
-__device__ Real measured(Real squared) {
-    constexpr Real smallest = sizeof(Real) == sizeof(float) ? Real(FLT_MIN) : Real(DBL_MIN);
-    return squared >= smallest ? measured_length(squared) : Real(0);
-}
-
 template <class Real>
 __global__ void measure(Real* lengths, std::size_t count) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < count) lengths[i] = measured(lengths[i]);
+    if (i < count) lengths[i] = measured_or_zero(lengths[i]);
 }
 
 template <class Real>
 __global__ void measure(SpringConstants<Real>* springs, std::size_t count) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < count) springs[i].rest_length = measured(springs[i].rest_length);
+    if (i < count) springs[i].rest_length = measured_or_zero(springs[i].rest_length);
 }
 
 template <class T>

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "cuda/cuda_backend.h"
+#include "cuda/edit.h"
 #include "cuda/fetch.cuh"
 #include "cuda/layout.h"
 
@@ -82,8 +83,7 @@ protected:
                std::span<const std::uint32_t> bits, Launch launch) {
         problem_ = &problem;
         placement_ = placement;
-        bool changed = launch.kernel != launch_.kernel || !same(launch.grid, launch_.grid) ||
-                       !same(launch.block, launch_.block);
+        bool changed = false;
         {
             const PackedState<Real> packed = pack<Real>(problem, state, placement, bits);
             changed = upload_words(0, packed.current) || changed;
@@ -93,17 +93,41 @@ protected:
         inverse_masses_.upload(pack_inverse_masses<Real>(problem, placement), stream());
         launch.step.motion.load = load_.data();
         launch.step.motion.inverse_masses = inverse_masses_.data();
-        changed = changed || !(launch.step == launch_.step);
+        rewind();
+        replay(launch, changed);
+    }
+
+    /// Goes on with `launch`, whose motion points where the one before it did.
+    void replay(const Launch& launch, bool words_moved = false) {
+        const bool changed = words_moved || launch.kernel != launch_.kernel ||
+                             !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
+                             !(launch.step == launch_.step);
         launch_ = launch;
-        if (changed) load_kernel(launch.kernel);
-        rewind(changed);
+        if (!changed) return;
+        load_kernel(launch.kernel);
+        capture();
+    }
+    const Launch& launch() const { return launch_; }
+
+    /// From here on the particles have `edited`'s springs; the caller sees to it.
+    void follow(const Problem& edited) { problem_ = &edited; }
+
+    /// Gives particles new bits, which every step copies on from the buffer that it reads.
+    void write_particle_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits) {
+        std::vector<EditedWord> edited;
+        edited.reserve(particles.size());
+        for (std::size_t n = 0; n < particles.size(); ++n)
+            edited.push_back({std::uint32_t(placement_.at(particles[n])), bits[n]});
+        write_bits(words_[std::size_t(current())].data(),
+                   edited_words_.send(std::span<const EditedWord>(edited), stream()), edited.size(),
+                   stream());
     }
 
     std::uint64_t particle_bytes_held() const {
-        return words_[0].bytes() + words_[1].bytes() + load_.bytes() + inverse_masses_.bytes();
+        return words_[0].bytes() + words_[1].bytes() + load_.bytes() + inverse_masses_.bytes() +
+               edited_words_.bytes();
     }
 
-    const Step& step_argument() const { return launch_.step; }
     Fetch reader(int buffer) const { return sources_[std::size_t(buffer)]->fetch(); }
 
     void enqueue_step(int reading) override {
@@ -129,6 +153,7 @@ private:
     std::array<std::optional<typename Fetch::Source>, 2> sources_;
     Buffer<Vector<Real>> load_;
     Buffer<Real> inverse_masses_;
+    Staging<EditedWord> edited_words_;
     Launch launch_{};
 };
 

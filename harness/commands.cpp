@@ -8,6 +8,7 @@
 
 #include "backends/registry.h"
 #include "harness/bad_input.h"
+#include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
 
@@ -148,6 +149,7 @@ void describe_scene(const std::string& argument, bool json, std::ostream& out) {
         {"stable_time_step", scene.stable_time_step},
         {"fraction_of_stable", problem.time_step / scene.stable_time_step},
         {"damping", problem.damping},
+        {"edits", scene.edits.size()},
         {"bytes", bytes},
     };
     if (json) {
@@ -175,6 +177,11 @@ void describe_scene(const std::string& argument, bool json, std::ostream& out) {
            << springs.group[2] << ")";
     row("springs", counts.str());
     row("damping", problem.damping);
+    if (!scene.edits.empty()) {
+        std::ostringstream edits;
+        edits << scene.edits.size() << ", the last after step " << scene.edits.back().step;
+        row("edits", edits.str());
+    }
     std::ostringstream step;
     step << problem.time_step << " (" << std::setprecision(3)
          << 100 * problem.time_step / scene.stable_time_step << "% of the stable " << std::setprecision(6)
@@ -192,11 +199,12 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     if (options.out) check_writable(*options.out, "--out", ".csv");
     const Scene scene = load_scene(argument);
     const auto backend = spec.make();
-    if (const std::string why = backend->unsupported(scene.problem); !why.empty()) {
+    Playback playback(scene);
+    if (const std::string why = playback.unsupported(*backend); !why.empty()) {
         throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
     }
-    backend->upload(scene.problem, scene.state);
-    const Timing timing = backend->timed_step(options.steps);
+    playback.rewind(*backend);
+    const Timing timing = backend->timed([&] { playback.run(*backend, options.steps); });
     const State state = backend->download();
 
     double largest = 0;

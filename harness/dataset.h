@@ -16,6 +16,8 @@ namespace voxspring {
 struct Limits {
     std::uint64_t voxels = 0;     ///< of the grid; at most 2^32 - 1, so that an index fits 32 bits
     std::uint64_t particles = 0;  ///< active voxels
+    /// Voxels times triangles that all edits together may look at: an hour of a slow machine.
+    double edit_work = 1e11;
 
     /// What fits the machine's memory: 16 bytes a voxel (the largest voxel type, labels and index) and 192 a
     /// particle (the problem and two states).

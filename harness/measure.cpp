@@ -2,10 +2,14 @@
 
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <sstream>
 #include <string>
 #include <utility>
+
+#include "harness/playback.h"
 
 namespace voxspring {
 namespace {
@@ -18,18 +22,26 @@ struct Run {
     std::string failure;  ///< empty: none so far
     State last;           ///< after the last timed batch
     WorkCount work;
+    std::vector<double> without_edits;  ///< seconds a step of the same batch without edits, one a repetition
+    nlohmann::json edits;               ///< what edits cost, as rows say it; null where a scene has none
 };
 
 std::string describe(const std::exception& error) { return error.what(); }
 
+double median(std::vector<double> values) {
+    const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+}
+
 /// Uploads and advances once, so that shaders are compiled and clocks are up before anything is timed.
-void warm_up(Run& run, const Scene& scene, int steps) {
+void warm_up(Run& run, Playback& playback, int steps) {
     try {
         Backend& backend = *run.contender->backend;
-        backend.upload(scene.problem, scene.state);
+        playback.rewind(backend);
         run.work = backend.count_work();
-        backend.upload(scene.problem, scene.state);
-        backend.step(steps);
+        playback.rewind(backend);
+        playback.run(backend, steps);
         backend.synchronize();
     } catch (const std::exception& error) {
         run.failure = describe(error);
@@ -38,7 +50,8 @@ void warm_up(Run& run, const Scene& scene, int steps) {
 
 /// One repetition: Google Benchmark's iteration is one step. It is not told of a failure, since it aborts
 /// where some repetitions of a benchmark fail and others do not; measure() drops the rows of who failed.
-void repeat(benchmark::State& state, Run& run, const Scene& scene, std::uint64_t springs, int steps) {
+void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& playback, std::uint64_t springs,
+            int steps) {
     Backend& backend = *run.contender->backend;
     const auto unless_failed = [&](const auto& action) {
         if (!run.failure.empty()) return;
@@ -49,19 +62,57 @@ void repeat(benchmark::State& state, Run& run, const Scene& scene, std::uint64_t
         }
     };
     Timing timing{.device_seconds = 1, .host_seconds = 1};  // of no meaning, but statistics of it are finite
-    unless_failed([&] { backend.upload(scene.problem, scene.state); });
+    unless_failed([&] { playback.rewind(backend); });
     while (state.KeepRunningBatch(steps)) {
-        unless_failed([&] { timing = backend.timed_step(steps); });
+        unless_failed([&] { timing = backend.timed([&] { playback.run(backend, steps); }); });
         state.SetIterationTime(timing.device_seconds);
     }
     unless_failed([&] {
         if (--run.repetitions_left == 0) run.last = backend.download();
+        if (playback.edits_within(steps) > 0) {
+            // Beside the batch with edits, so that both meet the same clocks.
+            backend.upload(scene.problem, scene.state);
+            const Timing plain = backend.timed([&] { backend.step(steps); });
+            run.without_edits.push_back(plain.device_seconds / steps);
+        }
     });
     using benchmark::Counter;
     state.counters["particle_updates_per_second"] =
         Counter(double(scene.problem.particle_count()) * steps, Counter::kIsRate);
     state.counters["spring_updates_per_second"] = Counter(double(springs) * steps, Counter::kIsRate);
     state.counters["host_seconds_per_step"] = timing.host_seconds / steps;
+}
+
+/// The latency of each edit by itself, from a device that waits to one that waits again: the best of three
+/// plays, since an edit is far shorter than what may interrupt it.
+void measure_edits(Run& run, Playback& playback, int steps) {
+    const int count = playback.edits_within(steps);
+    if (count == 0 || !run.failure.empty()) return;
+    constexpr int plays = 3;
+    using Clock = std::chrono::steady_clock;
+    try {
+        Backend& backend = *run.contender->backend;
+        std::vector<double> latency(std::size_t(count), INFINITY);
+        for (int play = 0; play < plays; ++play) {
+            auto next = latency.begin();
+            playback.rewind(backend);
+            playback.run(backend, steps, [&](const Problem& edited, const SpringEdit& edit) {
+                backend.synchronize();
+                const auto begin = Clock::now();
+                backend.edit(edited, edit);
+                backend.synchronize();
+                *next = std::min(*next, std::chrono::duration<double>(Clock::now() - begin).count());
+                ++next;
+            });
+            backend.synchronize();
+        }
+        run.edits = {{"edits", count},
+                     {"edit_seconds_median", median(latency)},
+                     {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())},
+                     {"seconds_per_step_without_edits", median(run.without_edits)}};
+    } catch (const std::exception& error) {
+        run.failure = describe(error);
+    }
 }
 
 /// What a user of Google Benchmark would give on its command line. It keeps pointers to the arguments and
@@ -94,21 +145,22 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
     initialize_google_benchmark();
     const std::uint64_t springs = count_springs(scene.problem).total();
 
+    Playback playback(scene);
     std::vector<Run> runs;
     for (Contender& contender : contenders) {
         const std::string name = row_identity(scene.name, contender.spec).at("name");
-        runs.push_back({&contender, name, repetitions, {}, {}, {}});
+        runs.push_back({&contender, name, repetitions, {}, {}, {}, {}, {}});
     }
     int begun = 0;
     benchmark::ClearRegisteredBenchmarks();
     for (Run& run : runs) {
         on_repetition(run.contender->spec.label(), 0, repetitions * int(runs.size()));
-        warm_up(run, scene, steps);
+        warm_up(run, playback, steps);
         benchmark::RegisterBenchmark(run.name.c_str(),
                                      [&](benchmark::State& state) {
                                          on_repetition(run.contender->spec.label(), ++begun,
                                                        repetitions * int(runs.size()));
-                                         repeat(state, run, scene, springs, steps);
+                                         repeat(state, run, scene, playback, springs, steps);
                                      })
             ->Iterations(steps)
             ->Repetitions(repetitions)
@@ -123,9 +175,11 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
     benchmark::ClearRegisteredBenchmarks();
     const auto measured = nlohmann::json::parse(output.str());
 
+    for (Run& run : runs) measure_edits(run, playback, steps);
+
     const auto oracle = BackendSpec::parse("cpu_reference").make();
-    oracle->upload(scene.problem, scene.state);
-    oracle->step(steps);
+    playback.rewind(*oracle);
+    playback.run(*oracle, steps);
     const State reference = oracle->download();
 
     SceneResult result;
@@ -167,6 +221,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
             if (!row_name.starts_with(run.name + "/iterations:")) continue;
             identity["name"] = row.at("name");  // Google Benchmark's, which goes on after ours
             row.update(identity);
+            if (!run.edits.is_null()) row.update(run.edits);
             result.benchmarks.push_back(std::move(row));
         }
     }

@@ -152,6 +152,8 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
         if (!medians.contains(scene)) scenes.push_back(scene);
         medians[scene].push_back(row);
     }
+    std::vector<Row> edits = {
+        {"scene", "backend", "edits", "an edit (median)", "(max)", "a step without", "slow-down"}};
     std::vector<Row> table = {{"scene", "backend", "time a step", "particles/s", "springs/s",
                                "error (rel. L2)", "error (max)", "x fastest"}};
     for (const std::string& scene : scenes) {
@@ -167,9 +169,21 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
                              si(row.at("spring_updates_per_second"), "/s"),
                              error_text(row.at("error_relative_l2")), error_text(row.at("error_max")),
                              ratio.str()});
+            if (!row.contains("edits")) continue;
+            const double without = row.at("seconds_per_step_without_edits");
+            std::ostringstream slow_down;
+            slow_down << std::showpos << std::fixed << std::setprecision(1)
+                      << 100 * (time(row) * 1e-6 / without - 1) << " %";
+            edits.push_back({scene, contender(row), std::to_string(row.at("edits").get<int>()),
+                             si(row.at("edit_seconds_median"), "s"), si(row.at("edit_seconds_max"), "s"),
+                             si(without, "s"), slow_down.str()});
         }
     }
     print_aligned(table, out);
+    if (edits.size() > 1) {
+        out << "\n";
+        print_aligned(edits, out);
+    }
     for (const char* list : {"skipped", "failed"}) {
         // A reason once, with all that it holds for.
         std::vector<std::string> reasons;

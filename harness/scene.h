@@ -5,10 +5,17 @@
 #include <string>
 #include <vector>
 
+#include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 #include "harness/dataset.h"
 
 namespace voxspring {
+
+/// A change of springs after `step` steps.
+struct ScheduledEdit {
+    int step = 0;
+    SpringEdit edit;
+};
 
 struct Scene {
     /// What result rows call it: the built-in name or the file's stem, with "@W x H x D" (no blanks) or "@N"
@@ -17,7 +24,10 @@ struct Scene {
     std::string description;  ///< one sentence; may be empty
     Problem problem;
     State state;  ///< at step 0
-    /// The largest stable time step for small displacements (stability.h); infinite where nothing oscillates.
+    /// By step; each one's springs are those that the edits before it left.
+    std::vector<ScheduledEdit> edits;
+    /// The largest stable time step for small displacements (stability.h), with the springs that edits add;
+    /// infinite where nothing oscillates.
     double stable_time_step = 0;
 };
 

@@ -12,6 +12,11 @@ namespace {
 
 constexpr std::array<SpringGroup, 3> all_groups = {SpringGroup::face, SpringGroup::edge, SpringGroup::corner};
 
+constexpr int most_edit_steps = 1'000'000'000;
+constexpr int most_edits = 1'000;
+constexpr std::size_t most_triangles = 100'000;
+constexpr std::size_t most_pairs = 100'000;
+
 double positive(const JsonValue& value) { return value.number(smallest_quantity, largest_quantity); }
 
 glm::dvec3 vector(const JsonValue& value) { return value.vec3(largest_quantity); }
@@ -171,6 +176,89 @@ TimeStep read_time_step(const JsonValue& value) {
     return time_step;
 }
 
+glm::dvec3 direction(const JsonValue& value) {
+    const glm::dvec3 v = vector(value);
+    if (v == glm::dvec3(0)) value.refuse("a vector that is not zero");
+    return v;
+}
+
+/// The shape that `object` names by one of three keys; nothing if it names none.
+std::optional<Shape> read_shape(JsonObject& object, const std::string& accepted) {
+    const auto plane = object.find("plane");
+    const auto triangles = object.find("triangles");
+    const auto ball = object.find("ball");
+    const int given = int(plane.has_value()) + int(triangles.has_value()) + int(ball.has_value());
+    if (given > 1) object.value().refuse(accepted);
+    if (plane) {
+        JsonObject keys = plane->object();
+        Plane shape{vector(keys.require("point", "[x, y, z]")),
+                    direction(keys.require("normal", "[x, y, z]"))};
+        keys.finish();
+        return shape;
+    }
+    if (triangles) {
+        TrianglePatch shape;
+        for (const JsonValue& triangle : triangles->array(1, most_triangles)) {
+            const std::vector<JsonValue> corners = triangle.array(3, 3);
+            shape.triangles.push_back({vector(corners[0]), vector(corners[1]), vector(corners[2])});
+        }
+        return shape;
+    }
+    if (ball) {
+        JsonObject keys = ball->object();
+        Ball shape{vector(keys.require("centre", "[x, y, z]")), positive(keys.require("radius", "a length"))};
+        keys.finish();
+        return shape;
+    }
+    return {};
+}
+
+EditSpec read_edit(const JsonValue& value) {
+    EditSpec edit{.source = value};
+    JsonObject object = value.object();
+    edit.step = int(object.require("step", "a number of steps").integer(0, most_edit_steps));
+    const auto cut = object.find("cut");
+    const auto suture = object.find("suture");
+    const std::string one_shape = "one of plane, triangles and ball";
+    if (cut.has_value() == suture.has_value()) value.refuse("either a cut or a suture");
+    if (cut) {
+        JsonObject keys = cut->object();
+        edit.shape = read_shape(keys, one_shape);
+        if (!edit.shape) cut->refuse(one_shape);
+        keys.finish();
+    } else {
+        edit.suture = true;
+        JsonObject keys = suture->object();
+        edit.shape = read_shape(keys, one_shape);
+        const auto pairs = keys.find("pairs");
+        const auto within = keys.find("within");
+        if (edit.shape.has_value() == pairs.has_value() || edit.shape.has_value() != within.has_value())
+            suture->refuse("pairs of voxels, or " + one_shape + " with a distance \"within\"");
+        if (within) edit.within = positive(*within);
+        if (pairs) {
+            for (const JsonValue& pair : pairs->array(1, most_pairs)) {
+                const std::vector<JsonValue> ends = pair.array(2, 2);
+                edit.voxels.emplace_back(voxel_triple(ends[0], 0, longest_side - 1),
+                                         voxel_triple(ends[1], 0, longest_side - 1));
+            }
+        }
+        if (const auto stiffness = keys.find("stiffness")) edit.stiffness = positive(*stiffness);
+        keys.finish();
+    }
+    if (const auto repeat = object.find("repeat")) {
+        JsonObject keys = repeat->object();
+        edit.times = int(keys.require("times", "a whole number").integer(1, most_edits));
+        edit.every = int(keys.require("every", "a number of steps").integer(1, most_edit_steps));
+        if (const auto move = keys.find("move")) {
+            if (!edit.shape) move->refuse("a repeat without it: pairs of voxels do not move");
+            edit.move = vector(*move);
+        }
+        keys.finish();
+    }
+    object.finish();
+    return edit;
+}
+
 }  // namespace
 
 std::string to_string(SpringGroup group) {
@@ -231,9 +319,8 @@ SceneFile read_scene_file(JsonObject document) {
             object.finish();
         }
     }
-    if (document.contains("edits")) {
-        throw BadInput(document.value().file(), "edits", "this key",
-                       "a scene without it: edits of springs are reserved for a later version");
+    if (const auto edits = document.find("edits")) {
+        for (const JsonValue& element : edits->array()) scene.edits.push_back(read_edit(element));
     }
     document.finish();
     return scene;

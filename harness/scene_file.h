@@ -7,8 +7,10 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 #include "harness/json.h"
 
@@ -65,6 +67,19 @@ struct TimeStep {
     std::optional<JsonValue> source;
 };
 
+/// A cut or a suture, once or several times.
+struct EditSpec {
+    int step = 0;  ///< after how many steps
+    bool suture = false;
+    std::optional<Shape> shape{};                             ///< or, of a suture,
+    std::vector<std::pair<glm::ivec3, glm::ivec3>> voxels{};  ///< the voxels that it joins
+    double within = 0;                  ///< of a suture by shape: the longest spring that it adds
+    std::optional<double> stiffness{};  ///< of a suture
+    int times = 1, every = 0;           ///< how often, and how many steps apart
+    glm::dvec3 move{0};                 ///< of the shape from one time to the next
+    JsonValue source;                   ///< for messages
+};
+
 struct SceneFile {
     std::string description;
     DatasetSpec dataset;
@@ -79,6 +94,7 @@ struct SceneFile {
     InitialField displacement;
     InitialField velocity;
     std::vector<PointLoad> loads;
+    std::vector<EditSpec> edits;
 };
 
 /// Throws BadInput.

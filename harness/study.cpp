@@ -12,6 +12,7 @@
 #include "harness/bad_input.h"
 #include "harness/json.h"
 #include "harness/measure.h"
+#include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
 
@@ -259,6 +260,7 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         const std::string heading = "[" + std::to_string(number) + "/" + std::to_string(study.scenes.size()) +
                                     "] " + scene.name + " ";
 
+        Playback playback(scene);
         std::vector<Contender> contenders;
         for (const BackendSpec& spec : specs) {
             progress.show(heading + spec.label());
@@ -267,7 +269,7 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 auto backend = spec.make();
                 const Capabilities capabilities = backend->capabilities();
                 row["reason"] = other_card(context["backends"], capabilities.uuid);
-                if (row["reason"] == "") row["reason"] = backend->unsupported(scene.problem);
+                if (row["reason"] == "") row["reason"] = playback.unsupported(*backend);
                 if (row["reason"] == "") {
                     context["backends"][spec.entry->name] = describe(capabilities);
                     contenders.push_back({spec, std::move(backend)});

@@ -22,7 +22,7 @@ void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
     vec4 here = texelFetch(position, texel, 0);
     uint bits = floatBitsToUint(here.w);
-    vec3 force = vec3(0);
+    precise vec3 force = vec3(0);
     uint k = 0u;
 #ifdef PER_SPRING
     for (uint end = bits & NEIGHBOUR_BITS; k < end; ++k) {

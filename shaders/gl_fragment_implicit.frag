@@ -35,7 +35,7 @@ void main() {
 #define ADD_EDGE(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 1)
 #define ADD_CORNER(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 2)
 
-    vec3 force = vec3(0);
+    precise vec3 force = vec3(0);
 #ifdef FACES
     FACE_NEIGHBOURS(ADD_FACE)
 #endif

@@ -38,13 +38,14 @@ uniform float shortest_squared;
 layout(location = 0) out vec4 next;
 
 // Writes x(t + dt) of the particle whose texel at t is `here`, under the sum of its spring forces.
-void advance(ivec2 texel, vec4 here, vec3 force) {
+void advance(ivec2 texel, vec4 here, vec3 spring_force_sum) {
+    precise vec3 force = spring_force_sum;
     vec3 previous = texelFetch(previous_position, texel, 0).xyz;
 #ifdef LOADS
     force += texelFetch(load, texel, 0).xyz;
 #endif
-    // Without `precise` a compiler may fuse one multiply-add where a term is compiled in and another where
-    // it is left out.
+    // Everything here is `precise`: a compiler may else fuse one multiply-add where a term is compiled in and
+    // another where it is left out, and skipping would change bits.
     precise vec3 moved =
         next_position(here.xyz, previous, force, INVERSE_MASS(texel), gravity, retained, time_step_squared);
 #ifdef PINS

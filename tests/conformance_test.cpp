@@ -220,6 +220,97 @@ TEST_P(Conformance, RestStaysRestToTheBit) {
     EXPECT_EQ(state.increment, rest.increment);
 }
 
+// --- Edits ---------------------------------------------------------------------------------------------
+
+struct EditCase {
+    std::string name;
+    Problem problem;
+};
+
+std::vector<EditCase> edit_cases() {
+    std::vector<EditCase> all;
+    all.push_back({"dense", lattice(random_grid({11, 9, 10}, 0.95, 31))});
+    all.push_back({"all_groups_pinned", lattice(random_grid({8, 7, 9}, 0.8, 32), NEIGHBOUR_BITS)});
+    pin_base(all.back().problem);
+    all.push_back({"labels", lattice(random_grid({9, 8, 7}, 0.9, 33, 2))});
+    all.back().problem.materials = {{1, 1}, {2, 0.25}};
+    all.push_back({"network", with_dynamics(random_network(200, 700, 34))});
+    return all;
+}
+
+TEST_P(Conformance, AnEditedProblemIsTheOneBuiltSoToTheBit) {
+    for (const EditCase& c : edit_cases()) {
+        for (const bool beyond : {false, true}) {
+            SCOPED_TRACE(c.name + (beyond ? " beyond the lattice" : ""));
+            Problem edited = c.problem;
+            const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
+            if (!backend->unsupported(c.problem).empty() || !backend->unsupported(edited).empty()) {
+                Problem all_springs = edited;
+                EXPECT_TRUE(may_refuse(spec.entry->name, all_springs));
+                continue;
+            }
+            const State start = random_state(c.problem, 0.05, 7);
+            const auto play = [&](const Problem& from, const std::vector<SpringEdit>& changes) {
+                Problem now = from;
+                backend->upload(from, start);
+                for (const SpringEdit& edit : changes) {
+                    apply(now, edit);
+                    backend->edit(now, edit);
+                }
+                backend->step(13);
+                return backend->download();
+            };
+            const State played = play(c.problem, edits);
+            const State built = play(edited, {});
+            if (backend->capabilities().deterministic) {
+                EXPECT_EQ(played.displacement, built.displacement);
+                EXPECT_EQ(played.increment, built.increment);
+            } else {
+                const Comparison comparison = compare(edited, played, built, spec.options.precision, 13);
+                EXPECT_TRUE(comparison.passed()) << comparison.reason;
+            }
+            // An upload forgets every edit.
+            const auto oracle = BackendSpec::parse("cpu_reference").make();
+            oracle->upload(c.problem, start);
+            oracle->step(5);
+            backend->upload(c.problem, start);
+            backend->step(5);
+            const Comparison comparison =
+                compare(c.problem, backend->download(), oracle->download(), spec.options.precision, 5);
+            EXPECT_TRUE(comparison.passed()) << comparison.reason;
+        }
+    }
+}
+
+TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
+    for (const EditCase& c : edit_cases()) {
+        for (const bool beyond : {false, true}) {
+            SCOPED_TRACE(c.name + (beyond ? " beyond the lattice" : ""));
+            Problem edited = c.problem;
+            const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
+            if (!backend->unsupported(c.problem).empty() || !backend->unsupported(edited).empty()) continue;
+            const State start = random_state(c.problem, 0.05, 8);
+            const auto oracle = BackendSpec::parse("cpu_reference").make();
+            Problem now = c.problem;
+            oracle->upload(c.problem, start);
+            backend->upload(c.problem, start);
+            int steps = 0;
+            for (const SpringEdit& edit : edits) {
+                for (Backend* b : {oracle.get(), backend.get()}) b->step(3);
+                apply(now, edit);
+                for (Backend* b : {oracle.get(), backend.get()}) {
+                    b->edit(now, edit);
+                    b->step(2);
+                }
+                steps += 5;
+                const Comparison comparison =
+                    compare(now, backend->download(), oracle->download(), spec.options.precision, steps);
+                EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+            }
+        }
+    }
+}
+
 /// Every backend with its defaults, then each other precision and each other tuning value by itself.
 std::vector<std::string> every_specification() {
     std::vector<std::string> specs;

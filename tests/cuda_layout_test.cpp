@@ -10,6 +10,7 @@
 #include <set>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "backends/registry.h"
@@ -20,6 +21,7 @@
 namespace voxspring::cuda {
 namespace {
 
+using testing::edit_everything;
 using testing::make_grid;
 using testing::random_grid;
 using testing::random_network;
@@ -654,6 +656,104 @@ TEST(BeyondGroups, SaysWhyNot) {
     EXPECT_NE(beyond_groups(lattices().at("materials")), "");
     EXPECT_NE(beyond_groups(networks().at("unstructured")), "");
     EXPECT_NE(beyond_groups(networks().at("sutured_box")), "");
+}
+
+// --- Edits -----------------------------------------------------------------------------------------------
+
+TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
+    using Real = TypeParam;
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
+            for (const bool by_groups : {true, false}) {
+                SCOPED_TRACE(name + (by_groups ? " by groups" : " by springs"));
+                Problem edited = problem;
+                const std::vector<SpringEdit> edits = edit_everything(edited, false);
+                if (by_groups && !beyond_groups(edited).empty()) continue;
+                // What the faces of `corners` are sutured with is no lattice spring.
+                if (edited.springs.size() > problem.springs.size()) continue;
+                const auto list = [&](const Problem& p) {
+                    auto lists =
+                        by_groups ? list_by_groups<Real>(p, layout) : list_by_springs<Real>(p, layout);
+                    measure(lists.constants);
+                    return lists;
+                };
+                NeighbourLists<Real> lists = list(problem);
+                Problem now = problem;
+                for (const SpringEdit& edit : edits) {
+                    apply(now, edit);
+                    ASSERT_LE(longest_list(edit), lists.shape.slots);
+                    const auto rows = by_groups ? edited_by_groups<Real>(now, edit, lists.shape.slots)
+                                                : edited_by_springs<Real>(now, edit, lists.shape.slots);
+                    const EditedRows<Real> on_device{rows.particle.data(), rows.lists.neighbour.data(),
+                                                     by_groups ? nullptr : rows.lists.constants.data()};
+                    for (std::size_t n = 0; n < rows.lists.neighbour.size(); ++n) {
+                        write_slot(on_device, n, lists.shape, lists.neighbour.data(), lists.constants.data());
+                    }
+                    for (std::size_t r = 0; r < rows.particle.size(); ++r)
+                        lists.bits[rows.particle[r]] = rows.lists.bits[r];
+                }
+                const NeighbourLists<Real> built = list(edited);
+                EXPECT_EQ(lists.bits, built.bits);
+                // Slots beyond the built ones hold the particle itself; so do cut ones.
+                for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+                    for (std::uint32_t s = 0; s < lists.shape.slots; ++s) {
+                        const bool there = s < built.shape.slots;
+                        const std::size_t at = lists.shape.at(i, s);
+                        ASSERT_EQ(lists.neighbour[at], there ? built.neighbour[built.shape.at(i, s)] : i);
+                        if (by_groups) continue;
+                        const SpringConstants<Real> none{0, 0};
+                        const auto& expected = there ? built.constants[built.shape.at(i, s)] : none;
+                        ASSERT_EQ(lists.constants[at].stiffness, expected.stiffness);
+                        ASSERT_EQ(lists.constants[at].rest_length, expected.rest_length);
+                    }
+                }
+            }
+        }
+    }
+}
+
+TYPED_TEST(KernelBodies, SpringSlotsHoldTheSpringsOfTheEditedProblem) {
+    using Real = TypeParam;
+    using Listed = std::multiset<std::tuple<std::uint32_t, std::uint32_t, Real, Real>>;
+    const auto listed = [](const std::vector<SpringEnds>& ends,
+                           const std::vector<SpringConstants<Real>>& constants) {
+        Listed springs;
+        for (std::size_t s = 0; s < ends.size(); ++s) {
+            if (constants[s].stiffness != 0)
+                springs.emplace(ends[s].first, ends[s].second, constants[s].stiffness,
+                                constants[s].rest_length);
+        }
+        return springs;
+    };
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        SCOPED_TRACE(name);
+        Problem edited = problem;
+        std::vector<SpringEdit> edits = edit_everything(edited, true);
+        for (SpringEdit& edit : edit_everything(edited, true)) edits.push_back(std::move(edit));
+        SpringArrays<Real> springs = list_every_spring<Real>(problem);
+        measure(springs.constants);
+        SpringSlots slots(problem, springs.begin);
+        std::size_t most_beyond = problem.springs.size();
+        Problem now = problem;
+        for (const SpringEdit& edit : edits) {
+            apply(now, edit);
+            most_beyond = std::max(most_beyond, now.springs.size());
+            const auto changes = slots.template slots_of<Real>(edit);
+            springs.ends.resize(std::max(springs.ends.size(), slots.used()));
+            springs.constants.resize(springs.ends.size(), {0, 0});
+            for (const auto& change : changes)
+                write_spring(change, springs.ends.data(), springs.constants.data());
+            SpringArrays<Real> built = list_every_spring<Real>(now);
+            measure(built.constants);
+            ASSERT_EQ(listed(springs.ends, springs.constants), listed(built.ends, built.constants));
+        }
+        // Slots are given back and taken again.
+        EXPECT_EQ(slots.used(), springs.begin.back() + most_beyond);
+    }
 }
 
 }  // namespace

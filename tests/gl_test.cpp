@@ -218,10 +218,10 @@ TEST_P(GlFragment, DeviceTimeAgreesWithHostTime) {
     const auto backend = make(GetParam());
     backend->upload(problem, state_at_rest(problem));
     backend->step(4);
-    Timing timing = backend->timed_step(4);
+    Timing timing = backend->timed([&] { backend->step(4); });
     // Enough steps that neither starting the first nor waiting for the last matters: 50 ms.
     const int steps = int(4 * std::ceil(0.05 / timing.host_seconds)) + 4;
-    timing = backend->timed_step(steps);
+    timing = backend->timed([&] { backend->step(steps); });
     // The marks lie between the readings of the host clock; the clocks differ by parts in a million. A clock
     // that stops while steps run, or that counts what follows them, misses half of it or more.
     EXPECT_LE(timing.device_seconds, 1.001 * timing.host_seconds);

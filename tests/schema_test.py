@@ -24,6 +24,8 @@ ODD_VALUES = [
     {"1": 2}, {"01": 2}, {"-7": 2}, {"-0": 2}, {"0": 2}, {"face": 1}, {"face": 1, "1": 1}, {"side": "z-"},
     {"side": "z-", "slices": 2}, {"side": "z-", "slices": 2, "fraction": 0.5}, {"voxel": [0, 0, 0]},
     {"voxel": [0, 0, 0], "to": [1, 1, 1]}, {"from": [0, 0, 0]}, {"from": [0, 0, 0], "to": [1, 1, 1]},
+    {"ball": {"centre": [1, 1, 1], "radius": 1}}, {"ball": {"centre": [1, 1, 1], "radius": 1}, "within": 1},
+    {"pairs": [[[0, 0, 0], [1, 1, 1]]]}, {"plane": {"point": [1, 1, 1], "normal": [0, 0.0, 0]}}, {"times": 2, "every": 3},
     {"random": 0.1, "seed": 3}, {"random": 0.1}, {"fraction_of_stable": 0.5}, [{"side": "y+", "fraction": 1}],
 ]
 

@@ -52,6 +52,7 @@ public:
         sound_->upload(problem, state);
         ++uploads_;
     }
+    void edit(const Problem&, const SpringEdit&) override {}
     void step(int count) override {
         // The third upload is the second timed repetition.
         if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
@@ -97,6 +98,10 @@ public:
     void step(int count) override {
         device.call("step");
         sound_->step(count);
+    }
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        device.call("edit");
+        sound_->edit(edited, edit);
     }
     void synchronize() override { device.call("synchronize"); }
     State download() override {

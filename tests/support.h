@@ -6,7 +6,10 @@
 #include <functional>
 #include <glm/vec3.hpp>
 #include <random>
+#include <utility>
+#include <vector>
 
+#include "backends/physics/edit.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
 
@@ -79,6 +82,33 @@ inline void pin_base(Problem& problem) {
     const double base = problem.rest_position.front().z;
     for (std::size_t i = 0; i < pinned.size(); ++i) pinned[i] = problem.rest_position[i].z == base;
     pin(problem, std::move(pinned));
+}
+
+/// Cuts and sutures of `problem`, which they change: a plane, a patch and a ball, some of it sutured again
+/// within the lattice; then, where `beyond`, sutures that leave it, and more of them to one particle than any
+/// list has room for.
+inline std::vector<SpringEdit> edit_everything(Problem& problem, bool beyond) {
+    SpringEditor editor(problem);
+    const glm::dvec3 middle = problem.rest_position[problem.particle_count() / 2] + glm::dvec3(0.1, 0.2, 0.3);
+    const Shape plane = Plane{middle, {1, 0.2, -0.1}};
+    const Shape patch = TrianglePatch{
+        {{middle - glm::dvec3(9, 9, 0), middle + glm::dvec3(9, -9, 0), middle + glm::dvec3(0, 9, 0)}}};
+    const Shape ball = Ball{middle, 2};
+    const auto most = std::uint32_t(problem.particle_count() - 1);
+    std::vector<SpringEdit> edits;
+    edits.push_back(editor.cut(plane));
+    edits.push_back(editor.cut(patch));
+    edits.push_back(editor.suture(ball, 1.5));
+    edits.push_back(editor.cut(ball));
+    if (beyond) {
+        edits.push_back(editor.suture(plane, 2.3, 0.125));
+        std::vector<std::pair<std::uint32_t, std::uint32_t>> fan;
+        for (std::uint32_t i = 1; i <= 40 && i < most; ++i) fan.emplace_back(0, i);
+        edits.push_back(editor.suture(fan, 0.01));
+        edits.push_back(editor.cut(Ball{problem.rest_position[0], 1.2}));
+    }
+    edits.push_back(editor.suture(plane, 1.5));
+    return edits;
 }
 
 }  // namespace voxspring::testing

@@ -1,5 +1,6 @@
 #include "backends/gl/fragment_backend.h"
 
+#include <algorithm>
 #include <bit>
 #include <limits>
 #include <utility>
@@ -143,6 +144,52 @@ void FragmentBackend::make_program(const Problem& problem) {
     program_.set("time_step_squared", float(problem.time_step * problem.time_step));
     program_.set("shortest_squared", float(problem.shortest_squared()));
     set_uniforms(program_, problem);
+}
+
+void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
+    context_.make_current();
+    problem_ = &edited;
+    if (edit.empty()) return;
+    if (has_room(edited, edit)) {
+        write(edited_texels(edit));
+        return;
+    }
+    // Every list anew; positions stay where they are, with new bits.
+    const Layout layout = lay_out(edited);
+    make_program(edited);
+    TexelEdit bits;
+    for (std::uint32_t i = 0; i < layout.bits.size(); ++i)
+        bits.particles.push_back({texel_of(i), layout.bits[i], 0, 0});
+    write(bits);
+}
+
+void FragmentBackend::write(const TexelEdit& edit) {
+    const Defines defines = bind_lists();
+    if (edit_program_.get() == 0 || defines != edit_defines_) {
+        edit_program_ = Program(context_, load_source("edit.comp", defines));
+        edit_defines_ = defines;
+    }
+    const auto send = [&](GLuint binding, const auto& values) {
+        if (edit_buffers_[binding].get() == 0) edit_buffers_[binding] = make_buffer(context_);
+        const GLuint buffer = edit_buffers_[binding].get();
+        // One element at least: an empty buffer cannot be bound.
+        const std::size_t bytes = std::max<std::size_t>(values.size(), 1) * sizeof(values[0]);
+        glNamedBufferData(buffer, GLsizeiptr(bytes), nullptr, GL_STREAM_DRAW);
+        glNamedBufferSubData(buffer, 0, GLsizeiptr(values.size() * sizeof(values[0])), values.data());
+        glBindBufferBase(GL_SHADER_STORAGE_BUFFER, binding, buffer);
+    };
+    send(0, edit.particles);
+    send(1, edit.neighbour);
+    send(2, edit.spring);
+    // A step copies w from the frame that it reads, so that the bits of that one are enough.
+    glBindImageTexture(0, frames_[frame(0)].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
+    edit_program_.set("particle_count", int(edit.particles.size()));
+    glUseProgram(edit_program_.get());
+    constexpr std::size_t group = 64, most_groups = 65535;
+    glDispatchCompute(GLuint(std::min((edit.particles.size() + group - 1) / group, most_groups)), 1, 1);
+    glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT |
+                    GL_TEXTURE_UPDATE_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
+    glUseProgram(program_.get());
 }
 
 void FragmentBackend::step(int count) {

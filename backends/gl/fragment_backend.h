@@ -24,6 +24,7 @@ class FragmentBackend : public Backend {
 public:
     Capabilities capabilities() const final { return context_.capabilities(); }
     void upload(const Problem& problem, const State& state) final;
+    void edit(const Problem& edited, const SpringEdit& edit) final;
     void step(int count) final;
     void synchronize() final;
     State download() final;
@@ -42,6 +43,18 @@ protected:
         std::vector<std::uint32_t> bits;   ///< per particle: what its w holds
     };
 
+    /// What some particles' texels become, as shaders/edit.comp reads it.
+    struct TexelEdit {
+        struct Particle {
+            std::uint32_t texel;       ///< x in the lower half, y in the upper
+            std::uint32_t bits;        ///< what its w holds
+            std::uint32_t begin, end;  ///< its neighbours in `neighbour`
+        };
+        std::vector<Particle> particles;
+        std::vector<std::uint32_t> neighbour;  ///< texels
+        std::vector<glm::vec2> spring;         ///< stiffness and rest length; empty where groups have them
+    };
+
     /// `fragment_shader`: the file in shaders/.
     FragmentBackend(const Options& options, std::string fragment_shader);
 
@@ -51,6 +64,18 @@ protected:
     /// What specialises the fragment shader beyond the terms that it shares (shaders/particle.glsl).
     virtual Defines specialise(const Problem& problem) const = 0;
     virtual void set_uniforms(const Program& program, const Problem& problem) const = 0;
+    /// Whether what lay_out() made and specialise() said hold for `edited` too.
+    virtual bool has_room(const Problem& edited, const SpringEdit& edit) const = 0;
+    /// The particles that `edit` touched, for what lay_out() made.
+    virtual TexelEdit edited_texels(const SpringEdit& edit) const = 0;
+    /// Binds what has lists to image units 1 and 2 of shaders/edit.comp and returns its defines.
+    virtual Defines bind_lists() const { return {}; }
+
+    /// Where a particle's texel is, x in the lower half and y in the upper.
+    std::uint32_t texel_of(std::uint32_t particle) const {
+        const auto width = std::uint32_t(size_.x);
+        return texel_[particle] % width | texel_[particle] / width << 16;
+    }
 
     static constexpr GLuint first_own_unit = 4;
     const Context& context() const { return context_; }
@@ -64,6 +89,7 @@ private:
     void make_frames(const Problem& problem, const State& state, const Layout& layout);
     void make_particle_textures(const Problem& problem, const Layout& layout);
     void make_program(const Problem& problem);
+    void write(const TexelEdit& edit);
     std::size_t frame(int age) const { return (current_ + 3 - std::size_t(age)) % 3; }
 
     Context context_;
@@ -79,6 +105,9 @@ private:
     Texture load_, material_;
     Program program_;
     std::string fragment_text_;  // that program_ was made of
+    Program edit_program_;
+    Defines edit_defines_;                // that edit_program_ was made with
+    std::array<Buffer, 3> edit_buffers_;  // shaders/edit.comp's, made with the first edit
 
     const Problem* problem_ = nullptr;
     glm::ivec2 size_{0};

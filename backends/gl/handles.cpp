@@ -7,6 +7,9 @@ void destroy(Object kind, GLuint name) noexcept {
         case Object::texture:
             glDeleteTextures(1, &name);
             break;
+        case Object::buffer:
+            glDeleteBuffers(1, &name);
+            break;
         case Object::framebuffer:
             glDeleteFramebuffers(1, &name);
             break;
@@ -23,6 +26,12 @@ void destroy(Object kind, GLuint name) noexcept {
             glDeleteProgram(name);
             break;
     }
+}
+
+Buffer make_buffer(const Context& context) {
+    GLuint name = 0;
+    glCreateBuffers(1, &name);
+    return {context, name};
 }
 
 Framebuffer make_framebuffer(const Context& context) {

@@ -10,7 +10,7 @@
 
 namespace voxspring::gl {
 
-enum class Object : std::uint8_t { texture, framebuffer, vertex_array, query, shader, program };
+enum class Object : std::uint8_t { texture, buffer, framebuffer, vertex_array, query, shader, program };
 
 /// Deletes object `name` of the current context.
 void destroy(Object kind, GLuint name) noexcept;
@@ -40,10 +40,12 @@ private:
 };
 
 using Texture = Handle<Object::texture>;
+using Buffer = Handle<Object::buffer>;
 using Framebuffer = Handle<Object::framebuffer>;
 using VertexArray = Handle<Object::vertex_array>;
 using Query = Handle<Object::query>;
 
+Buffer make_buffer(const Context& context);
 Framebuffer make_framebuffer(const Context& context);
 VertexArray make_vertex_array(const Context& context);
 Query make_query(const Context& context);

@@ -116,6 +116,15 @@ Program::Program(const Context& context, const Source& vertex, const Source& fra
     : program_(context, glCreateProgram()) {
     const Shader stages[] = {compile(context, GL_VERTEX_SHADER, vertex),
                              compile(context, GL_FRAGMENT_SHADER, fragment)};
+    link(stages, vertex.name + " and " + fragment.name);
+}
+
+Program::Program(const Context& context, const Source& compute) : program_(context, glCreateProgram()) {
+    const Shader stages[] = {compile(context, GL_COMPUTE_SHADER, compute)};
+    link(stages, compute.name);
+}
+
+void Program::link(std::span<const Shader> stages, const std::string& names) {
     for (const Shader& stage : stages) glAttachShader(get(), stage.get());
     glLinkProgram(get());
     for (const Shader& stage : stages) glDetachShader(get(), stage.get());
@@ -127,7 +136,7 @@ Program::Program(const Context& context, const Source& vertex, const Source& fra
         std::string log(std::size_t(length), '\0');
         glGetProgramInfoLog(get(), length, &length, log.data());
         log.resize(std::size_t(length));
-        throw DeviceError("shaders " + vertex.name + " and " + fragment.name + " do not link:\n  " + log);
+        throw DeviceError("shaders " + names + " do not link:\n  " + log);
     }
 }
 

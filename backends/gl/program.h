@@ -37,6 +37,7 @@ class Program {
 public:
     Program() = default;
     Program(const Context& context, const Source& vertex, const Source& fragment);
+    Program(const Context& context, const Source& compute);
 
     GLuint get() const { return program_.get(); }
 
@@ -47,6 +48,8 @@ public:
     void set(const char* name, int value) const;
 
 private:
+    void link(std::span<const Handle<Object::shader>> stages, const std::string& names);
+
     Handle<Object::program> program_;
 };
 

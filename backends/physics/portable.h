@@ -17,11 +17,15 @@
 #define Real float
 #define Vec3 vec3
 #define larger max
+/// Before a local that must be rounded the same wherever its expression is compiled: no fused multiply-add
+/// here and none there. C++ and CUDA settle that with compiler flags.
+#define PRECISE precise
 
 #else
 
 #include <cmath>
 
+#define PRECISE
 /// Where the formulas are declared; SIMD code, which compiles them once a target, names its own place.
 #define VOXSPRING_PHYSICS_NAMESPACE voxspring
 

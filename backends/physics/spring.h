@@ -15,14 +15,16 @@ namespace VOXSPRING_PHYSICS_NAMESPACE {
 /// force between two particles at the same place is zero instead of NaN.
 SHARED(Real)
 force_density(Vec3 offset, Real rest_length, Real stiffness, Real shortest_squared) {
-    Real length = sqrt(larger(dot(offset, offset), shortest_squared));
-    return stiffness * (rest_length - length) / length;
+    PRECISE Real length = sqrt(larger(dot(offset, offset), shortest_squared));
+    PRECISE Real density = stiffness * (rest_length - length) / length;
+    return density;
 }
 
 /// Force of one spring on the particle at x_i: k (l - |d|) d / |d| (the paper's f_ij).
 SHARED(Vec3)
 spring_force(Vec3 offset, Real rest_length, Real stiffness, Real shortest_squared) {
-    return offset * force_density(offset, rest_length, stiffness, shortest_squared);
+    PRECISE Vec3 force = offset * force_density(offset, rest_length, stiffness, shortest_squared);
+    return force;
 }
 
 /// Stiffness of a spring between two materials: half of each spring in series, 2 / (1/k_a + 1/k_b).
@@ -35,7 +37,9 @@ series_stiffness(Real compliance_a, Real compliance_b) { return Real(2) / (compl
 SHARED(Vec3)
 next_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity, Real retained,
               Real time_step_squared) {
-    return x + ((x - previous) * retained + (force * inverse_mass + gravity) * time_step_squared);
+    PRECISE Vec3 next =
+        x + ((x - previous) * retained + (force * inverse_mass + gravity) * time_step_squared);
+    return next;
 }
 
 #ifndef VOXSPRING_GLSL

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <span>
+#include <utility>
 
 #include "cuda/device/stream.h"
 
@@ -35,6 +36,16 @@ public:
         if (size_ == 0) return;
         check(cudaMemcpyAsync(values.data(), data(), bytes(), cudaMemcpyDeviceToHost, stream.get()));
         stream.synchronize();
+    }
+    /// More room at the end, filled with zeros; what was there moves along.
+    void grow(std::size_t size, const Stream& stream) {
+        Buffer larger;
+        larger.resize(size);
+        check(cudaMemcpyAsync(larger.data(), data(), bytes(), cudaMemcpyDeviceToDevice, stream.get()));
+        check(cudaMemsetAsync(larger.data() + size_, 0, larger.bytes() - bytes(), stream.get()));
+        stream.synchronize();
+        std::swap(handle_, larger.handle_);
+        std::swap(size_, larger.size_);
     }
     void fill_with_zeros(const Stream& stream) {
         if (size_ != 0) check(cudaMemsetAsync(data(), 0, bytes(), stream.get()));

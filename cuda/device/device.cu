@@ -59,6 +59,7 @@ Device::Device() {
     require(cudaGetDeviceProperties(&properties, 0), "no CUDA context");
     name_ = properties.name;
     uuid_ = uuid_of(properties);
+    multiprocessors_ = properties.multiProcessorCount;
     cudaFuncAttributes attributes{};
     require(cudaFuncGetAttributes(&attributes, probe),
             "this build has no code for " + name_ + " (compute capability " +

@@ -20,6 +20,7 @@ public:
     /// The highest clocks that the card may run at.
     int sm_mhz() const { return sm_mhz_; }
     int memory_mhz() const { return memory_mhz_; }
+    int multiprocessors() const { return multiprocessors_; }
     /// Bytes of device memory that nobody has allocated.
     std::size_t free_bytes() const;
 
@@ -33,6 +34,7 @@ private:
     std::size_t most_texels_ = 0;
     int sm_mhz_ = 0;
     int memory_mhz_ = 0;
+    int multiprocessors_ = 0;
 };
 
 }  // namespace voxspring::cuda

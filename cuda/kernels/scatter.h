@@ -10,7 +10,7 @@ namespace voxspring::cuda {
 template <class Real>
 struct ScatterStep {
     int particles;
-    std::size_t springs;
+    std::size_t springs;  ///< slots of both arrays; a stiffness of 0 marks one without a spring
     const SpringEnds* ends;
     const SpringConstants<Real>* constants;
     /// x of all particles, then y, then z, `pitch` apart: neighbouring threads then add to neighbouring
@@ -35,8 +35,9 @@ template <class Real, class Current>
 VOXSPRING_HOST_DEVICE void scatter_spring(const ScatterStep<Real>& step, std::size_t s,
                                           const Current& current) {
     if (s >= step.springs) return;
-    const SpringEnds ends = current.entry(step.ends + s);
     const SpringConstants<Real> constants = current.entry(step.constants + s);
+    if (constants.stiffness == 0) return;  // a spring that was cut, or room for one to come
+    const SpringEnds ends = current.entry(step.ends + s);
     const Vector<Real> offset =
         current.at(int(ends.first), 0).position - current.at(int(ends.second), 0).position;
     const Vector<Real> force =

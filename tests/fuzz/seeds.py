@@ -31,7 +31,9 @@ WORDS = [
     "dataset", "type", "box", "heart", "volume", "dims", "file", "threshold", "labels", "spring_groups", "face",
     "edge", "corner", "spacing", "mass", "stiffness", "damping", "gravity", "time_step", "fraction_of_stable",
     "pinned", "side", "slices", "fraction", "from", "to", "voxel", "initial", "displacement", "velocity", "random",
-    "seed", "loads", "force", "edits", "description", "$schema", "x-", "x+", "y-", "y+", "z-", "z+", "volume.nrrd",
+    "seed", "loads", "force", "edits", "step", "cut",
+    "suture", "plane", "point", "normal", "triangles", "ball", "centre", "radius", "pairs", "within", "repeat", "times",
+    "every", "move", "description", "$schema", "x-", "x+", "y-", "y+", "z-", "z+", "volume.nrrd",
 ]
 
 NRRD_WORDS = [

@@ -1,0 +1,298 @@
+#include "backends/physics/edit.h"
+
+#include <algorithm>
+#include <cmath>
+#include <glm/common.hpp>
+#include <glm/geometric.hpp>
+#include <limits>
+#include <set>
+
+#include "backends/physics/neighbours.h"
+#include "backends/physics/spring.h"
+
+namespace voxspring {
+namespace {
+
+bool above(const glm::dvec3& point, const glm::dvec3& normal, const glm::dvec3& x) {
+    return glm::dot(normal, x - point) >= 0;
+}
+
+/// Six times the volume of the tetrahedron a, b, c, d. Exactly the negative with c and d exchanged, so that a
+/// line cannot slip between two triangles that share an edge.
+double volume(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c, const glm::dvec3& d) {
+    return glm::dot(glm::cross(c - a, d - a), b - a);
+}
+
+bool goes_through(const std::array<glm::dvec3, 3>& t, const glm::dvec3& a, const glm::dvec3& b) {
+    const glm::dvec3 normal = glm::cross(t[1] - t[0], t[2] - t[0]);
+    if (above(t[0], normal, a) == above(t[0], normal, b)) return false;
+    const double u = volume(a, b, t[0], t[1]);
+    const double v = volume(a, b, t[1], t[2]);
+    const double w = volume(a, b, t[2], t[0]);
+    return (u >= 0 && v >= 0 && w >= 0) || (u <= 0 && v <= 0 && w <= 0);
+}
+
+struct Cuts {
+    const glm::dvec3 &a, &b;
+
+    bool operator()(const Plane& plane) const {
+        return above(plane.point, plane.normal, a) != above(plane.point, plane.normal, b);
+    }
+    bool operator()(const TrianglePatch& patch) const {
+        return std::any_of(patch.triangles.begin(), patch.triangles.end(),
+                           [&](const auto& triangle) { return goes_through(triangle, a, b); });
+    }
+    bool operator()(const Ball& ball) const {
+        return glm::distance(a, ball.centre) <= ball.radius && glm::distance(b, ball.centre) <= ball.radius;
+    }
+};
+
+struct Box {
+    glm::dvec3 low{-std::numeric_limits<double>::infinity()};
+    glm::dvec3 high{std::numeric_limits<double>::infinity()};
+};
+
+struct Bounds {
+    Box operator()(const Plane&) const { return {}; }
+    Box operator()(const TrianglePatch& patch) const {
+        Box box;
+        std::swap(box.low, box.high);
+        for (const auto& triangle : patch.triangles) {
+            for (const glm::dvec3& corner : triangle) {
+                box.low = glm::min(box.low, corner);
+                box.high = glm::max(box.high, corner);
+            }
+        }
+        return box;
+    }
+    Box operator()(const Ball& ball) const { return {ball.centre - ball.radius, ball.centre + ball.radius}; }
+};
+
+bool is_one_of(const Spring& spring, const std::vector<ChangedSpring>& sorted) {
+    const auto before = [](const auto& a, const auto& b) {
+        return std::pair(a.first, a.second) < std::pair(b.first, b.second);
+    };
+    const auto found = std::lower_bound(
+        sorted.begin(), sorted.end(), spring,
+        [&](const ChangedSpring& changed, const Spring& s) { return before(changed.spring, s); });
+    return found != sorted.end() && !before(spring, found->spring);
+}
+
+double default_stiffness(const Problem& problem, std::uint32_t first, std::uint32_t second) {
+    for (const Direction& direction : directions()) {
+        if ((problem.group_bits >> direction.bit & 1U) != 0)
+            return problem.spring_stiffness(first, second, direction);
+    }
+    return problem.spring_stiffness(first, second, directions().front());
+}
+
+}  // namespace
+
+bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b) {
+    return std::visit(Cuts{a, b}, shape);
+}
+
+SpringEditor::SpringEditor(Problem& problem)
+    : problem_(problem), particle_(particle_of_voxel(problem.lattice)) {}
+
+std::uint32_t SpringEditor::neighbour(std::uint32_t particle, const Direction& direction) const {
+    const Lattice& lattice = problem_.lattice;
+    const glm::ivec3 at = lattice.coordinates(lattice.voxel[particle]) + direction.offset;
+    if (at.x < 0 || at.y < 0 || at.z < 0) return no_particle;
+    if (at.x >= lattice.dims.x || at.y >= lattice.dims.y || at.z >= lattice.dims.z) return no_particle;
+    return particle_[std::size_t(std::ptrdiff_t(lattice.voxel[particle]) + lattice.stride(direction))];
+}
+
+double SpringEditor::longest_lattice_spring() const {
+    return *std::max_element(problem_.rest_length.begin(), problem_.rest_length.end());
+}
+
+template <class Visit>
+void SpringEditor::visit_near(const Shape& shape, Visit visit) const {
+    const Lattice& lattice = problem_.lattice;
+    Box box = std::visit(Bounds{}, shape);
+    // The longest lattice spring reaches no voxel centre beyond these.
+    const double reach = longest_lattice_spring();
+    const glm::dvec3 first(0), last(lattice.dims - 1);
+    const glm::ivec3 low(glm::clamp(glm::floor((box.low - reach) / lattice.spacing), first, last));
+    const glm::ivec3 high(glm::clamp(glm::ceil((box.high + reach) / lattice.spacing), first, last));
+    for (int z = low.z; z <= high.z; ++z) {
+        for (int y = low.y; y <= high.y; ++y) {
+            const std::size_t row =
+                (std::size_t(z) * std::size_t(lattice.dims.y) + std::size_t(y)) * std::size_t(lattice.dims.x);
+            for (int x = low.x; x <= high.x; ++x) {
+                const std::uint32_t i = particle_[row + std::size_t(x)];
+                if (i != no_particle) visit(i);
+            }
+        }
+    }
+}
+
+std::optional<Direction> SpringEditor::direction_between(std::uint32_t first, std::uint32_t second) const {
+    const Lattice& lattice = problem_.lattice;
+    if (lattice.voxel.empty()) return {};
+    const glm::ivec3 offset =
+        lattice.coordinates(lattice.voxel[second]) - lattice.coordinates(lattice.voxel[first]);
+    for (const Direction& direction : directions()) {
+        if (direction.offset == offset && (problem_.group_bits >> direction.bit & 1U) != 0) return direction;
+    }
+    return {};
+}
+
+SpringEdit SpringEditor::cut(const Shape& shape) {
+    SpringEdit edit;
+    const auto& x = problem_.rest_position;
+    if (!particle_.empty()) {
+        visit_near(shape, [&](std::uint32_t i) {
+            for (const Direction& direction : directions()) {
+                const auto bit = std::size_t(direction.bit);
+                if (bit % 2 == 0 || (problem_.lattice.mask[i] >> bit & 1U) == 0) continue;
+                const std::uint32_t j = neighbour(i, direction);
+                if (!cuts(shape, x[i], x[j])) continue;
+                const Spring spring{i, j, problem_.spring_stiffness(i, j, direction),
+                                    problem_.rest_length[bit]};
+                edit.removed.push_back({spring, direction.bit});
+            }
+        });
+    }
+    for (const Spring& spring : problem_.springs) {
+        if (cuts(shape, x[spring.first], x[spring.second])) edit.removed.push_back({spring, -1});
+    }
+    finish(edit);
+    return edit;
+}
+
+SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional<double> stiffness) {
+    if (particle_.empty()) return {};
+    const auto& x = problem_.rest_position;
+    std::set<std::uint32_t> faces;
+    visit_near(shape, [&](std::uint32_t i) {
+        for (const Direction& direction : directions()) {
+            if ((problem_.group_bits >> direction.bit & 1U) == 0) continue;
+            if ((problem_.lattice.mask[i] >> direction.bit & 1U) != 0) continue;
+            const std::uint32_t j = neighbour(i, direction);
+            if (j != no_particle && cuts(shape, x[std::min(i, j)], x[std::max(i, j)])) faces.insert(i);
+        }
+    });
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
+    const glm::ivec3 reach(glm::ceil(within / problem_.lattice.spacing));
+    for (const std::uint32_t i : faces) {
+        const glm::ivec3 at = problem_.lattice.coordinates(problem_.lattice.voxel[i]);
+        const glm::ivec3 low = glm::max(at - reach, glm::ivec3(0));
+        const glm::ivec3 high = glm::min(at + reach, problem_.lattice.dims - 1);
+        for (int z = low.z; z <= high.z; ++z) {
+            for (int y = low.y; y <= high.y; ++y) {
+                for (int other = low.x; other <= high.x; ++other) {
+                    const std::uint32_t j = particle_[std::size_t(
+                        (std::ptrdiff_t(z) * problem_.lattice.dims.y + y) * problem_.lattice.dims.x + other)];
+                    // no_particle is no face. Each pair once.
+                    if (j <= i || !faces.contains(j) || glm::distance(x[i], x[j]) > within) continue;
+                    if (cuts(shape, x[i], x[j])) pairs.emplace_back(i, j);
+                }
+            }
+        }
+    }
+    return suture(pairs, stiffness);
+}
+
+SpringEdit SpringEditor::suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
+                                std::optional<double> stiffness) {
+    std::set<std::pair<std::uint32_t, std::uint32_t>> wanted;
+    for (const auto& [a, b] : pairs) wanted.emplace(std::min(a, b), std::max(a, b));
+    // Those that Problem::springs has already, found in one go.
+    for (const Spring& spring : problem_.springs) wanted.erase({spring.first, spring.second});
+
+    std::vector<ChangedSpring> on_lattice, beyond;
+    for (const auto& [first, second] : wanted) {
+        const auto direction = direction_between(first, second);
+        if (direction && (problem_.lattice.mask[first] >> direction->bit & 1U) != 0) continue;
+        if (direction) {
+            const Spring spring{first, second, problem_.spring_stiffness(first, second, *direction),
+                                problem_.rest_length[std::size_t(direction->bit)]};
+            if (stiffness.value_or(spring.stiffness) == spring.stiffness) {
+                on_lattice.push_back({spring, direction->bit});
+                continue;
+            }
+        }
+        const double length = glm::distance(problem_.rest_position[first], problem_.rest_position[second]);
+        const double k = stiffness.value_or(default_stiffness(problem_, first, second));
+        beyond.push_back({{first, second, k, length}, -1});
+    }
+    SpringEdit edit;
+    edit.added = std::move(on_lattice);
+    edit.added.insert(edit.added.end(), beyond.begin(), beyond.end());
+    finish(edit);
+    return edit;
+}
+
+void SpringEditor::finish(SpringEdit& edit) {
+    apply(problem_, edit);
+
+    std::vector<std::uint32_t> particles;
+    for (const auto* list : {&edit.removed, &edit.added}) {
+        for (const ChangedSpring& changed : *list) {
+            particles.push_back(changed.spring.first);
+            particles.push_back(changed.spring.second);
+        }
+    }
+    std::sort(particles.begin(), particles.end());
+    particles.erase(std::unique(particles.begin(), particles.end()), particles.end());
+
+    // Springs beyond the lattice by touched particle, in their order.
+    std::vector<std::vector<ListedSpring>> beyond(particles.size());
+    const auto list = [&](std::uint32_t particle, std::uint32_t other, const Spring& spring) {
+        const auto at = std::lower_bound(particles.begin(), particles.end(), particle);
+        if (at == particles.end() || *at != particle) return;
+        beyond[std::size_t(at - particles.begin())].push_back(
+            {other, -1, spring.stiffness, spring.rest_length});
+    };
+    if (!particles.empty()) {
+        for (const Spring& spring : problem_.springs) {
+            list(spring.first, spring.second, spring);
+            list(spring.second, spring.first, spring);
+        }
+    }
+    for (std::size_t n = 0; n < particles.size(); ++n) {
+        const std::uint32_t i = particles[n];
+        const std::uint32_t mask = !problem_.lattice.mask.empty()
+                                       ? problem_.lattice.mask[i]
+                                       : ACTIVE_BIT | (problem_.is_pinned(i) ? PINNED_BIT : 0U);
+        const auto begin = std::uint32_t(edit.listed.size());
+        for (const Direction& direction : directions()) {
+            if ((mask >> direction.bit & 1U) == 0) continue;
+            const std::uint32_t j = neighbour(i, direction);
+            edit.listed.push_back({j, direction.bit, problem_.spring_stiffness(i, j, direction),
+                                   problem_.rest_length[std::size_t(direction.bit)]});
+        }
+        edit.listed.insert(edit.listed.end(), beyond[n].begin(), beyond[n].end());
+        edit.touched.push_back({i, mask, begin, std::uint32_t(edit.listed.size())});
+    }
+}
+
+void apply(Problem& problem, const SpringEdit& edit) {
+    std::vector<ChangedSpring> removed;  // beyond the lattice
+    for (const ChangedSpring& changed : edit.removed) {
+        if (changed.bit < 0) {
+            removed.push_back(changed);
+            continue;
+        }
+        problem.lattice.mask[changed.spring.first] &= ~(1U << changed.bit);
+        problem.lattice.mask[changed.spring.second] &= ~(1U << (changed.bit ^ 1));
+    }
+    if (!removed.empty()) {
+        std::sort(removed.begin(), removed.end(), [](const ChangedSpring& a, const ChangedSpring& b) {
+            return std::pair(a.spring.first, a.spring.second) < std::pair(b.spring.first, b.spring.second);
+        });
+        std::erase_if(problem.springs, [&](const Spring& spring) { return is_one_of(spring, removed); });
+    }
+    for (const ChangedSpring& changed : edit.added) {
+        if (changed.bit < 0) {
+            problem.springs.push_back(changed.spring);
+            continue;
+        }
+        problem.lattice.mask[changed.spring.first] |= 1U << changed.bit;
+        problem.lattice.mask[changed.spring.second] |= 1U << (changed.bit ^ 1);
+    }
+}
+
+}  // namespace voxspring

@@ -1,0 +1,119 @@
+// Cuts and sutures: a change of a problem's springs, found once on the host and then applied by every backend
+// to what it keeps of them.
+//
+// Shapes are in rest coordinates, where no backend has moved anything yet: what an edit changes is the same
+// on every backend, and known before the first step.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <optional>
+#include <span>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "backends/physics/problem.h"
+
+namespace voxspring {
+
+/// Crosses the line between particles on different sides; a particle on the plane is on the side that the
+/// normal points to.
+struct Plane {
+    glm::dvec3 point{0};
+    glm::dvec3 normal{0, 0, 1};  ///< of any length but 0
+};
+/// Crosses a line that goes through one of the triangles, their borders included.
+struct TrianglePatch {
+    std::vector<std::array<glm::dvec3, 3>> triangles;
+};
+/// Holds the line between particles that are both within `radius` of the centre.
+struct Ball {
+    glm::dvec3 centre{0};
+    double radius = 0;
+};
+using Shape = std::variant<Plane, TrianglePatch, Ball>;
+
+/// Whether `shape` cuts a spring between particles at `a` and `b`.
+bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b);
+
+/// A spring that was taken away or added, `first` < `second`.
+struct ChangedSpring {
+    Spring spring;
+    int bit;  ///< of the direction from `first` to `second`, an odd one; -1: a spring beyond the lattice
+};
+
+/// A spring as one of its two particles lists it.
+struct ListedSpring {
+    std::uint32_t neighbour;
+    int bit;  ///< of the direction to the neighbour; -1: a spring beyond the lattice
+    double stiffness;
+    double rest_length;
+};
+
+/// One change of springs. Holds all that a backend needs in order to bring what it keeps up to date.
+struct SpringEdit {
+    /// A particle that lost or gained a spring, and what it has now.
+    struct Touched {
+        std::uint32_t particle;
+        std::uint32_t mask;        ///< as in Lattice::mask; active and pinned bits alone without a lattice
+        std::uint32_t begin, end;  ///< its springs in `listed`
+    };
+
+    std::vector<ChangedSpring> removed;  ///< lattice springs first
+    std::vector<ChangedSpring> added;    ///< likewise; lattice springs of each particle by direction
+    std::vector<Touched> touched;        ///< each particle once, ascending
+    /// Every spring of the touched particles: those of the lattice by direction, then those of
+    /// Problem::springs in their order.
+    std::vector<ListedSpring> listed;
+
+    bool empty() const { return touched.empty(); }
+    std::span<const ListedSpring> springs_of(const Touched& particle) const {
+        return std::span(listed).subspan(particle.begin, particle.end - particle.begin);
+    }
+    /// Whether it adds a spring that no mask bit stands for.
+    bool leaves_lattice() const { return !added.empty() && added.back().bit < 0; }
+};
+
+/// Edits a problem's springs, in place, and says what each edit changed. Keeps a reference to the problem,
+/// which nobody else may edit meanwhile.
+class SpringEditor {
+public:
+    explicit SpringEditor(Problem& problem);
+
+    /// Removes the springs that `shape` cuts.
+    SpringEdit cut(const Shape& shape);
+
+    /// Joins the two faces of a cut again: every two particles whose spring `shape` would cut, which are at
+    /// most `within` apart at rest, no spring joins, and both of which lack a lattice spring that `shape`
+    /// would cut.
+    SpringEdit suture(const Shape& shape, double within, std::optional<double> stiffness = {});
+
+    /// Joins pairs of different particles; those that are joined stay as they are.
+    ///
+    /// The spring is at rest where the particles are. Between neighbours of a direction in use, and without a
+    /// stiffness of its own, it is the lattice's; else it is one of Problem::springs, by default as stiff
+    /// as a lattice spring of the first group between the two materials.
+    SpringEdit suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
+                      std::optional<double> stiffness = {});
+
+private:
+    /// The particle one step along `direction`, or no_particle.
+    std::uint32_t neighbour(std::uint32_t particle, const Direction& direction) const;
+    /// Calls visit(i) for each particle whose springs `shape` might cut.
+    template <class Visit>
+    void visit_near(const Shape& shape, Visit visit) const;
+    double longest_lattice_spring() const;
+    std::optional<Direction> direction_between(std::uint32_t first, std::uint32_t second) const;
+    /// Applies the edit to the problem and completes it with what its particles have then.
+    void finish(SpringEdit& edit);
+
+    Problem& problem_;
+    std::vector<std::uint32_t> particle_;  ///< of each voxel
+};
+
+/// Does to `problem` what `edit` did to a problem equal to it.
+void apply(Problem& problem, const SpringEdit& edit);
+
+}  // namespace voxspring

@@ -1,0 +1,74 @@
+// What an edit writes on the device: particles' bits, rows of their lists, springs of the spring array. The
+// bodies of the kernels.
+#pragma once
+
+#include <cfloat>
+
+#include "backends/physics/inverse_root.h"
+#include "cuda/kernels/explicit.h"
+#include "cuda/kernels/words.h"
+
+namespace voxspring::cuda {
+
+/// measured_length(), and 0 for what is no spring: inverse_root() is for normal numbers.
+template <class Real>
+VOXSPRING_HOST_DEVICE Real measured_or_zero(Real squared) {
+    constexpr Real smallest = sizeof(Real) == sizeof(float) ? Real(FLT_MIN) : Real(DBL_MIN);
+    return squared >= smallest ? measured_length(squared) : Real(0);
+}
+
+/// A particle's new bits, by its word.
+struct alignas(8) EditedWord {
+    std::uint32_t word, bits;
+};
+
+template <class Real>
+VOXSPRING_HOST_DEVICE void write_bits(Word<Real>* words, EditedWord edited) {
+    words[edited.word].bits = edited.bits;
+}
+
+/// New lists of some particles, `shape.slots` a particle, one particle after the other.
+template <class Real>
+struct EditedRows {
+    const std::uint32_t* particle;
+    const std::uint32_t* neighbour;
+    const SpringConstants<Real>* constants;  ///< rest lengths squared; null without a secondary list
+};
+
+/// Writes slot n of the rows to where `shape` has it.
+template <class Real>
+VOXSPRING_HOST_DEVICE void write_slot(const EditedRows<Real>& rows, std::size_t n, const ListShape& shape,
+                                      std::uint32_t* neighbour, SpringConstants<Real>* constants) {
+    const std::size_t at = shape.at(rows.particle[n / shape.slots], std::uint32_t(n % shape.slots));
+    neighbour[at] = rows.neighbour[n];
+    if (rows.constants != nullptr)
+        constants[at] = {rows.constants[n].stiffness, measured_or_zero(rows.constants[n].rest_length)};
+}
+
+/// A spring of the spring array, taken away (stiffness 0), put back or added.
+template <class Real>
+struct EditedSpring {
+    SpringEnds ends;
+    /// Its slot, or, where begin < end, the range in which it is the one with this `first`: springs of a
+    /// direction ascend by it.
+    std::size_t begin, end;
+    SpringConstants<Real> constants;  ///< rest length squared
+};
+
+template <class Real>
+VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, SpringEnds* ends,
+                                        SpringConstants<Real>* constants) {
+    std::size_t begin = edited.begin, end = edited.end;
+    while (begin < end) {
+        const std::size_t middle = begin + (end - begin) / 2;
+        if (ends[middle].first < edited.ends.first) {
+            begin = middle + 1;
+        } else {
+            end = middle;
+        }
+    }
+    if (edited.begin == edited.end) ends[begin] = edited.ends;  // others have these already
+    constants[begin] = {edited.constants.stiffness, measured_or_zero(edited.constants.rest_length)};
+}
+
+}  // namespace voxspring::cuda

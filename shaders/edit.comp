@@ -1,0 +1,38 @@
+// One invocation a particle whose springs changed: its bits and, with LISTS, its list. With PER_SPRING also
+// what each of its springs is like.
+layout(local_size_x = 64) in;
+
+layout(binding = 0, rgba32f) uniform image2D position;
+#ifdef LISTS
+layout(binding = 1, r32ui) writeonly uniform uimage2DArray neighbour;
+#endif
+#ifdef PER_SPRING
+layout(binding = 2, rg32f) writeonly uniform image2DArray spring;
+#endif
+
+// A particle's texel (x in the lower half, y in the upper), its bits, and where its list begins and ends.
+layout(std430, binding = 0) readonly buffer Particles { uvec4 particles[]; };
+layout(std430, binding = 1) readonly buffer Neighbours { uint neighbours[]; };
+layout(std430, binding = 2) readonly buffer Springs { vec2 springs[]; };
+
+uniform int particle_count;
+
+void main() {
+    // Strides, since the number of groups has a limit.
+    for (uint n = gl_GlobalInvocationID.x; n < uint(particle_count);
+         n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+        uvec4 particle = particles[n];
+        ivec2 texel = ivec2(particle.x & 0xFFFFu, particle.x >> 16);
+        vec3 here = imageLoad(position, texel).xyz;
+        imageStore(position, texel, vec4(here, uintBitsToFloat(particle.y)));
+#ifdef LISTS
+        for (uint k = particle.z; k < particle.w; ++k) {
+            ivec3 slot = ivec3(texel, k - particle.z);
+            imageStore(neighbour, slot, uvec4(neighbours[k], 0, 0, 0));
+#ifdef PER_SPRING
+            imageStore(spring, slot, vec4(springs[k], 0, 0));
+#endif
+        }
+#endif
+    }
+}

@@ -1,0 +1,202 @@
+// Which springs a cut takes and a suture adds, and what an edit says of them.
+#include "backends/physics/edit.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <set>
+#include <tuple>
+
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::UnorderedElementsAre;
+
+const double sqrt2 = std::sqrt(2.0);
+
+Problem paper_box(glm::ivec3 dims) { return make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS); }
+
+/// The problem is the same as one whose springs are `expected`'s.
+void expect_same_springs(const Problem& problem, const Problem& expected) {
+    EXPECT_EQ(problem.lattice.mask, expected.lattice.mask);
+    ASSERT_EQ(problem.springs.size(), expected.springs.size());
+    for (std::size_t s = 0; s < problem.springs.size(); ++s) {
+        EXPECT_EQ(problem.springs[s].first, expected.springs[s].first);
+        EXPECT_EQ(problem.springs[s].second, expected.springs[s].second);
+        EXPECT_EQ(problem.springs[s].stiffness, expected.springs[s].stiffness);
+        EXPECT_EQ(problem.springs[s].rest_length, expected.springs[s].rest_length);
+    }
+}
+
+/// What an edit says of its particles is what the edited problem has.
+void expect_consistent(const SpringEdit& edit, const Problem& edited) {
+    const std::vector<Spring> all = list_springs(edited);
+    for (std::size_t n = 0; n < edit.touched.size(); ++n) {
+        const SpringEdit::Touched& touched = edit.touched[n];
+        if (n > 0) {
+            EXPECT_LT(edit.touched[n - 1].particle, touched.particle);
+        }
+        if (!edited.lattice.mask.empty()) {
+            EXPECT_EQ(touched.mask, edited.lattice.mask[touched.particle]);
+        }
+        std::multiset<std::tuple<std::uint32_t, double, double>> listed, expected;
+        for (const ListedSpring& s : edit.springs_of(touched))
+            listed.emplace(s.neighbour, s.stiffness, s.rest_length);
+        for (const Spring& s : all) {
+            if (s.first == touched.particle) expected.emplace(s.second, s.stiffness, s.rest_length);
+            if (s.second == touched.particle) expected.emplace(s.first, s.stiffness, s.rest_length);
+        }
+        EXPECT_EQ(listed, expected) << "particle " << touched.particle;
+    }
+}
+
+TEST(Cuts, APlaneCutsBetweenItsSides) {
+    const Shape plane = Plane{{1.5, 0, 0}, {2, 0, 0}};
+    EXPECT_TRUE(cuts(plane, {1, 0, 0}, {2, 0, 0}));
+    EXPECT_TRUE(cuts(plane, {2, 5, 0}, {1, 4, 0}));
+    EXPECT_FALSE(cuts(plane, {0, 0, 0}, {1, 0, 0}));
+    // On the plane is above it.
+    const Shape on_centres = Plane{{1, 0, 0}, {1, 0, 0}};
+    EXPECT_TRUE(cuts(on_centres, {0, 0, 0}, {1, 0, 0}));
+    EXPECT_FALSE(cuts(on_centres, {1, 0, 0}, {2, 0, 0}));
+}
+
+TEST(Cuts, ATrianglePatchCutsWithinItsBordersOnly) {
+    const Shape patch = TrianglePatch{{{{{0.5, -1, -1}, {0.5, 1, -1}, {0.5, 0, 1}}}}};
+    EXPECT_TRUE(cuts(patch, {0, 0, 0}, {1, 0, 0}));
+    EXPECT_TRUE(cuts(patch, {1, 0, 0}, {0, 0, 0}));
+    EXPECT_FALSE(cuts(patch, {0, 0, 2}, {1, 0, 2}));
+    EXPECT_FALSE(cuts(patch, {0, 0, 0}, {0, 1, 0}));
+    EXPECT_FALSE(cuts(patch, {1, 0, 0}, {2, 0, 0}));
+}
+
+TEST(Cuts, NoLineSlipsBetweenTriangles) {
+    // A square of two triangles whose common diagonal and borders go through many of the lines.
+    for (const double tilt : {0.0, 0.1, 1.0 / 3}) {
+        const glm::dvec3 a(0.5, -4, -4), b(0.5 + tilt, 4, -4), c(0.5 + tilt, 4, 4), d(0.5, -4, 4);
+        const Shape patch = TrianglePatch{{{a, b, c}, {a, c, d}}};
+        for (int y = -3; y <= 3; ++y) {
+            for (int z = -3; z <= 3; ++z) EXPECT_TRUE(cuts(patch, {-1, y, z}, {2, y, z})) << y << " " << z;
+        }
+    }
+}
+
+TEST(Cuts, ABallHoldsWhatHasBothEndsInIt) {
+    const Shape ball = Ball{{0, 0, 0}, 1};
+    EXPECT_TRUE(cuts(ball, {0, 0, 0}, {1, 0, 0}));
+    EXPECT_FALSE(cuts(ball, {0, 0, 0}, {1, 1, 0}));
+}
+
+TEST(SpringEditor, APlaneTakesTheSpringsThatCrossIt) {
+    Problem problem = paper_box({6, 5, 4});
+    const SpringCounts before = count_springs(problem);
+    SpringEditor editor(problem);
+    const SpringEdit edit = editor.cut(Plane{{2.5, 0, 0}, {1, 0, 0}});
+    // Between two layers of 5 x 4: one face spring a particle, two edge springs a neighbour in the layer.
+    EXPECT_EQ(edit.removed.size(), 20u + 2 * (4 * 4 + 5 * 3));
+    EXPECT_EQ(edit.touched.size(), 40u);
+    EXPECT_TRUE(edit.added.empty());
+    const SpringCounts after = count_springs(problem);
+    EXPECT_EQ(before.group[0] - after.group[0], 20u);
+    EXPECT_EQ(before.group[1] - after.group[1], 62u);
+    expect_consistent(edit, problem);
+    // Once more there is nothing to cut.
+    EXPECT_TRUE(editor.cut(Plane{{2.5, 0, 0}, {1, 0, 0}}).empty());
+}
+
+TEST(SpringEditor, ASutureOfTheSameFacesRestoresTheLattice) {
+    const std::vector<Shape> shapes = {Plane{{2.5, 0, 0}, {1, 0.3, -0.2}}, Ball{{3, 2, 2}, 1.8},
+                                       TrianglePatch{{{{{2.5, -1, -1}, {2.5, 9, -1}, {2.5, 0, 9}}}}}};
+    for (const Shape& shape : shapes) {
+        const Problem whole = make_lattice_problem(random_grid({7, 6, 5}, 0.8, 3), FACE_BITS | EDGE_BITS);
+        Problem problem = whole;
+        SpringEditor editor(problem);
+        const SpringEdit cut = editor.cut(shape);
+        EXPECT_FALSE(cut.empty());
+        EXPECT_NE(problem.lattice.mask, whole.lattice.mask);
+        const SpringEdit suture = editor.suture(shape, sqrt2);
+        EXPECT_FALSE(suture.leaves_lattice());
+        EXPECT_EQ(suture.added.size(), cut.removed.size());
+        expect_same_springs(problem, whole);
+        expect_consistent(suture, problem);
+    }
+}
+
+TEST(SpringEditor, AWideSutureReachesBeyondTheLatticeAndOnlyAcrossTheCut) {
+    Problem problem = paper_box({6, 1, 1});
+    SpringEditor editor(problem);
+    const Plane plane{{2.5, 0, 0}, {1, 0, 0}};
+    // Nothing was cut, so there are no faces to suture.
+    EXPECT_TRUE(editor.suture(plane, 4).empty());
+    editor.cut(plane);
+    const SpringEdit narrow = editor.suture(plane, 0.5);
+    EXPECT_TRUE(narrow.empty());
+    Problem stiff = problem;
+    const SpringEdit own = SpringEditor(stiff).suture(plane, 4, 0.125);
+    ASSERT_EQ(own.added.size(), 1u);
+    EXPECT_TRUE(own.leaves_lattice());
+    EXPECT_EQ(own.added[0].spring.stiffness, 0.125);
+    EXPECT_EQ(own.added[0].spring.rest_length, 1);
+    ASSERT_EQ(stiff.springs.size(), 1u);
+    expect_consistent(own, stiff);
+    // The faces are 2 and 3 alone.
+    EXPECT_EQ(editor.suture(plane, 4).added.size(), 1u);
+    expect_same_springs(problem, paper_box({6, 1, 1}));
+}
+
+TEST(SpringEditor, PairsAreJoinedOnce) {
+    Problem problem = paper_box({4, 3, 2});
+    SpringEditor editor(problem);
+    const std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs = {{0, 1}, {23, 0}, {0, 23}, {2, 0}};
+    const SpringEdit edit = editor.suture(pairs);
+    ASSERT_EQ(edit.added.size(), 2u);
+    EXPECT_EQ(edit.added[0].spring.second, 2u);
+    EXPECT_EQ(edit.added[1].spring.second, 23u);
+    EXPECT_EQ(edit.added[1].spring.rest_length, glm::length(glm::dvec3(3, 2, 1)));
+    EXPECT_TRUE(edit.leaves_lattice());
+    expect_consistent(edit, problem);
+    EXPECT_TRUE(editor.suture(pairs).empty());
+    // And a cut takes them away again.
+    const SpringEdit cut = editor.cut(Ball{{1.5, 1, 0.5}, 9});
+    EXPECT_EQ(count_springs(problem).total(), 0u);
+    expect_consistent(cut, problem);
+    EXPECT_EQ(cut.touched.size(), 24u);
+    for (const SpringEdit::Touched& touched : cut.touched) EXPECT_EQ(touched.mask, ACTIVE_BIT);
+}
+
+TEST(SpringEditor, NetworksAreCutAndSutured) {
+    Problem problem = random_network(60, 300, 4);
+    pin(problem, std::vector<std::uint8_t>(60, 1));
+    const std::size_t before = problem.springs.size();
+    Problem replayed = problem;
+    SpringEditor editor(problem);
+    const SpringEdit cut = editor.cut(Plane{{2, 2, 2}, {1, 1, 0}});
+    EXPECT_EQ(problem.springs.size(), before - cut.removed.size());
+    EXPECT_GT(cut.removed.size(), 50u);
+    expect_consistent(cut, problem);
+    for (const SpringEdit::Touched& touched : cut.touched) EXPECT_EQ(touched.mask, ACTIVE_BIT | PINNED_BIT);
+    const std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs = {{5, 50}, {6, 51}};
+    const SpringEdit suture = editor.suture(pairs, 0.05);
+    expect_consistent(suture, problem);
+    apply(replayed, cut);
+    apply(replayed, suture);
+    expect_same_springs(replayed, problem);
+}
+
+TEST(SpringEditor, BetweenMaterialsASutureIsTheirSeries) {
+    Problem problem =
+        make_lattice_problem(make_grid({4, 1, 1}, [](int x, int, int) { return x < 2 ? 1 : 2; }), FACE_BITS);
+    problem.materials = {{1, 1}, {1, 3}};
+    SpringEditor editor(problem);
+    const std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs = {{0, 3}};
+    const SpringEdit edit = editor.suture(pairs);
+    ASSERT_EQ(edit.added.size(), 1u);
+    EXPECT_DOUBLE_EQ(edit.added[0].spring.stiffness, 1.5);
+}
+
+}  // namespace
+}  // namespace voxspring::testing
