@@ -47,6 +47,8 @@ struct Capabilities {
     std::string uuid;    ///< of the physical device; empty where there is none
     std::string clock;   ///< what the marks of timed() are: "steady_clock", "GL_TIMESTAMP", "CUDA event"
     bool deterministic = true;  ///< two runs give the same bits
+    /// The device's highest clocks by what they drive ("sm", "memory"), where its driver tells.
+    std::map<std::string, int> highest_mhz = {};
 };
 
 /// One timed batch of steps.

@@ -24,7 +24,8 @@ Capabilities CudaBackend::capabilities() const {
             .driver = Device::driver_version(),
             .uuid = device_.uuid(),
             .clock = "CUDA event",
-            .deterministic = true};
+            .deterministic = true,
+            .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}}};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

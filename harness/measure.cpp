@@ -49,33 +49,34 @@ void warm_up(Run& run, Playback& playback, int steps) {
     }
 }
 
-/// One repetition: Google Benchmark's iteration is one step.
+/// One repetition: Google Benchmark's iteration is one step. It is not told of a failure, since it aborts
+/// where some repetitions of a benchmark fail and others do not; measure() drops the rows of who failed.
 void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& playback, std::uint64_t springs,
             int steps) {
-    Timing timing;
-    if (run.failure.empty()) {
+    Backend& backend = *run.contender->backend;
+    const auto unless_failed = [&](const auto& action) {
+        if (!run.failure.empty()) return;
         try {
-            Backend& backend = *run.contender->backend;
-            playback.rewind(backend);
-            while (state.KeepRunningBatch(steps)) {
-                timing = backend.timed([&] { playback.run(backend, steps); });
-                state.SetIterationTime(timing.device_seconds);
-            }
-            if (--run.repetitions_left == 0) run.last = backend.download();
-            if (playback.edits_within(steps) > 0) {
-                // Beside the batch with edits, so that both meet the same clocks.
-                backend.upload(scene.problem, scene.state);
-                const Timing plain = backend.timed([&] { backend.step(steps); });
-                run.without_edits.push_back(plain.device_seconds / steps);
-            }
+            action();
         } catch (const std::exception& error) {
             run.failure = describe(error);
         }
+    };
+    Timing timing{.device_seconds = 1, .host_seconds = 1};  // of no meaning, but statistics of it are finite
+    unless_failed([&] { playback.rewind(backend); });
+    while (state.KeepRunningBatch(steps)) {
+        unless_failed([&] { timing = backend.timed([&] { playback.run(backend, steps); }); });
+        state.SetIterationTime(timing.device_seconds);
     }
-    if (!run.failure.empty()) {
-        state.SkipWithError(run.failure.c_str());
-        return;
-    }
+    unless_failed([&] {
+        if (--run.repetitions_left == 0) run.last = backend.download();
+        if (playback.edits_within(steps) > 0) {
+            // Beside the batch with edits, so that both meet the same clocks.
+            backend.upload(scene.problem, scene.state);
+            const Timing plain = backend.timed([&] { backend.step(steps); });
+            run.without_edits.push_back(plain.device_seconds / steps);
+        }
+    });
     using benchmark::Counter;
     state.counters["particle_updates_per_second"] =
         Counter(double(scene.problem.particle_count()) * steps, Counter::kIsRate);
@@ -191,6 +192,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
 
     SceneResult result;
     result.context = measured.at("context");
+    result.context.erase("host_name");  // results are published
     for (Run& run : runs) {
         nlohmann::json identity = row_identity(scene.name, run.contender->spec);
         identity["steps"] = steps;

@@ -136,10 +136,16 @@ void check_writable(const std::filesystem::path& path, const std::string& option
 }
 
 nlohmann::json build_context() {
+    const auto or_null = [](const std::string& text) {
+        return text.empty() ? nlohmann::json(nullptr) : nlohmann::json(text);
+    };
     return {{"commit", version_commit},
             {"clean", version_clean},
             {"compiler", version_compiler},
             {"flags", version_flags},
+            {"cuda_compiler", or_null(version_cuda_compiler)},
+            {"cuda_flags", or_null(version_cuda_flags)},
+            {"cuda_architectures", or_null(version_cuda_architectures)},
             {"cpu", cpu_name()}};
 }
 

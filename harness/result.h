@@ -18,8 +18,8 @@ void write_atomically(const std::filesystem::path& path, const std::string& text
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension);
 
-/// `context.voxspring`: what was built (commit, whether the tree was clean, compiler, flags) and the
-/// processor it runs on. The study adds the GPU.
+/// `context.voxspring`: what was built (commit, whether the tree was clean, compilers, their flags) and
+/// the processor it runs on. The study adds the GPU.
 nlohmann::json build_context();
 
 /// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".

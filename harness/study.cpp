@@ -24,16 +24,30 @@ bool matches(const std::string& glob, const std::string& text) {
     return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
 }
 
-/// The specifications that a pattern GLOB[:options] stands for, in the registry's order.
+/// The specifications that a pattern GLOB[:options] stands for, in the registry's order: those that take the
+/// options. Throws BadSpecification if there are some and none does.
 std::vector<BackendSpec> expand(const std::string& pattern) {
     const auto colon = pattern.find(':');
     const std::string glob = pattern.substr(0, colon);
     const std::string options = colon == std::string::npos ? "" : pattern.substr(colon);
     std::vector<BackendSpec> specs;
+    std::optional<BadSpecification> refusal;
     for (const auto& [name, entry] : registry()) {
-        if (matches(glob, name)) specs.push_back(BackendSpec::parse(name + options));
+        if (!matches(glob, name)) continue;
+        try {
+            specs.push_back(BackendSpec::parse(name + options));
+        } catch (const BadSpecification& error) {
+            if (!refusal) refusal = error;
+        }
     }
+    if (specs.empty() && refusal) throw BadSpecification(*refusal);
     return specs;
+}
+
+bool matches_left_out(const std::string& pattern) {
+    const std::string glob = pattern.substr(0, pattern.find(':'));
+    return std::any_of(left_out().begin(), left_out().end(),
+                       [&](const auto& backend) { return matches(glob, backend.first); });
 }
 
 /// All of `patterns` without repetition. A study may name backends that this build left out.
@@ -99,7 +113,7 @@ std::vector<std::string> read_patterns(const JsonValue& list) {
     for (const JsonValue& item : list.array(1)) {
         patterns.push_back(item.string());
         try {
-            if (expand(patterns.back()).empty() && !left_out().contains(patterns.back())) {
+            if (expand(patterns.back()).empty() && !matches_left_out(patterns.back())) {
                 item.refuse("a glob that matches one of: " + registered_names());
             }
         } catch (const BadSpecification& error) {
@@ -131,9 +145,23 @@ private:
 };
 
 nlohmann::json describe(const Capabilities& capabilities) {
-    return {{"api", capabilities.api},       {"device", capabilities.device},
-            {"driver", capabilities.driver}, {"uuid", capabilities.uuid},
-            {"clock", capabilities.clock},   {"deterministic", capabilities.deterministic}};
+    return {{"api", capabilities.api},
+            {"device", capabilities.device},
+            {"driver", capabilities.driver},
+            {"uuid", capabilities.uuid},
+            {"clock", capabilities.clock},
+            {"deterministic", capabilities.deterministic},
+            {"highest_mhz", capabilities.highest_mhz}};
+}
+
+/// Empty, or why a backend on the card `uuid` is not for a table of `backends`, which describe() wrote.
+std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
+    for (const auto& [name, backend] : backends.items()) {
+        const std::string card = backend.at("uuid");
+        if (uuid.empty() || card.empty() || card == uuid) continue;
+        return "is on " + uuid + ", " + name + " on " + card + ": two cards are not compared as one";
+    }
+    return {};
 }
 
 /// The GPU and GL renderer that any row of this study ran on.
@@ -206,8 +234,11 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     for (const StudyScene& scene : study.scenes) {
         load_scene(scene.scene);
         if (contenders_of(study, scene, options).empty()) {
-            throw BadInput("command line", "--backend", options.backends.front(),
-                           "a glob that matches one of: " + registered_names());
+            const std::string known = "a glob that matches one of: " + registered_names();
+            if (!options.backends.empty())
+                throw BadInput("command line", "--backend", options.backends.front(), known);
+            const auto& patterns = scene.backends.empty() ? study.backends : scene.backends;
+            throw BadInput("study " + study.name, "backends of " + scene.scene, patterns.front(), known);
         }
     }
 
@@ -238,9 +269,10 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
             nlohmann::json row = row_identity(scene.name, spec);
             try {
                 auto backend = spec.make();
-                row["reason"] = playback.unsupported(*backend);
+                const Capabilities capabilities = backend->capabilities();
+                row["reason"] = other_card(context["backends"], capabilities.uuid);
+                if (row["reason"] == "") row["reason"] = playback.unsupported(*backend);
                 if (row["reason"] == "") {
-                    const Capabilities capabilities = backend->capabilities();
                     context["backends"][spec.entry->name] = describe(capabilities);
                     contenders.push_back({spec, std::move(backend), limits.of(spec, capabilities)});
                 } else {
@@ -248,8 +280,10 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 }
             } catch (const Unavailable& absent) {
                 row["reason"] = absent.what();
-                result["skipped"].push_back(row);
-            } catch (const DeviceError& error) {
+                // What was there for an earlier scene has been lost since.
+                const bool lost = context["backends"].contains(spec.entry->name);
+                result[lost ? "failed" : "skipped"].push_back(row);
+            } catch (const std::exception& error) {
                 row["reason"] = error.what();
                 result["failed"].push_back(row);
             }

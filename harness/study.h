@@ -17,7 +17,7 @@ struct StudyScene {
 };
 
 /// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
-/// registered backend whose name matches, with these options.
+/// registered backend whose name matches and that has these options, with them.
 struct Study {
     std::string name;
     std::string description;

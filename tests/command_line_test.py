@@ -150,7 +150,16 @@ class Study(InTemporaryFolder):
     def test_result_follows_its_schema_and_leaves_nothing_out(self):
         table, result = self.run_smoke()
         with open("results/schema.json") as file:
-            jsonschema.Draft202012Validator(json.load(file)).validate(result)
+            schema = jsonschema.Draft202012Validator(json.load(file))
+        schema.validate(result)
+        # Nothing that names the machine, and what CUDA code was built with if there is any.
+        for key, value in (("host_name", "a-machine"), ("executable", "/home/somebody/voxspring")):
+            self.assertFalse(schema.is_valid(result | {"context": result["context"] | {key: value}}))
+        build = result["context"]["voxspring"]
+        has_cuda = any(name.startswith("cuda_") for name in
+                       {row["backend"] for row in result["benchmarks"] + result["skipped"]})
+        for key in ("cuda_compiler", "cuda_flags", "cuda_architectures"):
+            self.assertEqual(build[key] is not None, has_cuda, key)
         measured = {(r["scene"], r["backend"]) for r in result["benchmarks"]}
         skipped = {(r["scene"], r["backend"]) for r in result["skipped"]}
         listed = [b["name"] for b in json.loads(voxspring("list", "--json").stdout)["backends"]

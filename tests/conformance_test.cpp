@@ -1,17 +1,16 @@
 // Every backend that this machine can run, in every precision and tuning that it registers, against
 // cpu_reference on small problems of every kind. A backend without its device is skipped, or fails if
-// VOXSPRING_REQUIRE names it: names or prefixes of names, as in VOXSPRING_REQUIRE=cuda,gl_fragment.
+// VOXSPRING_REQUIRE names it (required.h).
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <memory>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "backends/registry.h"
 #include "harness/verify.h"
+#include "tests/required.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -152,20 +151,6 @@ bool may_refuse(const std::string& backend, const Problem& problem) {
     return counts_groups && (problem.has_materials() || !cubic);
 }
 
-std::vector<std::string> required_prefixes() {
-    const char* value = std::getenv("VOXSPRING_REQUIRE");
-    std::istringstream list(value == nullptr ? "" : value);
-    std::vector<std::string> prefixes;
-    for (std::string prefix; std::getline(list, prefix, ',');) prefixes.push_back(prefix);
-    return prefixes;
-}
-
-bool is_required(const std::string& backend) {
-    const auto prefixes = required_prefixes();
-    return std::any_of(prefixes.begin(), prefixes.end(),
-                       [&](const std::string& prefix) { return backend.starts_with(prefix); });
-}
-
 TEST(Roster, HasWhatIsRequired) {
     for (const std::string& prefix : required_prefixes()) {
         const bool found = std::any_of(registry().begin(), registry().end(),
@@ -176,15 +161,7 @@ TEST(Roster, HasWhatIsRequired) {
 
 class Conformance : public ::testing::TestWithParam<std::string> {
 protected:
-    // Leaves backend null, and the test skipped or failed, where the device is absent.
-    void SetUp() override {
-        try {
-            backend = spec.make();
-        } catch (const Unavailable& absent) {
-            if (is_required(spec.entry->name)) FAIL() << "required and unavailable: " << absent.what();
-            GTEST_SKIP() << absent.what();
-        }
-    }
+    void SetUp() override { make_or_skip(spec, backend); }
 
     const BackendSpec spec = BackendSpec::parse(GetParam());
     std::unique_ptr<Backend> backend;

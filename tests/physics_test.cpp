@@ -1,4 +1,5 @@
 // The oracle, and with it every backend that this machine can run, against closed forms and symmetries.
+// VOXSPRING_REQUIRE (required.h) makes failures of the skips.
 //
 // Closed forms are those of the discrete recurrence, not of the differential equation, so that nothing but
 // rounding is left and rounding_tolerance() (harness/verify.h) is the bound unless a test says otherwise.
@@ -14,6 +15,7 @@
 
 #include "backends/registry.h"
 #include "harness/verify.h"
+#include "tests/required.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -21,13 +23,7 @@ namespace {
 
 class Physics : public ::testing::TestWithParam<std::string> {
 protected:
-    void SetUp() override {
-        try {
-            backend = spec.make();
-        } catch (const Unavailable& absent) {
-            GTEST_SKIP() << absent.what();
-        }
-    }
+    void SetUp() override { make_or_skip(spec, backend); }
 
     State run(const Problem& problem, const State& start, int steps) {
         EXPECT_EQ(backend->unsupported(problem), "");

@@ -7,16 +7,19 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <limits>
+#include <set>
+#include <sstream>
 
 #include "backends/cpu_backend.h"
 #include "backends/registry.h"
 #include "harness/bad_input.h"
+#include "harness/commands.h"
 
 namespace voxspring::testing {
 namespace {
 
-using ::testing::Contains;
 using ::testing::HasSubstr;
 
 /// cpu_reference with a fault.
@@ -33,10 +36,15 @@ public:
         nan
     };
 
-    explicit Faulty(Fault fault) : fault_(fault), sound_(BackendSpec::parse("cpu_reference").make()) {
+    explicit Faulty(Fault fault, std::string uuid = "")
+        : fault_(fault), uuid_(std::move(uuid)), sound_(BackendSpec::parse("cpu_reference").make()) {
         if (fault == Fault::unavailable) throw Unavailable("no such device");
     }
-    Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
+    Capabilities capabilities() const override {
+        Capabilities capabilities = cpu_capabilities("scalar", 1);
+        capabilities.uuid = uuid_;
+        return capabilities;
+    }
     std::string unsupported(const Problem&) const override {
         return fault_ == Fault::unsupported ? "grid of 8 exceeds the limit of 7" : "";
     }
@@ -65,18 +73,69 @@ public:
 
 private:
     Fault fault_;
+    std::string uuid_;
     std::unique_ptr<Backend> sound_;
     int uploads_ = 0;
 };
 
-Registered faulty(const std::string& name, Faulty::Fault fault) {
+/// A device that is lost in one of the calls to it; every call fails from then on, as with CUDA.
+struct Device {
+    std::string lost_in;
+    int calls_left = 0;
+    bool lost = false;
+    void call(const std::string& name) {
+        if (name == lost_in && --calls_left == 0) lost = true;
+        if (lost) throw DeviceError("device lost, seen in " + name);
+    }
+};
+Device device;
+
+/// cpu_reference on that device.
+class Losing : public CpuBackend {
+public:
+    Losing() : sound_(BackendSpec::parse("cpu_reference").make()) {
+        if (device.lost) throw Unavailable("no context: device lost");
+    }
+    Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
+    void upload(const Problem& problem, const State& state) override {
+        device.call("upload");
+        sound_->upload(problem, state);
+    }
+    void step(int count) override {
+        device.call("step");
+        sound_->step(count);
+    }
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        device.call("edit");
+        sound_->edit(edited, edit);
+    }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    void synchronize() override { device.call("synchronize"); }
+    State download() override {
+        device.call("download");
+        return sound_->download();
+    }
+
+private:
+    std::unique_ptr<Backend> sound_;
+};
+
+Registered fake(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
     return Registered({.name = name,
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
                        .formulations = {"position"},
                        .tuning = {},
-                       .make = [fault](const Options&) { return std::make_unique<Faulty>(fault); },
+                       .make = [make](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+
+Registered faulty(const std::string& name, Faulty::Fault fault) {
+    return fake(name, [fault] { return std::make_unique<Faulty>(fault); });
+}
+
+Registered on_card(const std::string& name, const std::string& uuid) {
+    return fake(name, [uuid] { return std::make_unique<Faulty>(Faulty::Fault::none, uuid); });
 }
 
 const Registered test_backends[] = {
@@ -88,6 +147,11 @@ const Registered test_backends[] = {
     faulty("unmeasured", Faulty::Fault::device_error_in_limits),
     faulty("test_wrong", Faulty::Fault::wrong),
     faulty("test_nan", Faulty::Fault::nan),
+    on_card("card_a", "GPU-a"),
+    on_card("card_b", "GPU-b"),
+    on_card("card_c", "GPU-a"),
+    fake("losing_one", [] { return std::make_unique<Losing>(); }),
+    fake("losing_two", [] { return std::make_unique<Losing>(); }),
 };
 
 Study study_of(const std::vector<std::string>& backends) {
@@ -128,6 +192,20 @@ TEST(Study, AFaultTakesDownItsOwnRowOnly) {
     EXPECT_EQ(row_of(result.at("verification"), "test_sound").at("error_max"), 0.0);
     EXPECT_EQ(row_of(result.at("verification"), "test_wrong").at("passed"), false);
     EXPECT_TRUE(row_of(result.at("verification"), "test_nan").at("error_max").is_null());
+}
+
+TEST(Study, TwoCardsAreNotComparedAsOne) {
+    Study study = study_of({"card_*", "test_sound"});
+    study.scenes.push_back({"box@4", 4, {"card_b", "card_c"}});
+    const nlohmann::json result = run_study(study, {});
+    std::set<std::string> measured;
+    for (const auto& row : result.at("benchmarks")) measured.insert(row.at("backend"));
+    EXPECT_THAT(measured, ::testing::ElementsAre("card_a", "card_c", "test_sound"));
+    ASSERT_EQ(result.at("skipped").size(), 2u) << "card_b, on both scenes";
+    for (const auto& row : result.at("skipped")) {
+        EXPECT_THAT(std::string(row.at("reason")),
+                    ::testing::AllOf(HasSubstr("GPU-b"), HasSubstr("card_a on GPU-a")));
+    }
 }
 
 TEST(Study, RatesFollowFromTimes) {
@@ -195,6 +273,14 @@ TEST(Study, SelectsAndAdds) {
     EXPECT_THROW(run_study(study_of({"test_sound"}), options), BadInput);
 }
 
+TEST(Study, APatternStandsForTheBackendsThatHaveItsOptions) {
+    const nlohmann::json result = run_study(study_of({"cpu_*:precision=float32"}), {});
+    for (const auto& row : result.at("benchmarks")) EXPECT_EQ(row.at("backend"), "cpu_parallel");
+    EXPECT_FALSE(result.at("benchmarks").empty());
+}
+
+TEST(Study, WithoutABackendIsRefused) { EXPECT_THROW(run_study(study_of({"left_out_*"}), {}), BadInput); }
+
 class StudyFile : public ::testing::Test {
 protected:
     std::filesystem::path path_ = std::filesystem::path(::testing::TempDir()) / "study_test.json";
@@ -218,6 +304,10 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
                                             HasSubstr("vulkan_*"), HasSubstr("cpu_reference")));
     write(R"({"backends": ["cpu_reference:precision=float16"], "scenes": [{"scene": "box"}]})");
     EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("float16"), HasSubstr("float64")));
+    write(R"({"backends": ["cpu_*:precision=float16"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), HasSubstr("float16")) << "no backend has it";
+    write(R"({"backends": ["cuda_*:fetch=l1"], "scenes": [{"scene": "box"}]})");
+    EXPECT_EQ(refusal(), "accepted") << "in a build without CUDA too";
     write(R"({"backends": ["*"], "scenes": [{"scene": "box", "step": 3}]})");
     EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("scenes[0]"), HasSubstr("step"), HasSubstr("steps")));
     write(R"({"backends": ["*"], "scenes": [{"scene": "box", "steps": 0}]})");
@@ -228,10 +318,64 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
     EXPECT_EQ(refusal(), "accepted");
 }
 
+/// Parameters: the call in which the device is lost, and the number of that call.
+class LostDevice : public StudyFile, public ::testing::WithParamInterface<std::pair<const char*, int>> {
+protected:
+    std::filesystem::path out_ = std::filesystem::path(::testing::TempDir()) / "study_test_out.json";
+    void TearDown() override {
+        StudyFile::TearDown();
+        std::filesystem::remove(out_);
+        device = {};
+    }
+};
+
+// Two contenders, each of which warms up (upload, upload, step, synchronize), is timed four times (upload,
+// synchronize, step, synchronize) and read once. Before the device is lost in the second scene, three batches
+// are timed there, so that a contender has repetitions of either kind and none has finished.
+INSTANTIATE_TEST_SUITE_P(, LostDevice,
+                         ::testing::Values(std::pair{"upload", 2 * (2 + 4) + 2 * 2 + 3 + 1},
+                                           std::pair{"step", 2 * (1 + 4) + 2 * 1 + 3 + 1},
+                                           std::pair{"synchronize", 2 * (1 + 4 * 2) + 2 * 1 + 3 * 2 + 1},
+                                           std::pair{"download", 2 * 1 + 1}),
+                         [](const auto& tested) { return tested.param.first; });
+
+TEST_P(LostDevice, KeepsWhatWasFinishedAndNamesTheRest) {
+    write(R"({"backends": ["losing_*", "test_sound"], "repetitions": 4, "steps": 2,
+              "scenes": [{"scene": "box@3"}, {"scene": "box@4"}, {"scene": "box@5"}]})");
+    const auto [call, number] = GetParam();
+    device = {call, number, false};
+    StudyOptions options;
+    options.out = out_;
+    std::ostringstream table;
+    EXPECT_EQ(run_and_print_study(path_.string(), options, table), 1);
+
+    const auto result = nlohmann::json::parse(std::ifstream(out_));
+    const auto names = [&](const char* list) {
+        std::set<std::string> found;
+        for (const auto& row : result.at(list)) {
+            found.insert(std::string(row.at("scene")) + "/" + std::string(row.at("backend")));
+        }
+        return found;
+    };
+    EXPECT_THAT(names("benchmarks"),
+                ::testing::ElementsAre("box@3/losing_one", "box@3/losing_two", "box@3/test_sound",
+                                       "box@4/test_sound", "box@5/test_sound"));
+    EXPECT_THAT(names("failed"), ::testing::ElementsAre("box@4/losing_one", "box@4/losing_two",
+                                                        "box@5/losing_one", "box@5/losing_two"));
+    EXPECT_EQ(result.at("failed").size(), 4u);
+    EXPECT_TRUE(result.at("skipped").empty());
+    for (const auto& row : result.at("failed")) {
+        EXPECT_THAT(std::string(row.at("reason")), HasSubstr("device lost"));
+    }
+    EXPECT_THAT(table.str(),
+                ::testing::AllOf(HasSubstr("failed: device lost, seen in"), HasSubstr("losing_two")));
+}
+
 TEST(BuiltinStudies, AllLoad) {
     std::vector<std::string> names;
     for (const auto& study : builtin_studies()) names.push_back(study.name);
-    EXPECT_THAT(names, Contains("default"));
+    EXPECT_THAT(names,
+                ::testing::IsSupersetOf({"default", "figure7", "figure8", "smoke", "table1", "tuning"}));
 }
 
 }  // namespace

@@ -1,37 +1,87 @@
 #include "backends/gl/context.h"
 
 #include <algorithm>
+#include <array>
 #include <sstream>
 #include <vector>
+
+#include "backends/device_choice.h"
 
 namespace voxspring::gl {
 
 namespace {
 
+// EGL_EXT_device_persistent_id, which libepoxy 1.5.10 does not know.
+constexpr EGLint egl_device_uuid = 0x335C;
+using QueryDeviceBinary = EGLBoolean (*)(EGLDeviceEXT, EGLint, EGLint, void*, EGLint*);
+
 /// A display that might give a context, before it is initialised.
 struct Candidate {
     std::string name;
     EGLenum platform;
-    void* native;
+    EGLDeviceEXT device;  ///< EGL_NO_DEVICE_EXT: the driver picks one when the display is initialised
 };
 
 bool has_client_extension(const char* name) { return epoxy_has_egl_extension(EGL_NO_DISPLAY, name); }
 
-bool is_software(EGLDeviceEXT device) {
+bool has_device_query() {
+    return has_client_extension("EGL_EXT_device_base") || has_client_extension("EGL_EXT_device_query");
+}
+
+bool has_extension(EGLDeviceEXT device, const char* name) {
     const char* extensions = eglQueryDeviceStringEXT(device, EGL_EXTENSIONS);
-    return extensions != nullptr &&
-           std::string(extensions).find("EGL_MESA_device_software") != std::string::npos;
+    return extensions != nullptr && std::string(extensions).find(name) != std::string::npos;
+}
+
+bool is_software(EGLDeviceEXT device) { return has_extension(device, "EGL_MESA_device_software"); }
+
+/// As uuid_text() writes it; empty if the driver does not say.
+std::string uuid_of(EGLDeviceEXT device) {
+    if (!has_extension(device, "EGL_EXT_device_persistent_id")) return {};
+    const auto query = reinterpret_cast<QueryDeviceBinary>(eglGetProcAddress("eglQueryDeviceBinaryEXT"));
+    std::array<unsigned char, 16> bytes{};
+    EGLint size = 0;
+    if (query == nullptr ||
+        query(device, egl_device_uuid, EGLint(bytes.size()), bytes.data(), &size) == EGL_FALSE ||
+        size != EGLint(bytes.size())) {
+        return {};
+    }
+    return uuid_text(bytes);
+}
+
+/// What an initialised display runs on, or EGL_NO_DEVICE_EXT.
+EGLDeviceEXT device_of(EGLDisplay display) {
+    EGLAttrib device = 0;
+    if (!has_device_query() || eglQueryDisplayAttribEXT(display, EGL_DEVICE_EXT, &device) == EGL_FALSE)
+        return {};
+    return reinterpret_cast<EGLDeviceEXT>(device);  // NOLINT(performance-no-int-to-ptr): EGL's own way
+}
+
+/// Which card a context is on; software is on none.
+struct Card {
+    std::string uuid;
+    bool software = false;
+};
+
+/// Throws Unavailable unless `device` may be used beside the card that this process measures.
+Card card_of(EGLDeviceEXT device) {
+    Card card;
+    if (device != EGL_NO_DEVICE_EXT) {
+        card.software = is_software(device);
+        if (!card.software) card.uuid = uuid_of(device);
+    }
+    const std::string reason = reason_to_pass_over(card.uuid, card.software, measured_card());
+    if (!reason.empty()) throw Unavailable(reason);
+    return card;
 }
 
 /// Every display without a window system, the preferred one first: devices in the driver's order,
-/// hardware before software, then whatever Mesa picks by itself. Whoever wants one particular device
-/// narrows this list.
+/// hardware before software, then whatever Mesa picks by itself.
 std::vector<Candidate> candidates() {
     if (!epoxy_has_egl()) throw Unavailable("no OpenGL: libEGL.so.1 cannot be loaded");
     std::vector<Candidate> hardware, software;
-    if (has_client_extension("EGL_EXT_platform_device") &&
-        (has_client_extension("EGL_EXT_device_base") || (has_client_extension("EGL_EXT_device_enumeration") &&
-                                                         has_client_extension("EGL_EXT_device_query")))) {
+    if (has_client_extension("EGL_EXT_platform_device") && has_device_query() &&
+        (has_client_extension("EGL_EXT_device_base") || has_client_extension("EGL_EXT_device_enumeration"))) {
         EGLint count = 0;
         eglQueryDevicesEXT(0, nullptr, &count);
         std::vector<EGLDeviceEXT> devices(std::size_t(std::max(count, 0)));
@@ -42,7 +92,7 @@ std::vector<Candidate> candidates() {
         }
     }
     if (has_client_extension("EGL_MESA_platform_surfaceless")) {
-        software.push_back({"EGL surfaceless", EGL_PLATFORM_SURFACELESS_MESA, nullptr});
+        software.push_back({"EGL surfaceless", EGL_PLATFORM_SURFACELESS_MESA, EGL_NO_DEVICE_EXT});
     }
     hardware.insert(hardware.end(), software.begin(), software.end());
     if (hardware.empty()) throw Unavailable("no OpenGL: EGL offers neither a device nor surfaceless Mesa");
@@ -52,7 +102,7 @@ std::vector<Candidate> candidates() {
 /// The initialised display of a candidate. There is one in a process, and it is never terminated: that
 /// would end it for every context on it, and Mesa would unload its driver. Throws Unavailable.
 EGLDisplay open(const Candidate& candidate) {
-    EGLDisplay display = eglGetPlatformDisplayEXT(candidate.platform, candidate.native, nullptr);
+    EGLDisplay display = eglGetPlatformDisplayEXT(candidate.platform, candidate.device, nullptr);
     if (display == EGL_NO_DISPLAY) throw Unavailable("eglGetPlatformDisplay failed");
     if (eglInitialize(display, nullptr, nullptr) == EGL_FALSE) throw Unavailable("eglInitialize failed");
     return display;
@@ -92,9 +142,13 @@ void Context::Destroy::operator()(EGLContext context) const noexcept {
 
 Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     std::ostringstream reasons;
+    Card card;
     for (const Candidate& candidate : candidates()) {
         try {
+            // Another card is passed over before anything is initialised on it, where that can be known.
+            if (candidate.device != EGL_NO_DEVICE_EXT) card = card_of(candidate.device);
             EGLDisplay display = open(candidate);
+            if (candidate.device == EGL_NO_DEVICE_EXT) card = card_of(device_of(display));
             context_ = {create_context(display), Destroy{display}};
             if (try_make_current() && epoxy_gl_version() >= 45) break;
             reasons << "; " << candidate.name << ": the context cannot be made current";
@@ -113,9 +167,9 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &max_array_texture_layers_);
     has_pipeline_statistics_ = epoxy_has_gl_extension("GL_ARB_pipeline_statistics_query");
     capabilities_ = {.api = "OpenGL 4.5 core",
-                     .device = text(GL_RENDERER),
+                     .device = text(GL_RENDERER) + (card.software ? ", software" : ""),
                      .driver = text(GL_VERSION),
-                     .uuid = {},
+                     .uuid = card.uuid,
                      .clock = "GL_TIMESTAMP",
                      .deterministic = true};
 }

@@ -16,7 +16,8 @@ namespace voxspring::gl {
 /// makes its own current first.
 class Context {
 public:
-    /// On the first EGL device that gives one, hardware before software. Throws Unavailable.
+    /// On the first EGL device that gives one, hardware before software; hardware only if it is the card that
+    /// this process measures (device_choice.h). Throws Unavailable.
     Context();
     ~Context();
     Context(const Context&) = delete;
@@ -30,7 +31,7 @@ public:
     /// ErrorLog::check for this context, which must be current.
     void check(const std::string& doing) const { errors_->check(doing); }
 
-    /// As GL_RENDERER and GL_VERSION name them.
+    /// As GL_RENDERER and GL_VERSION name them; software is called that.
     const Capabilities& capabilities() const { return capabilities_; }
     int max_texture_size() const { return max_texture_size_; }
     int max_array_texture_layers() const { return max_array_texture_layers_; }

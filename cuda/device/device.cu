@@ -1,7 +1,10 @@
+#include <algorithm>
 #include <array>
 #include <fstream>
+#include <iterator>
 #include <regex>
 
+#include "backends/device_choice.h"
 #include "cuda/device/check.h"
 #include "cuda/device/device.h"
 
@@ -21,17 +24,25 @@ std::string version_text(int version) {
     return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
 }
 
-std::string uuid_text(const cudaUUID_t& uuid) {
-    constexpr std::array<char, 17> digits{"0123456789abcdef"};
-    std::string text = "GPU-";
-    for (std::size_t i = 0; i < sizeof uuid.bytes; ++i) {
-        if (i == 4 || i == 6 || i == 8 || i == 10) text += '-';
-        const auto byte = static_cast<unsigned char>(uuid.bytes[i]);
-        text += digits[byte >> 4];
-        text += digits[byte & 15];
-    }
-    return text;
+int megahertz(cudaDeviceAttr clock) {
+    int kilohertz = 0;
+    check(cudaDeviceGetAttribute(&kilohertz, clock, 0));
+    return kilohertz / 1000;
 }
+
+std::string uuid_of(const cudaDeviceProp& properties) {
+    std::array<unsigned char, 16> bytes{};
+    std::copy(std::begin(properties.uuid.bytes), std::end(properties.uuid.bytes), bytes.begin());
+    return uuid_text(bytes);
+}
+
+// The card that Device would take, without a context on it.
+const MeasuredCardSource measured_card_source([]() -> std::string {
+    cudaDeviceProp properties{};
+    if (cudaGetDeviceProperties(&properties, 0) == cudaSuccess) return uuid_of(properties);
+    cudaGetLastError();
+    return {};
+});
 
 }  // namespace
 
@@ -47,7 +58,7 @@ Device::Device() {
     cudaDeviceProp properties{};
     require(cudaGetDeviceProperties(&properties, 0), "no CUDA context");
     name_ = properties.name;
-    uuid_ = uuid_text(properties.uuid);
+    uuid_ = uuid_of(properties);
     multiprocessors_ = properties.multiProcessorCount;
     cudaFuncAttributes attributes{};
     require(cudaFuncGetAttributes(&attributes, probe),
@@ -55,6 +66,8 @@ Device::Device() {
                 std::to_string(properties.major) + "." + std::to_string(properties.minor) + ")");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
     check(cudaDeviceGetTexture1DLinearMaxWidth(&most_texels_, &texel, 0));
+    sm_mhz_ = megahertz(cudaDevAttrClockRate);
+    memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate);
 }
 
 std::size_t Device::free_bytes() const {

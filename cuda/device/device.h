@@ -17,6 +17,9 @@ public:
     const std::string& uuid() const { return uuid_; }
     /// Most 16-byte texels of a texture on linear memory.
     std::size_t most_texels() const { return most_texels_; }
+    /// The highest clocks that the card may run at.
+    int sm_mhz() const { return sm_mhz_; }
+    int memory_mhz() const { return memory_mhz_; }
     int multiprocessors() const { return multiprocessors_; }
     /// Bytes of device memory that nobody has allocated.
     std::size_t free_bytes() const;
@@ -29,6 +32,8 @@ public:
 private:
     std::string name_, uuid_;
     std::size_t most_texels_ = 0;
+    int sm_mhz_ = 0;
+    int memory_mhz_ = 0;
     int multiprocessors_ = 0;
 };
 

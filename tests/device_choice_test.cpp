@@ -1,0 +1,58 @@
+// Which OpenGL devices may stand in one table with a CUDA device.
+#include "backends/device_choice.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+const std::string card = "GPU-00112233-4455-6677-8899-aabbccddeeff";
+const std::string other = "GPU-ffeeddcc-bbaa-9988-7766-554433221100";
+
+struct Device {
+    std::string name, uuid;
+    bool software;
+};
+
+/// Names of the devices that are not passed over, in their order.
+std::vector<std::string> allowed(const std::vector<Device>& devices, const std::string& measured) {
+    std::vector<std::string> names;
+    for (const Device& device : devices) {
+        if (reason_to_pass_over(device.uuid, device.software, measured).empty()) names.push_back(device.name);
+    }
+    return names;
+}
+
+TEST(DeviceChoice, WithoutCudaEveryDeviceIsAllowed) {
+    EXPECT_THAT(allowed({{"other", other, false}, {"nameless", "", false}, {"llvmpipe", "", true}}, ""),
+                ElementsAre("other", "nameless", "llvmpipe"));
+}
+
+TEST(DeviceChoice, BesideCudaHardwareMustBeThatCard) {
+    EXPECT_THAT(
+        allowed(
+            {{"other", other, false}, {"nameless", "", false}, {"card", card, false}, {"llvmpipe", "", true}},
+            card),
+        ElementsAre("card", "llvmpipe"));
+}
+
+TEST(DeviceChoice, ThePassedOverAreTold) {
+    EXPECT_THAT(reason_to_pass_over(other, false, card), AllOf(HasSubstr(other), HasSubstr(card)));
+    EXPECT_THAT(reason_to_pass_over("", false, card), AllOf(HasSubstr("without UUID"), HasSubstr(card)));
+}
+
+TEST(DeviceChoice, UuidsAreWrittenAsTheDriversToolsWriteThem) {
+    EXPECT_EQ(uuid_text({0x00, 0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0xcc, 0xdd,
+                         0xee, 0xff}),
+              card);
+}
+
+}  // namespace
+}  // namespace voxspring::testing

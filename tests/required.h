@@ -1,0 +1,42 @@
+// VOXSPRING_REQUIRE: backends whose device must be here, as names or prefixes of names
+// (VOXSPRING_REQUIRE=cuda,gl_fragment). Without their device they fail, where others are skipped.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <memory>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+
+namespace voxspring::testing {
+
+inline std::vector<std::string> required_prefixes() {
+    const char* value = std::getenv("VOXSPRING_REQUIRE");
+    std::istringstream list(value == nullptr ? "" : value);
+    std::vector<std::string> prefixes;
+    for (std::string prefix; std::getline(list, prefix, ',');) prefixes.push_back(prefix);
+    return prefixes;
+}
+
+inline bool is_required(const std::string& backend) {
+    const auto prefixes = required_prefixes();
+    return std::any_of(prefixes.begin(), prefixes.end(),
+                       [&](const std::string& prefix) { return backend.starts_with(prefix); });
+}
+
+/// For SetUp(): makes the backend, or leaves it null and the test skipped or failed.
+inline void make_or_skip(const BackendSpec& spec, std::unique_ptr<Backend>& backend) {
+    try {
+        backend = spec.make();
+    } catch (const Unavailable& absent) {
+        if (is_required(spec.entry->name)) FAIL() << "required and unavailable: " << absent.what();
+        GTEST_SKIP() << absent.what();
+    }
+}
+
+}  // namespace voxspring::testing
