@@ -57,7 +57,7 @@ const Registered entry({
                "memory.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {"position"},
-    .tuning = {{"block", {"32x8", "32x4", "64x4", "16x16"}}, {"registers", implicit_registers}},
+    .tuning = {{"block", {"64x4", "32x8", "32x4", "16x16"}}, {"registers", implicit_registers}},
     .make =
         [](const Options& options) {
             const std::string& block = options.tuning.at("block");

@@ -1,0 +1,154 @@
+#!/usr/bin/env python3
+"""Fills the tables of results/README.md from the results beside it.
+
+Usage: paper.py [--check]
+
+A table stands between `<!-- NAME -->` and `<!-- /NAME -->`; its figures come from nvidia-h200/STUDY.json, medians over
+the repetitions. --check changes nothing and exits with 1 if the page is not what the results say.
+"""
+
+import json
+import pathlib
+import re
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+RESULTS = HERE / "nvidia-h200"
+PAGE = HERE / "README.md"
+
+
+def medians(study):
+    """The median row of each contender, in the order of the file."""
+    rows = json.loads((RESULTS / f"{study}.json").read_text())["benchmarks"]
+    return [row for row in rows if row.get("aggregate_name") == "median"]
+
+
+def contender(row):
+    """`cuda_implicit_cached fetch=l1`: the backend, its precision unless float32, and what tuning is not at its default."""
+    _, backend, _, precision, *tuning = row["name"].split("/iterations:")[0].split("/")
+    return " ".join([f"`{backend}`"] + [precision] * (precision != "float32") + tuning)
+
+
+def three_digits(value):
+    return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+
+
+def microseconds(value):
+    return three_digits(value) if value is not None else "-"
+
+
+def percent(value):
+    return f"{100 * value:.0f} %" if value is not None else "-"
+
+
+def table(header, rows):
+    lines = ["| " + " | ".join(header) + " |", "| --- |" + " --: |" * (len(header) - 1)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def by_scene(rows, value):
+    """{contender: {scene: value(row)}}, contenders in the order of their first row."""
+    found = {}
+    for row in rows:
+        found.setdefault(contender(row), {})[row["scene"]] = value(row)
+    return found
+
+
+def scenes_of(rows):
+    return list(dict.fromkeys(row["scene"] for row in rows))
+
+
+def limits(study):
+    context = json.loads((RESULTS / f"{study}.json").read_text())["context"]["voxspring"]
+    header = ["", "copy", "in cache", "launch", "float32", "float64", "float32 in compute shaders"]
+    rows = []
+    for api, limit in context["limits"].items():
+        def rate(key, unit, scale, limit=limit):
+            return f"{three_digits(limit[key] / scale)} {unit}" if limit.get(key) else "-"
+        launch = limit["launch_seconds"]
+        rows.append([api, rate("copy_bytes_per_second", "GB/s", 1e9), rate("cached_copy_bytes_per_second", "GB/s", 1e9),
+                     f"{three_digits(launch * 1e6)} us" if launch else "-",
+                     rate("float32_operations_per_second", "Gop/s", 1e9),
+                     rate("float64_operations_per_second", "Gop/s", 1e9),
+                     rate("compute_shader_float32_operations_per_second", "Gop/s", 1e9)])
+    machine = (f"{context['gpu']}, driver {context['driver']}; {context['cpu']}; commit {context['commit']}"
+               f"{'' if context['clean'] else ' (not clean)'}; {context['compiler']}, {context['cuda_compiler']}.")
+    return machine + "\n\n" + table(header, rows)
+
+
+def steps(study):
+    rows = medians(study)
+    scenes = scenes_of(rows)
+    cells = by_scene(rows, lambda row: [microseconds(row["real_time"]),
+                                        three_digits(row["spring_updates_per_second"] * 1e-9),
+                                        f"{percent(row['fraction_of_limit'])} ({row['limited_by']})",
+                                        f"{row['error_max']:.1e}"])
+    header = ["time a step"] + [f"{scene}: {what}" for scene in scenes
+                                for what in ("us", "G springs/s", "of limit", "error")]
+    order = sorted(cells, key=lambda name: float(cells[name][scenes[0]][0]))
+    return table(header, [[name] + [cell for scene in scenes for cell in cells[name].get(scene, ["-"] * 4)]
+                          for name in order])
+
+
+def scaling():
+    rows = medians("figure8")
+    scenes = scenes_of(rows)
+    particles = {row["scene"]: row["particles"] for row in rows}
+    cells = by_scene(rows, lambda row: f"{microseconds(row['real_time'])} "
+                                       f"({three_digits(row['real_time'] * 1e3 / row['particles'])})")
+    header = ["us a step (ns a particle)"] + [f"{scene[4:]}^3: {particles[scene]}" for scene in scenes]
+    return table(header, [[name] + [cells[name].get(scene, "-") for scene in scenes] for name in cells])
+
+
+def edits():
+    rows = medians("edits")
+    scenes = scenes_of(rows)
+    def cell(row):
+        slow_down = row["real_time"] * 1e-6 / row["seconds_per_step_without_edits"] - 1
+        return f"{100 * slow_down:+.1f} %"
+    slow = by_scene(rows, cell)
+    latency = by_scene(rows, lambda row: row)
+    header = ["slow-down of 1000 steps"] + [f"{latency[next(iter(latency))][scene]['edits']} edits" for scene in scenes]
+    header += ["an edit (us)", "a step (us)"]
+    most = scenes[-1]
+    return table(header, [[name] + [slow[name][scene] for scene in scenes] +
+                          [microseconds(latency[name][most]["edit_seconds_median"] * 1e6),
+                           microseconds(latency[name][most]["seconds_per_step_without_edits"] * 1e6)]
+                          for name in slow])
+
+
+def tuning():
+    best = {}
+    for row in medians("tuning"):
+        key = (row["backend"], row["scene"])
+        own = row["name"].split("/iterations:")[0].split("/")[4:]
+        entry = best.setdefault(key, {"default": None, "time": float("inf")})
+        if not own:
+            entry["default"] = row["real_time"]
+        if row["real_time"] < entry["time"]:
+            entry.update(time=row["real_time"], tuning=own[0] if own else "the default")
+    rows = [[f"`{backend}`", scene, microseconds(entry["default"]), microseconds(entry["time"]), entry["tuning"]]
+            for (backend, scene), entry in sorted(best.items())]
+    return table(["strategy", "scene", "default (us)", "best (us)", "with"], rows)
+
+
+TABLES = {"limits": lambda: limits("table1"), "table1": lambda: steps("table1"), "figure7": lambda: steps("figure7"),
+          "figure8": scaling, "edits": edits, "tuning": tuning}
+
+
+def main():
+    page = PAGE.read_text()
+    for name, make in TABLES.items():
+        block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
+        if not block.search(page):
+            sys.exit(f"{PAGE.name} has no place for the table {name}")
+        page = block.sub(lambda match, text=make(): f"{match[1]}\n{text}\n\n{match[2]}", page)
+    if "--check" in sys.argv[1:]:
+        if page != PAGE.read_text():
+            sys.exit(f"{PAGE.name} is not what the results say: run {pathlib.Path(__file__).name}")
+        return
+    PAGE.write_text(page)
+
+
+if __name__ == "__main__":
+    main()
