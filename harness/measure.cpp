@@ -41,7 +41,7 @@ void warm_up(Run& run, Playback& playback, int steps) {
         Backend& backend = *run.contender->backend;
         playback.rewind(backend);
         run.work = backend.count_work();
-        playback.rewind(backend);
+        if (!run.work.empty()) playback.rewind(backend);  // it took a step
         playback.run(backend, steps);
         backend.synchronize();
     } catch (const std::exception& error) {
