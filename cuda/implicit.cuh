@@ -18,10 +18,21 @@ inline constexpr int most_implicit_threads = 256;
 /// one thread waits for memory: it gets the registers to fetch all neighbours of a group at once. On a large
 /// one other threads run meanwhile, and few registers make room for more of them.
 enum class Registers : std::uint8_t { many, few };
-/// Blocks of most_implicit_threads that an SM has to have room for: in float32 with 64 and 32 registers a
-/// thread.
+/// Threads that an SM of the architecture being compiled for holds (CUDA programming guide, compute
+/// capabilities).
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ == 750
+inline constexpr int threads_per_sm = 1024;
+#elif defined(__CUDA_ARCH__) && (__CUDA_ARCH__ == 860 || __CUDA_ARCH__ == 870 || __CUDA_ARCH__ == 890)
+inline constexpr int threads_per_sm = 1536;
+#else
+inline constexpr int threads_per_sm = 2048;
+#endif
+/// Blocks of most_implicit_threads that an SM has to have room for: in float32 with 64 registers a thread, or
+/// as many as it can hold, with 32 on most. Twice the registers in float64.
 template <class Real, Registers registers>
-inline constexpr int implicit_blocks_per_sm = (registers == Registers::many ? 4 : 8) /
+inline constexpr int implicit_blocks_per_sm = (registers == Registers::many
+                                                   ? 4
+                                                   : threads_per_sm / most_implicit_threads) /
                                               int(sizeof(Real) / sizeof(float));
 
 /// Voxel that a block begins at.
