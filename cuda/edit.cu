@@ -13,9 +13,14 @@ __global__ void bits_kernel(Word<Real>* words, const EditedWord* edited, std::si
 }
 
 template <class Real>
-__global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape shape,
+__global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape shape, Word<Real>* words,
                             std::uint32_t* neighbour, SpringConstants<Real>* constants) {
-    if (thread_number() < slots) write_slot(rows, thread_number(), shape, neighbour, constants);
+    const std::size_t n = thread_number();
+    if (n >= slots) return;
+    write_slot(rows, n, shape, neighbour, constants);
+    // One thread of a row.
+    const std::size_t row = n / shape.slots;
+    if (n % shape.slots == 0) write_bits(words, EditedWord{rows.particle[row], rows.bits[row]});
 }
 
 template <class Real>
@@ -36,11 +41,12 @@ void write_bits(Word<Real>* words, const EditedWord* edited, std::size_t count, 
 }
 
 template <class Real>
-void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape,
+void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape, Word<Real>* words,
                 std::uint32_t* neighbour, SpringConstants<Real>* constants, const Stream& stream) {
     const std::size_t slots = count * shape.slots;
     if (slots == 0) return;
-    rows_kernel<<<blocks_for(slots), block, 0, stream.get()>>>(rows, slots, shape, neighbour, constants);
+    rows_kernel<<<blocks_for(slots), block, 0, stream.get()>>>(rows, slots, shape, words, neighbour,
+                                                               constants);
     check(cudaGetLastError());
 }
 
@@ -54,8 +60,8 @@ void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEn
 
 #define FOR_PRECISION(Real)                                                                                  \
     template void write_bits(Word<Real>*, const EditedWord*, std::size_t, const Stream&);                    \
-    template void write_rows(const EditedRows<Real>&, std::size_t, const ListShape&, std::uint32_t*,         \
-                             SpringConstants<Real>*, const Stream&);                                         \
+    template void write_rows(const EditedRows<Real>&, std::size_t, const ListShape&, Word<Real>*,            \
+                             std::uint32_t*, SpringConstants<Real>*, const Stream&);                         \
     template void write_springs(const EditedSpring<Real>*, std::size_t, SpringEnds*, SpringConstants<Real>*, \
                                 const Stream&);
 FOR_PRECISION(float)

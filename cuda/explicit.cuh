@@ -83,13 +83,8 @@ public:
         }
         const EditedLists<Real> rows = secondary ? edited_by_springs<Real>(edited, edit, step.shape.slots)
                                                  : edited_by_groups<Real>(edited, edit, step.shape.slots);
-        const EditedRows<Real> on_device = {
-            edited_particles_.send(rows.particle, this->stream()),
-            edited_neighbours_.send(rows.lists.neighbour, this->stream()),
-            secondary ? edited_constants_.send(rows.lists.constants, this->stream()) : nullptr};
-        write_rows(on_device, rows.particle.size(), step.shape, neighbour_.data(), constants_.data(),
-                   this->stream());
-        this->write_particle_bits(rows.particle, rows.lists.bits);
+        write_rows(edited_rows_.send(rows, this->stream()), rows.particle.size(), step.shape,
+                   this->current_words(), neighbour_.data(), constants_.data(), this->stream());
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -157,15 +152,13 @@ private:
         return explicit_bytes<Real>(problem, options_);
     }
     std::uint64_t bytes_held() const override {
-        return this->particle_bytes_held() + neighbour_.bytes() + constants_.bytes() +
-               edited_particles_.bytes() + edited_neighbours_.bytes() + edited_constants_.bytes();
+        return this->particle_bytes_held() + neighbour_.bytes() + constants_.bytes() + edited_rows_.bytes();
     }
 
     ExplicitOptions options_;
     Buffer<std::uint32_t> neighbour_;
     Buffer<SpringConstants<Real>> constants_;
-    Staging<std::uint32_t> edited_particles_, edited_neighbours_;
-    Staging<SpringConstants<Real>> edited_constants_;
+    StagedRows<Real> edited_rows_;
 };
 
 template <Secondary secondary>

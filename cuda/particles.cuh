@@ -112,15 +112,17 @@ protected:
     /// From here on the particles have `edited`'s springs; the caller sees to it.
     void follow(const Problem& edited) { problem_ = &edited; }
 
+    /// x(t) of every word.
+    Word<Real>* current_words() const { return words_[std::size_t(current())].data(); }
+
     /// Gives particles new bits, which every step copies on from the buffer that it reads.
     void write_particle_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits) {
         std::vector<EditedWord> edited;
         edited.reserve(particles.size());
         for (std::size_t n = 0; n < particles.size(); ++n)
             edited.push_back({std::uint32_t(placement_.at(particles[n])), bits[n]});
-        write_bits(words_[std::size_t(current())].data(),
-                   edited_words_.send(std::span<const EditedWord>(edited), stream()), edited.size(),
-                   stream());
+        write_bits(current_words(), edited_words_.send(std::span<const EditedWord>(edited), stream()),
+                   edited.size(), stream());
     }
 
     std::uint64_t particle_bytes_held() const {

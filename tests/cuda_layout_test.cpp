@@ -689,7 +689,8 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                     ASSERT_LE(longest_list(edit), lists.shape.slots);
                     const auto rows = by_groups ? edited_by_groups<Real>(now, edit, lists.shape.slots)
                                                 : edited_by_springs<Real>(now, edit, lists.shape.slots);
-                    const EditedRows<Real> on_device{rows.particle.data(), rows.lists.neighbour.data(),
+                    const EditedRows<Real> on_device{rows.particle.data(), rows.lists.bits.data(),
+                                                     rows.lists.neighbour.data(),
                                                      by_groups ? nullptr : rows.lists.constants.data()};
                     for (std::size_t n = 0; n < rows.lists.neighbour.size(); ++n) {
                         write_slot(on_device, n, lists.shape, lists.neighbour.data(), lists.constants.data());

@@ -212,10 +212,22 @@ void expect_alike(double a, double b) {
     EXPECT_LT(b, 3 * a);
 }
 
+/// The higher rates of two measurements: another process may have had a core during one.
+DeviceLimits undisturbed(const BackendSpec& spec) {
+    DeviceLimits limits = spec.make()->measure_limits();
+    const DeviceLimits again = spec.make()->measure_limits();
+    for (const auto rate : {&DeviceLimits::copy_bytes_per_second, &DeviceLimits::cached_copy_bytes_per_second,
+                            &DeviceLimits::float32_operations_per_second})
+        limits.*rate = std::max(limits.*rate, again.*rate);
+    auto& float64 = limits.float64_operations_per_second;
+    if (float64) float64 = std::max(*float64, *again.float64_operations_per_second);
+    return limits;
+}
+
 TEST(CpuLimits, ArePositiveAndRepeat) {
     const BackendSpec spec = BackendSpec::parse("cpu_parallel");
-    const DeviceLimits first = spec.make()->measure_limits();
-    const DeviceLimits second = spec.make()->measure_limits();
+    const DeviceLimits first = undisturbed(spec);
+    const DeviceLimits second = undisturbed(spec);
     expect_rate(first.copy_bytes_per_second);
     expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
     if (first.cache_bytes > 0) {
@@ -259,8 +271,8 @@ TEST(CudaLimits, ArePositiveAndRepeat) {
 
 TEST_F(Gl, LimitsArePositiveAndRepeat) {
     const BackendSpec spec = BackendSpec::parse("gl_fragment_implicit");
-    const DeviceLimits first = spec.make()->measure_limits();
-    const DeviceLimits second = spec.make()->measure_limits();
+    const DeviceLimits first = undisturbed(spec);
+    const DeviceLimits second = undisturbed(spec);
     expect_rate(first.copy_bytes_per_second);
     expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
     expect_rate(first.launch_seconds);

@@ -31,6 +31,7 @@ VOXSPRING_HOST_DEVICE void write_bits(Word<Real>* words, EditedWord edited) {
 template <class Real>
 struct EditedRows {
     const std::uint32_t* particle;
+    const std::uint32_t* bits;
     const std::uint32_t* neighbour;
     const SpringConstants<Real>* constants;  ///< rest lengths squared; null without a secondary list
 };
