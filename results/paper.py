@@ -108,7 +108,8 @@ def edits():
         return f"{100 * slow_down:+.1f} %"
     slow = by_scene(rows, cell)
     latency = by_scene(rows, lambda row: row)
-    header = ["slow-down of 1000 steps"] + [f"{latency[next(iter(latency))][scene]['edits']} edits" for scene in scenes]
+    counts = [latency[next(iter(latency))][scene]["edits"] for scene in scenes]
+    header = ["slow-down of 1000 steps"] + [f"{count} edit" + "s" * (count > 1) for count in counts]
     header += ["an edit (us)", "a step (us)"]
     most = scenes[-1]
     return table(header, [[name] + [slow[name][scene] for scene in scenes] +
