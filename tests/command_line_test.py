@@ -179,6 +179,44 @@ class Study(InTemporaryFolder):
         commit = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True).stdout
         self.assertIn(result["context"]["voxspring"]["commit"], (commit.strip(), "unknown"))
 
+    def test_edits_are_made_verified_and_timed(self):
+        plane = {"point": [2.5, 0, 0], "normal": [1, 0, 0]}
+        scene = {"dataset": {"type": "box", "dims": [6, 6, 6]}, "gravity": [0, 0, -0.01],
+                 "edits": [{"step": 3, "cut": {"plane": plane}},
+                           {"step": 8, "suture": {"plane": plane, "within": 1.5}},
+                           {"step": 9, "suture": {"pairs": [[[0, 0, 0], [5, 5, 5]]]}}]}
+        (self.folder / "cut.json").write_text(json.dumps(scene))
+        study = {"backends": ["cpu_*", "gl_*"], "steps": 9, "repetitions": 2,
+                 "scenes": [{"scene": "cut.json"}, {"scene": "cut.json", "steps": 10}]}
+        (self.folder / "edits.json").write_text(json.dumps(study))
+        out = self.folder / "result.json"
+        ran = voxspring("study", self.folder / "edits.json", "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        result = json.loads(out.read_text())
+        with open("results/schema.json") as file:
+            jsonschema.Draft202012Validator(json.load(file)).validate(result)
+        # The third edit, beyond the lattice, is refused whether or not a run is long enough to make it.
+        self.assertIn("cpu_parallel", {row["backend"] for row in result["skipped"]})
+        self.assertIn("edit after step 9", str(result["skipped"]))
+        edits = {row["steps"]: row["edits"] for row in result["benchmarks"]}
+        self.assertEqual(edits, {9: 2, 10: 3})
+        for row in result["benchmarks"]:
+            self.assertGreater(row["seconds_per_step_without_edits"], 0)
+            self.assertGreaterEqual(row["edit_seconds_max"], row["edit_seconds_median"])
+        self.assertIn("slow-down", ran.stdout)
+        info = json.loads(voxspring("info", self.folder / "cut.json", "--json").stdout)
+        self.assertEqual(info["edits"], 3)
+        run = voxspring("run", self.folder / "cut.json", "--backend", "cpu_parallel", "--steps", 20)
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("beyond the lattice", run.stderr)
+
+    def test_committed_results_follow_the_schema(self):
+        with open("results/schema.json") as file:
+            schema = jsonschema.Draft202012Validator(json.load(file))
+        for path in pathlib.Path("results").glob("*/*.json"):
+            if path.parent.name != "local":
+                schema.validate(json.loads(path.read_text()))
+
     def test_google_benchmarks_own_tool_reads_it(self):
         self.run_smoke("--backend", "cpu_reference", "--backend", "cpu_parallel:precision=float64")
         out = str(self.folder / "smoke.json")
