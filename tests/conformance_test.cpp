@@ -230,6 +230,11 @@ struct EditCase {
 std::vector<EditCase> edit_cases() {
     std::vector<EditCase> all;
     all.push_back({"dense", lattice(random_grid({11, 9, 10}, 0.95, 31))});
+    // Rows long enough for whole registers of particles with every neighbour.
+    all.push_back({"solid", lattice(solid({37, 5, 7}))});
+    // Nothing joins its two layers until a suture does.
+    all.push_back({"apart", lattice(solid({2, 9, 8}))});
+    SpringEditor(all.back().problem).cut(Plane{{0.5, 0, 0}, {1, 0, 0}});
     all.push_back({"all_groups_pinned", lattice(random_grid({8, 7, 9}, 0.8, 32), NEIGHBOUR_BITS)});
     pin_base(all.back().problem);
     all.push_back({"labels", lattice(random_grid({9, 8, 7}, 0.9, 33, 2))});

@@ -96,6 +96,11 @@ inline std::vector<SpringEdit> edit_everything(Problem& problem, bool beyond) {
     const Shape ball = Ball{middle, 2};
     const auto most = std::uint32_t(problem.particle_count() - 1);
     std::vector<SpringEdit> edits;
+    if (beyond) {
+        // One that needs no longer list, and is gone with the next cut.
+        const std::vector<std::pair<std::uint32_t, std::uint32_t>> ends = {{0, most}};
+        edits.push_back(editor.suture(ends, 0.25));
+    }
     edits.push_back(editor.cut(plane));
     edits.push_back(editor.cut(patch));
     edits.push_back(editor.suture(ball, 1.5));
