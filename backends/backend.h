@@ -6,12 +6,14 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "backends/limits.h"
 #include "backends/physics/edit.h"
+#include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
 namespace voxspring {
@@ -23,7 +25,7 @@ std::string to_string(Precision precision);
 /// the result.
 struct Options {
     Precision precision = Precision::float32;
-    std::string formulation = "position";
+    Formulation formulation = Formulation::position;
     /// Tuning parameters by name, complete: every name that the backend registered, each with a value
     /// that it registered.
     std::map<std::string, std::string> tuning;
@@ -55,6 +57,22 @@ struct Capabilities {
 struct Timing {
     double device_seconds = 0;  ///< between the two marks, on the backend's own clock
     double host_seconds = 0;    ///< from before the first call to after the last synchronization
+};
+
+/// What a run has to stay within, and how often to look.
+struct Watch {
+    /// The farthest that a particle may move in one step: |x(t) - x(t - dt)|, in units of length.
+    double largest_increment = 0;
+    /// Look after a whole number of times that many steps, or as soon after as the backend can without
+    /// slowing down; 0: never.
+    int every = 0;
+};
+
+/// The first look that found a particle not finite or too fast, in steps since upload(): the run left its
+/// bounds after step `last_good` and until step `found`.
+struct Departure {
+    std::int64_t last_good = 0;
+    std::int64_t found = 0;
 };
 
 /// What the hardware's own counters say one step did, by counter name ("samples_passed"). The evidence
@@ -93,6 +111,12 @@ public:
 
     /// Enqueue `count` steps; may return before they have run.
     virtual void step(int count) = 0;
+
+    /// From the next upload() on, look at the state on the device while it steps. Looking changes no bit of
+    /// it. Until the first call: never.
+    virtual void watch(const Watch&) {}
+    /// Where the run since upload() left its bounds, if it has. Synchronizes.
+    virtual std::optional<Departure> departure() { return std::nullopt; }
 
     /// Wait for everything enqueued. Late errors surface here.
     virtual void synchronize() = 0;

@@ -590,7 +590,7 @@ const Registered entry({
     .name = "cpu_parallel",
     .summary = "Every core and its SIMD registers: implicit addressing on a padded grid.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"threads", {}}, {"terms", {"needed", "all"}}},
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         if (options.precision == Precision::float32) return std::make_unique<CpuParallel<float>>(options);

@@ -91,7 +91,7 @@ const Registered entry({
     .name = "cpu_reference",
     .summary = "The oracle: float64, one thread, a plain loop over springs.",
     .precisions = {Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {},
     .make = [](const Options&) { return std::make_unique<CpuReference>(); },
     .bytes =

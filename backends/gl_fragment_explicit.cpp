@@ -198,7 +198,7 @@ const Registered entry({
     .name = "gl_fragment_explicit",
     .summary = "OpenGL fragment shader over the active particles, neighbours from a list.",
     .precisions = {Precision::float32},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = gl::fragment_tuning(),
     .make = [](const Options& options) { return std::make_unique<GlFragmentExplicit>(options); },
     .bytes =

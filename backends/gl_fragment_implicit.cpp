@@ -114,7 +114,7 @@ const Registered entry({
     .summary = "OpenGL fragment shader over the flattened grid, neighbours by place (Mosegaard and Sorensen "
                "2005).",
     .precisions = {Precision::float32},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = gl::fragment_tuning(),
     .make = [](const Options& options) { return std::make_unique<GlFragmentImplicit>(options); },
     .bytes =

@@ -80,7 +80,11 @@ BackendSpec BackendSpec::parse(const std::string& text) {
             spec.options.precision =
                 checked(name, key, value, names) == "float32" ? Precision::float32 : Precision::float64;
         } else if (key == "formulation") {
-            spec.options.formulation = checked(name, key, value, entry.formulations);
+            std::vector<std::string> names;
+            for (const Formulation f : entry.formulations) names.push_back(to_string(f));
+            const std::string chosen = checked(name, key, value, names);
+            spec.options.formulation = *std::find_if(entry.formulations.begin(), entry.formulations.end(),
+                                                     [&](Formulation f) { return to_string(f) == chosen; });
         } else if (const auto parameter = entry.tuning.find(key); parameter == entry.tuning.end()) {
             std::string known = "precision, formulation";
             for (const auto& tuning : entry.tuning) known += ", " + tuning.first;
@@ -103,7 +107,8 @@ std::string BackendSpec::tuning() const {
 }
 
 std::string BackendSpec::label() const {
-    std::string text = entry->name + "/" + options.formulation + "/" + to_string(options.precision);
+    std::string text =
+        entry->name + "/" + to_string(options.formulation) + "/" + to_string(options.precision);
     std::string tuned;
     for (const auto& [key, value] : options.tuning) {
         if (value != default_of(entry->tuning.at(key)))

@@ -16,12 +16,17 @@ namespace voxspring {
 /// or "auto", which is the default.
 using TuningValues = std::vector<std::string>;
 
+/// What a backend that has all formulations registers.
+inline const std::vector<Formulation> every_formulation = {Formulation::increment, Formulation::position,
+                                                           Formulation::displacement,
+                                                           Formulation::compensated, Formulation::paper};
+
 /// A backend as the harness knows it before any device is touched.
 struct BackendEntry {
     std::string name;     ///< also its file, the `backend` field of a result and its test's name
     std::string summary;  ///< one sentence
-    std::vector<Precision> precisions{Precision::float32};  ///< the default first
-    std::vector<std::string> formulations{"position"};      ///< the default first
+    std::vector<Precision> precisions{Precision::float32};         ///< the default first
+    std::vector<Formulation> formulations{Formulation::position};  ///< the default first
     std::map<std::string, TuningValues> tuning;
     std::function<std::unique_ptr<Backend>(const Options&)> make;
     /// Bytes of memory, on the device if it has its own, that upload() would take.

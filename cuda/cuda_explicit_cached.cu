@@ -12,7 +12,7 @@ const Registered entry({
     .summary = "One thread a particle, neighbours, stiffness and rest length by list, positions through a "
                "texture object.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"block", explicit_blocks}, {"fetch", {"texture", "l1"}}, {"layout", list_layouts}},
     .make =
         [](const Options& options) {

@@ -13,7 +13,7 @@ const Registered entry({
     .summary = "One thread a particle, neighbours by list with a counter a spring group, positions through a "
                "texture object.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"block", explicit_blocks}, {"fetch", {"texture", "l1"}}, {"layout", list_layouts}},
     .make =
         [](const Options& options) {

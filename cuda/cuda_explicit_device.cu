@@ -12,7 +12,7 @@ const Registered entry({
     .name = "cuda_explicit_device",
     .summary = "One thread a particle, neighbours by list from global memory past L1.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"block", explicit_blocks}, {"fetch", {"cg", "l1"}}, {"layout", list_layouts}},
     .make =
         [](const Options& options) {

@@ -9,7 +9,7 @@ const Registered entry({
     .name = "cuda_implicit_cached",
     .summary = "One thread a voxel, neighbours by grid offset and mask through a texture object.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"block", implicit_blocks}, {"fetch", {"texture", "l1"}}, {"registers", implicit_registers}},
     .make =
         [](const Options& options) {

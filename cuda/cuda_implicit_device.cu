@@ -9,7 +9,7 @@ const Registered entry({
     .name = "cuda_implicit_device",
     .summary = "One thread a voxel, neighbours by grid offset and mask from global memory past L1.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"block", implicit_blocks}, {"fetch", {"cg", "l1"}}, {"registers", implicit_registers}},
     .make =
         [](const Options& options) {

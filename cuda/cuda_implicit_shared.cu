@@ -56,7 +56,7 @@ const Registered entry({
     .summary = "One thread a voxel, neighbours by grid offset and mask from a tile of three slices in shared "
                "memory.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"block", {"64x4", "32x8", "32x4", "16x16"}}, {"registers", implicit_registers}},
     .make =
         [](const Options& options) {

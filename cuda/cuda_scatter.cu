@@ -120,7 +120,7 @@ const Registered entry({
     .name = "cuda_scatter",
     .summary = "One thread a spring, which adds its force to both particles with atomics.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {"position"},
+    .formulations = {Formulation::position},
     .tuning = {{"block", {"256", "64", "128", "512"}}},
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         const auto block = unsigned(std::stoul(options.tuning.at("block")));

@@ -23,11 +23,13 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
     }
     nlohmann::json described = {{"name", entry.name},
                                 {"summary", entry.summary},
-                                {"formulations", entry.formulations},
+                                {"formulations", nlohmann::json::array()},
                                 {"precisions", nlohmann::json::array()},
                                 {"tuning", tuning}};
     for (const Precision precision : entry.precisions)
         described["precisions"].push_back(to_string(precision));
+    for (const Formulation formulation : entry.formulations)
+        described["formulations"].push_back(to_string(formulation));
     try {
         const Capabilities capabilities = BackendSpec::parse(entry.name).make()->capabilities();
         described["available"] = true;
@@ -107,7 +109,8 @@ void list_everything(bool json, std::ostream& out) {
             for (const auto& value : list) text += (text.empty() ? "" : "|") + value.get<std::string>();
             return text;
         };
-        out << "      precision=" << values(backend["precisions"]);
+        out << "      precision=" << values(backend["precisions"])
+            << " formulation=" << values(backend["formulations"]);
         for (const auto& [key, list] : backend["tuning"].items()) out << " " << key << "=" << values(list);
         out << "\n";
     }

@@ -143,7 +143,7 @@ nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec) {
     return {{"name", scene + "/" + spec.label()},
             {"scene", scene},
             {"backend", spec.entry->name},
-            {"formulation", spec.options.formulation},
+            {"formulation", to_string(spec.options.formulation)},
             {"precision", to_string(spec.options.precision)},
             {"tuning", spec.tuning()}};
 }

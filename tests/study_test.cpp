@@ -124,7 +124,7 @@ Registered fake(const std::string& name, std::function<std::unique_ptr<Backend>(
     return Registered({.name = name,
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
-                       .formulations = {"position"},
+                       .formulations = {Formulation::position},
                        .tuning = {},
                        .make = [make](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});

@@ -36,4 +36,13 @@
 // The particle does not move.
 #define PINNED_BIT 0x08000000u
 
+// A list entry names a neighbour and, in its highest bits, how it lies from the particle at rest: the bit of
+// a lattice direction, or one of the two below. Formulations on displacements (formulation.h) ask for it.
+#define LISTED_INDEX_BITS 27
+#define LISTED_INDEX 0x07FFFFFFu
+// An unused slot, which names the particle itself.
+#define NO_DIRECTION 26u
+// Not a lattice neighbour: the spring has a rest offset of its own.
+#define OWN_DIRECTION 31u
+
 #endif

@@ -14,6 +14,7 @@
 
 #define SHARED(ReturnType) ReturnType
 #define SHARED_SCALAR(ReturnType) ReturnType
+#define SHARED_VECTOR(ReturnType) ReturnType
 #define Real float
 #define Vec3 vec3
 #define larger max
@@ -38,6 +39,10 @@
 /// A function whose arguments name both the vector and the scalar type.
 #define SHARED(ReturnType)            \
     template <class Vec3, class Real> \
+    VOXSPRING_HOST_DEVICE inline ReturnType
+/// A function of vectors only.
+#define SHARED_VECTOR(ReturnType) \
+    template <class Vec3>         \
     VOXSPRING_HOST_DEVICE inline ReturnType
 /// A function of scalars only.
 #define SHARED_SCALAR(ReturnType) \

@@ -65,6 +65,25 @@ SpringCounts count_springs(const Problem& problem) {
     return counts;
 }
 
+namespace {
+
+RestSpring rest_spring(const glm::dvec3& offset, double length) {
+    const double squared = glm::dot(offset, offset);
+    return {offset, length, length == std::sqrt(squared) ? 0 : length * length - squared};
+}
+
+}  // namespace
+
+RestSpring rest_spring(const Problem& problem, const Direction& direction) {
+    const glm::dvec3 offset = -glm::dvec3(direction.offset) * problem.lattice.spacing;
+    return rest_spring(offset, problem.rest_length[std::size_t(direction.bit)]);
+}
+
+RestSpring rest_spring(const Problem& problem, const Spring& spring) {
+    return rest_spring(problem.rest_position[spring.first] - problem.rest_position[spring.second],
+                       spring.rest_length);
+}
+
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice) {
     std::vector<std::uint32_t> particle(lattice.voxel_count(), no_particle);
     for (std::size_t i = 0; i < lattice.voxel.size(); ++i) particle[lattice.voxel[i]] = std::uint32_t(i);

@@ -97,6 +97,17 @@ struct Problem {
     double shortest_squared() const;
 };
 
+/// A spring at rest, as the particle i at its one end sees the particle j at the other.
+struct RestSpring {
+    glm::dvec3 offset{0};  ///< X_i - X_j
+    double length = 0;     ///< l
+    double deficit = 0;    ///< l^2 - |offset|^2; 0, not nearly 0, where l is the rounded |offset|
+};
+/// i a particle of the lattice and j its neighbour in `direction`.
+RestSpring rest_spring(const Problem& problem, const Direction& direction);
+/// i = `spring.first`.
+RestSpring rest_spring(const Problem& problem, const Spring& spring);
+
 /// Undirected springs, each counted once.
 struct SpringCounts {
     std::array<std::uint64_t, 3> group{};  ///< face, edge, corner

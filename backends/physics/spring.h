@@ -1,5 +1,5 @@
-// The spring force and the integrator, written once for every language and precision.
-// Rasmusson, Mosegaard and Sorensen (2008), section 2; formulation `position`.
+// The spring force and the integrators, written once for every language and precision.
+// Rasmusson, Mosegaard and Sorensen (2008), section 2, in the formulations of formulation.h.
 #ifndef VOXSPRING_SPRING_H
 #define VOXSPRING_SPRING_H
 
@@ -27,6 +27,30 @@ spring_force(Vec3 offset, Real rest_length, Real stiffness, Real shortest_square
     return force;
 }
 
+/// The same density of a spring whose ends are `relative` = u_i - u_j further apart than at rest, where they
+/// were `rest_offset` = X_i - X_j apart: d = rest_offset + relative. With `rest_deficit` = l^2 - |X_i -
+/// X_j|^2, zero where rest is free of stress, l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset +
+/// relative) and l - |d| = (l^2 - |d|^2) / (l + |d|): no difference of nearly equal lengths is left. Zero to
+/// the bit at rest.
+SHARED(Real)
+strain_density(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
+               Real shortest_squared) {
+    PRECISE Vec3 offset = rest_offset + relative;
+    PRECISE Real deficit = rest_deficit - dot(relative, rest_offset + offset);
+    PRECISE Real length = sqrt(larger(dot(offset, offset), shortest_squared));
+    PRECISE Real density = stiffness * deficit / ((length + rest_length) * length);
+    return density;
+}
+
+/// Force of that spring on the particle i.
+SHARED(Vec3)
+strain_force(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
+             Real shortest_squared) {
+    PRECISE Vec3 force = (rest_offset + relative) * strain_density(relative, rest_offset, rest_length,
+                                                                   rest_deficit, stiffness, shortest_squared);
+    return force;
+}
+
 /// Stiffness of a spring between two materials: half of each spring in series, 2 / (1/k_a + 1/k_b).
 SHARED_SCALAR(Real)
 series_stiffness(Real compliance_a, Real compliance_b) { return Real(2) / (compliance_a + compliance_b); }
@@ -40,6 +64,54 @@ next_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity
     PRECISE Vec3 next =
         x + ((x - previous) * retained + (force * inverse_mass + gravity) * time_step_squared);
     return next;
+}
+
+/// The paper's update as it is printed, (2 - lambda) x - (1 - lambda) x_previous + (f / m + g) dt^2.
+/// `doubled` is 2 - lambda and `retained` 1 - lambda, each rounded by itself.
+SHARED(Vec3)
+next_position_as_printed(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity, Real doubled,
+                         Real retained, Real time_step_squared) {
+    PRECISE Vec3 next =
+        (x * doubled - previous * retained) + (force * inverse_mass + gravity) * time_step_squared;
+    return next;
+}
+
+/// What one step adds to the increment v = x(t) - x(t - dt): (f / m + g) dt^2 - lambda v. The increment so
+/// changed is what it adds to the displacement.
+SHARED(Vec3)
+increment_change(Vec3 increment, Vec3 force, Real inverse_mass, Vec3 gravity, Real damping,
+                 Real time_step_squared) {
+    PRECISE Vec3 change = (force * inverse_mass + gravity) * time_step_squared - increment * damping;
+    return change;
+}
+
+/// What rounding took from `sum` = a + b, exactly (Knuth's TwoSum).
+SHARED_VECTOR(Vec3)
+sum_error(Vec3 a, Vec3 b, Vec3 sum) {
+    PRECISE Vec3 b_taken = sum - a;
+    PRECISE Vec3 a_taken = sum - b_taken;
+    PRECISE Vec3 error = (a - a_taken) + (b - b_taken);
+    return error;
+}
+
+/// The low part of (high + low) + (added + added_low), what split_high() leaves of it. A compiler shares the
+/// two functions' common work.
+SHARED_VECTOR(Vec3)
+split_low(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
+    PRECISE Vec3 sum = high + added;
+    PRECISE Vec3 rest = sum_error(high, added, sum) + (low + added_low);
+    PRECISE Vec3 renormalised = sum + rest;
+    PRECISE Vec3 left = rest - (renormalised - sum);
+    return left;
+}
+
+/// The high part of the same sum: what is nearest to it.
+SHARED_VECTOR(Vec3)
+split_high(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
+    PRECISE Vec3 sum = high + added;
+    PRECISE Vec3 rest = sum_error(high, added, sum) + (low + added_low);
+    PRECISE Vec3 renormalised = sum + rest;
+    return renormalised;
 }
 
 #ifndef VOXSPRING_GLSL

@@ -1,0 +1,36 @@
+// How a backend writes down the state of a simulation and its step; what it rounds follows from that.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+namespace voxspring {
+
+/// | formulation | state of a particle | step |
+/// | --- | --- | --- |
+/// | paper | x, x_previous | next_position_as_printed(), the paper's equation |
+/// | position | x, x_previous | next_position() |
+/// | displacement | u = x - X, u_previous | next_position() of u |
+/// | increment | u, v = u - u_previous | v += increment_change(), u += v, forces by strain_density() |
+/// | compensated | u and v, each a high and a low part | as increment, sums by split_high(), split_low() |
+///
+/// X is the position at rest. The functions are those of spring.h. Spring forces of the first two are
+/// spring_force() of x_i - x_j, of `displacement` spring_force() of (X_i - X_j) + (u_i - u_j); those of
+/// `compensated` take u_i - u_j as the difference of the high parts plus that of the low parts.
+enum class Formulation : std::uint8_t { paper, position, displacement, increment, compensated };
+
+/// In the order of the table.
+inline constexpr std::array all_formulations = {Formulation::paper, Formulation::position,
+                                                Formulation::displacement, Formulation::increment,
+                                                Formulation::compensated};
+
+/// The name in the table.
+std::string to_string(Formulation formulation);
+
+/// Whether the state is x rather than u.
+constexpr bool on_positions(Formulation formulation) { return formulation <= Formulation::position; }
+/// Whether the state has v rather than what was before, and forces come from strain_density().
+constexpr bool by_increments(Formulation formulation) { return formulation >= Formulation::increment; }
+
+}  // namespace voxspring
