@@ -127,6 +127,9 @@ public:
     /// Advance one step under the hardware's own counters, where the device has any.
     virtual WorkCount count_work() { return {}; }
 
+    /// What the last upload() spent on compiling code for its problem; 0 where that was compiled before.
+    virtual double compile_seconds() const { return 0; }
+
     /// Measure what the device can do at best, in about a second. Before the first upload().
     virtual DeviceLimits measure_limits() = 0;
 

@@ -1,6 +1,8 @@
 #include "cuda/cuda_backend.h"
 
 #include <iomanip>
+#include <limits>
+#include <span>
 #include <sstream>
 
 namespace voxspring::cuda {
@@ -52,13 +54,41 @@ void CudaBackend::capture() {
     stream_.synchronize();
 }
 
+void CudaBackend::rewind() {
+    current_ = 0;
+    watch_ = next_watch_;
+    steps_ = last_look_ = 0;
+    const Fault none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
+    if (watch_.every > 0) fault_.upload(std::span(&none, 1), stream_);
+}
+
 void CudaBackend::step(int count) {
+    // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no
+    // longer than its launch; who asks for more looks than that gets them at their price.
+    const bool often = watch_.every > 0 && watch_.every < 32;
     for (int k = graph_lengths - 1; k >= 0; --k) {
+        if (often && 1 << k > watch_.every) continue;
         for (; count >= 1 << k; count -= 1 << k) {
             graphs_[std::size_t(current_)][std::size_t(k)].launch(stream_);
             if (k == 0) current_ = 1 - current_;
+            steps_ += 1 << k;
+            if (watch_.every > 0 && steps_ - last_look_ >= watch_.every) look();
         }
     }
+}
+
+void CudaBackend::look() {
+    enqueue_look({steps_, last_look_, watch_.largest_increment}, fault_.data());
+    last_look_ = steps_;
+}
+
+std::optional<Departure> CudaBackend::departure() {
+    if (watch_.every == 0) return std::nullopt;
+    if (steps_ > last_look_) look();
+    Fault fault{};
+    fault_.download(std::span(&fault, 1), stream_);
+    if (fault.step == std::numeric_limits<long long>::max()) return std::nullopt;
+    return Departure{fault.last, fault.step};
 }
 
 }  // namespace voxspring::cuda

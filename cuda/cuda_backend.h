@@ -6,10 +6,12 @@
 #include <vector>
 
 #include "backends/backend.h"
+#include "cuda/device/buffer.h"
 #include "cuda/device/device.h"
 #include "cuda/device/event.h"
 #include "cuda/device/graph.h"
 #include "cuda/limits.h"
+#include "cuda/watch.h"
 
 namespace voxspring::cuda {
 
@@ -19,6 +21,8 @@ public:
     Capabilities capabilities() const override;
     std::string unsupported(const Problem& problem) const final;
     void step(int count) final;
+    void watch(const Watch& watch) final { next_watch_ = watch; }
+    std::optional<Departure> departure() final;
     void synchronize() final { stream_.synchronize(); }
     DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
 
@@ -29,7 +33,7 @@ protected:
     int current() const { return current_; }
 
     /// Stand at step 0 with x(t) in buffer 0.
-    void rewind() { current_ = 0; }
+    void rewind();
     /// To be called when what enqueue_step() enqueues has changed.
     void capture();
 
@@ -42,6 +46,10 @@ private:
     /// Enqueue one step that reads buffer `reading`.
     virtual void enqueue_step(int reading) = 0;
 
+    /// Enqueue a look at x(t).
+    virtual void enqueue_look(const Look& look, Fault* fault) = 0;
+    void look();
+
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }
 
@@ -49,6 +57,10 @@ private:
     Stream stream_;
     Event begin_, end_;
     int current_ = 0;
+    Watch watch_, next_watch_;
+    std::int64_t steps_ = 0;      ///< since upload()
+    std::int64_t last_look_ = 0;  ///< after how many of them
+    Buffer<Fault> fault_;         ///< one
     /// graphs_[b][k] runs 2^k steps, the first of which reads buffer b.
     std::array<std::vector<Graph>, 2> graphs_;
 };

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "backends/physics/edit.h"
+#include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 #include "cuda/kernels/edit.h"
 #include "cuda/kernels/explicit.h"
@@ -39,17 +40,25 @@ Placement place_on_grid(const Lattice& lattice);
 /// One word a particle.
 Placement place_compact(const Problem& problem);
 
-/// x(t) and x(t - dt) of every particle in its word; words without one are zero.
+/// The state of every particle in its word, as a formulation has it (formulation.h); words without a particle
+/// are zero, and what a formulation has no use for is empty.
 template <class Real>
 struct PackedState {
-    std::vector<Word<Real>> current, previous;
+    std::vector<Word<Real>> current;      ///< x or u
+    std::vector<Word<Real>> previous;     ///< x or u at t - dt
+    std::vector<Word<Real>> current_low;  ///< low parts of u
+    /// v and its low parts: x of all words, then y, then z, increment_pitch() apart.
+    std::vector<Real> increment, increment_low;
 };
+/// Axes of increments begin on a cache line.
+std::size_t increment_pitch(const Placement& placement);
 /// `bits`: one a particle.
 template <class Real>
 PackedState<Real> pack(const Problem& problem, const State& state, const Placement& placement,
-                       std::span<const std::uint32_t> bits);
+                       std::span<const std::uint32_t> bits, Formulation formulation);
 template <class Real>
-State unpack(const Problem& problem, const PackedState<Real>& packed, const Placement& placement);
+State unpack(const Problem& problem, const PackedState<Real>& packed, const Placement& placement,
+             Formulation formulation);
 
 /// Problem::load, one a word; empty if the problem has none.
 template <class Real>
@@ -71,6 +80,21 @@ Motion<Real> make_motion(const Problem& problem);
 /// that it is the very number a kernel computes at rest, and not the square of a rounded root.
 double squared_rest_length(const Problem& problem, const Direction& direction);
 
+/// A rest length as unit_pull() takes it: by increments as it is, else its square, to be measured. The square
+/// is what a kernel finds at rest, so that the force there is zero to the bit.
+template <class Real>
+Real listed_length(const Problem& problem, const Direction& direction, Formulation formulation);
+template <class Real>
+Real listed_length(const Spring& spring, Formulation formulation);
+
+/// How springs of each direction code lie at rest.
+template <class Real>
+std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& problem);
+
+/// Empty, or why a list entry cannot name particles and directions in one word, as formulations on
+/// displacements need it.
+std::string beyond_entries(const Problem& problem, Formulation formulation);
+
 /// Empty, or why stiffness and rest length are not the same for all springs of a group.
 std::string beyond_groups(const Problem& problem);
 
@@ -82,8 +106,10 @@ struct NeighbourLists {
     ListShape shape;
     std::vector<std::uint32_t> neighbour;
     std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without
-    std::vector<std::uint32_t> bits;               ///< one a particle: counters, active and pinned
-    std::array<std::uint32_t, 3> first_slot{};     ///< of each group, without the secondary list
+    /// Of springs beyond the lattice, by displacements; empty if there are none.
+    std::vector<SpringRest<Real>> own_rest;
+    std::vector<std::uint32_t> bits;            ///< one a particle: counters, active and pinned
+    std::array<std::uint32_t, 3> first_slot{};  ///< of each group, without the secondary list
 };
 
 /// Elements of a list of `slots` a particle.
@@ -94,11 +120,11 @@ std::uint32_t slots_by_springs(const Problem& problem);
 
 /// A counter a spring group and no secondary list, for a problem that is not beyond_groups().
 template <class Real>
-NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout);
+NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
 /// One counter, stiffness and rest length a spring, for any problem. A particle's lattice springs come first,
 /// in the order of directions(), then those beyond the lattice in theirs.
 template <class Real>
-NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout);
+NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
 
 /// New lists of the particles that an edit touched.
 template <class Real>
@@ -110,9 +136,11 @@ struct EditedLists {
 std::uint32_t longest_list(const SpringEdit& edit);
 /// As list_by_groups() and list_by_springs() list them, `slots` a particle.
 template <class Real>
-EditedLists<Real> edited_by_groups(const Problem& edited, const SpringEdit& edit, std::uint32_t slots);
+EditedLists<Real> edited_by_groups(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
+                                   Formulation formulation);
 template <class Real>
-EditedLists<Real> edited_by_springs(const Problem& edited, const SpringEdit& edit, std::uint32_t slots);
+EditedLists<Real> edited_by_springs(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
+                                    Formulation formulation);
 
 /// Every spring once. Those of the lattice by direction, then by particle, so that the threads of a warp
 /// touch particles that lie together.
@@ -120,11 +148,13 @@ template <class Real>
 struct SpringArrays {
     std::vector<SpringEnds> ends;
     std::vector<SpringConstants<Real>> constants;
+    /// Of springs beyond the lattice, by displacements; empty if there are none.
+    std::vector<SpringRest<Real>> own_rest;
     /// Where the springs of each odd mask bit begin; at the end, where those beyond the lattice do.
     std::array<std::size_t, neighbour_count + 1> begin{};
 };
 template <class Real>
-SpringArrays<Real> list_every_spring(const Problem& problem);
+SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formulation);
 
 /// Where a spring is in the spring array while springs come and go: one of the lattice that was listed keeps
 /// its slot, which is empty while it is cut; others get slots at the end and give them back.
@@ -132,7 +162,8 @@ class SpringSlots {
 public:
     SpringSlots() = default;
     /// `problem` as it was listed, which must outlive this object; `begin` as in SpringArrays.
-    SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin);
+    SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin,
+                Formulation formulation);
 
     /// What `edit` writes into the array.
     template <class Real>
@@ -148,6 +179,7 @@ private:
     bool was_listed(const ChangedSpring& changed) const;
 
     const Problem* listed_ = nullptr;
+    Formulation formulation_{};
     std::array<std::size_t, neighbour_count + 1> begin_{};
     std::size_t used_ = 0;
     std::vector<std::size_t> free_;
@@ -163,9 +195,16 @@ std::vector<std::uint32_t> state_bits(const Problem& problem);
 // The kernels' arguments, rest lengths squared and pointers null: what is on the device is the caller's to
 // fill in.
 template <class Real>
-ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement);
+ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
+                                      Formulation formulation);
 template <class Real>
-ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists);
+ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists,
+                                      Formulation formulation);
+template <class Real>
+ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<Real>& springs);
+
+/// Terms of kernels/terms.h that `problem` has, lists aside.
+std::uint32_t terms_of(const Problem& problem);
 
 // --- Blocks -------------------------------------------------------------------------------------------
 

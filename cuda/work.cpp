@@ -1,6 +1,6 @@
 #include "cuda/work.h"
 
-#include <bit>
+#include <algorithm>
 
 #include "backends/physics/neighbours.h"
 #include "cuda/kernels/words.h"
@@ -11,10 +11,37 @@ namespace {
 template <class Real>
 constexpr bool single = sizeof(Real) == sizeof(float);
 
-/// unit_force_density() of an offset, the offset's 3 subtractions included: squared_length() 3 in float32 and
-/// 4 in float64, inverse_root() 1 and 6, the density itself 3.
+/// unit_pull() of a relative position or displacement, the 3 subtractions that it takes included:
+/// squared_length() 3 in float32 and 4 in float64, inverse_root() 1 and 6, fast_reciprocal() 1 and 5, the
+/// density 3. On displacements an offset takes one operation more for each axis along which the neighbour
+/// lies, by increments the deficit 3 and as many again; low parts are 6.
 template <class Real>
-constexpr std::uint64_t density_operations = single<Real> ? 3 + 3 + 1 + 3 : 3 + 4 + 6 + 3;
+std::uint64_t pull_operations(const Direction& direction, Formulation formulation) {
+    const glm::ivec3 o = direction.offset;
+    const auto axes = std::uint64_t((o.x != 0) + (o.y != 0) + (o.z != 0));
+    std::uint64_t operations = single<Real> ? 3 + 3 + 1 + 3 : 3 + 4 + 6 + 3;
+    if (!on_positions(formulation)) operations += axes;
+    if (by_increments(formulation)) operations += 3 + axes + (single<Real> ? 1 : 5);
+    if (formulation == Formulation::compensated) operations += 6;
+    return operations;
+}
+
+/// Of a spring beyond the lattice, which may lie along no axis.
+const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::corner};
+
+/// Of every spring, evaluated once.
+template <class Real>
+std::uint64_t all_pulls(const Problem& problem, Formulation formulation) {
+    const SpringCounts springs = count_springs(problem);
+    std::uint64_t operations = springs.beyond * pull_operations<Real>(oblique, formulation);
+    // Springs of a group lie along as many axes.
+    for (std::size_t g = 0; g < 3; ++g) {
+        const auto of_group = std::find_if(directions().begin(), directions().end(),
+                                           [&](const Direction& d) { return std::size_t(d.group) == g; });
+        operations += springs.group[g] * pull_operations<Real>(*of_group, formulation);
+    }
+    return operations;
+}
 
 /// fast_series_stiffness(), the sum of its arguments included, and the density's multiplication by it.
 template <class Real>
@@ -23,15 +50,30 @@ constexpr std::uint64_t material_operations = single<Real> ? 1 + 1 + 1 : 1 + 5 +
 /// A vector times a scalar, added to a sum or not.
 constexpr std::uint64_t vector_operations = 3;
 
-/// What moved() takes: x(t) and x(t - dt) read, x(t + dt) written, one operand of its own each where the
-/// scene has one. next_position() has five vector operations when its additions are fused where they can be.
+/// What advance() takes: x(t) and x(t - dt) read, x(t + dt) written, one operand of its own each where the
+/// scene has one; by increments x(t), v read and written, x(t + dt) written; low parts of both as much again.
+/// In vector operations: the mass, gravity and the time step 3 and, where there is damping, 1;
+/// next_position() 3 more, as printed 2, increments 1; split sums 2 x 11.
 template <class Real>
-StepWork motion_work(const Problem& problem) {
+StepWork motion_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t particles = problem.particle_count();
     const std::uint64_t load = problem.load.empty() ? 0 : sizeof(Vector<Real>);
     const std::uint64_t inverse_mass = problem.has_materials() ? sizeof(Real) : 0;
-    return {.bytes = particles * (3 * sizeof(Word<Real>) + load + inverse_mass),
-            .operations = particles * vector_operations * (problem.load.empty() ? 5 : 6)};
+    const bool split = formulation == Formulation::compensated;
+    std::uint64_t bytes = 3 * sizeof(Word<Real>);
+    if (by_increments(formulation))
+        bytes = (split ? 2 : 1) * (2 * sizeof(Word<Real>) + 2 * sizeof(Vector<Real>));
+    std::uint64_t vectors =
+        2 + (problem.has_gravity() ? 1 : 0) + (problem.damping != 0 ? 1 : 0) + (problem.load.empty() ? 0 : 1);
+    if (formulation == Formulation::paper) {
+        vectors += 3;
+    } else if (split) {
+        vectors += 22;
+    } else {
+        vectors += by_increments(formulation) ? 2 : 3;
+    }
+    return {.bytes = particles * (bytes + load + inverse_mass),
+            .operations = particles * vector_operations * vectors};
 }
 
 /// Sums of groups into the force.
@@ -50,29 +92,30 @@ std::uint64_t spring_ends(const Problem& problem) { return 2 * count_springs(pro
 }  // namespace
 
 template <class Real>
-StepWork implicit_work(const Problem& problem) {
-    StepWork work = motion_work<Real>(problem);
+StepWork implicit_work(const Problem& problem, Formulation formulation) {
+    StepWork work = motion_work<Real>(problem, formulation);
     if (problem.has_materials()) work.bytes += problem.particle_count() * sizeof(Real);  // compliance
     const std::uint64_t material = problem.has_materials() ? material_operations<Real> : 0;
     work.operations += problem.particle_count() * group_operations(problem) +
-                       spring_ends(problem) * (density_operations<Real> + material + vector_operations);
+                       2 * all_pulls<Real>(problem, formulation) +
+                       spring_ends(problem) * (material + vector_operations);
     return work;
 }
 
 template <class Real>
-StepWork explicit_work(const Problem& problem, bool secondary) {
-    StepWork work = motion_work<Real>(problem);
+StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation) {
+    StepWork work = motion_work<Real>(problem, formulation);
     const std::uint64_t ends = spring_ends(problem);
     work.bytes += ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0));
-    work.operations += ends * (density_operations<Real> + vector_operations);
+    work.operations += 2 * all_pulls<Real>(problem, formulation) + ends * vector_operations;
     // The stiffness: once a spring end, or once a group.
     work.operations += secondary ? ends : problem.particle_count() * group_operations(problem);
     return work;
 }
 
 template <class Real>
-StepWork scatter_work(const Problem& problem) {
-    StepWork work = motion_work<Real>(problem);
+StepWork scatter_work(const Problem& problem, Formulation formulation) {
+    StepWork work = motion_work<Real>(problem, formulation);
     const std::uint64_t springs = count_springs(problem).total();
     const std::uint64_t particles = problem.particle_count();
     const std::uint64_t force_read_and_written = 2 * particles * sizeof(Vector<Real>);
@@ -82,15 +125,15 @@ StepWork scatter_work(const Problem& problem) {
     work.bytes += force_read_and_written + particles * sizeof(Word<Real>) +
                   springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>));
     // The stiffness, the force, and its addition to either end.
-    work.operations += springs * (density_operations<Real> + 1 + 3 * vector_operations);
+    work.operations += all_pulls<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);
     return work;
 }
 
-template StepWork implicit_work<float>(const Problem&);
-template StepWork implicit_work<double>(const Problem&);
-template StepWork explicit_work<float>(const Problem&, bool);
-template StepWork explicit_work<double>(const Problem&, bool);
-template StepWork scatter_work<float>(const Problem&);
-template StepWork scatter_work<double>(const Problem&);
+template StepWork implicit_work<float>(const Problem&, Formulation);
+template StepWork implicit_work<double>(const Problem&, Formulation);
+template StepWork explicit_work<float>(const Problem&, bool, Formulation);
+template StepWork explicit_work<double>(const Problem&, bool, Formulation);
+template StepWork scatter_work<float>(const Problem&, Formulation);
+template StepWork scatter_work<double>(const Problem&, Formulation);
 
 }  // namespace voxspring::cuda

@@ -3,20 +3,21 @@
 #pragma once
 
 #include "backends/limits.h"
+#include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
 namespace voxspring::cuda {
 
 /// Of particles by grid offset. Words of inactive voxels do not count, nor neighbours a second time.
 template <class Real>
-StepWork implicit_work(const Problem& problem);
+StepWork implicit_work(const Problem& problem, Formulation formulation);
 
 /// Of particles by list, with or without the secondary list. Unused slots do not count.
 template <class Real>
-StepWork explicit_work(const Problem& problem, bool secondary);
+StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);
 
 /// Of springs, then particles.
 template <class Real>
-StepWork scatter_work(const Problem& problem);
+StepWork scatter_work(const Problem& problem, Formulation formulation);
 
 }  // namespace voxspring::cuda

@@ -1,9 +1,14 @@
 // How a backend writes down the state of a simulation and its step; what it rounds follows from that.
 #pragma once
 
-#include <array>
 #include <cstdint>
+
+#include "backends/physics/portable.h"
+
+#ifndef __CUDACC_RTC__  // kernels need the names alone
+#include <array>
 #include <string>
+#endif
 
 namespace voxspring {
 
@@ -20,6 +25,7 @@ namespace voxspring {
 /// `compensated` take u_i - u_j as the difference of the high parts plus that of the low parts.
 enum class Formulation : std::uint8_t { paper, position, displacement, increment, compensated };
 
+#ifndef __CUDACC_RTC__
 /// In the order of the table.
 inline constexpr std::array all_formulations = {Formulation::paper, Formulation::position,
                                                 Formulation::displacement, Formulation::increment,
@@ -27,10 +33,15 @@ inline constexpr std::array all_formulations = {Formulation::paper, Formulation:
 
 /// The name in the table.
 std::string to_string(Formulation formulation);
+#endif
 
 /// Whether the state is x rather than u.
-constexpr bool on_positions(Formulation formulation) { return formulation <= Formulation::position; }
+VOXSPRING_HOST_DEVICE constexpr bool on_positions(Formulation formulation) {
+    return formulation <= Formulation::position;
+}
 /// Whether the state has v rather than what was before, and forces come from strain_density().
-constexpr bool by_increments(Formulation formulation) { return formulation >= Formulation::increment; }
+VOXSPRING_HOST_DEVICE constexpr bool by_increments(Formulation formulation) {
+    return formulation >= Formulation::increment;
+}
 
 }  // namespace voxspring

@@ -70,7 +70,7 @@ VOXSPRING_HOST_DEVICE inline float squared_length(float x, float y, float z, flo
 }
 
 VOXSPRING_HOST_DEVICE inline double squared_length(double x, double y, double z, double shortest_squared) {
-    return larger(x * x + y * y + z * z, shortest_squared);
+    return larger(std::fma(x, x, std::fma(y, y, z * z)), shortest_squared);
 }
 
 /// A length from its square, as inverse_root() measures it.
@@ -91,6 +91,47 @@ VOXSPRING_HOST_DEVICE inline double refined_reciprocal(double value, double reci
     return std::fma(reciprocal, std::fma(error, error, error), reciprocal);
 }
 
+/// 1 / value, for a normal positive number: in float32 to about 2^-23 on NVIDIA.
+VOXSPRING_HOST_DEVICE inline float fast_reciprocal(float value) {
+#ifdef __CUDA_ARCH__
+    float reciprocal;
+    asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(reciprocal) : "f"(value));
+    return reciprocal;
+#else
+    return 1 / value;
+#endif
+}
+
+VOXSPRING_HOST_DEVICE inline double fast_reciprocal(double value) {
+#ifdef __CUDA_ARCH__
+    double reciprocal;
+    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(reciprocal) : "d"(value));
+    return refined_reciprocal(value, reciprocal);
+#else
+    return 1 / value;
+#endif
+}
+
+/// strain_density() of stiffness 1 from |d|^2, the rest length l and `deficit` = l^2 - |d|^2: deficit / ((l +
+/// |d|) |d|). The deficit carries what is small, so the root's relative error is one of the force, at rest
+/// none.
+template <class Real>
+VOXSPRING_HOST_DEVICE Real unit_strain_density(Real squared, Real rest_length, Real deficit) {
+    const Real inverse = inverse_root(squared);
+    return deficit * inverse * fast_reciprocal(std::fma(squared, inverse, rest_length));
+}
+
+/// The same with one Newton step on the root and on the reciprocal.
+template <class Real>
+VOXSPRING_HOST_DEVICE Real refined_strain_density(Real squared, Real rest_length, Real deficit) {
+    Real inverse = inverse_root(squared);
+    inverse = std::fma(inverse * Real(0.5), std::fma(-(squared * inverse), inverse, Real(1)), inverse);
+    const Real sum = std::fma(squared, inverse, rest_length);
+    Real reciprocal = fast_reciprocal(sum);
+    reciprocal = std::fma(reciprocal, std::fma(-sum, reciprocal, Real(1)), reciprocal);
+    return deficit * inverse * reciprocal;
+}
+
 /// series_stiffness() without an IEEE division.
 VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
 #ifdef __CUDA_ARCH__
@@ -101,14 +142,7 @@ VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, flo
 }
 
 VOXSPRING_HOST_DEVICE inline double fast_series_stiffness(double compliance_a, double compliance_b) {
-#ifdef __CUDA_ARCH__
-    const double sum = compliance_a + compliance_b;
-    double reciprocal;
-    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(reciprocal) : "d"(sum));
-    return 2 * refined_reciprocal(sum, reciprocal);
-#else
-    return 2 / (compliance_a + compliance_b);
-#endif
+    return 2 * fast_reciprocal(compliance_a + compliance_b);
 }
 
 }  // namespace voxspring

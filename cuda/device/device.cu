@@ -60,6 +60,9 @@ Device::Device() {
     name_ = properties.name;
     uuid_ = uuid_of(properties);
     multiprocessors_ = properties.multiProcessorCount;
+    threads_per_multiprocessor_ = properties.maxThreadsPerMultiProcessor;
+    shared_bytes_ = properties.sharedMemPerBlockOptin;
+    architecture_ = 10 * properties.major + properties.minor;
     cudaFuncAttributes attributes{};
     require(cudaFuncGetAttributes(&attributes, probe),
             "this build has no code for " + name_ + " (compute capability " +

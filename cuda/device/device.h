@@ -21,6 +21,12 @@ public:
     int sm_mhz() const { return sm_mhz_; }
     int memory_mhz() const { return memory_mhz_; }
     int multiprocessors() const { return multiprocessors_; }
+    /// Threads that one of them holds.
+    int threads_per_multiprocessor() const { return threads_per_multiprocessor_; }
+    /// The most shared memory that a block may have.
+    std::size_t shared_bytes() const { return shared_bytes_; }
+    /// Compute capability, 90 for 9.0.
+    int architecture() const { return architecture_; }
     /// Bytes of device memory that nobody has allocated.
     std::size_t free_bytes() const;
 
@@ -35,6 +41,9 @@ private:
     int sm_mhz_ = 0;
     int memory_mhz_ = 0;
     int multiprocessors_ = 0;
+    int threads_per_multiprocessor_ = 0;
+    int architecture_ = 0;
+    std::size_t shared_bytes_ = 0;
 };
 
 }  // namespace voxspring::cuda

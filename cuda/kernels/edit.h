@@ -17,6 +17,12 @@ VOXSPRING_HOST_DEVICE Real measured_or_zero(Real squared) {
     return squared >= smallest ? measured_length(squared) : Real(0);
 }
 
+template <class Real>
+VOXSPRING_HOST_DEVICE SpringConstants<Real> rest_measured(SpringConstants<Real> constants, bool squared) {
+    if (squared) constants.rest_length = measured_or_zero(constants.rest_length);
+    return constants;
+}
+
 /// A particle's new bits, by its word.
 struct alignas(8) EditedWord {
     std::uint32_t word, bits;
@@ -33,17 +39,20 @@ struct EditedRows {
     const std::uint32_t* particle;
     const std::uint32_t* bits;
     const std::uint32_t* neighbour;
-    const SpringConstants<Real>* constants;  ///< rest lengths squared; null without a secondary list
+    const SpringConstants<Real>* constants;  ///< null without a secondary list
+    const SpringRest<Real>* own_rest;        ///< null where there is no such list
+    bool squared;                            ///< whether rest lengths are, and have to be measured
 };
 
 /// Writes slot n of the rows to where `shape` has it.
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_slot(const EditedRows<Real>& rows, std::size_t n, const ListShape& shape,
-                                      std::uint32_t* neighbour, SpringConstants<Real>* constants) {
+                                      std::uint32_t* neighbour, SpringConstants<Real>* constants,
+                                      SpringRest<Real>* own_rest) {
     const std::size_t at = shape.at(rows.particle[n / shape.slots], std::uint32_t(n % shape.slots));
     neighbour[at] = rows.neighbour[n];
-    if (rows.constants != nullptr)
-        constants[at] = {rows.constants[n].stiffness, measured_or_zero(rows.constants[n].rest_length)};
+    if (rows.constants != nullptr) constants[at] = rest_measured(rows.constants[n], rows.squared);
+    if (rows.own_rest != nullptr) own_rest[at] = rows.own_rest[n];
 }
 
 /// A spring of the spring array, taken away (stiffness 0), put back or added.
@@ -53,12 +62,14 @@ struct EditedSpring {
     /// Its slot, or, where begin < end, the range in which it is the one with this `first`: springs of a
     /// direction ascend by it.
     std::size_t begin, end;
-    SpringConstants<Real> constants;  ///< rest length squared
+    SpringConstants<Real> constants;
+    SpringRest<Real> own_rest;
+    bool squared;  ///< as in EditedRows
 };
 
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, SpringEnds* ends,
-                                        SpringConstants<Real>* constants) {
+                                        SpringConstants<Real>* constants, SpringRest<Real>* own_rest) {
     std::size_t begin = edited.begin, end = edited.end;
     while (begin < end) {
         const std::size_t middle = begin + (end - begin) / 2;
@@ -69,7 +80,8 @@ VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, Spring
         }
     }
     if (edited.begin == edited.end) ends[begin] = edited.ends;  // others have these already
-    constants[begin] = {edited.constants.stiffness, measured_or_zero(edited.constants.rest_length)};
+    constants[begin] = rest_measured(edited.constants, edited.squared);
+    if (own_rest != nullptr) own_rest[begin] = edited.own_rest;
 }
 
 }  // namespace voxspring::cuda

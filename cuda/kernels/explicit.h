@@ -26,11 +26,14 @@ struct ListShape {
 template <class Real>
 struct ExplicitStep {
     int particles;
+    std::uint32_t group_bits;
     ListShape shape;
-    const std::uint32_t* neighbour;
+    const std::uint32_t* neighbour;          ///< on displacements with a direction code (neighbours.h)
     const SpringConstants<Real>* constants;  ///< the secondary list; null where groups suffice
     std::uint32_t first_slot[3];             ///< without: where each group begins in a list,
     Real stiffness[3], rest_length[3];       ///< and what its springs have in common
+    SpringRest<Real> rest[direction_codes];  ///< by direction code
+    const SpringRest<Real>* own_rest;        ///< by slot, of those with OWN_DIRECTION; null: there are none
     Motion<Real> motion;
     bool operator==(const ExplicitStep&) const = default;
 };
@@ -52,93 +55,108 @@ struct GroupCounters {
 inline constexpr int list_chunk = 6;
 inline constexpr int short_chunk = 2;
 
-/// Adds the pull of `count` springs to `sum`.
-template <int count, class Real, class Current>
-VOXSPRING_HOST_DEVICE void add_chunk(Vector<Real>& sum, Vector<Real> position, const std::uint32_t* neighbour,
-                                     Real rest_length, Real shortest_squared, const Current& current) {
-    Vector<Real> other[count];
-    for (int s = 0; s < count; ++s) other[s] = current.at(int(neighbour[s]), 0).position;
-    for (int s = 0; s < count; ++s) {
-        const Vector<Real> offset = position - other[s];
-        sum = sum + offset * unit_force_density(offset, rest_length, shortest_squared);
+/// The neighbour that a list entry names, and how it lies at rest.
+template <class Terms>
+VOXSPRING_HOST_DEVICE int listed_index(std::uint32_t entry) {
+    return int(Terms::positions ? entry : entry & LISTED_INDEX);
+}
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE SpringRest<Real> listed_rest(const SpringRest<Real>* rest, std::uint32_t entry) {
+    if constexpr (Terms::positions) {
+        return {};
+    } else {
+        return rest[entry >> LISTED_INDEX_BITS];
     }
 }
 
-/// Steps particle i by its lists and counters a spring group. `face_and_edge`: the scene's groups are the
-/// paper's two; otherwise any, tested at run time.
-template <bool face_and_edge, class Real, class Current>
+/// Adds the pull of `count` springs to `sum`.
+template <class Terms, int count, class Real, class Current>
+VOXSPRING_HOST_DEVICE void add_chunk(Vector<Real>& sum, const Point<Real, Terms::split>& point,
+                                     const std::uint32_t* entry, Real rest_length,
+                                     const ExplicitStep<Real>& step, const Current& current) {
+    Point<Real, Terms::split> other[count];
+    for (int s = 0; s < count; ++s) other[s] = current.point(listed_index<Terms>(entry[s]), 0);
+    for (int s = 0; s < count; ++s) {
+        const Pull<Real> pull = unit_pull<Terms>(point - other[s], listed_rest<Terms>(step.rest, entry[s]),
+                                                 rest_length, step.motion.shortest_squared);
+        sum = fused(pull.offset, pull.density, sum);
+    }
+}
+
+/// Steps particle i by its lists and counters a spring group.
+template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i, const Current& current,
-                                          Word<Real>* previous) {
+                                          const Output<Real>& output) {
     if (i >= step.particles) return;
     const std::uint32_t* list = step.neighbour + step.shape.at(std::uint32_t(i), 0);
     // Reads `count` slots of a group, the first of which is `from`.
-    const auto read = [&](std::uint32_t* neighbour, std::uint32_t from, int count) {
+    const auto read = [&](std::uint32_t* entry, std::uint32_t from, int count) {
         for (int s = 0; s < count; ++s)
-            neighbour[s] =
-                current.entry(list + std::size_t(from + std::uint32_t(s)) * step.shape.slot_stride);
+            entry[s] = current.entry(list + std::size_t(from + std::uint32_t(s)) * step.shape.slot_stride);
     };
-    const Real shortest = step.motion.shortest_squared;
     Vector<Real> force{0, 0, 0};
     Vector<Real> group{0, 0, 0};
-    const Particle<Real> self = current.at(i, 0);
-    const Vector<Real> before = load_past_l1(previous + i).position;
-    if constexpr (face_and_edge) {
+    const Self<Real, Terms::split> self = current.self(i);
+    const Before<Real> before = load_before<Terms>(output, i);
+    if constexpr (Terms::groups == (FACE_BITS | EDGE_BITS)) {
         // All indices and the first chunk of each group without a look at the counters: what a fetch does not
         // wait for, a step does not wait for either.
         std::uint32_t face[6], edge[12];
         read(face, 0, 6);
         read(edge, 6, 12);
-        add_chunk<list_chunk>(group, self.position, face, step.rest_length[0], shortest, current);
+        add_chunk<Terms, list_chunk>(group, self.point, face, step.rest_length[0], step, current);
         force = group * step.stiffness[0];
         group = {0, 0, 0};
-        add_chunk<list_chunk>(group, self.position, edge, step.rest_length[1], shortest, current);
+        add_chunk<Terms, list_chunk>(group, self.point, edge, step.rest_length[1], step, current);
         if (GroupCounters::count(self.bits, 1) > list_chunk)
-            add_chunk<list_chunk>(group, self.position, edge + list_chunk, step.rest_length[1], shortest,
-                                  current);
+            add_chunk<Terms, list_chunk>(group, self.point, edge + list_chunk, step.rest_length[1], step,
+                                         current);
         force = force + group * step.stiffness[1];
     } else {
         for (int g = 0; g < 3; ++g) {
             const std::uint32_t count = GroupCounters::count(self.bits, g);
             for (std::uint32_t s = 0; s < count; s += short_chunk) {
-                std::uint32_t neighbour[short_chunk];
-                read(neighbour, step.first_slot[g] + s, short_chunk);
-                add_chunk<short_chunk>(group, self.position, neighbour, step.rest_length[g], shortest,
-                                       current);
+                std::uint32_t entry[short_chunk];
+                read(entry, step.first_slot[g] + s, short_chunk);
+                add_chunk<Terms, short_chunk>(group, self.point, entry, step.rest_length[g], step, current);
             }
             force = force + group * step.stiffness[g];
             group = {0, 0, 0};
         }
     }
-    store(previous + i, moved(step.motion, i, self, before, force));
+    advance<Terms>(step.motion, output, i, self, before, force);
 }
 
 /// Steps particle i by its list and the secondary list: springs of any stiffness and rest length.
-template <class Real, class Current>
+template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_springs(const ExplicitStep<Real>& step, int i, const Current& current,
-                                           Word<Real>* previous) {
+                                           const Output<Real>& output) {
     if (i >= step.particles) return;
-    const Particle<Real> self = current.at(i, 0);
-    const Vector<Real> before = load_past_l1(previous + i).position;
+    const Self<Real, Terms::split> self = current.self(i);
+    const Before<Real> before = load_before<Terms>(output, i);
     Vector<Real> force{0, 0, 0};
     const std::uint32_t count = self.bits & list_count_bits;
     for (std::uint32_t first = 0; first < count; first += list_chunk) {
         const std::size_t at = step.shape.at(std::uint32_t(i), first);
-        std::uint32_t neighbour[list_chunk];
+        std::uint32_t entry[list_chunk];
         SpringConstants<Real> constants[list_chunk];
-        Vector<Real> other[list_chunk];
+        Point<Real, Terms::split> other[list_chunk];
         for (int s = 0; s < list_chunk; ++s)
-            neighbour[s] = current.entry(step.neighbour + at + std::size_t(s) * step.shape.slot_stride);
+            entry[s] = current.entry(step.neighbour + at + std::size_t(s) * step.shape.slot_stride);
         for (int s = 0; s < list_chunk; ++s)
             constants[s] = current.entry(step.constants + at + std::size_t(s) * step.shape.slot_stride);
-        for (int s = 0; s < list_chunk; ++s) other[s] = current.at(int(neighbour[s]), 0).position;
+        for (int s = 0; s < list_chunk; ++s) other[s] = current.point(listed_index<Terms>(entry[s]), 0);
         for (int s = 0; s < list_chunk; ++s) {
-            const Vector<Real> offset = self.position - other[s];
-            const Real scale =
-                unit_force_density(offset, constants[s].rest_length, step.motion.shortest_squared);
-            force = force + offset * (scale * constants[s].stiffness);
+            SpringRest<Real> rest = listed_rest<Terms>(step.rest, entry[s]);
+            if (Terms::template has<term_own_rests>(step.own_rest != nullptr) &&
+                entry[s] >> LISTED_INDEX_BITS == OWN_DIRECTION)
+                rest = step.own_rest[at + std::size_t(s) * step.shape.slot_stride];
+            const Pull<Real> pull = unit_pull<Terms>(self.point - other[s], rest, constants[s].rest_length,
+                                                     step.motion.shortest_squared);
+            force = fused(pull.offset, pull.density * constants[s].stiffness, force);
         }
     }
-    store(previous + i, moved(step.motion, i, self, before, force));
+    advance<Terms>(step.motion, output, i, self, before, force);
 }
 
 }  // namespace voxspring::cuda

@@ -15,83 +15,95 @@ struct ImplicitStep {
     int first;
     const BlockOrigin* origins;  ///< of the blocks with an active voxel; null: blocks cover the lattice
     std::uint32_t group_bits;
-    Real rest_length[13];    ///< of mask bits 2 b and 2 b + 1
+    Vector<Real> spacing;
+    Real rest_length[13];    ///< of mask bits 2 b and 2 b + 1, as unit_pull() takes it
+    Real deficit[13];        ///< likewise: RestSpring::deficit
     Real stiffness[3];       ///< of each spring group, where there is one material
     const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
     Motion<Real> motion;
     bool operator==(const ImplicitStep&) const = default;
 };
 
-/// What of a scene changes the loop over springs, and so is compiled apart.
-template <bool has_materials, bool has_face_and_edge>
-struct ImplicitTerms {
-    /// Stiffness from the two particles' materials rather than from the group.
-    static constexpr bool materials = has_materials;
-    /// The scene's groups are the paper's two; otherwise any, tested at run time.
-    static constexpr bool face_and_edge = has_face_and_edge;
-};
+#ifdef __CUDACC__
+/// Voxel that a block begins at.
+template <class Real>
+__device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
+    if (step.origins != nullptr) return step.origins[blockIdx.x];
+    return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z), 0};
+}
+#endif
 
-/// Force of all springs of `self`. `neighbour(dx, dy, dz)` is the position at that offset and
+/// `steps` spacings; of none a zero that the compiler knows.
+template <class Real>
+VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
+    return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing;
+}
+
+/// Force of all springs of `self`. `neighbour(dx, dy, dz)` is the point at that offset and
 /// `compliance(dx, dy, dz)` the compliance. Both are called for absent neighbours too, so that a fetch waits
 /// for no mask; what they give is then dropped by selection, and a NaN in an inactive voxel stays there.
 template <class Terms, class Real, class Neighbour, class Compliance>
-VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step, Particle<Real> self,
-                                                  Neighbour neighbour, Compliance compliance) {
+VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step,
+                                                  const Self<Real, Terms::split>& self, Neighbour neighbour,
+                                                  Compliance compliance) {
     Vector<Real> force{0, 0, 0};
     Vector<Real> group{0, 0, 0};
+    const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
+    [[maybe_unused]] const Real own_compliance = materials ? compliance(0, 0, 0) : Real(0);
     // All fetches of a group come before the first use: with few warps an SM, as on a small lattice, a step
     // is as long as the memory latencies that a thread waits for one after another.
-#define FETCH_NEIGHBOUR(bit, dx, dy, dz) const Vector<Real> neighbour##bit = neighbour(dx, dy, dz);
-#define ADD_SPRING(bit, dx, dy, dz)                                                                         \
-    {                                                                                                       \
-        const Vector<Real> offset = self.position - neighbour##bit;                                         \
-        Real scale = unit_force_density(offset, step.rest_length[(bit) / 2], step.motion.shortest_squared); \
-        if constexpr (Terms::materials)                                                                     \
-            scale *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));                         \
-        if ((self.bits >> (bit)&1U) != 0) group = group + offset * scale;                                   \
+#define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
+    const Point<Real, Terms::split> neighbour##bit = neighbour(dx, dy, dz);
+#define ADD_SPRING(bit, dx, dy, dz)                                                                        \
+    {                                                                                                      \
+        const SpringRest<Real> rest{                                                                       \
+            {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},          \
+            step.deficit[(bit) / 2]};                                                                      \
+        Pull<Real> pull = unit_pull<Terms>(self.point - neighbour##bit, rest, step.rest_length[(bit) / 2], \
+                                           step.motion.shortest_squared);                                  \
+        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
+        if ((self.bits >> (bit)&1U) != 0) group = fused(pull.offset, pull.density, group);                 \
     }
-    [[maybe_unused]] Real own_compliance{};
-    if constexpr (Terms::materials) own_compliance = compliance(0, 0, 0);
-    if (Terms::face_and_edge || (step.group_bits & FACE_BITS) != 0) {
+    if (Terms::has_group(FACE_BITS, step.group_bits)) {
         FACE_NEIGHBOURS(FETCH_NEIGHBOUR)
         FACE_NEIGHBOURS(ADD_SPRING)
-        force = Terms::materials ? group : group * step.stiffness[0];
+        force = materials ? group : group * step.stiffness[0];
         group = {0, 0, 0};
     }
-    if (Terms::face_and_edge || (step.group_bits & EDGE_BITS) != 0) {
+    if (Terms::has_group(EDGE_BITS, step.group_bits)) {
         EDGE_NEIGHBOURS(FETCH_NEIGHBOUR)
         EDGE_NEIGHBOURS(ADD_SPRING)
-        force = force + (Terms::materials ? group : group * step.stiffness[1]);
+        force = force + (materials ? group : group * step.stiffness[1]);
         group = {0, 0, 0};
     }
-    if (!Terms::face_and_edge && (step.group_bits & CORNER_BITS) != 0) {
+    if (Terms::has_group(CORNER_BITS, step.group_bits)) {
         CORNER_NEIGHBOURS(FETCH_NEIGHBOUR)
         CORNER_NEIGHBOURS(ADD_SPRING)
-        force = force + (Terms::materials ? group : group * step.stiffness[2]);
+        force = force + (materials ? group : group * step.stiffness[2]);
     }
 #undef FETCH_NEIGHBOUR
 #undef ADD_SPRING
     return force;
 }
 
-/// Steps the particle of element `index`, if there is one. `previous` holds its x(t - dt) and receives
-/// x(t + dt); `self` is what `current` holds.
+/// Steps the particle of element `index`, if there is one. `self` is what the reader has of it.
 template <class Terms, class Real, class Neighbour, class Compliance>
-VOXSPRING_HOST_DEVICE void step_voxel(const ImplicitStep<Real>& step, int index, Particle<Real> self,
-                                      Word<Real>* previous, Neighbour neighbour, Compliance compliance) {
+VOXSPRING_HOST_DEVICE void step_voxel(const ImplicitStep<Real>& step, int index,
+                                      const Self<Real, Terms::split>& self, const Output<Real>& output,
+                                      Neighbour neighbour, Compliance compliance) {
     if (self.bits == 0) return;
-    const Vector<Real> before = load_past_l1(previous + index).position;
+    const Before<Real> before = load_before<Terms>(output, index);
     const Vector<Real> force = implicit_force<Terms>(step, self, neighbour, compliance);
-    store(previous + index, moved(step.motion, index, self, before, force));
+    advance<Terms>(step.motion, output, index, self, before, force);
 }
 
-/// A neighbour fetch from memory: `current.at(index, dx)` is the particle of element index + dx.
-template <class Real, class Current>
+/// A neighbour fetch from memory: `current.point(index, dx)` is that of element index + dx.
+template <class Current>
 struct GridNeighbours {
     const Current& current;
     int index, row, slice;
-    VOXSPRING_HOST_DEVICE Vector<Real> operator()(int dx, int dy, int dz) const {
-        return current.at(index + dy * row + dz * slice, dx).position;
+    VOXSPRING_HOST_DEVICE auto operator()(int dx, int dy, int dz) const {
+        return current.point(index + dy * row + dz * slice, dx);
     }
 };
 
@@ -108,34 +120,42 @@ struct GridCompliance {
 /// One thread of a kernel that fetches neighbours from memory: the voxel (x, y, z), which may lie outside.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_from_memory(const ImplicitStep<Real>& step, int x, int y, int z,
-                                            const Current& current, Word<Real>* previous) {
+                                            const Current& current, const Output<Real>& output) {
     if (x >= step.nx || y >= step.ny || z >= step.nz) return;
     const int row = step.nx;
     const int slice = step.nx * step.ny;
     const int index = step.first + x + row * y + slice * z;
-    step_voxel<Terms>(step, index, current.at(index, 0), previous,
-                      GridNeighbours<Real, Current>{current, index, row, slice},
+    step_voxel<Terms>(step, index, current.self(index), output,
+                      GridNeighbours<Current>{current, index, row, slice},
                       GridCompliance<Real>{step.compliance, index, row, slice});
 }
 
 /// Three slices of a tile of W x H particles and a frame of one particle around it, in shared memory: the
-/// paper's Figure 4. Three arrays, so that neighbouring threads read neighbouring banks.
-template <class Real, int W, int H>
+/// paper's Figure 4. An array an axis, so that neighbouring threads read neighbouring banks; three more for
+/// low parts.
+template <class Real, bool split, int W, int H>
 struct Tile {
-    Real x[3][H + 2][W + 2];
-    Real y[3][H + 2][W + 2];
-    Real z[3][H + 2][W + 2];
+    Real axis[split ? 6 : 3][3][H + 2][W + 2];
+
+    VOXSPRING_HOST_DEVICE void put(int first, int k, int cy, int cx, Vector<Real> v) {
+        axis[first][k][cy][cx] = v.x;
+        axis[first + 1][k][cy][cx] = v.y;
+        axis[first + 2][k][cy][cx] = v.z;
+    }
+    VOXSPRING_HOST_DEVICE Vector<Real> get(int first, int k, int cy, int cx) const {
+        return {axis[first][k][cy][cx], axis[first + 1][k][cy][cx], axis[first + 2][k][cy][cx]};
+    }
 
     /// The three particles above one another at column (cx, cy) of the tile, whose middle one is element
     /// `index`. Returns that one.
     template <class Current>
-    VOXSPRING_HOST_DEVICE Particle<Real> load(int cx, int cy, int index, int slice, const Current& current) {
-        Particle<Real> middle{};
+    VOXSPRING_HOST_DEVICE Self<Real, split> load(int cx, int cy, int index, int slice,
+                                                 const Current& current) {
+        Self<Real, split> middle{};
         for (int k = 0; k < 3; ++k) {
-            const Particle<Real> particle = current.at(index + (k - 1) * slice, 0);
-            x[k][cy][cx] = particle.position.x;
-            y[k][cy][cx] = particle.position.y;
-            z[k][cy][cx] = particle.position.z;
+            const Self<Real, split> particle = current.self(index + (k - 1) * slice);
+            put(0, k, cy, cx, particle.point.high);
+            if constexpr (split) put(3, k, cy, cx, particle.point.low);
             if (k == 1) middle = particle;
         }
         return middle;
@@ -144,9 +164,9 @@ struct Tile {
     /// Thread (tx, ty) loads its own column, and those of the frame that it borders. Returns its particle.
     /// What lies outside of the lattice is left unset and belongs to no spring.
     template <class Current>
-    VOXSPRING_HOST_DEVICE Particle<Real> fill(int tx, int ty, int index, int row, int slice,
-                                              const Current& current) {
-        const Particle<Real> self = load(tx + 1, ty + 1, index, slice, current);
+    VOXSPRING_HOST_DEVICE Self<Real, split> fill(int tx, int ty, int index, int row, int slice,
+                                                 const Current& current) {
+        const Self<Real, split> self = load(tx + 1, ty + 1, index, slice, current);
         const bool left = tx == 0, right = tx == W - 1, front = ty == 0, back = ty == H - 1;
         if (left) load(0, ty + 1, index - 1, slice, current);
         if (right) load(W + 1, ty + 1, index + 1, slice, current);
@@ -161,13 +181,17 @@ struct Tile {
 };
 
 /// A neighbour fetch from the tile.
-template <class Real, int W, int H>
+template <class Real, bool split, int W, int H>
 struct TileNeighbours {
-    const Tile<Real, W, H>& tile;
+    const Tile<Real, split, W, H>& tile;
     int tx, ty;
-    VOXSPRING_HOST_DEVICE Vector<Real> operator()(int dx, int dy, int dz) const {
-        return {tile.x[1 + dz][ty + 1 + dy][tx + 1 + dx], tile.y[1 + dz][ty + 1 + dy][tx + 1 + dx],
-                tile.z[1 + dz][ty + 1 + dy][tx + 1 + dx]};
+    VOXSPRING_HOST_DEVICE Point<Real, split> operator()(int dx, int dy, int dz) const {
+        const Vector<Real> high = tile.get(0, 1 + dz, ty + 1 + dy, tx + 1 + dx);
+        if constexpr (split) {
+            return {high, tile.get(3, 1 + dz, ty + 1 + dy, tx + 1 + dx)};
+        } else {
+            return {high};
+        }
     }
 };
 

@@ -1,47 +1,199 @@
-// The parts of a step that every kernel shares: one spring's pull, and the integrator.
+// The parts of a step that every kernel shares: one spring's pull, and the integrators.
 #pragma once
 
 #include "backends/physics/inverse_root.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
+#include "cuda/kernels/terms.h"
 #include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {
 
-/// What moves every particle. A zero gravity or damping is a constant operand like any other; skipping it
-/// would cost the branch that it saves.
+/// What moves every particle.
 template <class Real>
 struct Motion {
     Vector<Real> gravity;
     Real inverse_mass;           ///< of all particles,
     const Real* inverse_masses;  ///< or one a word; null: all the same
     const Vector<Real>* load;    ///< constant force, one a word; null: none
-    Real retained;               ///< 1 - damping
+    Real damping;                ///< lambda
+    Real retained;               ///< 1 - lambda
+    Real doubled;                ///< 2 - lambda
     Real time_step_squared;
     Real shortest_squared;
     bool operator==(const Motion&) const = default;
 };
 
-using voxspring::unit_force_density;
-
-/// Force density of a spring of stiffness 1 along `offset`: the factor of `offset` in its force.
+/// What a step writes.
 template <class Real>
-VOXSPRING_HOST_DEVICE Real unit_force_density(Vector<Real> offset, Real rest_length, Real shortest_squared) {
-    const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
-    return unit_force_density(squared, rest_length, inverse_root(squared));
+struct Output {
+    Word<Real>* next;      ///< of t + dt; on positions and displacements it held those of t - dt
+    Word<Real>* next_low;  ///< their low parts (`compensated`)
+    /// v, by increments: x of all words, then y, then z, `pitch` apart. Overwritten in place.
+    Real* increment;
+    Real* increment_low;
+    std::size_t pitch;
+};
+
+/// Where a particle is, as its neighbours see it: a position or a displacement.
+template <class Real, bool split>
+struct Point {
+    Vector<Real> high;
+};
+template <class Real>
+struct Point<Real, true> {
+    Vector<Real> high, low;
+};
+
+template <class Real>
+VOXSPRING_HOST_DEVICE Vector<Real> operator-(const Point<Real, false>& a, const Point<Real, false>& b) {
+    return a.high - b.high;
+}
+template <class Real>
+VOXSPRING_HOST_DEVICE Vector<Real> operator-(const Point<Real, true>& a, const Point<Real, true>& b) {
+    return (a.high - b.high) + (a.low - b.low);
 }
 
-/// The particle of word `index`, one step on under `force`; itself if it is pinned.
+/// A particle and its bits.
+template <class Real, bool split>
+struct Self {
+    Point<Real, split> point;
+    std::uint32_t bits;
+};
+
+/// Reads points through `Fetch`.
+template <class Real, bool split, class Fetch>
+struct Reader {
+    const Fetch& high;
+    const Fetch& low;  ///< of no use unless split
+
+    VOXSPRING_HOST_DEVICE Point<Real, split> point(int index, int dx) const {
+        if constexpr (split) {
+            return {high.at(index, dx).position, low.at(index, dx).position};
+        } else {
+            return {high.at(index, dx).position};
+        }
+    }
+    VOXSPRING_HOST_DEVICE Self<Real, split> self(int index) const {
+        const Particle<Real> word = high.at(index, 0);
+        if constexpr (split) {
+            return {{word.position, low.at(index, 0).position}, word.bits};
+        } else {
+            return {{word.position}, word.bits};
+        }
+    }
+    template <class T>
+    VOXSPRING_HOST_DEVICE T entry(const T* p) const {
+        return high.entry(p);
+    }
+};
+
+/// The force of a spring of stiffness 1 on particle i is `offset` times `density`.
 template <class Real>
-VOXSPRING_HOST_DEVICE Particle<Real> moved(const Motion<Real>& motion, int index, Particle<Real> self,
-                                           Vector<Real> previous, Vector<Real> force) {
-    if ((self.bits & PINNED_BIT) != 0) return self;
-    if (motion.load != nullptr) force = force + motion.load[index];
-    const Real inverse_mass =
-        motion.inverse_masses != nullptr ? motion.inverse_masses[index] : motion.inverse_mass;
-    return {next_position(self.position, previous, force, inverse_mass, motion.gravity, motion.retained,
-                          motion.time_step_squared),
-            self.bits};
+struct Pull {
+    Vector<Real> offset;
+    Real density;
+};
+
+/// `relative`: x_i - x_j or u_i - u_j. `rest_length` as measured_length() gives it or, by increments, as it
+/// is.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRest<Real>& rest,
+                                           Real rest_length, Real shortest_squared) {
+    // Less what is zero folds away, which plus zero would not.
+    const Vector<Real> offset = Terms::positions ? relative : relative - rest.offset;
+    const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
+    if constexpr (Terms::increments) {
+        const Vector<Real> sum = offset - rest.offset;
+        const Real deficit = std::fma(
+            -relative.x, sum.x, std::fma(-relative.y, sum.y, std::fma(-relative.z, sum.z, rest.deficit)));
+        return {offset, Terms::refined ? refined_strain_density(squared, rest_length, deficit)
+                                       : unit_strain_density(squared, rest_length, deficit)};
+    } else {
+        return {offset, unit_force_density(squared, rest_length, inverse_root(squared))};
+    }
+}
+
+/// What a step overwrites of a particle: x or u at t - dt, or v.
+template <class Real>
+struct Before {
+    Vector<Real> high, low;
+};
+
+template <class Real>
+VOXSPRING_HOST_DEVICE Vector<Real> load_axes(const Real* from, std::size_t pitch) {
+    return {from[0], from[pitch], from[2 * pitch]};
+}
+template <class Real>
+VOXSPRING_HOST_DEVICE void store_axes(Real* to, std::size_t pitch, Vector<Real> v) {
+    to[0] = v.x;
+    to[pitch] = v.y;
+    to[2 * pitch] = v.z;
+}
+
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Before<Real> load_before(const Output<Real>& output, int index) {
+    if constexpr (Terms::split) {
+        return {load_axes(output.increment + index, output.pitch),
+                load_axes(output.increment_low + index, output.pitch)};
+    } else if constexpr (Terms::increments) {
+        return {load_axes(output.increment + index, output.pitch), {}};
+    } else {
+        return {load_past_l1(output.next + index).position, {}};
+    }
+}
+
+/// Moves the particle of word `index` on by one step under `force`, unless it is pinned.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE void advance(const Motion<Real>& motion, const Output<Real>& output, int index,
+                                   const Self<Real, Terms::split>& self, const Before<Real>& before,
+                                   Vector<Real> force) {
+    const bool pinned = Terms::template has<term_pins>(true) && (self.bits & PINNED_BIT) != 0;
+    if (Terms::template has<term_loads>(motion.load != nullptr)) force = force + motion.load[index];
+    const Real inverse_mass = Terms::template has<term_materials>(motion.inverse_masses != nullptr)
+                                  ? motion.inverse_masses[index]
+                                  : motion.inverse_mass;
+    // Constants where the scene lacks the term, neutral to the bit, which the compiler folds away.
+    const Real zero = -Real(0);
+    const Vector<Real> gravity =
+        Terms::compiled(term_gravity) ? motion.gravity : Vector<Real>{zero, zero, zero};
+    const Real retained = Terms::compiled(term_damping) ? motion.retained : Real(1);
+    const Real squared = motion.time_step_squared;
+    const Vector<Real> at = self.point.high;
+    if constexpr (Terms::increments) {
+        Vector<Real> change;
+        if constexpr (Terms::compiled(term_damping)) {
+            change = increment_change(before.high, force, inverse_mass, gravity, motion.damping, squared);
+        } else {
+            change = increment_change(Vector<Real>{0, 0, 0}, force, inverse_mass, gravity, Real(0), squared);
+        }
+        if constexpr (Terms::split) {
+            const Vector<Real> none{0, 0, 0};
+            Vector<Real> v = split_high(before.high, before.low, change, none);
+            Vector<Real> v_low = split_low(before.high, before.low, change, none);
+            if (pinned) v = v_low = none;
+            store_axes(output.increment + index, output.pitch, v);
+            store_axes(output.increment_low + index, output.pitch, v_low);
+            const Vector<Real> u = split_high(at, self.point.low, v, v_low);
+            const Vector<Real> u_low = split_low(at, self.point.low, v, v_low);
+            store(output.next + index, Particle<Real>{pinned ? at : u, self.bits});
+            store(output.next_low + index, Particle<Real>{pinned ? self.point.low : u_low, 0});
+        } else {
+            Vector<Real> v = before.high + change;
+            if (pinned) v = {0, 0, 0};
+            store_axes(output.increment + index, output.pitch, v);
+            store(output.next + index, Particle<Real>{pinned ? at : at + v, self.bits});
+        }
+    } else {
+        Vector<Real> next;
+        if constexpr (Terms::formulation == Formulation::paper) {
+            next = next_position_as_printed(at, before.high, force, inverse_mass, gravity, motion.doubled,
+                                            motion.retained, squared);
+        } else {
+            next = next_position(at, before.high, force, inverse_mass, gravity, retained, squared);
+        }
+        store(output.next + index, Particle<Real>{pinned ? at : next, self.bits});
+    }
 }
 
 }  // namespace voxspring::cuda

@@ -2,7 +2,7 @@
 // first. The bodies of its two kernels.
 #pragma once
 
-#include "cuda/kernels/motion.h"
+#include "cuda/kernels/explicit.h"
 
 namespace voxspring::cuda {
 
@@ -10,9 +10,12 @@ namespace voxspring::cuda {
 template <class Real>
 struct ScatterStep {
     int particles;
-    std::size_t springs;  ///< slots of both arrays; a stiffness of 0 marks one without a spring
-    const SpringEnds* ends;
+    std::uint32_t group_bits;
+    std::size_t springs;     ///< slots of all arrays; a stiffness of 0 marks one without a spring
+    const SpringEnds* ends;  ///< on displacements `second` with a direction code, as seen from `first`
     const SpringConstants<Real>* constants;
+    SpringRest<Real> rest[direction_codes];  ///< by direction code
+    const SpringRest<Real>* own_rest;        ///< by slot, of those with OWN_DIRECTION; null: there are none
     /// x of all particles, then y, then z, `pitch` apart: neighbouring threads then add to neighbouring
     /// addresses. Zero between steps.
     Real* force;
@@ -31,20 +34,23 @@ VOXSPRING_HOST_DEVICE void add_atomically(Real* sum, Real value) {
 }
 
 /// Adds the force of spring s.
-template <class Real, class Current>
+template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void scatter_spring(const ScatterStep<Real>& step, std::size_t s,
                                           const Current& current) {
     if (s >= step.springs) return;
     const SpringConstants<Real> constants = current.entry(step.constants + s);
     if (constants.stiffness == 0) return;  // a spring that was cut, or room for one to come
     const SpringEnds ends = current.entry(step.ends + s);
-    const Vector<Real> offset =
-        current.at(int(ends.first), 0).position - current.at(int(ends.second), 0).position;
-    const Vector<Real> force =
-        offset * (unit_force_density(offset, constants.rest_length, step.motion.shortest_squared) *
-                  constants.stiffness);
+    const int other = listed_index<Terms>(ends.second);
+    SpringRest<Real> rest = listed_rest<Terms>(step.rest, ends.second);
+    if (Terms::template has<term_own_rests>(step.own_rest != nullptr) &&
+        ends.second >> LISTED_INDEX_BITS == OWN_DIRECTION)
+        rest = step.own_rest[s];
+    const Pull<Real> pull = unit_pull<Terms>(current.point(int(ends.first), 0) - current.point(other, 0),
+                                             rest, constants.rest_length, step.motion.shortest_squared);
+    const Vector<Real> force = pull.offset * (pull.density * constants.stiffness);
     Real* first = step.force + ends.first;
-    Real* second = step.force + ends.second;
+    Real* second = step.force + other;
     add_atomically(first, force.x);
     add_atomically(first + step.pitch, force.y);
     add_atomically(first + 2 * step.pitch, force.z);
@@ -54,16 +60,15 @@ VOXSPRING_HOST_DEVICE void scatter_spring(const ScatterStep<Real>& step, std::si
 }
 
 /// Moves particle i and leaves its force at zero for the next step.
-template <class Real, class Current>
+template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void integrate(const ScatterStep<Real>& step, int i, const Current& current,
-                                     Word<Real>* previous) {
+                                     const Output<Real>& output) {
     if (i >= step.particles) return;
     Real* sum = step.force + i;
-    const Vector<Real> force{sum[0], sum[step.pitch], sum[2 * step.pitch]};
-    sum[0] = sum[step.pitch] = sum[2 * step.pitch] = 0;
-    const Particle<Real> self = current.at(i, 0);
-    const Vector<Real> before = load_past_l1(previous + i).position;
-    store(previous + i, moved(step.motion, i, self, before, force));
+    const Vector<Real> force = load_axes(sum, step.pitch);
+    store_axes(sum, step.pitch, Vector<Real>{0, 0, 0});
+    const Self<Real, Terms::split> self = current.self(i);
+    advance<Terms>(step.motion, output, i, self, load_before<Terms>(output, i), force);
 }
 
 }  // namespace voxspring::cuda

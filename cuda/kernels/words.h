@@ -28,8 +28,15 @@ VOXSPRING_HOST_DEVICE Vector<Real> operator*(Vector<Real> v, Real s) {
     return {v.x * s, v.y * s, v.z * s};
 }
 
-/// A position and the bits that go with it in one word of 16 or 32 bytes: a neighbour mask (implicit) or the
-/// counters of its lists (explicit), with ACTIVE_BIT and PINNED_BIT of neighbours.h in either case.
+/// a s + b, each component rounded once.
+template <class Real>
+VOXSPRING_HOST_DEVICE Vector<Real> fused(Vector<Real> a, Real s, Vector<Real> b) {
+    return {std::fma(a.x, s, b.x), std::fma(a.y, s, b.y), std::fma(a.z, s, b.z)};
+}
+
+/// A position (or displacement; formulation.h) and the bits that go with it in one word of 16 or 32 bytes: a
+/// neighbour mask (implicit) or the counters of its lists (explicit), with ACTIVE_BIT and PINNED_BIT of
+/// neighbours.h in either case. A word of low parts has no bits.
 template <class Real>
 struct alignas(16) Word {
     using Bits = std::conditional_t<sizeof(Real) == 4, std::uint32_t, std::uint64_t>;
@@ -49,9 +56,21 @@ struct Particle {
 template <class Real>
 struct alignas(2 * sizeof(Real)) SpringConstants {
     Real stiffness;
-    /// As measured_length() gives it on the device; its square until then (measure_rest_lengths).
+    /// As unit_pull() takes it. Where that is as measured_length() gives it on the device, its square until
+    /// then (measure_rest_lengths).
     Real rest_length;
 };
+
+/// How the ends of a spring lie at rest: RestSpring (problem.h) of particle i and its neighbour j.
+template <class Real>
+struct alignas(4 * sizeof(Real)) SpringRest {
+    Vector<Real> offset;  ///< X_j - X_i
+    Real deficit;         ///< l^2 - |offset|^2
+    bool operator==(const SpringRest&) const = default;
+};
+
+/// A direction code of a list entry (LISTED_INDEX_BITS of neighbours.h) is less than this.
+inline constexpr int direction_codes = 32;
 
 /// The two particles of a spring.
 struct alignas(8) SpringEnds {

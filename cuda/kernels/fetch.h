@@ -1,9 +1,7 @@
-// How kernels read: one type a path. Each is what a kernel gets as its argument; its Source lives on the host
-// beside the buffer that it reads.
+// How kernels read: one type a path, each a handle of 8 bytes that a kernel gets as its argument. Device code
+// alone.
 #pragma once
 
-#include "cuda/device/buffer.h"
-#include "cuda/device/texture.h"
 #include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {
@@ -36,24 +34,9 @@ __device__ inline SpringConstants<double> list_entry_through_l1(const SpringCons
     return {v.x, v.y};
 }
 
-/// Reads a buffer by its address.
-template <class Fetch>
-class AddressSource {
-public:
-    explicit AddressSource(const Buffer<typename Fetch::Element>& buffer) : fetch_{buffer.data()} {}
-    const Fetch& fetch() const { return fetch_; }
-
-private:
-    Fetch fetch_;
-};
-
 /// Global memory past L1 (ld.global.cg): the nearest thing today to the uncached loads of 2008.
 template <class Real>
 struct PastL1 {
-    using Element = Word<Real>;
-    using Source = AddressSource<PastL1>;
-    static constexpr int texels_per_word = 0;
-
     const Word<Real>* words;
     __device__ Particle<Real> at(int index, int dx) const {
         const Word<Real>* row = words + index;
@@ -68,10 +51,6 @@ struct PastL1 {
 /// Plain loads, which L1 caches.
 template <class Real>
 struct ThroughL1 {
-    using Element = Word<Real>;
-    using Source = AddressSource<ThroughL1>;
-    static constexpr int texels_per_word = 0;
-
     const Word<Real>* words;
     __device__ Particle<Real> at(int index, int dx) const {
         const Word<Real>* row = words + index;
@@ -86,11 +65,9 @@ struct ThroughL1 {
 /// Positions through a texture object (tex1Dfetch): float4, or two int4 for float64. Lists as plain loads.
 template <class Real>
 struct ThroughTexture {
-    static constexpr int texels_per_word = int(sizeof(Word<Real>) / 16);
-
     cudaTextureObject_t texture;
     __device__ Particle<Real> at(int index, int dx) const {
-        if constexpr (texels_per_word == 1) {
+        if constexpr (sizeof(Word<Real>) == 16) {
             return unpacked(tex1Dfetch<float4>(texture, index + dx));
         } else {
             const int4 a = tex1Dfetch<int4>(texture, 2 * (index + dx));
@@ -103,17 +80,6 @@ struct ThroughTexture {
     __device__ T entry(const T* p) const {
         return list_entry_through_l1(p);
     }
-
-    class Source {
-    public:
-        explicit Source(const Buffer<Word<Real>>& buffer)
-            : texture_(make_texture(
-                  buffer, texels_per_word == 1 ? cudaChannelFormatKindFloat : cudaChannelFormatKindSigned)) {}
-        ThroughTexture fetch() const { return {texture_.get()}; }
-
-    private:
-        Texture texture_;
-    };
 };
 
 }  // namespace voxspring::cuda

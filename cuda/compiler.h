@@ -1,0 +1,28 @@
+// Compiles kernels for the scene and the card at hand, with NVRTC. Needs no GPU.
+#pragma once
+
+#include <map>
+#include <string>
+
+namespace voxspring::cuda {
+
+/// A kernel before it is compiled: a file of kernels/ and the macros that specialise it.
+struct KernelSource {
+    std::string file;  ///< "implicit.cu"
+    std::map<std::string, std::string> macros;
+    bool operator==(const KernelSource&) const = default;
+};
+
+struct CompiledKernel {
+    std::string code;    ///< machine code, or PTX where NVRTC knows no such card
+    double seconds = 0;  ///< that compiling took; 0: it was found on disk
+};
+
+/// `architecture`: compute capability, 90 for 9.0. Throws DeviceError with NVRTC's log if the source is
+/// wrong.
+CompiledKernel compile(const KernelSource& source, int architecture);
+
+/// The name of every kernel.
+inline constexpr const char* kernel_name = "step";
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,21 @@
+// Neighbour lists with a secondary list of stiffness and rest length; positions through the texture path.
+#include "cuda/explicit.h"
+#include "cuda/tuning.h"
+
+namespace voxspring::cuda {
+namespace {
+
+const Registered entry({
+    .name = "cuda_explicit_cached",
+    .summary = "One thread a particle, neighbours, stiffness and rest length by list, positions through a "
+               "texture object.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = every_formulation,
+    .tuning = tuning({{"block", explicit_blocks}, {"fetch", {"texture", "l1"}}, {"layout", list_layouts}}),
+    .make = [](const Options& options) { return make_explicit(options, Secondary::always); },
+    .bytes = [](const Problem& problem,
+                const Options& options) { return explicit_bytes(problem, options, Secondary::always); },
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

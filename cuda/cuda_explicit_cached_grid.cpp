@@ -1,0 +1,22 @@
+// Neighbour lists of a regular grid: a counter a spring group instead of a secondary list; positions through
+// the texture path.
+#include "cuda/explicit.h"
+#include "cuda/tuning.h"
+
+namespace voxspring::cuda {
+namespace {
+
+const Registered entry({
+    .name = "cuda_explicit_cached_grid",
+    .summary = "One thread a particle, neighbours by list with a counter a spring group, positions through a "
+               "texture object.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = every_formulation,
+    .tuning = tuning({{"block", explicit_blocks}, {"fetch", {"texture", "l1"}}, {"layout", list_layouts}}),
+    .make = [](const Options& options) { return make_explicit(options, Secondary::never); },
+    .bytes = [](const Problem& problem,
+                const Options& options) { return explicit_bytes(problem, options, Secondary::never); },
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

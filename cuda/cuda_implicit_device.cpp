@@ -1,0 +1,20 @@
+// The grid in global memory, read past L1.
+#include "cuda/implicit.h"
+#include "cuda/tuning.h"
+
+namespace voxspring::cuda {
+namespace {
+
+const Registered entry({
+    .name = "cuda_implicit_device",
+    .summary = "One thread a voxel, neighbours by grid offset and mask from global memory past L1.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = every_formulation,
+    .tuning =
+        tuning({{"block", implicit_blocks}, {"fetch", {"cg", "l1"}}, {"registers", implicit_registers}}),
+    .make = make_implicit,
+    .bytes = implicit_bytes,
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

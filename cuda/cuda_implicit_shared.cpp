@@ -1,0 +1,21 @@
+// The grid by way of shared memory: a block loads three slices of a tile with a frame of one particle, and
+// steps the middle slice (Figure 4).
+#include "cuda/implicit.h"
+#include "cuda/tuning.h"
+
+namespace voxspring::cuda {
+namespace {
+
+const Registered entry({
+    .name = "cuda_implicit_shared",
+    .summary = "One thread a voxel, neighbours by grid offset and mask from a tile of three slices in shared "
+               "memory.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = every_formulation,
+    .tuning = tuning({{"block", {"64x4", "32x8", "32x4", "16x16"}}, {"registers", implicit_registers}}),
+    .make = make_tiled,
+    .bytes = implicit_bytes,
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

@@ -1,0 +1,153 @@
+// One thread a spring and atomic sums, then one thread a particle.
+#include <algorithm>
+#include <memory>
+
+#include "cuda/measure.h"
+#include "cuda/particles.h"
+#include "cuda/tuning.h"
+#include "cuda/work.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr int most_threads = 512;
+
+// Axes of the force array begin on a cache line.
+std::size_t force_pitch(const Problem& problem) { return (problem.particle_count() + 31) / 32 * 32; }
+
+template <class Real>
+std::uint64_t scatter_bytes(const Problem& problem, Formulation formulation) {
+    const bool own_rest = !problem.springs.empty() && !on_positions(formulation);
+    return particle_bytes<Real>(problem, place_compact(problem), formulation) +
+           3 * force_pitch(problem) * sizeof(Real) +
+           count_springs(problem).total() * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>) +
+                                             (own_rest ? sizeof(SpringRest<Real>) : 0));
+}
+
+template <class Real>
+class ScatterBackend final : public ParticleBackend<Real, ScatterStep<Real>> {
+public:
+    ScatterBackend(const KernelFamily& family, unsigned block)
+        : ParticleBackend<Real, ScatterStep<Real>>(family), block_(block) {}
+
+    Capabilities capabilities() const override {
+        Capabilities capabilities = CudaBackend::capabilities();
+        capabilities.deterministic = false;  // atomics add in any order
+        return capabilities;
+    }
+
+    void upload(const Problem& problem, const State& state) override {
+        this->synchronize();
+        this->start_compiling();
+        const SpringArrays<Real> springs = list_every_spring<Real>(problem, this->formulation());
+        slots_ = SpringSlots(problem, springs.begin, this->formulation());
+        ends_.upload(springs.ends, this->stream());
+        constants_.upload(springs.constants, this->stream());
+        own_rest_.upload(springs.own_rest, this->stream());
+        if (!by_increments(this->formulation())) measure_rest_lengths(constants_, this->stream());
+        force_.resize(3 * force_pitch(problem));
+        force_.fill_with_zeros(this->stream());
+
+        typename ScatterBackend::Launch launch;
+        launch.block = dim3(block_);
+        launch.grid = dim3(blocks_for(problem.particle_count(), block_));
+        launch.step = make_scatter_step<Real>(problem, springs);
+        launch.step.force = force_.data();
+        launch.step.pitch = force_pitch(problem);
+        point_at_springs(launch.step);
+        choose_kernels(problem, launch);
+        this->start(problem, state, place_compact(problem), state_bits(problem), launch);
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        const std::vector<EditedSpring<Real>> springs = slots_.template slots_of<Real>(edit);
+        const bool needs_own_rest = !edited.springs.empty() && !on_positions(this->formulation());
+        if (slots_.used() > ends_.size() || (needs_own_rest && own_rest_.size() == 0)) {
+            // Room for as many again and some more, empty until it is needed.
+            const std::size_t size = slots_.used() + std::max<std::size_t>(slots_.used() / 8, 1024);
+            ends_.grow(size, this->stream());
+            constants_.grow(size, this->stream());
+            if (needs_own_rest) own_rest_.grow(size, this->stream());
+            typename ScatterBackend::Launch launch = this->launch();
+            launch.step.springs = size;
+            point_at_springs(launch.step);
+            choose_kernels(edited, launch);
+            this->replay(launch);
+        }
+        write_springs(edited_springs_.send(std::span<const EditedSpring<Real>>(springs), this->stream()),
+                      springs.size(), ends_.data(), constants_.data(), own_rest_.data(), this->stream());
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        return scatter_work<Real>(problem, this->formulation());
+    }
+
+private:
+    std::string refused(const Problem& problem) const override {
+        if (std::string why = beyond_entries(problem, this->formulation()); !why.empty()) return why;
+        return too_many_words<Real>(problem.particle_count(), this->device(), this->family().fetch);
+    }
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return scatter_bytes<Real>(problem, this->formulation());
+    }
+    std::uint64_t bytes_held() const override {
+        return this->particle_bytes_held() + ends_.bytes() + constants_.bytes() + own_rest_.bytes() +
+               force_.bytes() + edited_springs_.bytes();
+    }
+
+    void point_at_springs(ScatterStep<Real>& step) const {
+        step.ends = ends_.data();
+        step.constants = constants_.data();
+        step.own_rest = own_rest_.data();
+    }
+
+    void choose_kernels(const Problem& problem, typename ScatterBackend::Launch& launch) {
+        KernelSource source = this->family().source("scatter.cu", problem, most_threads, 1,
+                                                    own_rest_.size() > 0 ? term_own_rests : 0);
+        launch.kernel = this->kernel(source);
+        source.macros["FORCES"] = "1";
+        add_forces_ = this->kernel(source);
+    }
+
+    void enqueue_step(int reading) override {
+        const ScatterStep<Real>& step = this->launch().step;
+        if (step.springs > 0)
+            this->launch_kernel(*add_forces_, dim3(blocks_for(step.springs, block_)), dim3(block_), 0, step,
+                                reading);
+        ParticleBackend<Real, ScatterStep<Real>>::enqueue_step(reading);
+    }
+
+    const unsigned block_;
+    std::shared_ptr<const Kernel> add_forces_;
+    SpringSlots slots_;
+    Staging<EditedSpring<Real>> edited_springs_;
+    Buffer<SpringEnds> ends_;
+    Buffer<SpringConstants<Real>> constants_;
+    Buffer<SpringRest<Real>> own_rest_;
+    Buffer<Real> force_;
+};
+
+const Registered entry({
+    .name = "cuda_scatter",
+    .summary = "One thread a spring, which adds its force to both particles with atomics.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = every_formulation,
+    .tuning = tuning({{"block", {"256", "64", "128", "512"}}}),
+    .make = [](const Options& options) -> std::unique_ptr<Backend> {
+        const auto block = unsigned(std::stoul(options.tuning.at("block")));
+        const KernelFamily family(options, Fetch::through_l1);
+        if (options.precision == Precision::float32)
+            return std::make_unique<ScatterBackend<float>>(family, block);
+        return std::make_unique<ScatterBackend<double>>(family, block);
+    },
+    .bytes =
+        [](const Problem& problem, const Options& options) {
+            return options.precision == Precision::float32
+                       ? scatter_bytes<float>(problem, options.formulation)
+                       : scatter_bytes<double>(problem, options.formulation);
+        },
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

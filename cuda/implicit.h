@@ -1,0 +1,30 @@
+// Implicit addressing: the backend that the kernel which fetches neighbours from memory shares with the one
+// that fetches them from a tile.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "backends/registry.h"
+#include "cuda/cuda_backend.h"
+
+namespace voxspring::cuda {
+
+/// Device memory of either.
+std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
+
+/// The backend whose positions come by the path that the tuning parameter `fetch` names.
+std::unique_ptr<Backend> make_implicit(const Options& options);
+/// The one that fills tiles as wide and high as a block.
+std::unique_ptr<Backend> make_tiled(const Options& options);
+
+/// Shapes of at most 256 threads, the default first.
+inline const TuningValues implicit_blocks = {"32x4x2",  "32x8x1", "64x4x1", "128x2x1",
+                                             "128x1x1", "16x4x4", "8x8x4"};
+/// What a kernel is compiled for. On a small lattice, whose threads all run at once, a step takes as long as
+/// one thread waits for memory: it gets many registers, to fetch all neighbours of a group at once. On a
+/// large one other threads run meanwhile, and few registers make room for more of them. By the lattice's
+/// size: auto.
+inline const TuningValues implicit_registers = {"auto", "many", "few"};
+
+}  // namespace voxspring::cuda

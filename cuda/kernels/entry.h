@@ -1,0 +1,17 @@
+// What a kernel file is compiled with at run time (cuda/compiler.h): REAL, FETCH, TERMS, THREADS and BLOCKS
+// are macros. A kernel's arguments are those of cuda/particles.h.
+#pragma once
+
+#include "cuda/kernels/fetch.h"
+#include "cuda/kernels/terms.h"
+
+namespace voxspring::cuda {
+
+using Real = REAL;
+using Fetch = FETCH<Real>;
+using Terms = TERMS;
+
+/// BLOCKS, that an SM has to have room for, lets the compiler spend registers on fetches in flight.
+#define KERNEL extern "C" __global__ void __launch_bounds__(THREADS, BLOCKS)
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,18 @@
+// With SECONDARY by the secondary list, else by counters a spring group.
+#include "cuda/kernels/entry.h"
+#include "cuda/kernels/explicit.h"
+
+namespace voxspring::cuda {
+
+KERNEL step(const __grid_constant__ ExplicitStep<Real> step, const __grid_constant__ Fetch high,
+            const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
+    const int i = int(blockIdx.x * blockDim.x + threadIdx.x);
+    const Reader<Real, Terms::split, Fetch> current{high, low};
+#ifdef SECONDARY
+    step_by_springs<Terms>(step, i, current, output);
+#else
+    step_by_groups<Terms>(step, i, current, output);
+#endif
+}
+
+}  // namespace voxspring::cuda

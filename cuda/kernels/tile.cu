@@ -1,0 +1,27 @@
+// The grid by way of shared memory, in tiles of WIDTH x HEIGHT.
+#include "cuda/kernels/entry.h"
+#include "cuda/kernels/implicit.h"
+
+namespace voxspring::cuda {
+
+extern __shared__ __align__(16) unsigned char shared_memory[];
+
+KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_constant__ Fetch high,
+            const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
+    auto& tile = *reinterpret_cast<Tile<Real, Terms::split, WIDTH, HEIGHT>*>(shared_memory);
+    const BlockOrigin origin = block_origin(step);
+    const int tx = int(threadIdx.x), ty = int(threadIdx.y);
+    const int x = origin.x + tx, y = origin.y + ty;
+    const int row = step.nx, slice = step.nx * step.ny;
+    const int index = step.first + x + row * y + slice * origin.z;
+    const bool inside = x < step.nx && y < step.ny;
+    Self<Real, Terms::split> self{};
+    if (inside) self = tile.fill(tx, ty, index, row, slice, Reader<Real, Terms::split, Fetch>{high, low});
+    __syncthreads();
+    if (!inside) return;
+    step_voxel<Terms>(step, index, self, output,
+                      TileNeighbours<Real, Terms::split, WIDTH, HEIGHT>{tile, tx, ty},
+                      GridCompliance<Real>{step.compliance, index, row, slice});
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,29 @@
+// A look at the state on the device: is every particle finite and slow enough?
+#pragma once
+
+#include <cstdint>
+
+#include "cuda/device/stream.h"
+#include "cuda/kernels/words.h"
+
+namespace voxspring::cuda {
+
+struct Look {
+    std::int64_t step;         ///< at which it is
+    std::int64_t last;         ///< of the look before
+    double largest_increment;  ///< |x(t) - x(t - dt)|
+};
+
+/// On the device: the first look that found fault, and the one before it.
+struct Fault {
+    long long step, last;
+};
+
+/// Enqueues it. Increments are those from `before` to `words` or, where that is null, `increment`, an axis
+/// every `pitch` elements. A word without bits is no particle. `fault` starts with the largest numbers there
+/// are.
+template <class Real>
+void look_at(const Word<Real>* words, const Word<Real>* before, const Real* increment, std::size_t pitch,
+             std::size_t count, const Look& look, Fault* fault, const Stream& stream);
+
+}  // namespace voxspring::cuda

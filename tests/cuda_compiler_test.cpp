@@ -1,0 +1,114 @@
+// Every kernel that a CUDA backend may ask for, compiled for two architectures; no GPU is needed for that.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "backends/backend.h"
+#include "cuda/compiler.h"
+#include "cuda/layout.h"
+
+namespace voxspring::cuda {
+namespace {
+
+struct Kind {
+    const char* name;
+    const char* file;
+    std::map<std::string, std::string> macros;
+    std::vector<const char*> fetches;
+};
+
+std::vector<Kind> kinds() {
+    const std::vector<const char*> memory = {"PastL1", "ThroughL1", "ThroughTexture"};
+    return {
+        {"implicit", "implicit.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, memory},
+        {"tile",
+         "tile.cu",
+         {{"THREADS", "256"}, {"BLOCKS", "2"}, {"WIDTH", "64"}, {"HEIGHT", "4"}},
+         {"PastL1"}},
+        {"by_groups", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, memory},
+        {"by_springs", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"SECONDARY", "1"}}, memory},
+        {"add_forces", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"FORCES", "1"}}, {"ThroughL1"}},
+        {"integrate", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, {"ThroughL1"}}};
+}
+
+class Compiler : public ::testing::TestWithParam<Formulation> {};
+
+// What a scene of the paper needs, and everything: terms are independent of each other.
+TEST_P(Compiler, CompilesEveryKernel) {
+    for (const Kind& kind : kinds()) {
+        for (const char* fetch : kind.fetches) {
+            for (const char* real : {"float", "double"}) {
+                for (const bool everything : {false, true}) {
+                    for (const int architecture : {75, 90}) {
+                        // The oldest has everything of the newest but speed: one of each is enough there.
+                        if (architecture == 75 && (everything || std::string(fetch) != kind.fetches.front()))
+                            continue;
+                        SCOPED_TRACE(std::string(kind.name) + " " + fetch + " " + real);
+                        KernelSource source{kind.file, kind.macros};
+                        source.macros["REAL"] = real;
+                        source.macros["FETCH"] = fetch;
+                        const std::string terms =
+                            everything ? std::to_string(NEIGHBOUR_BITS) + "u," +
+                                             std::to_string(all_terms | term_own_rests | term_refined_root) +
+                                             "u,true"
+                                       : std::to_string(FACE_BITS | EDGE_BITS) + "u," +
+                                             std::to_string(term_gravity | term_pins) + "u,false";
+                        source.macros["TERMS"] =
+                            "KernelTerms<Formulation::" + to_string(GetParam()) + "," + terms + ">";
+                        const CompiledKernel compiled = compile(source, architecture);
+                        EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
+                    }
+                }
+            }
+        }
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(Formulations, Compiler, ::testing::ValuesIn(all_formulations),
+                         [](const auto& tested) { return to_string(tested.param); });
+
+TEST(Compiler, FindsOnDiskWhatItCompiledBefore) {
+    const std::string folder = ::testing::TempDir() + "voxspring_kernels";
+    setenv("VOXSPRING_CACHE", folder.c_str(), 1);
+    KernelSource source{"implicit.cu",
+                        {{"REAL", "float"},
+                         {"FETCH", "PastL1"},
+                         {"THREADS", "64"},
+                         {"BLOCKS", "1"},
+                         {"TERMS", "KernelTerms<Formulation::position,63u,0u,false>"}}};
+    const CompiledKernel first = compile(source, 90);
+    const CompiledKernel again = compile(source, 90);
+    EXPECT_EQ(again.seconds, 0);
+    EXPECT_EQ(again.code, first.code);
+    source.macros["THREADS"] = "128";
+    EXPECT_GT(compile(source, 90).seconds + compile(source, 80).seconds, 0);
+    std::filesystem::remove_all(folder);
+    unsetenv("VOXSPRING_CACHE");
+}
+
+TEST(Compiler, SaysWhatIsWrong) {
+    try {
+        compile({"implicit.cu", {{"REAL", "half_a_float"}}}, 90);
+        FAIL() << "compiled";
+    } catch (const DeviceError& error) {
+        EXPECT_NE(std::string(error.what()).find("half_a_float"), std::string::npos) << error.what();
+    }
+}
+
+// A card newer than the compiler gets code that its driver finishes.
+TEST(Compiler, FallsBackToPtx) {
+    const KernelSource source{"implicit.cu",
+                              {{"REAL", "float"},
+                               {"FETCH", "ThroughL1"},
+                               {"THREADS", "64"},
+                               {"BLOCKS", "1"},
+                               {"TERMS", "KernelTerms<Formulation::increment,63u,0u,false>"}}};
+    EXPECT_NE(compile(source, 999).code.find(".target"), std::string::npos);
+    EXPECT_THROW(compile(source, 30), DeviceError);
+}
+
+}  // namespace
+}  // namespace voxspring::cuda
