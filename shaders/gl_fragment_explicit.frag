@@ -10,18 +10,29 @@
 layout(binding = 6) uniform usampler2DArray neighbour;
 // Layer k: stiffness and rest length of each particle's spring k.
 layout(binding = 7) uniform sampler2DArray spring;
-// Layer k: what `rest` is to a direction, where entry k says OWN_DIRECTION.
+// Layer k: what rest_of() is to a direction, where entry k says OWN_DIRECTION.
 layout(binding = 8) uniform sampler2DArray own_rest;
 
 uniform float rest_length[3];
 uniform float group_stiffness[3];
+
+// Offset + 1 of each direction, two bits an axis: the first 16, and the others. Shifts are cheaper than a table
+// that each fragment reads elsewhere.
+#define PACK_FIRST(bit, dx, dy, dz) | (bit < 16 ? uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31) : uvec3(0))
+#define PACK_OTHER(bit, dx, dy, dz) | (bit < 16 ? uvec3(0) : uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31))
+#define PACK(part) uvec3(0) FACE_NEIGHBOURS(part) EDGE_NEIGHBOURS(part) CORNER_NEIGHBOURS(part)
+
+ivec3 offset_of(uint direction) {
+    uvec3 offsets = direction < 16u ? PACK(PACK_FIRST) : PACK(PACK_OTHER);
+    return ivec3(offsets >> (2u * direction & 31u) & 3u) - 1;
+}
 
 vec3 pull_of(Particle particle, uint k, float rest_length, float stiffness) {
     uint entry = texelFetch(neighbour, ivec3(particle.texel, k), 0).x;
     uint index = entry & LISTED_INDEX;
     uint direction = entry >> LISTED_INDEX_BITS;
     ivec2 there = ivec2(index & ((1u << WIDTH_BITS) - 1u), index >> WIDTH_BITS);
-    vec4 at_rest = rest[direction];
+    vec4 at_rest = rest_of(offset_of(direction), direction);
 #ifdef OWN_REST
     if (direction == OWN_DIRECTION) at_rest = texelFetch(own_rest, ivec3(particle.texel, k), 0);
 #endif

@@ -1,6 +1,7 @@
 // What a fragment does for its particle however it finds the neighbours: read, pull, integrate, write.
 //
-// DAMPING, GRAVITY, PINS, LOADS and MATERIALS are defined where the scene has them. A formulation
+// DAMPING, GRAVITY, PINS, LOADS and MATERIALS are defined where the scene has them, DEFICITS where lattice
+// springs are stressed at rest and the formulation asks for it. A formulation
 // (formulation.h) is ON_POSITIONS, BY_INCREMENTS or neither; PAPER and COMPENSATED are one each.
 #include "neighbours.h"
 #include "spring.h"
@@ -50,8 +51,10 @@ uniform float inverse_mass;
 uniform float time_step_squared;
 uniform float shortest_squared;
 
-// By direction as a list entry has it (neighbours.h). xyz: X_i - X_j; w: rest deficit (spring.h).
-uniform vec4 rest[32];
+uniform vec3 spacing;
+#ifdef DEFICITS
+uniform float rest_deficit[32];  // by direction as a list entry has it (neighbours.h)
+#endif
 
 layout(location = 0) out vec4 next;
 #ifdef BY_INCREMENTS
@@ -80,7 +83,16 @@ Particle own_particle() {
 
 uint bits_of(Particle particle) { return floatBitsToUint(particle.here.w); }
 
-// Force on the particle of its spring to the one in texel `there`. `at_rest` as in `rest`.
+// How a lattice spring lies at rest. xyz: X_i - X_j; w: rest deficit (spring.h).
+vec4 rest_of(ivec3 offset, uint direction) {
+#ifdef DEFICITS
+    return vec4(vec3(offset) * -spacing, rest_deficit[direction]);
+#else
+    return vec4(vec3(offset) * -spacing, 0);
+#endif
+}
+
+// Force on the particle of its spring to the one in texel `there`, which lies at rest as rest_of() says.
 //
 // Everything here and below is `precise`: a compiler may else fuse one multiply-add where a term is compiled
 // in and another where it is left out, and skipping would change bits.

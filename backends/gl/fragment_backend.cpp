@@ -58,6 +58,14 @@ Defines formulation_defines(Formulation formulation) {
     return defines;
 }
 
+/// Whether springs of the lattice are stressed at rest.
+bool has_deficits(const Problem& problem) {
+    return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+        return (problem.group_bits >> direction.bit & 1u) != 0 &&
+               rest_spring(problem, direction).deficit != 0;
+    });
+}
+
 Defines terms(const Problem& problem, bool all) {
     Defines defines;
     const auto add = [&](const char* name, bool needed) {
@@ -196,6 +204,7 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
 void FragmentBackend::make_program(const Problem& problem) {
     Defines defines = terms(problem, all_terms_);
     defines.merge(formulation_defines(formulation_));
+    if (by_increments(formulation_) && (all_terms_ || has_deficits(problem))) defines["DEFICITS"] = "";
     defines.merge(specialise(problem));
     const Source fragment = load_source(fragment_shader_, defines);
     if (fragment.text != fragment_text_) {
@@ -203,12 +212,11 @@ void FragmentBackend::make_program(const Problem& problem) {
         fragment_text_ = fragment.text;
         glUseProgram(program_.get());
     }
-    std::array<glm::vec4, direction_codes> rest{};
-    if (!problem.lattice.mask.empty()) {
-        for (const Direction& direction : directions())
-            rest[std::size_t(direction.bit)] = at_rest(rest_spring(problem, direction));
-    }
-    program_.set("rest", rest);
+    std::array<float, direction_codes> deficit{};
+    for (const Direction& direction : directions())
+        deficit[std::size_t(direction.bit)] = float(rest_spring(problem, direction).deficit);
+    program_.set("rest_deficit", deficit);
+    program_.set("spacing", glm::vec3(problem.lattice.spacing));
     program_.set("damping", float(problem.damping));
     program_.set("retained", float(1 - problem.damping));
     program_.set("doubled", float(2 - problem.damping));

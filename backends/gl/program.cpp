@@ -152,10 +152,6 @@ void Program::set(const char* name, std::span<const float> values) const {
     glProgramUniform1fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), values.data());
 }
 
-void Program::set(const char* name, std::span<const glm::vec4> values) const {
-    glProgramUniform4fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), &values[0].x);
-}
-
 void Program::set(const char* name, int value) const {
     glProgramUniform1i(get(), glGetUniformLocation(get(), name), value);
 }
