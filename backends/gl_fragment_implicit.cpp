@@ -62,10 +62,9 @@ public:
     }
 
     StepWork step_work(const Problem& problem) const override {
-        StepWork work = motion_work(problem, problem.lattice.voxel_count());
+        StepWork work = fragment_work(problem, problem.lattice.voxel_count());
         // series_stiffness() and its product with the group's.
-        const std::uint64_t material = all_terms() || problem.has_materials() ? 3 : 0;
-        work.operations += 2 * count_springs(problem).total() * (gl::pull_operations + material);
+        if (all_terms() || problem.has_materials()) work.operations += 2 * count_springs(problem).total() * 3;
         return work;
     }
 
@@ -99,7 +98,7 @@ private:
 
     bool has_room(const Problem&, const SpringEdit&) const override { return true; }
 
-    TexelEdit edited_texels(const SpringEdit& edit) const override {
+    TexelEdit edited_texels(const Problem&, const SpringEdit& edit) const override {
         TexelEdit texels;
         for (const SpringEdit::Touched& touched : edit.touched)
             texels.particles.push_back({texel_of(touched.particle), touched.mask, 0, 0});
@@ -114,7 +113,7 @@ const Registered entry({
     .summary = "OpenGL fragment shader over the flattened grid, neighbours by place (Mosegaard and Sorensen "
                "2005).",
     .precisions = {Precision::float32},
-    .formulations = {Formulation::position},
+    .formulations = every_formulation,
     .tuning = gl::fragment_tuning(),
     .make = [](const Options& options) { return std::make_unique<GlFragmentImplicit>(options); },
     .bytes =

@@ -1,5 +1,6 @@
 #include "cuda/cuda_backend.h"
 
+#include <algorithm>
 #include <iomanip>
 #include <limits>
 #include <span>
@@ -63,11 +64,18 @@ void CudaBackend::rewind() {
 }
 
 void CudaBackend::step(int count) {
-    // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no
-    // longer than its launch; who asks for more looks than that gets them at their price.
+    // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no longer
+    // than its launch; who asks for more looks than that gets them at their price.
     const bool often = watch_.every > 0 && watch_.every < 32;
+    while (count > 0) {
+        const int steps = often ? std::min(count, watch_.every - int(steps_ - last_look_)) : count;
+        replay(steps);
+        count -= steps;
+    }
+}
+
+void CudaBackend::replay(int count) {
     for (int k = graph_lengths - 1; k >= 0; --k) {
-        if (often && 1 << k > watch_.every) continue;
         for (; count >= 1 << k; count -= 1 << k) {
             graphs_[std::size_t(current_)][std::size_t(k)].launch(stream_);
             if (k == 0) current_ = 1 - current_;
@@ -84,7 +92,6 @@ void CudaBackend::look() {
 
 std::optional<Departure> CudaBackend::departure() {
     if (watch_.every == 0) return std::nullopt;
-    if (steps_ > last_look_) look();
     Fault fault{};
     fault_.download(std::span(&fault, 1), stream_);
     if (fault.step == std::numeric_limits<long long>::max()) return std::nullopt;

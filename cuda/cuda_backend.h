@@ -49,6 +49,8 @@ private:
     /// Enqueue a look at x(t).
     virtual void enqueue_look(const Look& look, Fault* fault) = 0;
     void look();
+    /// Launches graphs of `count` steps in all, and looks between them.
+    void replay(int count);
 
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }

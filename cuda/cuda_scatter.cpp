@@ -73,7 +73,7 @@ public:
             launch.step.springs = size;
             point_at_springs(launch.step);
             choose_kernels(edited, launch);
-            this->replay(launch);
+            this->resume(launch);
         }
         write_springs(edited_springs_.send(std::span<const EditedSpring<Real>>(springs), this->stream()),
                       springs.size(), ends_.data(), constants_.data(), own_rest_.data(), this->stream());

@@ -119,7 +119,7 @@ private:
         this->synchronize();
         auto [launch, bits] = lay_out(edited);
         launch.step.motion = this->launch().step.motion;
-        this->replay(launch);
+        this->resume(launch);
         std::vector<std::uint32_t> all(edited.particle_count());
         std::iota(all.begin(), all.end(), 0U);
         this->write_particle_bits(all, bits);

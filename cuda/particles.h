@@ -95,7 +95,7 @@ protected:
         return Kernel::get(source, device(), compile_seconds_);
     }
 
-    /// Copies the state in and stands at step 0, ready to replay `launch`. `bits`: one a particle. Points the
+    /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points the
     /// step's motion at the arrays kept here.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
@@ -118,11 +118,11 @@ protected:
         launch.step.motion.load = load_.data();
         launch.step.motion.inverse_masses = inverse_masses_.data();
         rewind();
-        replay(launch, moved);
+        resume(launch, moved);
     }
 
     /// Goes on with `launch`, whose motion points where the one before it did.
-    void replay(const Launch& launch, bool words_moved = false) {
+    void resume(const Launch& launch, bool words_moved = false) {
         const bool changed = words_moved || launch.kernel != launch_.kernel ||
                              !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
                              !(launch.step == launch_.step);

@@ -1,42 +1,59 @@
-// One fragment a particle; its neighbours' texels stand in a list, two fetches a neighbour.
+// One fragment a particle; its neighbours stand in a list, two fetches a neighbour.
 //
 // With PER_SPRING each spring has its own stiffness and rest length and w counts all neighbours; without,
 // w counts those of each group, COUNT_BITS bits a group, and the group has them. FACES, EDGES and CORNERS
-// are defined where the scene has springs of that group.
+// are defined where the scene has springs of that group, OWN_REST where it has springs beyond the lattice and
+// the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
 #include "particle.glsl"
 
-// Layer k: the texel of each particle's neighbour k, x in the lower half, y in the upper.
-layout(binding = 4) uniform usampler2DArray neighbour;
+// Layer k: each particle's neighbour k, a list entry as in neighbours.h.
+layout(binding = 6) uniform usampler2DArray neighbour;
 // Layer k: stiffness and rest length of each particle's spring k.
-layout(binding = 5) uniform sampler2DArray spring;
+layout(binding = 7) uniform sampler2DArray spring;
+// Layer k: what rest_of() is to a direction, where entry k says OWN_DIRECTION.
+layout(binding = 8) uniform sampler2DArray own_rest;
 
 uniform float rest_length[3];
 uniform float group_stiffness[3];
 
-vec3 offset_from_neighbour(ivec2 texel, vec3 here, uint k) {
-    uint there = texelFetch(neighbour, ivec3(texel, k), 0).x;
-    return here - texelFetch(position, ivec2(there & 0xFFFFu, there >> 16), 0).xyz;
+// Offset + 1 of each direction, two bits an axis: the first 16, and the others. Shifts are cheaper than a table
+// that each fragment reads elsewhere.
+#define PACK_FIRST(bit, dx, dy, dz) | (bit < 16 ? uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31) : uvec3(0))
+#define PACK_OTHER(bit, dx, dy, dz) | (bit < 16 ? uvec3(0) : uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31))
+#define PACK(part) uvec3(0) FACE_NEIGHBOURS(part) EDGE_NEIGHBOURS(part) CORNER_NEIGHBOURS(part)
+
+ivec3 offset_of(uint direction) {
+    uvec3 offsets = direction < 16u ? PACK(PACK_FIRST) : PACK(PACK_OTHER);
+    return ivec3(offsets >> (2u * direction & 31u) & 3u) - 1;
+}
+
+vec3 pull_of(Particle particle, uint k, float rest_length, float stiffness) {
+    uint entry = texelFetch(neighbour, ivec3(particle.texel, k), 0).x;
+    uint index = entry & LISTED_INDEX;
+    uint direction = entry >> LISTED_INDEX_BITS;
+    ivec2 there = ivec2(index & ((1u << WIDTH_BITS) - 1u), index >> WIDTH_BITS);
+    vec4 at_rest = rest_of(offset_of(direction), direction);
+#ifdef OWN_REST
+    if (direction == OWN_DIRECTION) at_rest = texelFetch(own_rest, ivec3(particle.texel, k), 0);
+#endif
+    return pull(particle, there, at_rest, rest_length, stiffness);
 }
 
 void main() {
-    ivec2 texel = ivec2(gl_FragCoord.xy);
-    vec4 here = texelFetch(position, texel, 0);
-    uint bits = floatBitsToUint(here.w);
+    Particle particle = own_particle();
+    uint bits = bits_of(particle);
     precise vec3 force = vec3(0);
     uint k = 0u;
 #ifdef PER_SPRING
     for (uint end = bits & NEIGHBOUR_BITS; k < end; ++k) {
-        vec2 own = texelFetch(spring, ivec3(texel, k), 0).xy;
-        force += spring_force(offset_from_neighbour(texel, here.xyz, k), own.y, own.x, shortest_squared);
+        vec2 own = texelFetch(spring, ivec3(particle.texel, k), 0).xy;
+        force += pull_of(particle, k, own.y, own.x);
     }
 #else
     uint end = 0u;
-#define ADD(group)                                                                           \
-    end += bits >> (COUNT_BITS * group) & ((1u << COUNT_BITS) - 1u);                         \
-    for (; k < end; ++k) {                                                                   \
-        force += spring_force(offset_from_neighbour(texel, here.xyz, k), rest_length[group], \
-                              group_stiffness[group], shortest_squared);                     \
-    }
+#define ADD(group)                                                                               \
+    end += bits >> (COUNT_BITS * group) & ((1u << COUNT_BITS) - 1u);                             \
+    for (; k < end; ++k) force += pull_of(particle, k, rest_length[group], group_stiffness[group]);
 #ifdef FACES
     ADD(0)
 #endif
@@ -47,5 +64,5 @@ void main() {
     ADD(2)
 #endif
 #endif
-    advance(texel, here, force);
+    advance(particle, force);
 }

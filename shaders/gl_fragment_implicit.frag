@@ -10,9 +10,9 @@ uniform int slice_height;
 uniform int last_column;  // x of the first texel of the last slice in a row of slices
 
 void main() {
-    ivec2 texel = ivec2(gl_FragCoord.xy);
-    vec4 here = texelFetch(position, texel, 0);
-    uint bits = floatBitsToUint(here.w);
+    Particle particle = own_particle();
+    ivec2 texel = particle.texel;
+    uint bits = bits_of(particle);
     // From a voxel to the one below and above it. Those of the first and the last slice lead nowhere, and
     // no bit says to follow them.
     ivec2 below = texel.x >= slice_width ? ivec2(-slice_width, 0) : ivec2(last_column, -slice_height);
@@ -25,11 +25,11 @@ void main() {
 #define STIFFNESS(group, there) group_stiffness[group]
 #endif
 
-#define ADD(bit, dx, dy, dz, group)                                                            \
-    if ((bits & (1u << bit)) != 0u) {                                                          \
-        ivec2 there = texel + ivec2(dx, dy) + (dz < 0 ? below : dz > 0 ? above : ivec2(0));    \
-        force += spring_force(here.xyz - texelFetch(position, there, 0).xyz, rest_length[bit], \
-                              STIFFNESS(group, there), shortest_squared);                      \
+#define ADD(bit, dx, dy, dz, group)                                                           \
+    if ((bits & (1u << bit)) != 0u) {                                                         \
+        ivec2 there = texel + ivec2(dx, dy) + (dz < 0 ? below : dz > 0 ? above : ivec2(0));   \
+        force += pull(particle, there, rest_of(ivec3(dx, dy, dz), bit), rest_length[bit],     \
+                      STIFFNESS(group, there));                                               \
     }
 #define ADD_FACE(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 0)
 #define ADD_EDGE(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 1)
@@ -45,5 +45,5 @@ void main() {
 #ifdef CORNERS
     CORNER_NEIGHBOURS(ADD_CORNER)
 #endif
-    advance(texel, here, force);
+    advance(particle, force);
 }

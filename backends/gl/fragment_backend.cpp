@@ -13,12 +13,58 @@ namespace voxspring::gl {
 namespace {
 
 // Texture units, as in shaders/particle.glsl.
-constexpr GLuint position_unit = 0;  // x(t), then x(t - dt)
-constexpr GLuint load_unit = 2;
-constexpr GLuint material_unit = 3;
+constexpr GLuint state_unit = 0;  // up to four of them
+constexpr GLuint load_unit = 4;
+constexpr GLuint material_unit = 5;
+/// Directions that a list entry can tell apart.
+constexpr std::size_t direction_codes = std::size_t(1) << (32 - LISTED_INDEX_BITS);
+
+/// In found_ until a look fails; else the number of the first that did, from 1.
+constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
+
+constexpr float nan = std::numeric_limits<float>::quiet_NaN();
+/// What a texel without a particle holds.
+const glm::vec4 guard(nan, nan, nan, 0);
+
+std::size_t target_count_of(Formulation formulation) {
+    if (formulation == Formulation::compensated) return 4;
+    return by_increments(formulation) ? 2 : 1;
+}
+std::size_t frame_count_of(Formulation formulation) { return by_increments(formulation) ? 2 : 3; }
+
+/// What a target of the frame at t - age dt holds of a particle.
+glm::vec3 stored(Formulation formulation, const Problem& problem, const State& state, std::size_t particle,
+                 std::size_t age, std::size_t target) {
+    if (by_increments(formulation)) {
+        const glm::dvec3& exact = (target % 2 == 0 ? state.displacement : state.increment)[particle];
+        const glm::vec3 high(exact);
+        return target < 2 ? high : glm::vec3(exact - glm::dvec3(high));
+    }
+    glm::dvec3 place = state.displacement[particle];
+    if (on_positions(formulation)) place += problem.rest_position[particle];
+    if (age == 1) place -= state.increment[particle];
+    return glm::vec3(place);
+}
 
 bool needs_loads(const Problem& problem, bool all_terms) { return all_terms || !problem.load.empty(); }
 bool needs_materials(const Problem& problem, bool all_terms) { return all_terms || problem.has_materials(); }
+
+Defines formulation_defines(Formulation formulation) {
+    Defines defines;
+    if (on_positions(formulation)) defines["ON_POSITIONS"] = "";
+    if (by_increments(formulation)) defines["BY_INCREMENTS"] = "";
+    if (formulation == Formulation::paper) defines["PAPER"] = "";
+    if (formulation == Formulation::compensated) defines["COMPENSATED"] = "";
+    return defines;
+}
+
+/// Whether springs of the lattice are stressed at rest.
+bool has_deficits(const Problem& problem) {
+    return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+        return (problem.group_bits >> direction.bit & 1u) != 0 &&
+               rest_spring(problem, direction).deficit != 0;
+    });
+}
 
 Defines terms(const Problem& problem, bool all) {
     Defines defines;
@@ -36,10 +82,30 @@ Defines terms(const Problem& problem, bool all) {
     return defines;
 }
 
+/// Floating-point operations on one end of a spring, as GLSL may fuse them.
+std::uint64_t pull_operations(Formulation formulation) {
+    // Offset from the neighbour 3, its square 3, larger() and root 1 each, force and sum 3.
+    constexpr std::uint64_t every = 3 + 3 + 1 + 1 + 3;
+    // force_density() 3; on displacements the rest offset.
+    if (!by_increments(formulation)) return every + 3 + (on_positions(formulation) ? 0 : 3);
+    // Rest offset 3, twice it 3, deficit 3 + 1, the rest of strain_density() 4; the low parts' difference.
+    return every + 14 + (formulation == Formulation::compensated ? 6 : 0);
+}
+
+/// Operations on vectors of one step of a particle whose forces are summed.
+std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damping) {
+    // Either update: seven, of which gravity and damping have one each.
+    if (!by_increments(formulation)) return 5U + (gravity ? 1 : 0) + (damping ? 1 : 0);
+    const std::uint64_t change = 2U + (gravity ? 1 : 0) + (damping ? 2 : 0);
+    // Two sums, or twice split_high() with split_low(), once without a low part to add.
+    return change + (formulation == Formulation::compensated ? 10 + 11 : 2);
+}
+
 }  // namespace
 
 FragmentBackend::FragmentBackend(const Options& options, std::string fragment_shader)
-    : masked_(options.tuning.at("mask") == "stencil"),
+    : formulation_(options.formulation),
+      masked_(options.tuning.at("mask") == "stencil"),
       all_terms_(options.tuning.at("terms") == "all"),
       fragment_shader_(std::move(fragment_shader)),
       no_vertices_(make_vertex_array(context_)),
@@ -52,8 +118,7 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     context_.make_current();
     problem_ = &problem;
     // The old textures go before the new ones come: a large problem fits once, not twice.
-    frames_ = {};
-    framebuffers_ = {};
+    frames_.clear();
     stencil_ = {};
     load_ = {};
     material_ = {};
@@ -64,7 +129,9 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     make_particle_textures(problem, layout);
     make_program(problem);
     texel_ = std::move(layout.texel);
-    current_ = 1;
+    steps_ = 0;
+    watch_ = next_watch_;
+    if (watch_.every > 0) make_watch();
 
     glViewport(0, 0, size_.x, size_.y);
     glFinish();
@@ -72,31 +139,26 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
 }
 
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
-    const auto texels = std::size_t(size_.x) * std::size_t(size_.y);
-    // The third frame is all guard; its particles' texels are written before they are read.
-    const float nan = std::numeric_limits<float>::quiet_NaN();
-    std::vector<glm::vec4> image(texels, glm::vec4(nan, nan, nan, 0));
-    frames_[2] = make_texture(context_, rgba32f, size_, image.data());
-    for (const std::size_t age : {0, 1}) {
-        for (std::size_t i = 0; i < layout.texel.size(); ++i) {
-            glm::dvec3 position = problem.rest_position[i] + state.displacement[i];
-            if (age == 1) position -= state.increment[i];
-            image[layout.texel[i]] = {glm::vec3(position), std::bit_cast<float>(layout.bits[i])};
+    if (masked_) make_stencil(layout);
+    frames_.resize(frame_count_of(formulation_));
+    // The last frame is all guard; its particles' texels are written before they are read.
+    current_ = frames_.size() - 2;
+    std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y), guard);
+    for (std::size_t f = frames_.size(); f-- > 0;) {
+        Frame& frame = frames_[f];
+        frame.framebuffer = make_framebuffer(context_);
+        const GLuint framebuffer = frame.framebuffer.get();
+        std::vector<GLenum> attachments;
+        for (std::size_t target = 0; target < target_count_of(formulation_); ++target) {
+            for (std::size_t i = 0; f <= current_ && i < layout.texel.size(); ++i) {
+                const float w = target == 0 ? std::bit_cast<float>(layout.bits[i]) : 0;
+                image[layout.texel[i]] = {stored(formulation_, problem, state, i, current_ - f, target), w};
+            }
+            frame.targets.push_back(make_texture(context_, rgba32f, size_, image.data()));
+            attachments.push_back(GLenum(GL_COLOR_ATTACHMENT0 + target));
+            glNamedFramebufferTexture(framebuffer, attachments.back(), frame.targets.back().get(), 0);
         }
-        frames_[1 - age] = make_texture(context_, rgba32f, size_, image.data());
-    }
-    if (masked_) {
-        std::vector<std::uint8_t> mask(texels, 0);
-        for (const std::uint32_t texel : layout.texel) mask[texel] = 1;
-        stencil_ = make_texture(context_, stencil8, size_, mask.data());
-        glEnable(GL_STENCIL_TEST);
-        glStencilFunc(GL_EQUAL, 1, 0xFF);
-        glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
-    }
-    for (std::size_t i = 0; i < frames_.size(); ++i) {
-        framebuffers_[i] = make_framebuffer(context_);
-        const GLuint framebuffer = framebuffers_[i].get();
-        glNamedFramebufferTexture(framebuffer, GL_COLOR_ATTACHMENT0, frames_[i].get(), 0);
+        glNamedFramebufferDrawBuffers(framebuffer, GLsizei(attachments.size()), attachments.data());
         if (masked_) {
             glNamedFramebufferTexture(framebuffer, GL_STENCIL_ATTACHMENT, stencil_.get(), 0);
         }
@@ -105,6 +167,15 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
             throw DeviceError("framebuffer incomplete: status " + std::to_string(status));
         }
     }
+}
+
+void FragmentBackend::make_stencil(const Layout& layout) {
+    std::vector<std::uint8_t> mask(std::size_t(size_.x) * std::size_t(size_.y), 0);
+    for (const std::uint32_t texel : layout.texel) mask[texel] = 1;
+    stencil_ = make_texture(context_, stencil8, size_, mask.data());
+    glEnable(GL_STENCIL_TEST);
+    glStencilFunc(GL_EQUAL, 1, 0xFF);
+    glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
 }
 
 void FragmentBackend::make_particle_textures(const Problem& problem, const Layout& layout) {
@@ -132,6 +203,8 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
 
 void FragmentBackend::make_program(const Problem& problem) {
     Defines defines = terms(problem, all_terms_);
+    defines.merge(formulation_defines(formulation_));
+    if (by_increments(formulation_) && (all_terms_ || has_deficits(problem))) defines["DEFICITS"] = "";
     defines.merge(specialise(problem));
     const Source fragment = load_source(fragment_shader_, defines);
     if (fragment.text != fragment_text_) {
@@ -139,7 +212,14 @@ void FragmentBackend::make_program(const Problem& problem) {
         fragment_text_ = fragment.text;
         glUseProgram(program_.get());
     }
+    std::array<float, direction_codes> deficit{};
+    for (const Direction& direction : directions())
+        deficit[std::size_t(direction.bit)] = float(rest_spring(problem, direction).deficit);
+    program_.set("rest_deficit", deficit);
+    program_.set("spacing", glm::vec3(problem.lattice.spacing));
+    program_.set("damping", float(problem.damping));
     program_.set("retained", float(1 - problem.damping));
+    program_.set("doubled", float(2 - problem.damping));
     program_.set("gravity", glm::vec3(problem.gravity));
     program_.set("inverse_mass", float(1 / problem.materials[0].mass));
     program_.set("time_step_squared", float(problem.time_step * problem.time_step));
@@ -147,12 +227,22 @@ void FragmentBackend::make_program(const Problem& problem) {
     set_uniforms(program_, problem);
 }
 
+void FragmentBackend::make_watch() {
+    if (watch_program_.get() == 0) {
+        watch_program_ = Program(context_, load_source("watch.comp", formulation_defines(formulation_)));
+        found_ = make_buffer(context_);
+        glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
+    }
+    watch_program_.set("inverse_largest", float(1 / watch_.largest_increment));
+    glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
+}
+
 void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
     context_.make_current();
     problem_ = &edited;
     if (edit.empty()) return;
     if (has_room(edited, edit)) {
-        write(edited_texels(edit));
+        write(edited_texels(edited, edit));
         return;
     }
     // Every list anew; positions stay where they are, with new bits.
@@ -182,8 +272,9 @@ void FragmentBackend::write(const TexelEdit& edit) {
     send(0, edit.particles);
     send(1, edit.neighbour);
     send(2, edit.spring);
+    send(3, edit.own_rest);
     // A step copies w from the frame that it reads, so that the bits of that one are enough.
-    glBindImageTexture(0, frames_[frame(0)].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
+    glBindImageTexture(0, frame(0).targets[0].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
     edit_program_.set("particle_count", int(edit.particles.size()));
     glUseProgram(edit_program_.get());
     constexpr std::size_t group = 64, most_groups = 65535;
@@ -196,12 +287,46 @@ void FragmentBackend::write(const TexelEdit& edit) {
 void FragmentBackend::step(int count) {
     context_.make_current();
     for (int n = 0; n < count; ++n) {
-        const GLuint sources[] = {frames_[frame(0)].get(), frames_[frame(1)].get()};
-        glBindFramebuffer(GL_FRAMEBUFFER, framebuffers_[frame(2)].get());
-        glBindTextures(position_unit, 2, sources);
+        bind_state();
+        current_ = (current_ + 1) % frames_.size();
+        glBindFramebuffer(GL_FRAMEBUFFER, frame(0).framebuffer.get());
         glDrawArrays(GL_TRIANGLES, 0, 3);
-        current_ = frame(2);
+        ++steps_;
+        if (watch_.every > 0 && steps_ % watch_.every == 0) look();
     }
+}
+
+void FragmentBackend::bind_state() const {
+    std::array<GLuint, 4> textures{};
+    std::size_t count = 0;
+    if (by_increments(formulation_)) {
+        for (const Texture& target : frame(0).targets) textures[count++] = target.get();
+    } else {
+        for (const std::size_t age : {0, 1}) textures[count++] = frame(age).targets[0].get();
+    }
+    glBindTextures(state_unit, GLsizei(count), textures.data());
+}
+
+void FragmentBackend::look() {
+    constexpr int group = 64;  // as in shaders/watch.comp
+    bind_state();
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, found_.get());
+    watch_program_.set("look", int(steps_ / watch_.every));
+    glUseProgram(watch_program_.get());
+    glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
+    glUseProgram(program_.get());
+}
+
+std::optional<Departure> FragmentBackend::departure() {
+    if (watch_.every == 0) return std::nullopt;
+    context_.make_current();
+    GLuint look = never_found;
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    glGetNamedBufferSubData(found_.get(), 0, sizeof(look), &look);
+    context_.check("watching");
+    if (look == never_found) return std::nullopt;
+    const std::int64_t found = std::int64_t(look) * watch_.every;
+    return Departure{found - watch_.every, found};
 }
 
 void FragmentBackend::synchronize() {
@@ -211,21 +336,31 @@ void FragmentBackend::synchronize() {
 }
 
 State FragmentBackend::download() {
+    const bool increments = by_increments(formulation_);
     const std::vector<glm::vec4> now = texels(0);
-    const std::vector<glm::vec4> before = texels(1);
+    const std::vector<glm::vec4> other = increments ? texels(0, 1) : texels(1);
     State state = state_at_rest(*problem_);
     for (std::size_t i = 0; i < texel_.size(); ++i) {
-        const glm::dvec3 position(now[texel_[i]]);
-        state.displacement[i] = position - problem_->rest_position[i];
-        state.increment[i] = position - glm::dvec3(before[texel_[i]]);
+        const glm::dvec3 place(now[texel_[i]]);
+        const glm::dvec3 motion(other[texel_[i]]);
+        state.displacement[i] = on_positions(formulation_) ? place - problem_->rest_position[i] : place;
+        state.increment[i] = increments ? motion : place - motion;
+    }
+    if (formulation_ == Formulation::compensated) {
+        const std::vector<glm::vec4> low = texels(0, 2);
+        const std::vector<glm::vec4> motion_low = texels(0, 3);
+        for (std::size_t i = 0; i < texel_.size(); ++i) {
+            state.displacement[i] += glm::dvec3(low[texel_[i]]);
+            state.increment[i] += glm::dvec3(motion_low[texel_[i]]);
+        }
     }
     return state;
 }
 
-std::vector<glm::vec4> FragmentBackend::texels(int age) {
+std::vector<glm::vec4> FragmentBackend::texels(std::size_t age, std::size_t target) {
     synchronize();
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y));
-    glGetTextureImage(frames_[frame(age)].get(), 0, rgba32f.external, rgba32f.type,
+    glGetTextureImage(frame(age).targets[target].get(), 0, rgba32f.external, rgba32f.type,
                       GLsizei(image.size() * sizeof(glm::vec4)), image.data());
     context_.check("downloading");
     return image;
@@ -264,16 +399,20 @@ DeviceLimits FragmentBackend::measure_limits() {
     return gl::measure_limits(context_);
 }
 
-StepWork FragmentBackend::motion_work(const Problem& problem, std::uint64_t unmasked) const {
+StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t unmasked) const {
     const std::uint64_t particles = problem.particle_count();
     const bool loads = needs_loads(problem, all_terms_);
     const bool materials = needs_materials(problem, all_terms_);
-    // next_position(), with `precise`: seven vector operations, of which gravity and damping have one each.
-    const std::uint64_t vectors = 5 + (all_terms_ || problem.has_gravity() ? 1 : 0) +
-                                  (all_terms_ || problem.damping != 0 ? 1 : 0) + (loads ? 1 : 0);
-    return {.bytes = (masked_ ? particles : unmasked) * 3 * std::uint64_t(rgba32f.bytes) +
+    const std::uint64_t vectors = motion_operations(formulation_, all_terms_ || problem.has_gravity(),
+                                                    all_terms_ || problem.damping != 0) +
+                                  (loads ? 1 : 0);
+    // Two frames of one target are read and one is written, or one of several targets read and one written.
+    const std::uint64_t texels_moved =
+        by_increments(formulation_) ? 2 * target_count_of(formulation_) : frame_count_of(formulation_);
+    return {.bytes = (masked_ ? particles : unmasked) * texels_moved * std::uint64_t(rgba32f.bytes) +
                      particles * std::uint64_t((loads ? rgba32f.bytes : 0) + (materials ? rg32f.bytes : 0)),
-            .operations = particles * 3 * vectors};
+            .operations =
+                particles * 3 * vectors + 2 * count_springs(problem).total() * pull_operations(formulation_)};
 }
 
 void FragmentBackend::mark(Mark which) {
@@ -290,13 +429,16 @@ double FragmentBackend::seconds_between_marks() const {
     return 1e-9 * double(end - begin);
 }
 
+glm::vec4 at_rest(const RestSpring& rest) { return {glm::vec3(rest.offset), float(rest.deficit)}; }
+
 std::map<std::string, TuningValues> fragment_tuning() {
     return {{"mask", {"stencil", "none"}}, {"terms", {"needed", "all"}}};
 }
 
 std::uint64_t fragment_bytes(const Problem& problem, const Options& options, std::uint64_t texels) {
     const bool all = options.tuning.at("terms") == "all";
-    int bytes = 3 * rgba32f.bytes;
+    const std::size_t frames = frame_count_of(options.formulation) * target_count_of(options.formulation);
+    int bytes = int(frames) * rgba32f.bytes;
     if (options.tuning.at("mask") == "stencil") bytes += stencil8.bytes;
     if (needs_loads(problem, all)) bytes += rgba32f.bytes;
     if (needs_materials(problem, all)) bytes += rg32f.bytes;

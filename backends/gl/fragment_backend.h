@@ -1,15 +1,24 @@
-// What the backends that step by drawing share (Mosegaard and Sorensen 2005): positions in texels, one
-// fragment a particle and step, ping-pong over three textures, the stencil buffer as mask, and the
-// stopwatch.
+// What the backends that step by drawing share (Mosegaard and Sorensen 2005): particles in texels, one
+// fragment a particle and step, ping-pong over frames, the stencil buffer as mask, the watch on the run, and
+// the stopwatch.
 //
-// Each particle has a texel: its position in xyz, and in w its bits, ACTIVE_BIT among them (neighbours.h).
-// Texels without a particle carry NaN and zero bits, so that whoever reads one shows it in the result.
+// A frame is what one step writes, as one texture or several of the same size, its targets. By formulation:
+//
+//     paper, position   three frames of x
+//     displacement      three frames of u
+//     increment         two frames of u and v
+//     compensated       two frames of u and v, then of what float32 leaves of u and v
+//
+// Each particle has a texel: the vector in xyz, and in w of the first target its bits, ACTIVE_BIT among them
+// (neighbours.h). Texels without a particle carry NaN and zero bits, so that whoever reads one shows it in
+// the result.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <glm/vec2.hpp>
 #include <glm/vec4.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,20 +35,24 @@ public:
     void upload(const Problem& problem, const State& state) final;
     void edit(const Problem& edited, const SpringEdit& edit) final;
     void step(int count) final;
+    void watch(const Watch& watch) final { next_watch_ = watch; }
+    std::optional<Departure> departure() final;
     void synchronize() final;
     State download() final;
     /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
     DeviceLimits measure_limits() final;
 
-    /// All texels, row by row, of the texture that holds x(t - age dt), for age 0 and 1; age 2 is the one
-    /// that the next step writes.
-    std::vector<glm::vec4> texels(int age);
+    std::size_t frame_count() const { return frames_.size(); }
+    std::size_t target_count() const { return frames_[0].targets.size(); }
+    /// All texels, row by row, of a target of the frame that the state at t - age dt is in; the oldest frame
+    /// is the one that the next step writes.
+    std::vector<glm::vec4> texels(std::size_t age, std::size_t target = 0);
 
 protected:
     /// Where the particles of a problem go.
     struct Layout {
-        glm::ivec2 size{0};                ///< of the position textures
+        glm::ivec2 size{0};                ///< of a frame
         std::vector<std::uint32_t> texel;  ///< per particle: index of its texel, row by row
         std::vector<std::uint32_t> bits;   ///< per particle: what its w holds
     };
@@ -52,15 +65,16 @@ protected:
             std::uint32_t begin, end;  ///< its neighbours in `neighbour`
         };
         std::vector<Particle> particles;
-        std::vector<std::uint32_t> neighbour;  ///< texels
+        std::vector<std::uint32_t> neighbour;  ///< list entries (neighbours.h)
         std::vector<glm::vec2> spring;         ///< stiffness and rest length; empty where groups have them
+        std::vector<glm::vec4> own_rest;       ///< at_rest(); empty where no spring leaves the lattice
     };
 
     /// `fragment_shader`: the file in shaders/.
     FragmentBackend(const Options& options, std::string fragment_shader);
 
-    /// Creates what the fragment shader reads beyond positions, loads and materials, and binds it to
-    /// texture units from first_own_unit on.
+    /// Creates what the fragment shader reads beyond the state, loads and materials, and binds it to texture
+    /// units from first_own_unit on.
     virtual Layout lay_out(const Problem& problem) = 0;
     /// What specialises the fragment shader beyond the terms that it shares (shaders/particle.glsl).
     virtual Defines specialise(const Problem& problem) const = 0;
@@ -68,8 +82,8 @@ protected:
     /// Whether what lay_out() made and specialise() said hold for `edited` too.
     virtual bool has_room(const Problem& edited, const SpringEdit& edit) const = 0;
     /// The particles that `edit` touched, for what lay_out() made.
-    virtual TexelEdit edited_texels(const SpringEdit& edit) const = 0;
-    /// Binds what has lists to image units 1 and 2 of shaders/edit.comp and returns its defines.
+    virtual TexelEdit edited_texels(const Problem& edited, const SpringEdit& edit) const = 0;
+    /// Binds what has lists to image units 1 to 3 of shaders/edit.comp and returns its defines.
     virtual Defines bind_lists() const { return {}; }
 
     /// Where a particle's texel is, x in the lower half and y in the upper.
@@ -78,11 +92,12 @@ protected:
         return texel_[particle] % width | texel_[particle] / width << 16;
     }
 
-    static constexpr GLuint first_own_unit = 4;
+    static constexpr GLuint first_own_unit = 6;
     const Context& context() const { return context_; }
-    /// Of one fragment a particle or, without a mask, `unmasked` in all. What a fragment reads and computes
-    /// for its springs is its own backend's to add.
-    StepWork motion_work(const Problem& problem, std::uint64_t unmasked) const;
+    Formulation formulation() const { return formulation_; }
+    /// Of one fragment a particle or, without a mask, `unmasked` in all, and the arithmetic of the springs.
+    /// What a fragment reads of its springs is its own backend's to add.
+    StepWork fragment_work(const Problem& problem, std::uint64_t unmasked) const;
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return all_terms_; }
 
@@ -90,38 +105,54 @@ private:
     void mark(Mark which) final;
     double seconds_between_marks() const final;
 
+    struct Frame {
+        std::vector<Texture> targets;
+        Framebuffer framebuffer;
+    };
+
     void make_frames(const Problem& problem, const State& state, const Layout& layout);
+    void make_stencil(const Layout& layout);
     void make_particle_textures(const Problem& problem, const Layout& layout);
     void make_program(const Problem& problem);
+    void make_watch();
     void write(const TexelEdit& edit);
-    std::size_t frame(int age) const { return (current_ + 3 - std::size_t(age)) % 3; }
+    /// Binds the state to the texture units from 0 on.
+    void bind_state() const;
+    void look();
+    const Frame& frame(std::size_t age) const {
+        return frames_[(current_ + frames_.size() - age) % frames_.size()];
+    }
 
     Context context_;
+    Formulation formulation_;
     bool masked_;
     bool all_terms_;
     std::string fragment_shader_;
 
     VertexArray no_vertices_;  // core profile draws nothing without one, even where it is empty
     Query begin_, end_;
-    std::array<Texture, 3> frames_;
+    std::vector<Frame> frames_;
     Texture stencil_;
-    std::array<Framebuffer, 3> framebuffers_;
     Texture load_, material_;
     Program program_;
     std::string fragment_text_;  // that program_ was made of
     Program edit_program_;
     Defines edit_defines_;                // that edit_program_ was made with
-    std::array<Buffer, 3> edit_buffers_;  // shaders/edit.comp's, made with the first edit
+    std::array<Buffer, 4> edit_buffers_;  // shaders/edit.comp's, made with the first edit
+    Program watch_program_;               // made with the first upload that is watched
+    Buffer found_;                        // shaders/watch.comp's
 
     const Problem* problem_ = nullptr;
     glm::ivec2 size_{0};
     std::vector<std::uint32_t> texel_;
     std::size_t current_ = 0;
+    std::int64_t steps_ = 0;  // since upload()
+    Watch watch_;             // of this run
+    Watch next_watch_;        // of the next one
 };
 
-/// Operations of spring_force() on one end of a spring, with the offset before and the sum after it. As GLSL
-/// may fuse them: offset 3, dot product 3, larger() and root 1 each, density 3, force and sum 3.
-inline constexpr std::uint64_t pull_operations = 3 + 3 + 1 + 1 + 3 + 3;
+/// How a spring lies at rest, as the shaders have it: X_i - X_j, and the rest deficit in w.
+glm::vec4 at_rest(const RestSpring& rest);
 
 /// The tuning parameters of every FragmentBackend.
 std::map<std::string, TuningValues> fragment_tuning();

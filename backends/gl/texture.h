@@ -18,7 +18,7 @@ struct TexelFormat {
 inline constexpr TexelFormat rgba32f{GL_RGBA32F, GL_RGBA, GL_FLOAT, 16};
 inline constexpr TexelFormat rg32f{GL_RG32F, GL_RG, GL_FLOAT, 8};
 inline constexpr TexelFormat r32ui{GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, 4};
-/// Depth in the upper 24 bits of a uint32, stencil in the lower 8. Drivers need not take stencil alone.
+/// Stencil without depth, which OpenGL 4.4 and later has.
 inline constexpr TexelFormat stencil8{GL_STENCIL_INDEX8, GL_STENCIL_INDEX, GL_UNSIGNED_BYTE, 1};
 
 /// The width and height that every OpenGL 4.5 allows, for estimates made before there is a context.
