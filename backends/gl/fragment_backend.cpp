@@ -88,8 +88,8 @@ std::uint64_t pull_operations(Formulation formulation) {
     constexpr std::uint64_t every = 3 + 3 + 1 + 1 + 3;
     // force_density() 3; on displacements the rest offset.
     if (!by_increments(formulation)) return every + 3 + (on_positions(formulation) ? 0 : 3);
-    // Rest offset 3, twice it 3, deficit 3 + 1, the rest of strain_density() 4; the low parts' difference.
-    return every + 14 + (formulation == Formulation::compensated ? 6 : 0);
+    // Rest offset 3, and once more 3, deficit 3, the rest of strain_density() 4; the low parts' difference.
+    return every + 13 + (formulation == Formulation::compensated ? 6 : 0);
 }
 
 /// Operations on vectors of one step of a particle whose forces are summed.
