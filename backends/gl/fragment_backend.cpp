@@ -437,8 +437,8 @@ std::map<std::string, TuningValues> fragment_tuning() {
 
 std::uint64_t fragment_bytes(const Problem& problem, const Options& options, std::uint64_t texels) {
     const bool all = options.tuning.at("terms") == "all";
-    const std::size_t frames = frame_count_of(options.formulation) * target_count_of(options.formulation);
-    int bytes = int(frames) * rgba32f.bytes;
+    const std::size_t targets = frame_count_of(options.formulation) * target_count_of(options.formulation);
+    int bytes = int(targets) * rgba32f.bytes;
     if (options.tuning.at("mask") == "stencil") bytes += stencil8.bytes;
     if (needs_loads(problem, all)) bytes += rgba32f.bytes;
     if (needs_materials(problem, all)) bytes += rg32f.bytes;
