@@ -179,24 +179,38 @@ protected:
 };
 
 TEST_F(Gl, StepWorkOfImplicit) {
-    EXPECT_WORK(work_of("gl_fragment_implicit", plate()), 6 * 48, 6 * 15 + 22 * 14, 1);
-    EXPECT_WORK(work_of("gl_fragment_implicit", loaded_plate_of_two_materials()), 6 * (48 + 16 + 8),
-                6 * 18 + 22 * 17, 1);
+    const std::string position = "gl_fragment_implicit:formulation=position";
+    EXPECT_WORK(work_of(position, plate()), 6 * 48, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * (48 + 16 + 8), 6 * 18 + 22 * 17, 1);
     Problem falling = plate();
     falling.gravity = {0, 0, -1};
     falling.damping = 0.1;
-    EXPECT_WORK(work_of("gl_fragment_implicit", falling), 6 * 48, 6 * 21 + 22 * 14, 1);
+    EXPECT_WORK(work_of(position, falling), 6 * 48, 6 * 21 + 22 * 14, 1);
     // Without a mask the empty voxel is shaded as well.
     const Problem pair =
         make_lattice_problem(make_grid({3, 1, 1}, [](int x, int, int) { return x != 1; }), FACE_BITS);
-    EXPECT_WORK(work_of("gl_fragment_implicit", pair), 2 * 48, 2 * 15, 1);
-    EXPECT_WORK(work_of("gl_fragment_implicit:mask=none", pair), 3 * 48, 2 * 15, 1);
+    EXPECT_WORK(work_of(position, pair), 2 * 48, 2 * 15, 1);
+    EXPECT_WORK(work_of(position + ",mask=none", pair), 3 * 48, 2 * 15, 1);
+
+    EXPECT_WORK(work_of("gl_fragment_implicit:formulation=paper", falling), 6 * 48, 6 * 21 + 22 * 14, 1);
+    EXPECT_WORK(work_of("gl_fragment_implicit:formulation=displacement", falling), 6 * 48, 6 * 21 + 22 * 17,
+                1);
+    EXPECT_WORK(work_of("gl_fragment_implicit", plate()), 6 * 64, 6 * 12 + 22 * 24, 1);
+    EXPECT_WORK(work_of("gl_fragment_implicit", falling), 6 * 64, 6 * 21 + 22 * 24, 1);
+    EXPECT_WORK(work_of("gl_fragment_implicit:formulation=compensated", plate()), 6 * 128,
+                6 * 3 * (2 + 10 + 11) + 22 * 30, 1);
 }
 
 TEST_F(Gl, StepWorkOfExplicit) {
-    EXPECT_WORK(work_of("gl_fragment_explicit", plate()), 6 * 48 + 22 * 4, 6 * 15 + 22 * 14, 1);
-    EXPECT_WORK(work_of("gl_fragment_explicit", loaded_plate_of_two_materials()), 6 * (48 + 16 + 8) + 22 * 12,
+    const std::string position = "gl_fragment_explicit:formulation=position";
+    EXPECT_WORK(work_of(position, plate()), 6 * 48 + 22 * 4, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * (48 + 16 + 8) + 22 * 12,
                 6 * 18 + 22 * 14, 1);
+    Problem sutured = plate();
+    sutured.springs.push_back({0, 5, 1, 2});
+    EXPECT_WORK(work_of(position, sutured), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
+    // Its one spring beyond the lattice has a rest offset and deficit of its own, at either end.
+    EXPECT_WORK(work_of("gl_fragment_explicit", sutured), 6 * 64 + 24 * 12 + 2 * 16, 6 * 12 + 24 * 24, 1);
 }
 
 // --- What devices reach ---------------------------------------------------------------------------------

@@ -88,8 +88,8 @@ std::uint64_t pull_operations(Formulation formulation) {
     constexpr std::uint64_t every = 3 + 3 + 1 + 1 + 3;
     // force_density() 3; on displacements the rest offset.
     if (!by_increments(formulation)) return every + 3 + (on_positions(formulation) ? 0 : 3);
-    // Rest offset 3, twice it 3, deficit 3 + 1, the rest of strain_density() 4; the low parts' difference.
-    return every + 14 + (formulation == Formulation::compensated ? 6 : 0);
+    // Rest offset 3, and once more 3, deficit 3, the rest of strain_density() 4; the low parts' difference.
+    return every + 13 + (formulation == Formulation::compensated ? 6 : 0);
 }
 
 /// Operations on vectors of one step of a particle whose forces are summed.
@@ -437,8 +437,8 @@ std::map<std::string, TuningValues> fragment_tuning() {
 
 std::uint64_t fragment_bytes(const Problem& problem, const Options& options, std::uint64_t texels) {
     const bool all = options.tuning.at("terms") == "all";
-    const std::size_t frames = frame_count_of(options.formulation) * target_count_of(options.formulation);
-    int bytes = int(frames) * rgba32f.bytes;
+    const std::size_t targets = frame_count_of(options.formulation) * target_count_of(options.formulation);
+    int bytes = int(targets) * rgba32f.bytes;
     if (options.tuning.at("mask") == "stencil") bytes += stencil8.bytes;
     if (needs_loads(problem, all)) bytes += rgba32f.bytes;
     if (needs_materials(problem, all)) bytes += rg32f.bytes;
