@@ -64,8 +64,8 @@ void CudaBackend::rewind() {
 }
 
 void CudaBackend::step(int count) {
-    // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no longer
-    // than its launch; who asks for more looks than that gets them at their price.
+    // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no
+    // longer than its launch; who asks for more looks than that gets them at their price.
     const bool often = watch_.every > 0 && watch_.every < 32;
     while (count > 0) {
         const int steps = often ? std::min(count, watch_.every - int(steps_ - last_look_)) : count;

@@ -10,8 +10,10 @@ const Registered entry({
     .summary = "One thread a voxel, neighbours by grid offset and mask from global memory past L1.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    .tuning =
-        tuning({{"block", implicit_blocks}, {"fetch", {"cg", "l1"}}, {"registers", implicit_registers}}),
+    .tuning = tuning({{"block", implicit_blocks},
+                      {"fetch", {"cg", "l1"}},
+                      {"registers", implicit_registers},
+                      {"interior", implicit_interior}}),
     .make = make_implicit,
     .bytes = implicit_bytes,
 });

@@ -12,7 +12,9 @@ const Registered entry({
                "memory.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    .tuning = tuning({{"block", {"64x4", "32x8", "32x4", "16x16"}}, {"registers", implicit_registers}}),
+    .tuning = tuning({{"block", {"64x4", "32x8", "32x4", "16x16"}},
+                      {"registers", implicit_registers},
+                      {"interior", implicit_interior}}),
     .make = make_tiled,
     .bytes = implicit_bytes,
 });

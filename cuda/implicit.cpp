@@ -1,5 +1,7 @@
 #include "cuda/implicit.h"
 
+#include <algorithm>
+
 #include "cuda/measure.h"
 #include "cuda/particles.h"
 #include "cuda/work.h"
@@ -25,6 +27,7 @@ public:
         : ParticleBackend<Real, ImplicitStep<Real>>(family),
           shape_(BlockShape::parse(options.tuning.at("block"))),
           registers_(options.tuning.at("registers")),
+          interior_(options.tuning.at("interior") == "vote"),
           tiled_(tiled) {}
 
     void upload(const Problem& problem, const State& state) override {
@@ -92,12 +95,9 @@ private:
     }
 
     KernelSource source(const Problem& problem, dim3 grid) const {
-        // Blocks of most_threads that an SM has to have room for: in float32 with 64 registers a thread, or
-        // as many blocks as it can hold, with 32 on most. Twice the registers in float64.
-        constexpr int width = sizeof(Real) / sizeof(float);
-        const int many = 4 / width, few = this->device().threads_per_multiprocessor() / most_threads / width;
-        KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
-                                                    wants_many_registers(grid, many) ? many : few);
+        KernelSource source =
+            this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
+                                  blocks_with(registers_for(grid)), interior_ ? term_interior : 0);
         if (tiled_) {
             source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
             source.macros["WIDTH"] = std::to_string(shape_.x);
@@ -106,15 +106,27 @@ private:
         return source;
     }
 
-    bool wants_many_registers(dim3 grid, int blocks) const {
-        if (registers_ != "auto") return registers_ == "many";
+    /// Blocks of most_threads that an SM has room for when a thread has `registers`, twice as many in
+    /// float64.
+    int blocks_with(int registers) const {
+        constexpr int registers_per_sm = 65536;  // of every architecture
+        const int at_most = this->device().threads_per_multiprocessor() / most_threads;
+        const int width = sizeof(Real) / sizeof(float);
+        return std::clamp(registers_per_sm / (most_threads * registers * width), 1, at_most);
+    }
+
+    int registers_for(dim3 grid) const {
+        if (registers_ != "auto") return std::stoi(registers_);
+        const int many = 64, few = 32;
         const std::size_t threads =
             std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
-        return threads <= std::size_t(this->device().multiprocessors()) * most_threads * std::size_t(blocks);
+        const int at_once = this->device().multiprocessors() * most_threads * blocks_with(many);
+        return threads <= std::size_t(at_once) ? many : few;
     }
 
     const BlockShape shape_;
     const std::string registers_;
+    const bool interior_;
     const bool tiled_;
     Buffer<BlockOrigin> origins_;
     Buffer<Real> compliance_;

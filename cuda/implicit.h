@@ -26,5 +26,7 @@ inline const TuningValues implicit_blocks = {"32x4x2",  "32x8x1", "64x4x1", "128
 /// large one other threads run meanwhile, and few registers make room for more of them. By the lattice's
 /// size: auto.
 inline const TuningValues implicit_registers = {"auto", "many", "few"};
+/// Whether a warp whose particles all have all neighbours goes a way without masks.
+inline const TuningValues implicit_interior = {"mask", "vote"};
 
 }  // namespace voxspring::cuda

@@ -95,8 +95,8 @@ protected:
         return Kernel::get(source, device(), compile_seconds_);
     }
 
-    /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points the
-    /// step's motion at the arrays kept here.
+    /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points
+    /// the step's motion at the arrays kept here.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
         problem_ = &problem;

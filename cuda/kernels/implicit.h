@@ -42,7 +42,8 @@ VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
 /// Force of all springs of `self`. `neighbour(dx, dy, dz)` is the point at that offset and
 /// `compliance(dx, dy, dz)` the compliance. Both are called for absent neighbours too, so that a fetch waits
 /// for no mask; what they give is then dropped by selection, and a NaN in an inactive voxel stays there.
-template <class Terms, class Real, class Neighbour, class Compliance>
+/// `whole`: `self` has every neighbour of the groups that are compiled in.
+template <class Terms, bool whole, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step,
                                                   const Self<Real, Terms::split>& self, Neighbour neighbour,
                                                   Compliance compliance) {
@@ -62,7 +63,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
         Pull<Real> pull = unit_pull<Terms>(self.point - neighbour##bit, rest, step.rest_length[(bit) / 2], \
                                            step.motion.shortest_squared);                                  \
         if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
-        if ((self.bits >> (bit)&1U) != 0) group = fused(pull.offset, pull.density, group);                 \
+        if (whole || (self.bits >> (bit)&1U) != 0) group = fused(pull.offset, pull.density, group);        \
     }
     if (Terms::has_group(FACE_BITS, step.group_bits)) {
         FACE_NEIGHBOURS(FETCH_NEIGHBOUR)
@@ -86,6 +87,21 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
     return force;
 }
 
+/// Whether the particles of all threads that go this way together, with `bits` here, are whole.
+template <class Terms>
+VOXSPRING_HOST_DEVICE bool all_whole(std::uint32_t bits) {
+    if constexpr (!Terms::compiled(term_interior)) {
+        return false;
+    } else {
+        const bool whole = (bits & Terms::groups) == Terms::groups;
+#ifdef __CUDA_ARCH__
+        return __all_sync(__activemask(), int(whole)) != 0;
+#else
+        return whole;
+#endif
+    }
+}
+
 /// Steps the particle of element `index`, if there is one. `self` is what the reader has of it.
 template <class Terms, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE void step_voxel(const ImplicitStep<Real>& step, int index,
@@ -93,7 +109,9 @@ VOXSPRING_HOST_DEVICE void step_voxel(const ImplicitStep<Real>& step, int index,
                                       Neighbour neighbour, Compliance compliance) {
     if (self.bits == 0) return;
     const Before<Real> before = load_before<Terms>(output, index);
-    const Vector<Real> force = implicit_force<Terms>(step, self, neighbour, compliance);
+    const Vector<Real> force = all_whole<Terms>(self.bits)
+                                   ? implicit_force<Terms, true>(step, self, neighbour, compliance)
+                                   : implicit_force<Terms, false>(step, self, neighbour, compliance);
     advance<Terms>(step.motion, output, index, self, before, force);
 }
 
