@@ -21,11 +21,11 @@ std::unique_ptr<Backend> make_tiled(const Options& options);
 /// Shapes of at most 256 threads, the default first.
 inline const TuningValues implicit_blocks = {"32x4x2",  "32x8x1", "64x4x1", "128x2x1",
                                              "128x1x1", "16x4x4", "8x8x4"};
-/// What a kernel is compiled for. On a small lattice, whose threads all run at once, a step takes as long as
-/// one thread waits for memory: it gets many registers, to fetch all neighbours of a group at once. On a
-/// large one other threads run meanwhile, and few registers make room for more of them. By the lattice's
-/// size: auto.
-inline const TuningValues implicit_registers = {"auto", "many", "few"};
+/// Registers of a thread in float32, half of those in float64. On a small lattice, whose threads all run at
+/// once, a step takes as long as one thread waits for memory: many registers let it fetch all neighbours of a
+/// group at once. On a large one other threads run meanwhile, and few registers make room for more of them.
+/// By the lattice's size and the formulation: auto.
+inline const TuningValues implicit_registers = {"auto", "32", "40", "48", "64", "128"};
 /// Whether a warp whose particles all have all neighbours goes a way without masks.
 inline const TuningValues implicit_interior = {"mask", "vote"};
 
