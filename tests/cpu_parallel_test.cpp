@@ -487,6 +487,12 @@ TEST(RestingTiles, AutoLooksWhereItCanPayAndStopsWhereItDoesNot) {
     backend->step(20);
     const WorkCount moving = backend->count_work();
     EXPECT_EQ(moving.at("tiles_stepped"), moving.at("tiles"));
+    // Having looked in vain it pauses, then looks again: nothing that moved meanwhile is at rest.
+    const auto plain = BackendSpec::parse("cpu_parallel:rest=step").make();
+    plain->upload(poked.problem, random_state(poked.problem, 0.05, 36));
+    backend->step(129);
+    plain->step(150);
+    expect_same_bits(plain->download(), backend->download());
     Problem falling = poked.problem;
     falling.gravity = {0, 0, -1e-3};
     backend->upload(falling, poked.start);
@@ -522,6 +528,12 @@ TEST(RestingTiles, SleepCostsWhatItsThresholdLeadsToExpect) {
         backend->step(1500);
         const State end = backend->download();
         work = backend->count_work();
+        if (!work.empty() && work.at("tiles_stepped") == 0) {
+            // What sleeps stands still.
+            const State later = backend->download();
+            EXPECT_EQ(later.displacement, end.displacement);
+            EXPECT_EQ(later.increment, state_at_rest(poked.problem).increment);
+        }
         return end;
     };
     WorkCount work;
