@@ -27,7 +27,7 @@ public:
         : ParticleBackend<Real, ImplicitStep<Real>>(family),
           shape_(BlockShape::parse(options.tuning.at("block"))),
           registers_(options.tuning.at("registers")),
-          interior_(options.tuning.at("interior") == "vote"),
+          interior_(options.tuning.at("interior")),
           tiled_(tiled) {}
 
     void upload(const Problem& problem, const State& state) override {
@@ -97,7 +97,7 @@ private:
     KernelSource source(const Problem& problem, dim3 grid) const {
         KernelSource source =
             this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
-                                  blocks_with(registers_for(grid)), interior_ ? term_interior : 0);
+                                  blocks_with(registers_for(grid)), votes(grid) ? term_interior : 0);
         if (tiled_) {
             source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
             source.macros["WIDTH"] = std::to_string(shape_.x);
@@ -115,18 +115,41 @@ private:
         return std::clamp(registers_per_sm / (most_threads * registers * width), 1, at_most);
     }
 
-    int registers_for(dim3 grid) const {
-        if (registers_ != "auto") return std::stoi(registers_);
-        const int many = 64, few = 32;
+    bool runs_at_once(dim3 grid, int registers) const {
         const std::size_t threads =
             std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
-        const int at_once = this->device().multiprocessors() * most_threads * blocks_with(many);
-        return threads <= std::size_t(at_once) ? many : few;
+        return threads <= std::size_t(this->device().multiprocessors()) * most_threads *
+                              std::size_t(blocks_with(registers));
+    }
+
+    int registers_for(dim3 grid) const {
+        if (registers_ != "auto") return std::stoi(registers_);
+        for (const int many : {128, 64}) {
+            if (runs_at_once(grid, many)) return many;
+        }
+        // What was fastest on an H200, box 160^3 and 256^3 (study `tuning`).
+        switch (this->formulation()) {
+            case Formulation::paper:
+            case Formulation::position:
+                return 32;
+            case Formulation::displacement:
+                return 40;
+            case Formulation::increment:
+                return 48;
+            case Formulation::compensated:
+                break;
+        }
+        return 64;
+    }
+
+    /// Where all threads run at once the vote is one more thing to wait for.
+    bool votes(dim3 grid) const {
+        return interior_ == "auto" ? !runs_at_once(grid, 64) : interior_ == "vote";
     }
 
     const BlockShape shape_;
     const std::string registers_;
-    const bool interior_;
+    const std::string interior_;
     const bool tiled_;
     Buffer<BlockOrigin> origins_;
     Buffer<Real> compliance_;
