@@ -59,7 +59,7 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
     };
     const double added = forced_acceleration(problem) * problem.time_step * problem.time_step;
     const auto stalled = [&](double state) {
-        return added < 4 * unit * state ? std::min(unit * state * n * n / 2, moved) : 0;
+        return added > 0 && added < 4 * unit * state ? std::min(unit * state * n * n / 2, moved) : 0;
     };
     switch (formulation) {
         case Formulation::paper: {
