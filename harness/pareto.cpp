@@ -161,7 +161,7 @@ void mark_fronts(std::vector<nlohmann::json>& rows) {
         double smallest = std::numeric_limits<double>::infinity();
         for (nlohmann::json* row : all) {
             const double error = row->at("total_error_relative_l2");
-            (*row)["on_front"] = error < smallest;
+            (*row)["on_front"] = error < 0.99 * smallest;
             smallest = std::min(smallest, error);
         }
     }

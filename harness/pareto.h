@@ -24,16 +24,15 @@ struct TimeSteps {
 void check_pareto(const Scene& scene, const TimeSteps& time_steps);
 
 /// Runs every contender with every time step. The list `pareto` has one row for each: seconds from the start
-/// to the end time (median), errors of the state there (errors.h), and whether no other contender on the same
-/// device reaches a smaller total error in less time (`on_front`). A run that left its bounds is `diverged`;
-/// it has no time and no errors. The list `failed`: contenders whose device failed, or whose rounding error
-/// is out of bounds.
+/// to the end time (median), errors of the state there (errors.h), and whether it is on its device's front. A
+/// run that left its bounds is `diverged`; it has no time and no errors. The list `failed`: contenders whose
+/// device failed, or whose rounding error is out of bounds.
 SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contenders,
                            const TimeSteps& time_steps, References& references,
                            const OnRepetition& on_repetition);
 
 /// Sets `on_front` in rows of one scene: of those on the same device, sorted by time, each whose total error
-/// is smaller than that of all before it.
+/// is more than 1% smaller than that of all before it. Total errors are known no better.
 void mark_fronts(std::vector<nlohmann::json>& rows);
 
 /// The front of each scene and device, fastest first; then what diverged and what has no total error.

@@ -58,18 +58,19 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
         return std::max(unit * rounded, double_unit * on_positions) * std::pow(n, 1.5);
     };
     const double added = forced_acceleration(problem) * problem.time_step * problem.time_step;
-    const auto stalled = [&](double state) {
-        return added > 0 && added < 4 * unit * state ? std::min(unit * state * n * n / 2, moved) : 0;
+    const auto biased = [&](double state) {
+        const double half_ulp = state > 0 ? unit * std::exp2(std::floor(std::log2(state))) : 0;
+        return std::min(std::min(half_ulp, added) * n * n / 2, moved);
     };
     switch (formulation) {
         case Formulation::paper: {
             const double bias = problem.damping == 0 ? 0 : 1.5 * unit;
-            return walked(3 * extent + 16 * rest_length) + bias * extent * n * n / 2 + stalled(extent);
+            return walked(3 * extent + 16 * rest_length) + bias * extent * n * n / 2 + biased(extent);
         }
         case Formulation::position:
-            return walked(on_positions) + stalled(extent);
+            return walked(on_positions) + biased(extent);
         case Formulation::displacement:
-            return walked(moved + 16 * rest_length) + stalled(moved);
+            return walked(moved + 16 * rest_length) + biased(moved);
         case Formulation::increment:
             return walked(moved + 16 * apart);
         case Formulation::compensated:

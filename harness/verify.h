@@ -54,6 +54,12 @@ double forced_acceleration(const Problem& problem);
 /// `paper` has a bias on top: fl(2 - lambda) - fl(1 - lambda) differs from 1 by up to 1.5 u unless lambda is
 /// 0, which acts each step and always the same way, as a force proportional to x: 1.5 u max|x| n^2 / 2.
 ///
+/// Nor are errors of independent sign where gravity or loads act on what springs have not reached yet: the
+/// same a dt^2 is added to a state X, x or the displacement, each step, and rounded with it in the same way.
+/// That costs e = min(half an ulp of X, a dt^2) a step, e n^2 / 2 after n and no more than the motion itself,
+/// U; where a dt^2 is the smaller one, motion stalls. `increment` adds to v, which is as small as what is
+/// added.
+///
 /// The reference has been rounded too, in float64 and at worst in `position`: d is no less than its.
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position);

@@ -70,7 +70,7 @@ def draw_fronts(axes, rows):
         axes.step(*zip(*front), where="post", color="#444444", linewidth=1.1, linestyle=style, zorder=2,
                   label=f"front on {short(device)}")
     axes.set(xscale="log", yscale="log", xlabel=f"run time to t = {rows[0]['end_time']:.3g} (s)")
-    axes.legend(frameon=False, fontsize=7.5, loc="upper right")
+    axes.legend(frameon=False, fontsize=7.5, loc="lower left")
 
 
 def draw_curves(axes, rows):
@@ -84,7 +84,10 @@ def draw_curves(axes, rows):
                 curve = sorted((fraction, statistics.median(values)) for fraction, values in errors.items())
                 axes.plot(*zip(*curve), color=colour, linestyle=dashes, marker=MARKERS[precision], markersize=3,
                           linewidth=1.2)
-    axes.set(xscale="log", yscale="log", xlabel="time step / stable time step")
+    fractions = sorted({row["fraction_of_stable"] for row in rows})
+    axes.set(xscale="log", yscale="log", xlabel="time step, as a fraction of the stable one")
+    axes.set_xticks(fractions, [f"1/{1 / fraction:.3g}" for fraction in fractions])
+    axes.minorticks_off()
 
 
 def draw(rows):

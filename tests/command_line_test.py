@@ -302,9 +302,12 @@ class Pareto(InTemporaryFolder):
         for scene in self.SCENES:
             rows = [row for row in self.result["pareto"] if row["scene"] == scene]
             for row in rows:
-                beaten = any(other["seconds"] < row["seconds"] and
-                             other["total_error_relative_l2"] <= row["total_error_relative_l2"] for other in rows)
-                self.assertEqual(row["on_front"], not beaten, row["name"])
+                faster = [other["total_error_relative_l2"] for other in rows if other["seconds"] < row["seconds"]]
+                # A point of the front that is 1% better than the front so far is so than all that is faster.
+                if row["on_front"]:
+                    self.assertLess(row["total_error_relative_l2"], 0.99 * min(faster, default=math.inf), row["name"])
+                else:
+                    self.assertGreaterEqual(row["total_error_relative_l2"], 0.99 * min(faster), row["name"])
             self.assertIn(f"{scene} on {rows[0]['device']}, to time", self.ran.stdout)
 
     def test_advises_the_fastest_that_reaches_the_error(self):

@@ -126,10 +126,10 @@ TEST(Refined, GivesReasonsWhereThereIsNone) {
     EXPECT_EQ(references.computed(), 0);
     // Particles that fly through each other.
     scene = {};
-    scene.problem = make_lattice_problem(solid({3, 3, 3}), FACE_BITS | EDGE_BITS);
+    scene.problem = make_lattice_problem(solid({4, 4, 4}), FACE_BITS | EDGE_BITS);
     scene.problem.time_step = 0.25;
-    scene.state = random_state(scene.problem, 0.9, 1);
-    const Refined refined = references.refined(scene, {0.25, 800}, {800});
+    scene.state = random_state(scene.problem, 3, 1);
+    const Refined refined = references.refined(scene, {0.25, 3000}, {3000});
     EXPECT_TRUE(refined.displacement.empty());
     EXPECT_THAT(refined.reason, HasSubstr("does not converge"));
 }

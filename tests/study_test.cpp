@@ -23,7 +23,7 @@ namespace {
 using ::testing::HasSubstr;
 
 /// cpu_reference with a fault.
-class Faulty : public CpuBackend {
+class Faulty : public WatchedCpuBackend {
 public:
     enum class Fault {
         none,
@@ -98,7 +98,7 @@ struct Device {
 Device device;
 
 /// cpu_reference on that device.
-class Losing : public CpuBackend {
+class Losing : public WatchedCpuBackend {
 public:
     Losing() : sound_(BackendSpec::parse("cpu_reference").make()) {
         if (device.lost) throw Unavailable("no context: device lost");
