@@ -171,7 +171,8 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
         const std::vector<glm::dvec3>& best = row.back();
         result.uncertainty = relative_difference(row[row.size() - 2], best);
         result.finest = counts[k];
-        const double wanted = std::max(smallest, 0.01 * relative_difference(finest_asked, best));
+        const double wanted =
+            std::max(smallest, 0.01 * std::min(1.0, relative_difference(finest_asked, best)));
         if (result.uncertainty <= wanted) {
             result.displacement = best;
             return result;

@@ -38,9 +38,7 @@ public:
     };
 
     explicit Faulty(Fault fault, std::string uuid = "")
-        : fault_(fault),
-          uuid_(std::move(uuid)),
-          sound_(BackendSpec::parse("cpu_reference:formulation=position").make()) {
+        : fault_(fault), uuid_(std::move(uuid)), sound_(BackendSpec::parse("cpu_reference").make()) {
         if (fault == Fault::unavailable) throw Unavailable("no such device");
     }
     Capabilities capabilities() const override {
