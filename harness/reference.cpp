@@ -166,10 +166,12 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
             const double ratio = double(counts[k]) / counts[k - column];
             next.push_back(extrapolate(row[column - 1], next[column - 1], ratio));
         }
-        row = std::move(next);
+        std::swap(row, next);
         if (k + 1 < asked || row.size() < 3) continue;
+        // Within a row neighbours are close whether or not it converges: their difference is that to the row
+        // before, divided by up to 4^5 - 1.
         const std::vector<glm::dvec3>& best = row.back();
-        result.uncertainty = relative_difference(row[row.size() - 2], best);
+        result.uncertainty = relative_difference(next.back(), best);
         result.finest = counts[k];
         const double wanted =
             std::max(smallest, 0.01 * std::min(1.0, relative_difference(finest_asked, best)));

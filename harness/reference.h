@@ -67,8 +67,8 @@ public:
 
     /// At the end of `span`, what total errors are taken against: the polynomial in dt^2 through runs of
     /// `counts` steps, ascending, and of twice as many and so on, at dt = 0 (Richardson). Converged if the
-    /// last two extrapolations differ by less than a hundredth of the error of the run of counts.back()
-    /// steps, and of 1, or by less than 1e-11; given up after four doublings.
+    /// extrapolations with and without the finest run differ by less than a hundredth of the error of the run
+    /// of counts.back() steps, and of 1, or by less than 1e-11; given up after four doublings.
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
     /// Whether rounding errors mean anything after `steps` steps: the difference between cpu_reference and
