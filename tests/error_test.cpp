@@ -129,7 +129,7 @@ TEST(Refined, GivesReasonsWhereThereIsNone) {
     scene.problem = make_lattice_problem(solid({4, 4, 4}), FACE_BITS | EDGE_BITS);
     scene.problem.time_step = 0.25;
     scene.state = random_state(scene.problem, 3, 1);
-    const Refined refined = references.refined(scene, {0.25, 3000}, {3000});
+    const Refined refined = references.refined(scene, {0.25, 1000}, {1000});
     EXPECT_TRUE(refined.displacement.empty());
     EXPECT_THAT(refined.reason, HasSubstr("does not converge"));
 }
