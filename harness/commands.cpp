@@ -1,14 +1,18 @@
 #include "harness/commands.h"
 
 #include <cmath>
+#include <glm/geometric.hpp>
 #include <iomanip>
 #include <iostream>
 #include <limits>
 #include <sstream>
 
 #include "backends/registry.h"
+#include "harness/advise.h"
 #include "harness/bad_input.h"
+#include "harness/divergence.h"
 #include "harness/limits.h"
+#include "harness/pareto.h"
 #include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
@@ -224,20 +228,23 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     if (const std::string why = playback.unsupported(*backend); !why.empty()) {
         throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
     }
+    const Watch watch = watch_of(scene, options.steps);
+    backend->watch(watch);
     playback.rewind(*backend);
     const Timing timing = backend->timed([&] { playback.run(*backend, options.steps); });
     const State state = backend->download();
-
+    const auto departure = find_departure(*backend, playback, watch, state, options.steps);
     double largest = 0;
     for (const glm::dvec3& u : state.displacement) {
-        const double length = std::sqrt(u.x * u.x + u.y * u.y + u.z * u.z);
-        if (!(length <= std::numeric_limits<double>::max())) {
-            throw std::runtime_error(spec.entry->name + ": " + scene.name + " is no longer finite after " +
-                                     std::to_string(options.steps) + " steps; time step " +
-                                     std::to_string(scene.problem.time_step) + ", stable " +
-                                     std::to_string(scene.stable_time_step));
-        }
-        largest = std::max(largest, length);
+        // NaN and infinity stay.
+        if (!(glm::length(u) <= largest)) largest = glm::length(u);
+        if (!std::isfinite(largest)) break;
+    }
+    if (departure || !std::isfinite(largest)) {
+        throw std::runtime_error(spec.entry->name + ": " + scene.name + " " +
+                                 (departure ? describe(*departure, watch) : "is no longer finite") +
+                                 "; time step " + std::to_string(scene.problem.time_step) + ", stable " +
+                                 std::to_string(scene.stable_time_step));
     }
     out << scene.name << ": " << options.steps << " steps of " << scene.problem.particle_count()
         << " particles on " << spec.label() << " in " << timing.host_seconds << " s, "
@@ -249,9 +256,55 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
 
 int run_and_print_study(const std::string& argument, const StudyOptions& options, std::ostream& out) {
     const nlohmann::json result = run_study(load_study(argument), options);
-    print_table(result, out);
+    if (result.contains("pareto")) {
+        print_fronts(result, out);
+        print_limits(result.at("context").at("voxspring").at("limits"), out);
+        print_unmeasured(result, out);
+    } else {
+        print_table(result, out);
+    }
     if (options.out) out << "written: " << options.out->string() << "\n";
     return result.at("failed").empty() ? 0 : 1;
+}
+
+int print_advice(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
+    std::vector<Candidate> candidates;
+    std::string scene;
+    if (options.results) {
+        scene = argument;
+        candidates = candidates_of(read_json(*options.results), scene);
+    } else {
+        scene = load_scene(argument).name;
+        StudyOptions study = options.study;
+        study.scenes = {argument};
+        const nlohmann::json result = run_study(load_study("pareto"), study);
+        print_unmeasured(result, out);
+        candidates = candidates_of(parse_json(result.dump(), "what was measured"), scene);
+    }
+    if (candidates.empty()) {
+        out << "no run of " << scene << " has a total error: float64 does not converge, or all diverged\n";
+        return 1;
+    }
+    const auto print = [&](const std::string& heading, const Candidate& candidate) {
+        std::ostringstream text;
+        text << std::setprecision(4) << heading << ": " << specification(candidate) << "\n    on "
+             << candidate.device << "\n    time step " << candidate.time_step << " ("
+             << candidate.fraction_of_stable << " of the stable one): " << si(candidate.seconds, "s")
+             << " for " << candidate.steps << " steps to time " << candidate.end_time << "\n    total error "
+             << error_text(candidate.total_error) << ", of it rounding "
+             << error_text(candidate.rounding_error) << "\n";
+        out << text.str();
+    };
+    const Advice advice = advise(candidates, options.error);
+    if (!advice.best) {
+        out << scene << ": nothing reaches an error of " << options.error << "\n";
+        print("most accurate", advice.most_accurate);
+        return 1;
+    }
+    out << scene << ": an error of " << options.error << " is reached soonest by\n";
+    print("best", *advice.best);
+    for (const Candidate& candidate : advice.runners_up) print("runner-up", candidate);
+    return 0;
 }
 
 }  // namespace voxspring

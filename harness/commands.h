@@ -31,4 +31,14 @@ int run_scene(const std::string& scene, const RunOptions& options, std::ostream&
 /// `voxspring study`: returns the exit code. Throws BadInput, BadSpecification.
 int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);
 
+struct AdviseOptions {
+    double error = 0;                              ///< the largest total error that will do, relative L2
+    std::optional<std::filesystem::path> results;  ///< of a pareto study; nothing: measure
+    StudyOptions study;                            ///< of the measurement
+};
+
+/// `voxspring advise`: returns the exit code, 1 if no configuration reaches the error. Throws BadInput,
+/// BadSpecification.
+int print_advice(const std::string& scene, const AdviseOptions& options, std::ostream& out);
+
 }  // namespace voxspring

@@ -60,6 +60,25 @@ int main(int argc, char** argv) {
         ->check(CLI::Range(1, 10000));
     study_command->callback([&] { exit_code = run_and_print_study(study, study_options, std::cout); });
 
+    AdviseOptions advise_options;
+    CLI::App* advise = app.add_subcommand(
+        "advise", "Which backend, formulation, precision and time step reach an error in the least time");
+    advise->add_option("SCENE", scene, scene_help)->required();
+    advise
+        ->add_option("--error", advise_options.error, "Total error that will do, relative L2 of displacement")
+        ->required()
+        ->check(CLI::PositiveNumber);
+    CLI::Option* results = advise->add_option(
+        "--results", advise_options.results, "Result of a pareto study (.json) to read instead of measuring");
+    advise
+        ->add_option("--backend", advise_options.study.backends,
+                     "Measure only backends that match this glob; may be given several times")
+        ->excludes(results);
+    advise->add_option("--repetitions", advise_options.study.repetitions, "Timed runs of each, measuring")
+        ->check(CLI::Range(1, 10000))
+        ->excludes(results);
+    advise->callback([&] { exit_code = print_advice(scene, advise_options, std::cout); });
+
     try {
         app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {

@@ -9,6 +9,8 @@
 #include <string>
 #include <utility>
 
+#include "harness/divergence.h"
+#include "harness/errors.h"
 #include "harness/limits.h"
 #include "harness/playback.h"
 
@@ -29,21 +31,25 @@ struct Run {
 
 std::string describe(const std::exception& error) { return error.what(); }
 
-double median(std::vector<double> values) {
-    const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
+/// Reads the state that `steps` steps since the last rewind() have left; a run that diverged fails.
+State read(Backend& backend, Playback& playback, const Watch& watch, int steps) {
+    State state = backend.download();
+    if (const auto departure = find_departure(backend, playback, watch, state, steps))
+        throw std::runtime_error(describe(*departure, watch));
+    return state;
 }
 
 /// Uploads and advances once, so that shaders are compiled and clocks are up before anything is timed.
-void warm_up(Run& run, Playback& playback, int steps) {
+void warm_up(Run& run, Playback& playback, const Watch& watch, int steps) {
     try {
         Backend& backend = *run.contender->backend;
+        backend.watch(watch);
         playback.rewind(backend);
         run.work = backend.count_work();
         if (!run.work.empty()) playback.rewind(backend);  // it took a step
         playback.run(backend, steps);
         backend.synchronize();
+        if (backend.departure()) read(backend, playback, watch, steps);
     } catch (const std::exception& error) {
         run.failure = describe(error);
     }
@@ -51,8 +57,8 @@ void warm_up(Run& run, Playback& playback, int steps) {
 
 /// One repetition: Google Benchmark's iteration is one step. It is not told of a failure, since it aborts
 /// where some repetitions of a benchmark fail and others do not; measure() drops the rows of who failed.
-void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& playback, std::uint64_t springs,
-            int steps) {
+void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& playback, const Watch& watch,
+            std::uint64_t springs, int steps) {
     Backend& backend = *run.contender->backend;
     const auto unless_failed = [&](const auto& action) {
         if (!run.failure.empty()) return;
@@ -69,7 +75,8 @@ void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& pla
         state.SetIterationTime(timing.device_seconds);
     }
     unless_failed([&] {
-        if (--run.repetitions_left == 0) run.last = backend.download();
+        const bool last = --run.repetitions_left == 0;
+        if (last || backend.departure()) run.last = read(backend, playback, watch, steps);
         if (playback.edits_within(steps) > 0) {
             // Beside the batch with edits, so that both meet the same clocks.
             backend.upload(scene.problem, scene.state);
@@ -126,10 +133,6 @@ void initialize_google_benchmark() {
     if (count == 2) benchmark::Initialize(&count, arguments);
 }
 
-nlohmann::json number_or_null(double value) {
-    return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
-}
-
 /// Nothing where the row is a measure of spread.
 std::optional<double> step_seconds(const nlohmann::json& row) {
     const std::string aggregate = row.value("aggregate_name", "mean");
@@ -138,6 +141,12 @@ std::optional<double> step_seconds(const nlohmann::json& row) {
 }
 
 }  // namespace
+
+double median(std::vector<double> values) {
+    const auto middle = values.begin() + std::ptrdiff_t(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+}
 
 nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec) {
     return {{"name", scene + "/" + spec.label()},
@@ -148,9 +157,12 @@ nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec) {
             {"tuning", spec.tuning()}};
 }
 
-SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int steps, int repetitions,
-                    const OnRepetition& on_repetition) {
+SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
+                    References& references, const OnRepetition& on_repetition) {
     initialize_google_benchmark();
+    const int steps = batch.steps;
+    const int repetitions = batch.repetitions;
+    const Watch watch = watch_of(scene, steps);
     const std::uint64_t springs = count_springs(scene.problem).total();
 
     Playback playback(scene);
@@ -163,12 +175,12 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
     benchmark::ClearRegisteredBenchmarks();
     for (Run& run : runs) {
         on_repetition(run.contender->spec.label(), 0, repetitions * int(runs.size()));
-        warm_up(run, playback, steps);
+        warm_up(run, playback, watch, steps);
         benchmark::RegisterBenchmark(run.name.c_str(),
                                      [&](benchmark::State& state) {
                                          on_repetition(run.contender->spec.label(), ++begun,
                                                        repetitions * int(runs.size()));
-                                         repeat(state, run, scene, playback, springs, steps);
+                                         repeat(state, run, scene, playback, watch, springs, steps);
                                      })
             ->Iterations(steps)
             ->Repetitions(repetitions)
@@ -185,10 +197,16 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
 
     for (Run& run : runs) measure_edits(run, playback, steps);
 
-    const auto oracle = BackendSpec::parse("cpu_reference").make();
-    playback.rewind(*oracle);
-    playback.run(*oracle, steps);
-    const State reference = oracle->download();
+    Truth truth{problem_after(scene, steps),
+                steps,
+                references.after(scene, steps),
+                {},
+                references.chaos(scene, steps)};
+    if (batch.total_error) {
+        truth.refined = references.refined(scene, {scene.problem.time_step, steps}, {steps});
+    } else {
+        truth.refined.reason = "the study does not ask for it";
+    }
 
     SceneResult result;
     result.context = measured.at("context");
@@ -200,28 +218,26 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
         identity["springs"] = springs;
 
         if (run.failure.empty()) {
-            const Comparison comparison =
-                compare(scene.problem, run.last, reference, run.contender->spec.options.precision, steps);
+            const Comparison comparison = judge(truth, run.last, run.contender->spec);
+            const nlohmann::json errors = error_fields(truth, run.last, comparison);
             nlohmann::json verified = identity;
+            verified.update(errors);
             verified["passed"] = comparison.passed();
             verified["finite"] = comparison.finite;
-            verified["error_relative_l2"] = number_or_null(comparison.relative_l2);
-            verified["error_max"] = number_or_null(comparison.max);
             verified["error_rms"] = number_or_null(comparison.rms);
-            verified["worst_particle"] = comparison.worst;
             verified["tolerance"] = number_or_null(comparison.tolerance);
             if (!run.work.empty()) verified["work"] = run.work;
-            if (!comparison.passed()) {
+            if (comparison.passed()) {
+                identity.update(errors);
+            } else {
                 verified["reason"] = comparison.reason;
                 run.failure = "does not agree with cpu_reference: " + comparison.reason;
             }
-            identity["error_relative_l2"] = verified["error_relative_l2"];
-            identity["error_max"] = verified["error_max"];
-            result.verification.push_back(std::move(verified));
+            result.lists["verification"].push_back(std::move(verified));
         }
         if (!run.failure.empty()) {
             identity["reason"] = run.failure;
-            result.failed.push_back(std::move(identity));
+            result.lists["failed"].push_back(std::move(identity));
             continue;
         }
         std::optional<StepLimit> limit;
@@ -236,7 +252,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int 
             row.update(identity);
             if (!run.edits.is_null()) row.update(run.edits);
             row.update(limit_fields(limit, step_seconds(row)));
-            result.benchmarks.push_back(std::move(row));
+            result.lists["benchmarks"].push_back(std::move(row));
         }
     }
     return result;

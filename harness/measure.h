@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -9,8 +10,8 @@
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/reference.h"
 #include "harness/scene.h"
-#include "harness/verify.h"
 
 namespace voxspring {
 
@@ -25,22 +26,34 @@ struct Contender {
 /// and in all.
 using OnRepetition = std::function<void(const std::string& label, int begun, int total)>;
 
-/// What measuring one scene gave. All rows carry the fields that say which scene and backend they are of.
+/// What measuring one scene gave: rows by the list of the result that they belong to. All rows carry the
+/// fields that say which scene and backend they are of.
 struct SceneResult {
-    nlohmann::json context;                    ///< Google Benchmark's own
-    std::vector<nlohmann::json> benchmarks;    ///< Google Benchmark's rows of the contenders that passed
-    std::vector<nlohmann::json> verification;  ///< one a contender that reached the last step
-    std::vector<nlohmann::json> failed;        ///< contenders that failed, each with a `reason`
+    nlohmann::json context;  ///< Google Benchmark's own; null where it was not asked
+    std::map<std::string, std::vector<nlohmann::json>> lists;
 };
 
 /// What a row is about: its name SCENE/BACKEND/FORMULATION/PRECISION[/TUNING] and the fields by which
 /// results are paired, scene, backend, formulation, precision and tuning.
 nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec);
 
+/// Of at least one value; of an even number of them the greater of the two in the middle.
+double median(std::vector<double> values);
+
+/// What is timed of each contender.
+struct Batch {
+    int steps = 0;
+    int repetitions = 0;
+    bool total_error = true;  ///< whether errors are taken against float64 refined in time as well
+};
+
 /// Runs every contender `repetitions` times for `steps` steps, from the same state each time, interleaved
 /// in random order after one warm-up batch each, and compares the state that its last timed batch left
-/// with cpu_reference after the same steps. A DeviceError fails that contender only.
-SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, int steps, int repetitions,
-                    const OnRepetition& on_repetition);
+/// with float64 (errors.h). A DeviceError fails that contender only, and so does a run that diverges.
+///
+/// Lists: `benchmarks`, Google Benchmark's rows of the contenders that passed; `verification`, one row a
+/// contender that reached the last step; `failed`, contenders that failed, each with a `reason`.
+SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
+                    References& references, const OnRepetition& on_repetition);
 
 }  // namespace voxspring

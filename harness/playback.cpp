@@ -57,4 +57,12 @@ int Playback::edits_within(int steps) const {
                              [=](const ScheduledEdit& scheduled) { return scheduled.step < steps; }));
 }
 
+Problem problem_after(const Scene& scene, int steps) {
+    Problem problem = scene.problem;
+    for (const ScheduledEdit& scheduled : scene.edits) {
+        if (scheduled.step < steps) apply(problem, scheduled.edit);
+    }
+    return problem;
+}
+
 }  // namespace voxspring

@@ -39,4 +39,7 @@ private:
     int step_ = 0;
 };
 
+/// The scene's problem as the edits within its first `steps` steps leave it.
+Problem problem_after(const Scene& scene, int steps);
+
 }  // namespace voxspring

@@ -4,8 +4,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <ctime>
+#include <iomanip>
 #include <iostream>
+#include <map>
 #include <set>
+#include <sstream>
+#include <thread>
+#include <utility>
 
 #include "backends/registry.h"
 #include "builtin_study_files.h"  // generated
@@ -13,7 +19,9 @@
 #include "harness/json.h"
 #include "harness/limits.h"
 #include "harness/measure.h"
+#include "harness/pareto.h"
 #include "harness/playback.h"
+#include "harness/reference.h"
 #include "harness/result.h"
 #include "harness/scene.h"
 
@@ -22,6 +30,29 @@ namespace {
 
 bool matches(const std::string& glob, const std::string& text) {
     return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
+}
+
+/// `options` with each value that `entry` has in the place of formulation=* and precision=*.
+std::vector<std::string> each_of(const BackendEntry& entry, const std::string& options) {
+    std::vector<std::string> all = {options};
+    const auto replace = [&](const std::string& key, const auto& values) {
+        std::vector<std::string> replaced;
+        for (const std::string& one : all) {
+            const auto at = one.find(key + "=*");
+            if (at == std::string::npos) {
+                replaced.push_back(one);
+                continue;
+            }
+            for (const auto value : values) {
+                replaced.push_back(one);
+                replaced.back().replace(at + key.size() + 1, 1, to_string(value));
+            }
+        }
+        all = std::move(replaced);
+    };
+    replace("formulation", entry.formulations);
+    replace("precision", entry.precisions);
+    return all;
 }
 
 /// The specifications that a pattern GLOB[:options] stands for, in the registry's order: those that take the
@@ -35,7 +66,8 @@ std::vector<BackendSpec> expand(const std::string& pattern) {
     for (const auto& [name, entry] : registry()) {
         if (!matches(glob, name)) continue;
         try {
-            specs.push_back(BackendSpec::parse(name + options));
+            for (const std::string& one : each_of(entry, options))
+                specs.push_back(BackendSpec::parse(name + one));
         } catch (const BadSpecification& error) {
             if (!refusal) refusal = error;
         }
@@ -128,6 +160,44 @@ int read_count(JsonObject& object, const std::string& key, int most, int otherwi
     return value ? int(value->integer(1, most)) : otherwise;
 }
 
+/// Fractions of the stable time step, each smaller than the one before it.
+std::vector<double> read_time_steps(const JsonValue& list) {
+    std::vector<double> fractions;
+    for (const JsonValue& item : list.array(1, 64)) {
+        fractions.push_back(item.number(1e-6, 1));
+        if (fractions.size() > 1 && fractions.back() >= fractions[fractions.size() - 2])
+            item.refuse("fractions of the stable time step in descending order");
+    }
+    return fractions;
+}
+
+const std::map<std::string, StudyKind> study_kinds = {{"timing", StudyKind::timing},
+                                                      {"pareto", StudyKind::pareto}};
+
+/// What one scene of the study gives, by the study's kind.
+SceneResult measure_scene(const Study& study, const Scene& scene, int steps,
+                          std::vector<Contender>& contenders, References& references,
+                          const OnRepetition& on_repetition) {
+    switch (study.kind) {
+        case StudyKind::timing:
+            return measure(scene, contenders, {steps, study.repetitions, study.total_error}, references,
+                           on_repetition);
+        case StudyKind::pareto:
+            return measure_pareto(scene, contenders, {study.time_steps, steps, study.repetitions}, references,
+                                  on_repetition);
+    }
+    return {};
+}
+
+/// For studies without a row of Google Benchmark.
+nlohmann::json plain_context() {
+    std::ostringstream date;
+    const std::time_t now = std::time(nullptr);
+    std::tm parts{};
+    date << std::put_time(gmtime_r(&now, &parts), "%FT%T+00:00");
+    return {{"date", date.str()}, {"num_cpus", std::thread::hardware_concurrency()}};
+}
+
 constexpr int most_steps = 1000000000;
 constexpr int most_repetitions = 10000;
 
@@ -205,6 +275,16 @@ Study load_study(const std::string& argument) {
     study.name = path.stem().string();
     if (const auto schema = root.find("$schema")) (void)schema->string();
     if (const auto description = root.find("description")) study.description = description->string();
+    if (const auto kind = root.find("kind")) {
+        std::vector<std::string> names;
+        for (const auto& [name, value] : study_kinds) names.push_back(name);
+        study.kind = study_kinds.at(kind->one_of(names));
+    }
+    if (study.kind == StudyKind::timing) {
+        if (const auto total = root.find("total_error")) study.total_error = total->boolean();
+    } else {
+        study.time_steps = read_time_steps(root.require("time_steps", "fractions of the stable time step"));
+    }
     study.repetitions = read_count(root, "repetitions", most_repetitions, 9);
     study.steps = read_count(root, "steps", most_steps, 100);
     study.backends = read_patterns(root.require("backends"));
@@ -228,11 +308,13 @@ Study load_study(const std::string& argument) {
 
 nlohmann::json run_study(Study study, const StudyOptions& options) {
     select_scenes(study, options.scenes);
-    const int repetitions = options.repetitions.value_or(study.repetitions);
+    study.repetitions = options.repetitions.value_or(study.repetitions);
     if (options.out) check_writable(*options.out, "--out", ".json");
     // Every scene is read before the first is timed: a mistake in the last one costs no hour.
     for (const StudyScene& scene : study.scenes) {
-        load_scene(scene.scene);
+        const Scene loaded = load_scene(scene.scene);
+        if (study.kind == StudyKind::pareto)
+            check_pareto(loaded, {study.time_steps, scene.steps, study.repetitions});
         if (contenders_of(study, scene, options).empty()) {
             const std::string known = "a glob that matches one of: " + registered_names();
             if (!options.backends.empty())
@@ -242,18 +324,21 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         }
     }
 
-    nlohmann::json result = {{"context", nlohmann::json::object()},
+    nlohmann::json result = {{"context", plain_context()},
                              {"benchmarks", nlohmann::json::array()},
                              {"verification", nlohmann::json::array()},
                              {"skipped", nlohmann::json::array()},
                              {"failed", nlohmann::json::array()}};
+    if (study.kind == StudyKind::pareto) result["pareto"] = nlohmann::json::array();
     nlohmann::json context = build_context();
     context["gpu"] = context["driver"] = context["gl_renderer"] = nullptr;
-    context["study"] = {{"name", study.name}, {"repetitions", repetitions}};
+    context["study"] = {{"name", study.name}, {"repetitions", study.repetitions}};
     context["backends"] = nlohmann::json::object();
 
     Progress progress;
     MeasuredLimits limits;
+    References references;
+    bool has_context = false;
     std::size_t number = 0;
     for (const StudyScene& item : study.scenes) {
         ++number;
@@ -289,15 +374,16 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
             }
         }
         if (!contenders.empty()) {
-            SceneResult measured = measure(scene, contenders, item.steps, repetitions,
-                                           [&](const auto& label, int begun, int total) {
-                                               progress.show(heading + std::to_string(begun) + "/" +
-                                                             std::to_string(total) + " " + label);
-                                           });
-            if (result["context"].empty()) result["context"] = measured.context;
-            for (auto& row : measured.benchmarks) result["benchmarks"].push_back(std::move(row));
-            for (auto& row : measured.verification) result["verification"].push_back(std::move(row));
-            for (auto& row : measured.failed) result["failed"].push_back(std::move(row));
+            SceneResult measured = measure_scene(study, scene, item.steps, contenders, references,
+                                                 [&](const auto& label, int begun, int total) {
+                                                     progress.show(heading + std::to_string(begun) + "/" +
+                                                                   std::to_string(total) + " " + label);
+                                                 });
+            if (!std::exchange(has_context, true) && !measured.context.is_null())
+                result["context"] = measured.context;
+            for (auto& [list, rows] : measured.lists) {
+                for (auto& row : rows) result[list].push_back(std::move(row));
+            }
         }
         note_devices(context);
         context["limits"] = limits.json();

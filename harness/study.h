@@ -1,6 +1,7 @@
 // A study: which scenes, which backends, how many steps; and its run.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -9,20 +10,30 @@
 
 namespace voxspring {
 
+/// What a study measures of its scenes.
+enum class StudyKind : std::uint8_t {
+    timing,  ///< the time of a step, with its error (measure.h)
+    pareto,  ///< run time to a fixed end time against error, over time steps (pareto.h)
+};
+
 /// One scene of a study.
 struct StudyScene {
     std::string scene;                  ///< what load_scene() takes
-    int steps = 0;                      ///< in a batch; also the steps after which errors are taken
+    int steps = 0;                      ///< in a batch, errors are taken after it; of pareto see TimeSteps
     std::vector<std::string> backends;  ///< backend patterns; empty: the study's
 };
 
 /// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
-/// registered backend whose name matches and that has these options, with them.
+/// registered backend whose name matches and that has these options, with them; `formulation=*` and
+/// `precision=*` stand for each that the backend has.
 struct Study {
     std::string name;
     std::string description;
+    StudyKind kind = StudyKind::timing;
     int repetitions = 9;
-    int steps = 0;  ///< for scenes that the command line adds
+    int steps = 0;                   ///< for scenes that the command line adds
+    bool total_error = true;         ///< of a timing study: take errors against float64 refined in time
+    std::vector<double> time_steps;  ///< of a pareto study: fractions of the stable one, descending
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
 };

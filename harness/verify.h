@@ -21,17 +21,51 @@ struct Comparison {
     bool passed() const { return reason.empty(); }
 };
 
+/// Over all springs at rest.
+struct SpringLengths {
+    double longest = 0;  ///< rest length
+    double strain = 0;   ///< by how much one is longer or shorter at rest than its rest length
+};
+SpringLengths spring_lengths(const Problem& problem);
+
+/// The most that gravity and loads together accelerate a particle by.
+double forced_acceleration(const Problem& problem);
+
 /// Bound on the largest rounding error of any particle after `steps` steps.
 ///
-/// One step rounds a position by at most u |x| (u half an ulp of 1) and its spring forces by a few u of
-/// their sum, which the stability limit keeps under 4 rest lengths: d = u (max|x| + 16 l). Rounding
-/// errors of independent sign drive a free mode as a doubly summed random walk, d sqrt(n^3 / 3) / sqrt(3)
-/// in the mean; three times that, d n^1.5, is the tolerance. n is two more than `steps`: a start is two
-/// positions, each rounded to the backend's precision as a step would round it.
-double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps);
+/// Rounding errors of independent sign, d a step, drive a free mode as a doubly summed random walk, d
+/// sqrt(n^3 / 3) / sqrt(3) in the mean; three times that, d n^1.5, is the tolerance. n is two more than
+/// `steps`: a start is two states, each rounded to the backend's precision as a step would round it. With u
+/// half an ulp of 1, l the longest rest length and U = max|displacement| + n max|increment|, which bounds how
+/// far any particle has been from rest,
+///
+/// | formulation | d / u | |
+/// | --- | --- | --- |
+/// | position | max abs(x) + 16 l | the state's own rounding; forces, a few u of lengths under 4 l in sum |
+/// | paper | 3 max abs(x) + 16 l | two products of x and their difference are rounded as well |
+/// | displacement | U + 16 l | the state is as small as U; forces are still differences of lengths |
+/// | increment | U + 16 w | forces are off by a few u of w, by how much a spring's ends move apart |
+/// | compensated | 16 w | the state's own rounding is gone |
+///
+/// The stability limit keeps the forces of a step under 4 times what a spring changes by: w = min(2 U + s, 2
+/// l), s the largest strain at rest (a length), since the cancellation-free force of ends that went 2 U apart
+/// is off by a few u of that, and of no more than 2 l however far they were rotated.
+///
+/// `paper` has a bias on top: fl(2 - lambda) - fl(1 - lambda) differs from 1 by up to 1.5 u unless lambda is
+/// 0, which acts each step and always the same way, as a force proportional to x: 1.5 u max|x| n^2 / 2.
+///
+/// Nor are errors of independent sign where gravity or loads act on what springs have not reached yet: the
+/// same a dt^2 is added to a state X, x or the displacement, each step, and rounded with it in the same way.
+/// That costs e = min(half an ulp of X, a dt^2) a step, e n^2 / 2 after n and no more than the motion itself,
+/// U; where a dt^2 is the smaller one, motion stalls. `increment` adds to v, which is as small as what is
+/// added.
+///
+/// The reference has been rounded too, in float64 and at worst in `position`: d is no less than its.
+double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
+                          Formulation formulation = Formulation::position);
 
 /// Finiteness first, then sizes, then every component, against rounding_tolerance().
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
-                   int steps);
+                   int steps, Formulation formulation = Formulation::position);
 
 }  // namespace voxspring

@@ -125,7 +125,7 @@ class Run(InTemporaryFolder):
         out = self.folder / "state.csv"
         result = voxspring("run", scene, "--backend", "cpu_reference", "--steps", 5000, "--out", out)
         self.assertEqual(result.returncode, 1, result.stdout)
-        self.assertIn("no longer finite", result.stderr)
+        self.assertRegex(result.stderr, r"diverged at step \d+: .* moved by more than")
         self.assertFalse(out.exists())
 
 
@@ -137,6 +137,10 @@ class Study(InTemporaryFolder):
             if path.name != "study.schema.json":
                 schema.validate(json.loads(path.read_text()))
         self.assertFalse(schema.is_valid({"backends": ["*"], "scenes": []}))
+        pareto = {"kind": "pareto", "backends": ["*"], "scenes": [{"scene": "box"}], "time_steps": [0.5, 0.25]}
+        self.assertTrue(schema.is_valid(pareto))
+        self.assertFalse(schema.is_valid(pareto | {"kind": "timing"}))
+        self.assertFalse(schema.is_valid({key: value for key, value in pareto.items() if key != "time_steps"}))
         self.assertFalse(schema.is_valid({"backends": ["*"], "scenes": [{"scene": "box", "step": 3}]}))
 
     def run_smoke(self, *arguments):
@@ -176,6 +180,12 @@ class Study(InTemporaryFolder):
             if row.get("aggregate_name") not in ("stddev", "cv"):
                 self.assertAlmostEqual(row["fraction_of_limit"], 1e6 * row["limit_seconds"] / row["real_time"])
             self.assertTrue(row["name"].startswith(f"{row['scene']}/{row['backend']}/"), row["name"])
+            for error in ("error_relative_l2", "error_max", "momentum_error", "total_error_relative_l2",
+                          "total_error_max", "divergence"):
+                self.assertGreaterEqual(row[error], 0, error)
+            self.assertIsNotNone(row["energy_error"])
+            self.assertIsNone(row["total_error_reason"])
+            self.assertIs(row["chaotic"], False)
         commit = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True).stdout
         self.assertIn(result["context"]["voxspring"]["commit"], (commit.strip(), "unknown"))
 
@@ -201,6 +211,8 @@ class Study(InTemporaryFolder):
         edits = {row["steps"]: row["edits"] for row in result["benchmarks"]}
         self.assertEqual(edits, {9: 2, 10: 3})
         for row in result["benchmarks"]:
+            self.assertIsNone(row["total_error_relative_l2"])
+            self.assertIn("springs change", row["total_error_reason"])
             self.assertGreater(row["seconds_per_step_without_edits"], 0)
             self.assertGreaterEqual(row["edit_seconds_max"], row["edit_seconds_median"])
         self.assertIn("slow-down", ran.stdout)
@@ -247,6 +259,120 @@ class Study(InTemporaryFolder):
 
     def test_refuses_a_folder_that_cannot_be_written(self):
         self.assert_refused(voxspring("study", "smoke", "--out", "/proc/smoke.json"), "/proc/smoke.json")
+
+
+class Pareto(InTemporaryFolder):
+    SCENES = ("box@6", "beam@3x3x7")
+
+    @classmethod
+    def setUpClass(cls):
+        folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(folder.cleanup)
+        cls.out = pathlib.Path(folder.name) / "pareto.json"
+        scenes = [argument for scene in cls.SCENES for argument in ("--scene", scene)]
+        cls.ran = voxspring("study", "pareto", *scenes, "--backend", "cpu_parallel:formulation=*,precision=*",
+                            "--repetitions", 1, "--out", cls.out)
+        cls.result = json.loads(cls.out.read_text())
+
+    def test_result_follows_its_schema(self):
+        self.assertEqual(self.ran.returncode, 0, self.ran.stdout + self.ran.stderr)
+        with open("results/schema.json") as file:
+            schema = jsonschema.Draft202012Validator(json.load(file))
+        schema.validate(self.result)
+        row = self.result["pareto"][0]
+        for change in ({"seconds": None}, {"diverged": True}, {"device": ""}, {"on_front": None}):
+            self.assertFalse(schema.is_valid(self.result | {"pareto": [row | change]}), change)
+        backend = next(b for b in json.loads(voxspring("list", "--json").stdout)["backends"]
+                       if b["name"] == "cpu_parallel")
+        with open("harness/studies/pareto.json") as file:
+            time_steps = json.load(file)["time_steps"]
+        contenders = len(backend["formulations"]) * len(backend["precisions"])
+        self.assertEqual(len(self.result["pareto"]), len(self.SCENES) * len(time_steps) * contenders)
+
+    def test_total_error_of_float64_is_of_second_order_and_that_of_float32_turns_up(self):
+        for scene in self.SCENES:
+            errors = {(row["formulation"], row["precision"], row["steps"]): row["total_error_relative_l2"]
+                      for row in self.result["pareto"] if row["scene"] == scene}
+            for steps in (200, 400, 800, 1600):
+                ratio = errors["increment", "float64", steps] / errors["increment", "float64", 2 * steps]
+                self.assertAlmostEqual(ratio, 4, delta=0.2, msg=f"{scene} {steps}")
+            self.assertGreater(errors["paper", "float32", 3200], errors["paper", "float32", 100])
+
+    def test_front_is_what_nothing_beats(self):
+        for scene in self.SCENES:
+            rows = [row for row in self.result["pareto"] if row["scene"] == scene]
+            for row in rows:
+                faster = [other["total_error_relative_l2"] for other in rows if other["seconds"] < row["seconds"]]
+                # A point of the front that is 1% better than the front so far is so than all that is faster.
+                if row["on_front"]:
+                    self.assertLess(row["total_error_relative_l2"], 0.99 * min(faster, default=math.inf), row["name"])
+                else:
+                    self.assertGreaterEqual(row["total_error_relative_l2"], 0.99 * min(faster), row["name"])
+            self.assertIn(f"{scene} on {rows[0]['device']}, to time", self.ran.stdout)
+
+    def test_advises_the_fastest_that_reaches_the_error(self):
+        least = min(row["total_error_relative_l2"] for row in self.result["pareto"] if row["scene"] == "box@6")
+        for error in (1e-2, 2 * least):
+            ran = voxspring("advise", "box@6", "--error", error, "--results", self.out)
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+            best = min((row for row in self.result["pareto"]
+                        if row["scene"] == "box@6" and row["total_error_relative_l2"] <= error),
+                       key=lambda row: row["seconds"])
+            said = ran.stdout[ran.stdout.index("best: "):].splitlines()
+            self.assertTrue(said[0].startswith(
+                f"best: {best['backend']}:formulation={best['formulation']},precision={best['precision']}"), said[0])
+            self.assertIn(f"for {best['steps']} steps", said[2])
+            self.assertIn("runner-up: ", ran.stdout)
+            run = voxspring("run", "box@6", "--backend", said[0].split("best: ")[1], "--steps", 3)
+            self.assertEqual(run.returncode, 0, "what it says is what --backend takes")
+
+    def test_advice_that_cannot_be_given(self):
+        ran = voxspring("advise", "box@6", "--error", 1e-30, "--results", self.out)
+        self.assertEqual(ran.returncode, 1)
+        self.assertIn("nothing reaches", ran.stdout)
+        self.assertIn("most accurate: ", ran.stdout)
+        self.assert_refused(voxspring("advise", "heart", "--error", 1, "--results", self.out), "heart", *self.SCENES)
+        self.assert_refused(voxspring("advise", "box@6", "--error", 1, "--results", self.folder / "none.json"),
+                            "none.json")
+        (self.folder / "other.json").write_text('{"benchmarks": []}')
+        self.assert_refused(voxspring("advise", "box@6", "--error", 1, "--results", self.folder / "other.json"),
+                            "other.json", "pareto")
+        self.assert_refused(voxspring("advise", "nowhere", "--error", 1), "nowhere")
+        self.assert_refused(voxspring("advise", "box@6", "--error", 1, "--backend", "vulkan*"), "vulkan*")
+        for bad in ("0", "-1", "small"):
+            self.assertEqual(voxspring("advise", "box@6", "--error", bad, "--results", self.out).returncode, 2)
+        self.assertEqual(voxspring("advise", "box@6").returncode, 2)
+
+    def test_measures_where_no_result_is_given(self):
+        ran = voxspring("advise", "box@4", "--error", 1e-3, "--backend", "cpu_parallel", "--repetitions", 1)
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        self.assertIn("best: cpu_parallel:", ran.stdout)
+
+    def test_refuses_scenes_without_such_a_study(self):
+        self.assert_refused(voxspring("study", "pareto", "--scene", "scalpel_1", "--backend", "cpu_parallel"),
+                            "scalpel_1", "edits")
+        loose = self.folder / "loose.json"
+        loose.write_text(json.dumps({"dataset": {"type": "box", "dims": [1, 1, 1]}, "time_step": 0.1}))
+        self.assert_refused(voxspring("study", "pareto", "--scene", loose, "--backend", "cpu_parallel"), "loose")
+
+    def test_is_drawn_the_same_every_time(self):
+        def draw(result, *names):
+            outs = [argument for name in names for argument in ("--out", str(self.folder / name))]
+            return subprocess.run([sys.executable, "results/pareto.py", str(result), *outs],
+                                  capture_output=True, text=True)
+        for names in (("a.svg", "a.png"), ("b.svg", "b.png")):
+            drawn = draw(self.out, *names)
+            self.assertEqual(drawn.returncode, 0, drawn.stderr)
+        for kind in ("svg", "png"):
+            self.assertEqual((self.folder / f"a.{kind}").read_bytes(), (self.folder / f"b.{kind}").read_bytes())
+        figure = (self.folder / "a.svg").read_text()
+        for word in (*self.SCENES, "total error", "increment", "float64"):
+            self.assertIn(word, figure)
+        (self.folder / "other.json").write_text('{"benchmarks": []}')
+        for result, out in ((self.folder / "none.json", "c.svg"), (self.folder / "other.json", "c.svg"),
+                            (self.out, "c.pdf")):
+            refused = draw(result, out)
+            self.assertEqual((refused.returncode, refused.stderr.count("\n")), (2, 1), refused.stderr)
 
 
 if __name__ == "__main__":

@@ -184,8 +184,8 @@ TEST_P(Conformance, AgreesWithTheReference) {
             oracle->step(batch);
             backend->step(batch);
             steps += batch;
-            const Comparison comparison =
-                compare(problem, backend->download(), oracle->download(), spec.options.precision, steps);
+            const Comparison comparison = compare(problem, backend->download(), oracle->download(),
+                                                  spec.options.precision, steps, spec.options.formulation);
             EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
         }
     }
@@ -274,7 +274,8 @@ TEST_P(Conformance, AnEditedProblemIsTheOneBuiltSoToTheBit) {
                 EXPECT_EQ(played.displacement, built.displacement);
                 EXPECT_EQ(played.increment, built.increment);
             } else {
-                const Comparison comparison = compare(edited, played, built, spec.options.precision, 13);
+                const Comparison comparison =
+                    compare(edited, played, built, spec.options.precision, 13, spec.options.formulation);
                 EXPECT_TRUE(comparison.passed()) << comparison.reason;
             }
             // An upload forgets every edit.
@@ -283,8 +284,8 @@ TEST_P(Conformance, AnEditedProblemIsTheOneBuiltSoToTheBit) {
             oracle->step(5);
             backend->upload(c.problem, start);
             backend->step(5);
-            const Comparison comparison =
-                compare(c.problem, backend->download(), oracle->download(), spec.options.precision, 5);
+            const Comparison comparison = compare(c.problem, backend->download(), oracle->download(),
+                                                  spec.options.precision, 5, spec.options.formulation);
             EXPECT_TRUE(comparison.passed()) << comparison.reason;
         }
     }
@@ -312,7 +313,8 @@ TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
                 }
                 steps += 5;
                 const Comparison comparison =
-                    compare(now, backend->download(), oracle->download(), spec.options.precision, steps);
+                    compare(now, backend->download(), oracle->download(), spec.options.precision, steps,
+                            spec.options.formulation);
                 EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
             }
             // To the bit what it is when uploaded so: a state of float32 comes through download() and

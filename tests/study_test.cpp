@@ -23,7 +23,7 @@ namespace {
 using ::testing::HasSubstr;
 
 /// cpu_reference with a fault.
-class Faulty : public CpuBackend {
+class Faulty : public WatchedCpuBackend {
 public:
     enum class Fault {
         none,
@@ -33,7 +33,8 @@ public:
         device_error_in_step,
         device_error_in_limits,
         wrong,
-        nan
+        nan,
+        departs,  ///< in step 3
     };
 
     explicit Faulty(Fault fault, std::string uuid = "")
@@ -48,17 +49,7 @@ public:
     std::string unsupported(const Problem&) const override {
         return fault_ == Fault::unsupported ? "grid of 8 exceeds the limit of 7" : "";
     }
-    void upload(const Problem& problem, const State& state) override {
-        if (fault_ == Fault::device_error_in_upload) throw DeviceError("out of memory");
-        sound_->upload(problem, state);
-        ++uploads_;
-    }
     void edit(const Problem&, const SpringEdit&) override {}
-    void step(int count) override {
-        // The third upload is the second timed repetition.
-        if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
-        sound_->step(count);
-    }
     DeviceLimits measure_limits() override {
         if (fault_ == Fault::device_error_in_limits) throw DeviceError("no counters");
         return CpuBackend::measure_limits();
@@ -72,10 +63,24 @@ public:
     }
 
 private:
+    void begin(const Problem& problem, const State& state) override {
+        if (fault_ == Fault::device_error_in_upload) throw DeviceError("out of memory");
+        sound_->upload(problem, state);
+        ++uploads_;
+        steps_ = 0;
+    }
+    void advance(int count) override {
+        // The third upload is the second timed repetition.
+        if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
+        sound_->step(count);
+        steps_ += count;
+    }
+    bool within(double) override { return fault_ != Fault::departs || steps_ < 3; }
+
     Fault fault_;
     std::string uuid_;
     std::unique_ptr<Backend> sound_;
-    int uploads_ = 0;
+    int uploads_ = 0, steps_ = 0;
 };
 
 /// A device that is lost in one of the calls to it; every call fails from then on, as with CUDA.
@@ -91,20 +96,12 @@ struct Device {
 Device device;
 
 /// cpu_reference on that device.
-class Losing : public CpuBackend {
+class Losing : public WatchedCpuBackend {
 public:
     Losing() : sound_(BackendSpec::parse("cpu_reference").make()) {
         if (device.lost) throw Unavailable("no context: device lost");
     }
     Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
-    void upload(const Problem& problem, const State& state) override {
-        device.call("upload");
-        sound_->upload(problem, state);
-    }
-    void step(int count) override {
-        device.call("step");
-        sound_->step(count);
-    }
     void edit(const Problem& edited, const SpringEdit& edit) override {
         device.call("edit");
         sound_->edit(edited, edit);
@@ -117,6 +114,16 @@ public:
     }
 
 private:
+    void begin(const Problem& problem, const State& state) override {
+        device.call("upload");
+        sound_->upload(problem, state);
+    }
+    void advance(int count) override {
+        device.call("step");
+        sound_->step(count);
+    }
+    bool within(double) override { return true; }
+
     std::unique_ptr<Backend> sound_;
 };
 
@@ -147,6 +154,7 @@ const Registered test_backends[] = {
     faulty("unmeasured", Faulty::Fault::device_error_in_limits),
     faulty("test_wrong", Faulty::Fault::wrong),
     faulty("test_nan", Faulty::Fault::nan),
+    faulty("departs", Faulty::Fault::departs),
     on_card("card_a", "GPU-a"),
     on_card("card_b", "GPU-b"),
     on_card("card_c", "GPU-a"),
@@ -189,9 +197,46 @@ TEST(Study, AFaultTakesDownItsOwnRowOnly) {
 
     for (const auto& row : result.at("benchmarks")) EXPECT_EQ(row.at("backend"), "test_sound");
     EXPECT_EQ(result.at("benchmarks").size(), 3u + 4u) << "3 repetitions, mean, median, stddev, cv";
-    EXPECT_EQ(row_of(result.at("verification"), "test_sound").at("error_max"), 0.0);
+    // float64 positions of up to 4 against float64 displacements.
+    EXPECT_LT(row_of(result.at("verification"), "test_sound").at("error_max"), 1e-14);
     EXPECT_EQ(row_of(result.at("verification"), "test_wrong").at("passed"), false);
     EXPECT_TRUE(row_of(result.at("verification"), "test_nan").at("error_max").is_null());
+}
+
+TEST(Study, ARunThatDivergesIsNotTimed) {
+    Study study = study_of({"departs", "test_sound"});
+    study.scenes = {{"box@5", 70, {}}};
+    const nlohmann::json result = run_study(study, {});
+    ASSERT_EQ(result.at("failed").size(), 1u);
+    EXPECT_THAT(std::string(result.at("failed")[0].at("reason")),
+                HasSubstr("diverged at step 3: a particle is not finite or moved by more than"));
+    for (const auto& row : result.at("benchmarks")) EXPECT_EQ(row.at("backend"), "test_sound");
+    // Fewer steps than a look takes: the backend alone can tell, and did not look.
+    study.scenes = {{"box@5", 4, {}}};
+    EXPECT_TRUE(run_study(study, {}).at("failed").empty());
+}
+
+TEST(Study, EveryRowHasItsErrors) {
+    Study study = study_of({"cpu_parallel"});
+    const nlohmann::json result = run_study(study, {});
+    ASSERT_FALSE(result.at("benchmarks").empty());
+    for (const auto& row : result.at("benchmarks")) {
+        EXPECT_GT(row.at("error_relative_l2").get<double>(), 0);
+        EXPECT_LT(row.at("error_relative_l2"), row.at("total_error_relative_l2"));
+        EXPECT_GT(row.at("total_error_max").get<double>(), 0);
+        EXPECT_LT(row.at("total_error_uncertainty"), row.at("total_error_relative_l2"));
+        EXPECT_TRUE(row.at("total_error_reason").is_null());
+        EXPECT_LT(row.at("momentum_error").get<double>(), 1e-4);
+        EXPECT_LT(std::abs(row.at("energy_error").get<double>()), 1e-3);
+        EXPECT_EQ(row.at("chaotic"), false);
+        EXPECT_LT(row.at("divergence").get<double>(), 1e-9);
+    }
+    study.total_error = false;
+    const auto without = run_study(study, {});
+    for (const auto& row : without.at("benchmarks")) {
+        EXPECT_TRUE(row.at("total_error_relative_l2").is_null());
+        EXPECT_THAT(std::string(row.at("total_error_reason")), HasSubstr("does not ask"));
+    }
 }
 
 TEST(Study, TwoCardsAreNotComparedAsOne) {
@@ -279,6 +324,15 @@ TEST(Study, APatternStandsForTheBackendsThatHaveItsOptions) {
     EXPECT_FALSE(result.at("benchmarks").empty());
 }
 
+TEST(Study, AStarStandsForEachValueThatTheBackendHas) {
+    std::set<std::string> measured;
+    const auto result = run_study(study_of({"cpu_parallel:formulation=*,precision=*"}), {});
+    for (const auto& row : result.at("verification"))
+        measured.insert(std::string(row.at("formulation")) + "/" + std::string(row.at("precision")));
+    const BackendEntry& entry = registry().at("cpu_parallel");
+    EXPECT_EQ(measured.size(), entry.formulations.size() * entry.precisions.size());
+}
+
 TEST(Study, WithoutABackendIsRefused) { EXPECT_THROW(run_study(study_of({"left_out_*"}), {}), BadInput); }
 
 class StudyFile : public ::testing::Test {
@@ -315,6 +369,19 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
     write(R"({"backends": ["*"], "scenes": [{"scene": "box"}], "repetitions": 2.5})");
     EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("repetitions"), HasSubstr("2.5")));
     write(R"({"backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_EQ(refusal(), "accepted");
+    write(R"({"kind": "speed", "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("kind"), HasSubstr("speed"), HasSubstr("pareto")));
+    write(R"({"kind": "pareto", "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), HasSubstr("time_steps"));
+    write(R"({"kind": "pareto", "time_steps": [0.5, 0.5], "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("time_steps[1]"), HasSubstr("descending")));
+    write(R"({"kind": "pareto", "time_steps": [2], "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("time_steps[0]"), HasSubstr("2")));
+    write(R"({"time_steps": [0.5], "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), HasSubstr("time_steps")) << "of no use to a timing study";
+    write(R"({"kind": "pareto", "time_steps": [0.5], "backends": ["cpu_*:formulation=*,precision=*"],
+              "scenes": [{"scene": "box"}]})");
     EXPECT_EQ(refusal(), "accepted");
 }
 
@@ -374,8 +441,8 @@ TEST_P(LostDevice, KeepsWhatWasFinishedAndNamesTheRest) {
 TEST(BuiltinStudies, AllLoad) {
     std::vector<std::string> names;
     for (const auto& study : builtin_studies()) names.push_back(study.name);
-    EXPECT_THAT(names,
-                ::testing::IsSupersetOf({"default", "figure7", "figure8", "smoke", "table1", "tuning"}));
+    EXPECT_THAT(names, ::testing::IsSupersetOf(
+                           {"default", "figure7", "figure8", "pareto", "smoke", "table1", "tuning"}));
 }
 
 }  // namespace

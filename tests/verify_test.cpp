@@ -8,6 +8,7 @@
 #include <limits>
 #include <utility>
 
+#include "backends/registry.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -125,6 +126,61 @@ TEST_F(Verify, ToleranceFollowsPrecisionAndSteps) {
     EXPECT_GT(tolerance(Precision::float32, 100), tolerance(Precision::float32, 10));
     // Whatever the number of steps, an error that a viewer would see is none of rounding here.
     EXPECT_LT(tolerance(Precision::float32, 20), 1e-3);
+}
+
+TEST_F(Verify, ToleranceFollowsFormulation) {
+    Problem long_box = make_lattice_problem(solid({3, 3, 40}), FACE_BITS | EDGE_BITS);
+    long_box.damping = 0.01;
+    const State moved = random_state(long_box, 1e-3, 3);
+    const auto tolerance = [&](Formulation formulation, int n = 20) {
+        return rounding_tolerance(long_box, moved, Precision::float32, n, formulation);
+    };
+    // Positions of 40, rest lengths of 1.4 and displacements of 1e-3, in that order, are what is rounded.
+    EXPECT_GT(tolerance(Formulation::paper), 2 * tolerance(Formulation::position));
+    EXPECT_GT(tolerance(Formulation::position), 2 * tolerance(Formulation::displacement));
+    EXPECT_GT(tolerance(Formulation::displacement), 50 * tolerance(Formulation::increment));
+    EXPECT_GT(tolerance(Formulation::increment), tolerance(Formulation::compensated));
+    // The bias of the equation as printed goes with the square of the steps, and is not there without
+    // damping.
+    EXPECT_GT(tolerance(Formulation::paper, 10000) / tolerance(Formulation::paper, 1000), 70);
+    long_box.damping = 0;
+    EXPECT_LT(tolerance(Formulation::paper, 10000) / tolerance(Formulation::paper, 1000), 33);
+    // Nobody is held to less than what a reference on positions rounds itself.
+    EXPECT_EQ(rounding_tolerance(long_box, moved, Precision::float64, 20, Formulation::compensated),
+              rounding_tolerance(long_box, moved, Precision::float64, 20, Formulation::position));
+    // Rest is free of strain: springs of an unstructured network, far from it, round what they hold.
+    const Problem network = random_network(50, 200, 4);
+    EXPECT_GT(
+        rounding_tolerance(network, state_at_rest(network), Precision::float32, 20, Formulation::increment),
+        1e-6);
+    EXPECT_LT(
+        rounding_tolerance(long_box, state_at_rest(long_box), Precision::float32, 20, Formulation::increment),
+        1e-11);
+}
+
+TEST_F(Verify, ToleranceAllowsWhatAConstantForceLosesInRounding) {
+    // Free fall from high up, in steps so small that a float32 position hardly takes what gravity adds.
+    Problem falling = make_lattice_problem(solid({1, 1, 60}), FACE_BITS);
+    falling.gravity = {0, 0, -1e-3};
+    falling.time_step = 0.02;
+    const auto run = [&](const std::string& specification) {
+        const auto backend = BackendSpec::parse(specification).make();
+        backend->upload(falling, state_at_rest(falling));
+        backend->step(2000);
+        return backend->download();
+    };
+    const State exact = run("cpu_reference");
+    for (const Formulation formulation : all_formulations) {
+        const Comparison comparison =
+            compare(falling, run("cpu_parallel:precision=float32,formulation=" + to_string(formulation)),
+                    exact, Precision::float32, 2000, formulation);
+        EXPECT_TRUE(comparison.passed()) << to_string(formulation) << ": " << comparison.reason;
+        if (on_positions(formulation)) {
+            EXPECT_GT(comparison.relative_l2, 0.1) << "stalled";
+        } else {
+            EXPECT_LT(comparison.relative_l2, 1e-2) << to_string(formulation);
+        }
+    }
 }
 
 }  // namespace

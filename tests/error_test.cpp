@@ -1,0 +1,479 @@
+// Errors: their references, the cache of those, what runs conserve, when they diverge, and what is advised.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "backends/registry.h"
+#include "harness/advise.h"
+#include "harness/bad_input.h"
+#include "harness/cache.h"
+#include "harness/conserved.h"
+#include "harness/divergence.h"
+#include "harness/errors.h"
+#include "harness/pareto.h"
+#include "harness/playback.h"
+#include "harness/reference.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+StateCache no_cache() { return StateCache(std::filesystem::path{}); }
+
+/// One mass on one spring along z, pinned at its lower end: z'' + 2 beta z' = -omega^2 z + g, exactly linear.
+struct Oscillator {
+    double damping, gravity, displacement, increment, time_step;
+
+    Scene scene() const {
+        Scene scene;
+        scene.name = "oscillator";
+        Problem& problem = scene.problem;
+        problem = make_lattice_problem(solid({1, 1, 2}), FACE_BITS);
+        pin_base(problem);
+        problem.materials = {{mass, stiffness}};
+        problem.group_stiffness = {stiffness, stiffness, stiffness};
+        problem.gravity = {0, 0, gravity};
+        problem.damping = damping;
+        problem.time_step = time_step;
+        scene.state = state_at_rest(problem);
+        scene.state.displacement[1].z = displacement;
+        scene.state.increment[1].z = increment;
+        scene.stable_time_step = 2 / std::sqrt(stiffness / mass);
+        return scene;
+    }
+    /// The displacement at t of the motion that at_time_step() says the scene is.
+    double exact(double t) const {
+        const double scale = 1 - damping / 2;
+        const double beta = damping / (2 - damping) / time_step;
+        const double omega_squared = stiffness / mass / scale;
+        const double equilibrium = gravity / scale / omega_squared;
+        const double force = gravity / scale - omega_squared * displacement;
+        // v(0) from the definition, x(dt) of the first step written out.
+        const double velocity = (scale * increment + scale * force * time_step * time_step / 2) / time_step;
+        const double omega = std::sqrt(omega_squared - beta * beta);
+        const double a = displacement - equilibrium, b = (velocity + beta * a) / omega;
+        return equilibrium + std::exp(-beta * t) * (a * std::cos(omega * t) + b * std::sin(omega * t));
+    }
+    static constexpr double mass = 2, stiffness = 3;
+};
+
+class Motion : public ::testing::TestWithParam<Oscillator> {
+protected:
+    References references{no_cache()};
+};
+
+INSTANTIATE_TEST_SUITE_P(, Motion,
+                         ::testing::Values(Oscillator{0, -0.02, 0, 0, 0.2}, Oscillator{0, 0, 0.1, 0, 0.2},
+                                           Oscillator{0, 0, 0.1, 0.03, 0.2},
+                                           Oscillator{0.1, -0.02, 0.1, 0.03, 0.2}));
+
+TEST_P(Motion, IsOfSecondOrder) {
+    const Oscillator oscillator = GetParam();
+    const Scene scene = oscillator.scene();
+    const Span span{0.2, 64};
+    double before = 0;
+    for (const int steps : {256, 512, 1024, 2048}) {
+        const State end = references.after(in_steps(scene, span, steps), steps);
+        const double error = std::abs(end.displacement[1].z - oscillator.exact(0.2 * 64));
+        // The fourth-order term is a few percent of it at the largest step.
+        if (before > 0) {
+            EXPECT_NEAR(before / error, 4, 0.2) << steps;
+        }
+        before = error;
+    }
+    EXPECT_LT(before, 1e-4);
+}
+
+TEST_P(Motion, RefinedReferenceHasTheClosedForm) {
+    const Oscillator oscillator = GetParam();
+    const Refined refined = references.refined(oscillator.scene(), {0.2, 64}, {64});
+    ASSERT_FALSE(refined.displacement.empty()) << refined.reason;
+    const double exact = oscillator.exact(0.2 * 64);
+    const double error = std::abs(refined.displacement[1].z - exact) / std::abs(exact);
+    EXPECT_LE(error, refined.uncertainty) << "the estimate is of the extrapolation before";
+    EXPECT_LT(error, 1e-4);
+    const Refined finer = references.refined(oscillator.scene(), {0.2, 64}, {64, 128, 256, 512});
+    EXPECT_NEAR(finer.displacement[1].z, exact, finer.uncertainty * std::abs(exact));
+    // A hundredth of the error of 512 steps, 1e-4 or less.
+    EXPECT_LT(finer.uncertainty, 1e-6);
+}
+
+TEST(AtTimeStep, IsTheSceneItselfAtItsOwn) {
+    const Scene scene = Oscillator{0.1, -0.02, 0.1, 0.03, 0.2}.scene();
+    const Scene same = in_steps(scene, {0.2, 7}, 7);
+    EXPECT_EQ(same.problem.damping, scene.problem.damping);
+    EXPECT_EQ(same.problem.time_step, scene.problem.time_step);
+    EXPECT_EQ(same.state.increment, scene.state.increment);
+    const Scene there = at_time_step(scene, 0.05), back = at_time_step(there, 0.2);
+    EXPECT_NEAR(back.problem.damping, 0.1, 1e-15);
+    EXPECT_NEAR(back.problem.materials[0].mass, 2, 1e-14);
+    EXPECT_NEAR(back.problem.gravity.z, -0.02, 1e-16);
+    EXPECT_NEAR(back.state.increment[1].z, 0.03, 1e-15);
+}
+
+TEST(Refined, GivesReasonsWhereThereIsNone) {
+    References references{no_cache()};
+    Scene scene = Oscillator{0, -0.02, 0, 0, 0.2}.scene();
+    scene.edits.push_back({3, SpringEditor(scene.problem).cut(Plane{{0, 0, 0.5}, {0, 0, 1}})});
+    EXPECT_THAT(references.refined(scene, {0.2, 8}, {8}).reason, HasSubstr("springs change"));
+    EXPECT_EQ(references.computed(), 0);
+    // Particles that fly through each other.
+    scene = {};
+    scene.problem = make_lattice_problem(solid({4, 4, 4}), FACE_BITS | EDGE_BITS);
+    scene.problem.time_step = 0.25;
+    scene.state = random_state(scene.problem, 3, 1);
+    const Refined refined = references.refined(scene, {0.25, 1000}, {1000});
+    EXPECT_TRUE(refined.displacement.empty());
+    EXPECT_THAT(refined.reason, HasSubstr("does not converge"));
+}
+
+// --- Chaos -----------------------------------------------------------------------------------------------
+
+TEST(Chaos, IsFoundWhereTwoOrdersOfSummationPart) {
+    References references{no_cache()};
+    Scene scene;
+    scene.problem = make_lattice_problem(solid({5, 4, 6}), FACE_BITS | EDGE_BITS);
+    scene.problem.time_step = 0.25;
+    scene.state = random_state(scene.problem, 0.01, 1);
+    const Chaos calm = references.chaos(scene, 20);
+    ASSERT_TRUE(calm.divergence);
+    EXPECT_LT(*calm.divergence, 1e-12);
+    EXPECT_FALSE(calm.chaotic());
+    scene.state = random_state(scene.problem, 0.9, 1);
+    const Chaos wild = references.chaos(scene, 2000);
+    ASSERT_TRUE(wild.divergence);
+    EXPECT_TRUE(wild.chaotic()) << *wild.divergence;
+
+    // Nothing fails for an error there, but for a state that is not finite.
+    Truth truth{scene.problem, 2000, scene.state, {}, wild};
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:precision=float64");
+    State state = scene.state;
+    state.displacement[3].x += 1;
+    EXPECT_TRUE(judge(truth, state, spec).passed());
+    EXPECT_EQ(error_fields(truth, state, judge(truth, state, spec)).at("chaotic"), true);
+    state.displacement[3].x = NAN;
+    EXPECT_FALSE(judge(truth, state, spec).passed());
+    truth.chaos = calm;
+    state.displacement[3].x = 1;
+    EXPECT_FALSE(judge(truth, state, spec).passed());
+}
+
+// --- The cache -------------------------------------------------------------------------------------------
+
+class Cache : public ::testing::Test {
+protected:
+    void SetUp() override { std::filesystem::remove_all(folder_); }
+    void TearDown() override { std::filesystem::remove_all(folder_); }
+
+    int computed(const Scene& scene, int steps, StateCache cache) const {
+        References references(std::move(cache));
+        const State state = references.after(scene, steps);
+        EXPECT_EQ(state.displacement, expected_.after(scene, steps).displacement);
+        EXPECT_EQ(state.increment, expected_.after(scene, steps).increment);
+        return references.computed();
+    }
+    std::filesystem::path only_file() const {
+        std::filesystem::path found;
+        for (const auto& entry : std::filesystem::directory_iterator(folder_)) {
+            EXPECT_TRUE(found.empty()) << "one file";
+            found = entry.path();
+        }
+        return found;
+    }
+
+    const std::filesystem::path folder_ = std::filesystem::path(::testing::TempDir()) / "error_test_cache";
+    const Scene scene_ = Oscillator{0.1, -0.02, 0.1, 0.03, 0.2}.scene();
+    mutable References expected_{no_cache()};
+};
+
+TEST_F(Cache, ComputesOnce) {
+    EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 1);
+    EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 0);
+    EXPECT_EQ(computed(scene_, 10, StateCache(folder_)), 1);
+    References references{StateCache(folder_)};
+    references.refined(scene_, {0.2, 64}, {64});
+    const int needed = references.computed();
+    EXPECT_GE(needed, 3);
+    references.refined(scene_, {0.2, 64}, {64});
+    EXPECT_EQ(references.computed(), needed);
+    References later{StateCache(folder_)};
+    later.refined(scene_, {0.2, 64}, {64});
+    EXPECT_EQ(later.computed(), 0);
+}
+
+TEST_F(Cache, KnowsWhateverDeterminesATrajectory) {
+    const StateCache cache(folder_);
+    References references{cache};
+    const auto is_new = [&](const Scene& scene) {
+        const int before = references.computed();
+        references.after(scene, 5);
+        return references.computed() > before;
+    };
+    EXPECT_TRUE(is_new(scene_));
+    EXPECT_FALSE(is_new(scene_));
+    const std::vector<std::function<void(Scene&)>> changes = {
+        [](Scene& s) { s.problem.time_step *= 1.5; },
+        [](Scene& s) { s.problem.damping = 0.2; },
+        [](Scene& s) { s.problem.gravity.x = 1e-3; },
+        [](Scene& s) { s.problem.materials[0].mass = 5; },
+        [](Scene& s) { s.problem.group_stiffness[0] = 5; },
+        [](Scene& s) { s.problem.rest_length[std::size_t(directions()[0].bit)] *= 1.1; },
+        [](Scene& s) { s.problem.rest_position[1].z += 0.1; },
+        [](Scene& s) { s.problem.pinned = {}; },
+        [](Scene& s) {
+            s.problem.load = {{0, 0, 0}, {0, 0, 1}};
+        },
+        [](Scene& s) {
+            s.problem.springs = {{0, 1, 1, 1}};
+        },
+        [](Scene& s) { s.problem.lattice.mask[0] = ACTIVE_BIT, s.problem.lattice.mask[1] = ACTIVE_BIT; },
+        [](Scene& s) { s.state.displacement[1].x = 0.01; },
+        [](Scene& s) { s.state.increment[1].x = 0.01; },
+        [](Scene& s) {
+            Problem edited = s.problem;
+            s.edits.push_back({2, SpringEditor(edited).cut(Plane{{0, 0, 0.5}, {0, 0, 1}})});
+        },
+    };
+    for (std::size_t c = 0; c < changes.size(); ++c) {
+        Scene changed = scene_;
+        changes[c](changed);
+        EXPECT_TRUE(is_new(changed)) << "change " << c;
+    }
+}
+
+TEST_F(Cache, RecomputesWhatIsTruncatedOrCorrupt) {
+    computed(scene_, 9, StateCache(folder_));
+    const auto file = only_file();
+    const auto size = std::filesystem::file_size(file);
+    for (const auto shorter : {std::uintmax_t(0), std::uintmax_t(10), size - 1}) {
+        std::filesystem::resize_file(file, shorter);
+        EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 1);
+        EXPECT_EQ(std::filesystem::file_size(file), size);
+    }
+    for (std::uintmax_t at = 0; at < size; at += 7) {
+        std::fstream stream(file, std::ios::in | std::ios::out | std::ios::binary);
+        stream.seekg(std::streamoff(at));
+        const char byte = char(stream.get() ^ 0x10);
+        stream.seekp(std::streamoff(at));
+        stream.put(byte);
+        stream.close();
+        EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 1) << "byte " << at;
+    }
+    EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 0);
+}
+
+TEST_F(Cache, StaysWithinItsSize) {
+    computed(scene_, 1, StateCache(folder_));
+    const auto size = std::filesystem::file_size(only_file());
+    const StateCache small(folder_, 2 * size + size / 2);
+    computed(scene_, 2, small);
+    computed(scene_, 1, small);  // used: the other one is older now
+    using Clock = std::filesystem::file_time_type::clock;
+    const auto name_of_newest = [&] {
+        std::filesystem::path newest;
+        for (const auto& entry : std::filesystem::directory_iterator(folder_)) {
+            if (newest.empty() || entry.last_write_time() > std::filesystem::last_write_time(newest))
+                newest = entry.path();
+        }
+        return newest;
+    };
+    std::filesystem::last_write_time(name_of_newest(), Clock::now() + std::chrono::seconds(9));
+    computed(scene_, 3, small);
+    EXPECT_EQ(computed(scene_, 1, small), 0);
+    EXPECT_EQ(computed(scene_, 2, small), 1) << "the oldest has gone";
+    std::uintmax_t total = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(folder_)) total += entry.file_size();
+    EXPECT_LE(total, 2 * size + size / 2);
+    std::filesystem::remove_all(folder_);
+    computed(scene_, 1, StateCache(folder_, size));
+    EXPECT_FALSE(std::filesystem::exists(folder_)) << "more than half of the room";
+}
+
+TEST_F(Cache, IsNotMissedWhereItCannotBeWritten) {
+    EXPECT_EQ(computed(scene_, 9, no_cache()), 1);
+    EXPECT_EQ(computed(scene_, 9, StateCache("/proc/voxspring")), 1);
+    EXPECT_EQ(computed(scene_, 9, StateCache("/dev/null")), 1);
+}
+
+TEST(Hash, IsFnv1aOf128Bits) {
+    const auto of = [](const std::string& text) {
+        Hash hash;
+        hash.add(text.data(), text.size());
+        return hash.text();
+    };
+    // Published test vectors.
+    EXPECT_EQ(of(""), "6c62272e07bb014262b821756295c58d");
+    EXPECT_EQ(of("a"), "d228cb696f1a8caf78912b704e4a8964");
+    EXPECT_EQ(of("foobar"), "343e1662793c64bf6f0d3597ba446f18");
+}
+
+// --- Momentum and energy ---------------------------------------------------------------------------------
+
+TEST(Conserved, MomentumAndEnergyByHand) {
+    const Scene scene = Oscillator{0, -0.5, 0.1, 0.02, 0.2}.scene();
+    const Momentum p = momentum(scene.problem, scene.state);
+    EXPECT_DOUBLE_EQ(p.sum.z, 2 * 0.02 / 0.2);
+    EXPECT_DOUBLE_EQ(p.size, p.sum.z);
+    const Energy e = energy(scene.problem, scene.state);
+    EXPECT_DOUBLE_EQ(e.kinetic, 0.5 * 2 * 0.1 * 0.1);
+    EXPECT_NEAR(e.springs, 0.5 * 3 * 0.1 * 0.1, 1e-16);
+    EXPECT_DOUBLE_EQ(e.field, 2 * 0.5 * 0.1);
+    State faster = scene.state;
+    faster.increment[1].z *= -2;
+    const Drift drifted = drift(scene.problem, faster, scene.state);
+    EXPECT_DOUBLE_EQ(drifted.momentum, 3);
+    EXPECT_NEAR(drifted.energy, 0.03 / (0.01 + 0.015 + 0.1), 1e-14);
+    EXPECT_EQ(drift(scene.problem, scene.state, scene.state).energy, 0);
+}
+
+TEST(Conserved, EnergyKeepsItsDigitsAtSmallStrain) {
+    Scene scene = Oscillator{0, 0, 1e-9, 0, 0.2}.scene();
+    EXPECT_NEAR(energy(scene.problem, scene.state).springs / (0.5 * 3 * 1e-18), 1, 1e-8);
+}
+
+TEST(Conserved, DriftOfAFreeBodyIsThatOfRounding) {
+    Scene scene;
+    scene.problem = make_lattice_problem(solid({6, 5, 4}), FACE_BITS | EDGE_BITS);
+    scene.problem.time_step = 0.25;
+    scene.state = random_state(scene.problem, 0.05, 2);
+    References references{no_cache()};
+    const State reference = references.after(scene, 200);
+    const auto backend = BackendSpec::parse("cpu_parallel:precision=float32").make();
+    backend->upload(scene.problem, scene.state);
+    backend->step(200);
+    const Drift drifted = drift(scene.problem, backend->download(), reference);
+    // A step rounds an increment of 0.03 within positions of 8 by 5e-7 at most; 200 of them at random.
+    EXPECT_LT(drifted.momentum, 1e-4);
+    EXPECT_LT(std::abs(drifted.energy), 1e-3);
+    EXPECT_GT(drifted.momentum, 0);
+}
+
+// --- Divergence ------------------------------------------------------------------------------------------
+
+TEST(Divergence, IsFoundAtItsStep) {
+    Scene scene;
+    scene.problem = make_lattice_problem(solid({5, 5, 5}), FACE_BITS | EDGE_BITS);
+    scene.problem.time_step = 1.5;
+    scene.state = random_state(scene.problem, 0.1, 1);
+    const auto backend = BackendSpec::parse("cpu_reference").make();
+    Playback playback(scene);
+    for (const int steps : {200, 20}) {  // with a look on the way and without
+        const Watch watch = watch_of(scene, steps);
+        backend->watch(watch);
+        playback.rewind(*backend);
+        playback.run(*backend, steps);
+        const auto departure = find_departure(*backend, playback, watch, backend->download(), steps);
+        ASSERT_TRUE(departure) << steps;
+        EXPECT_EQ(departure->found, departure->last_good + 1);
+        const auto fastest_after = [&](std::int64_t n) {
+            backend->upload(scene.problem, scene.state);
+            backend->step(int(n));
+            double fastest = 0;
+            for (const glm::dvec3& v : backend->download().increment)
+                fastest = std::max(fastest, std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z));
+            return fastest;
+        };
+        EXPECT_LE(fastest_after(departure->last_good), watch.largest_increment);
+        EXPECT_GT(fastest_after(departure->found), watch.largest_increment);
+        EXPECT_THAT(describe(*departure, watch),
+                    HasSubstr("diverged at step " + std::to_string(departure->found)));
+    }
+}
+
+TEST(Divergence, BoundGrowsWithWhatMovesAScene) {
+    Scene scene = Oscillator{0, 0, 0, 0, 0.2}.scene();
+    EXPECT_DOUBLE_EQ(largest_increment(scene, 100), 1);
+    scene.state.increment[1].z = 0.5;
+    scene.state.displacement[1].z = 0.25;
+    EXPECT_DOUBLE_EQ(largest_increment(scene, 100), 1 + 0.5 + 0.5);
+    scene.problem.gravity.z = -2;
+    EXPECT_DOUBLE_EQ(largest_increment(scene, 100), 2 + 0.04 * 2 * 100);
+    scene.problem.damping = 0.1;
+    EXPECT_DOUBLE_EQ(largest_increment(scene, 100), 2 + 0.04 * 2 * 10);
+}
+
+// --- Pareto and advice -----------------------------------------------------------------------------------
+
+nlohmann::json row_of(const std::string& backend, const std::string& device, double seconds, double error) {
+    return {{"name", "box/" + backend + "/increment/float32"},
+            {"scene", "box"},
+            {"backend", backend},
+            {"formulation", "increment"},
+            {"precision", "float32"},
+            {"tuning", ""},
+            {"device", device},
+            {"time_step", 0.25},
+            {"fraction_of_stable", 0.5},
+            {"steps", 100},
+            {"end_time", 25},
+            {"seconds", seconds},
+            {"total_error_relative_l2", error},
+            {"error_relative_l2", error / 2},
+            {"on_front", true}};
+}
+
+TEST(Pareto, FrontHasWhatNothingBeatsOnItsDevice) {
+    std::vector<nlohmann::json> rows = {row_of("slow_and_worse", "card", 3, 1e-3),
+                                        row_of("accurate", "card", 2, 1e-5), row_of("fast", "card", 1, 1e-4),
+                                        row_of("as_fast_and_worse", "card", 1, 2e-4),
+                                        row_of("alone", "cpu", 9, 1)};
+    rows.push_back(row_of("diverged", "card", 0, 0));
+    rows.back()["seconds"] = nullptr;
+    rows.back()["on_front"] = false;
+    mark_fronts(rows);
+    std::vector<bool> on_front;
+    for (const auto& row : rows) on_front.push_back(row.at("on_front"));
+    EXPECT_THAT(on_front, ::testing::ElementsAre(false, true, true, false, true, false));
+}
+
+TEST(Advise, FastestThatReachesTheErrorAndRunnersUp) {
+    const nlohmann::json result = {
+        {"pareto",
+         {row_of("fast", "card", 1, 1e-2), row_of("good", "card", 2, 1e-4), row_of("other", "card", 3, 1e-4),
+          row_of("third", "card", 4, 1e-5), row_of("slow", "cpu", 50, 1e-6)}}};
+    const auto candidates = candidates_of(parse_json(result.dump(), "r.json"), "box");
+    ASSERT_EQ(candidates.size(), 5u);
+    const Advice advice = advise(candidates, 1e-3);
+    ASSERT_TRUE(advice.best);
+    EXPECT_EQ(advice.best->backend, "good");
+    ASSERT_EQ(advice.runners_up.size(), 2u);
+    EXPECT_EQ(advice.runners_up[0].backend, "other");
+    EXPECT_EQ(advice.runners_up[1].backend, "slow");
+    EXPECT_EQ(advise(candidates, 1e-2).best->backend, "fast");
+    const Advice none = advise(candidates, 1e-9);
+    EXPECT_FALSE(none.best);
+    EXPECT_EQ(none.most_accurate.backend, "slow");
+    EXPECT_EQ(specification(none.most_accurate), "slow:formulation=increment,precision=float32");
+}
+
+TEST(Advise, RefusesAResultThatIsNone) {
+    const auto refusal = [](const std::string& text) -> std::string {
+        try {
+            candidates_of(parse_json(text, "r.json"), "box");
+        } catch (const BadInput& error) {
+            return error.what();
+        }
+        return "accepted";
+    };
+    EXPECT_THAT(refusal("{}"), ::testing::AllOf(HasSubstr("r.json"), HasSubstr("pareto")));
+    EXPECT_THAT(refusal(R"({"pareto": []})"), HasSubstr("it has none"));
+    nlohmann::json row = row_of("fast", "card", 1, 1e-2);
+    row["scene"] = "heart";
+    EXPECT_THAT(refusal(nlohmann::json({{"pareto", {row}}}).dump()), HasSubstr("heart"));
+    row["scene"] = "box";
+    row["seconds"] = "fast";
+    EXPECT_THAT(refusal(nlohmann::json({{"pareto", {row}}}).dump()),
+                ::testing::AllOf(HasSubstr("pareto[0].seconds"), HasSubstr("fast")));
+    row.erase("seconds");
+    EXPECT_THAT(refusal(nlohmann::json({{"pareto", {row}}}).dump()), HasSubstr("seconds"));
+}
+
+}  // namespace
+}  // namespace voxspring::testing
