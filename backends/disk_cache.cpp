@@ -2,72 +2,115 @@
 
 #include <unistd.h>
 
-#include <cstdint>
+#include <algorithm>
 #include <cstdlib>
+#include <exception>
 #include <fstream>
-#include <iomanip>
-#include <sstream>
 #include <system_error>
 
 namespace voxspring {
 namespace {
 
-std::filesystem::path root() {
-    const auto variable = [](const char* name) {
-        const char* value = std::getenv(name);
-        return std::filesystem::path(value == nullptr ? "" : value);
-    };
-    if (const auto own = variable("VOXSPRING_CACHE"); !own.empty()) return own;
-    if (const auto cache = variable("XDG_CACHE_HOME"); !cache.empty()) return cache / "voxspring";
-    if (const auto home = variable("HOME"); !home.empty()) return home / ".cache" / "voxspring";
-    return {};
-}
+namespace fs = std::filesystem;
 
-constexpr std::size_t digest_size = 32;
+constexpr std::size_t checksum_digits = 32;
+
+std::string checksum(std::string_view bytes) {
+    Hash hash;
+    hash.add(bytes);
+    return hash.text();
+}
 
 }  // namespace
 
-std::string digest(std::string_view text) {
-    // FNV-1a with 128 bits: prime 2^88 + 0x13B, offset basis of the definition.
-    __extension__ using Wide = unsigned __int128;
-    const Wide prime = (Wide(1) << 88) + 0x13B;
-    Wide hash = (Wide(0x6c62272e07bb0142) << 64) + 0x62b821756295c58d;
-    for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * prime;
-    std::ostringstream digits;
-    digits << std::hex << std::setfill('0') << std::setw(16) << std::uint64_t(hash >> 64) << std::setw(16)
-           << std::uint64_t(hash);
-    return digits.str();
+void Hash::add(const void* bytes, std::size_t count) {
+    constexpr Word prime = word(std::uint64_t(1) << 24, 0x13b);
+    const auto* byte = static_cast<const unsigned char*>(bytes);
+    for (std::size_t i = 0; i < count; ++i) state_ = (state_ ^ byte[i]) * prime;
 }
 
-DiskCache::DiskCache(const std::string& name) {
-    if (const auto cache = root(); !cache.empty()) folder_ = cache / name;
+void Hash::add(std::string_view text) {
+    add_number(text.size());
+    add(text.data(), text.size());
 }
 
-std::optional<std::string> DiskCache::find(const std::string& key) const {
+std::string Hash::text() const {
+    std::string digits;
+    for (int shift = 124; shift >= 0; shift -= 4)
+        digits += "0123456789abcdef"[unsigned(state_ >> shift) & 15u];
+    return digits;
+}
+
+fs::path DiskCache::folder_of_user() {
+    const auto variable = [](const char* name) {
+        const char* value = std::getenv(name);
+        return std::string(value == nullptr ? "" : value);
+    };
+    if (const std::string own = variable("VOXSPRING_CACHE"); !own.empty()) return own;
+    if (const std::string xdg = variable("XDG_CACHE_HOME"); !xdg.empty()) return fs::path(xdg) / "voxspring";
+    if (const std::string home = variable("HOME"); !home.empty()) return fs::path(home) / ".cache/voxspring";
+    return {};
+}
+
+std::optional<std::string> DiskCache::find(const std::string& name) const {
     if (folder_.empty()) return std::nullopt;
-    std::ifstream file(folder_ / key, std::ios::binary);
-    std::ostringstream text;
-    if (!file || !(text << file.rdbuf())) return std::nullopt;
-    const std::string entry = text.str();
-    if (entry.size() < digest_size) return std::nullopt;
-    std::string content = entry.substr(digest_size);
-    if (digest(content) != entry.substr(0, digest_size)) return std::nullopt;
+    std::error_code error;
+    const std::uintmax_t size = fs::file_size(file(name), error);
+    if (error || size < checksum_digits) return std::nullopt;
+    std::ifstream in(file(name), std::ios::binary);
+    std::string content(size, '\0');
+    if (!in.read(content.data(), std::streamsize(size))) return std::nullopt;
+    const std::string sum = content.substr(size - checksum_digits);
+    content.resize(size - checksum_digits);
+    if (checksum(content) != sum) return std::nullopt;
+    // What was used last goes last.
+    fs::last_write_time(file(name), fs::file_time_type::clock::now(), error);
     return content;
 }
 
-void DiskCache::store(const std::string& key, std::string_view content) const {
-    if (folder_.empty()) return;
-    std::error_code error;
-    std::filesystem::create_directories(folder_, error);
-    std::string temporary = (folder_ / key).string() + ".XXXXXX";
-    const int file = mkstemp(temporary.data());
-    if (file < 0) return;
-    close(file);
-    std::ofstream out(temporary, std::ios::binary);
-    out << digest(content) << content;
-    out.close();
-    if (out) std::filesystem::rename(temporary, folder_ / key, error);
-    if (!out || error) std::filesystem::remove(temporary, error);
+void DiskCache::keep(const std::string& name, std::string_view content) const {
+    if (folder_.empty() || content.size() > most_bytes_ / 2) return;
+    try {
+        fs::create_directories(folder_);
+        std::string temporary = file(name).string() + ".XXXXXX";
+        const int descriptor = mkstemp(temporary.data());
+        if (descriptor < 0) return;
+        close(descriptor);
+        std::ofstream out(temporary, std::ios::binary);
+        out << content << checksum(content);
+        out.close();
+        if (out) {
+            fs::rename(temporary, file(name));
+        } else {
+            fs::remove(temporary);
+        }
+        make_room();
+    } catch (const std::exception&) {
+        // A full or read-only disk costs time, not the result.
+    }
+}
+
+void DiskCache::make_room() const {
+    struct Entry {
+        fs::file_time_type used;
+        std::uint64_t bytes;
+        fs::path path;
+    };
+    std::vector<Entry> entries;
+    std::uint64_t total = 0;
+    for (const fs::directory_entry& found : fs::directory_iterator(folder_)) {
+        // Those of an interrupted keep() as well: NAME.kept.XXXXXX.
+        if (!found.is_regular_file() || found.path().filename().string().find(".kept") == std::string::npos)
+            continue;
+        entries.push_back({found.last_write_time(), found.file_size(), found.path()});
+        total += entries.back().bytes;
+    }
+    std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.used < b.used; });
+    for (const Entry& entry : entries) {
+        if (total <= most_bytes_) break;
+        std::error_code ignored;
+        if (fs::remove(entry.path, ignored)) total -= entry.bytes;
+    }
 }
 
 }  // namespace voxspring

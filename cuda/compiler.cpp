@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <filesystem>
 #include <source_location>
 #include <vector>
 
@@ -116,15 +117,20 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
         options.push_back("--define-macro=" + macro + "=" + value);
 
     static const auto all_headers = headers();
-    static const std::string all_text = [] {
-        std::string text;
-        for (const auto& [header, content] : all_headers) text += header + '\0' + content + '\0';
-        return text;
-    }();
-    std::string inputs = std::to_string(major) + "." + std::to_string(minor) + '\0' + name + '\0' + all_text;
-    for (const std::string& option : options) inputs += option + '\0';
-    const DiskCache cache("kernels");
-    const std::string key = digest(inputs);
+    Hash inputs;
+    inputs.add_number(major);
+    inputs.add_number(minor);
+    inputs.add(name);
+    for (const auto& [header, content] : all_headers) {
+        inputs.add(header);
+        inputs.add(content);
+    }
+    inputs.add(embedded_kernels.at(name));
+    for (const std::string& option : options) inputs.add(option);
+    const std::filesystem::path user = DiskCache::folder_of_user();
+    constexpr std::uint64_t most_bytes = std::uint64_t(256) << 20;
+    const DiskCache cache(user.empty() ? user : user / "kernels", most_bytes);
+    const std::string key = inputs.text();
     if (auto found = cache.find(key)) return {std::move(*found), 0};
 
     using Clock = std::chrono::steady_clock;
@@ -138,7 +144,7 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
     compiled.code =
         exact ? program.take(nvrtcGetCUBINSize, nvrtcGetCUBIN) : program.take(nvrtcGetPTXSize, nvrtcGetPTX);
     compiled.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-    cache.store(key, compiled.code);
+    cache.keep(key, compiled.code);
     return compiled;
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <glm/geometric.hpp>
 #include <limits>
 #include <sstream>
@@ -15,6 +16,30 @@ namespace voxspring {
 namespace {
 
 const std::string reference = "cpu_reference:formulation=increment";
+
+static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
+
+/// A state as the cache keeps it: displacements, then increments.
+std::string packed(const State& state) {
+    std::string bytes;
+    for (const auto* vectors : {&state.displacement, &state.increment})
+        bytes.append(reinterpret_cast<const char*>(vectors->data()), vectors->size() * sizeof(glm::dvec3));
+    return bytes;
+}
+
+/// Nothing if that is no state of `particles`.
+std::optional<State> unpacked(const std::optional<std::string>& bytes, std::size_t particles) {
+    const std::size_t size = particles * sizeof(glm::dvec3);
+    if (!bytes || bytes->size() != 2 * size) return std::nullopt;
+    State state;
+    const char* from = bytes->data();
+    for (auto* vectors : {&state.displacement, &state.increment}) {
+        vectors->resize(particles);
+        if (particles > 0) std::memcpy(vectors->data(), from, size);
+        from += size;
+    }
+    return state;
+}
 
 void add(Hash& hash, const Spring& spring) {
     hash.add_number(spring.first);
@@ -125,7 +150,7 @@ Scene in_steps(const Scene& scene, const Span& span, int steps) {
 const State& References::run(const Scene& scene, int steps, const std::string& specification) {
     const std::string name = name_of(scene, steps, specification);
     if (const auto known = latest_.find(name); known != latest_.end()) return known->second;
-    std::optional<State> state = cache_.find(name, scene.problem.particle_count());
+    std::optional<State> state = unpacked(cache_.find(name), scene.problem.particle_count());
     if (!state) {
         const auto backend = BackendSpec::parse(specification).make();
         Playback playback(scene);
@@ -133,7 +158,7 @@ const State& References::run(const Scene& scene, int steps, const std::string& s
         playback.run(*backend, steps);
         state = backend->download();
         ++computed_;
-        cache_.keep(name, *state);
+        cache_.keep(name, packed(*state));
     }
     constexpr std::size_t most_bytes = std::size_t(1) << 30;
     if ((latest_.size() + 1) * sizeof(glm::dvec3) * 2 * state->displacement.size() > most_bytes)

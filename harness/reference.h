@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "harness/cache.h"
+#include "backends/disk_cache.h"
 #include "harness/scene.h"
 
 namespace voxspring {
@@ -60,7 +60,7 @@ struct Chaos {
 /// cpu_parallel cannot hide in its own reference. It is slower, which the cache makes up for.
 class References {
 public:
-    explicit References(StateCache cache = StateCache{}) : cache_(std::move(cache)) {}
+    explicit References(DiskCache cache = DiskCache{}) : cache_(std::move(cache)) {}
 
     /// After `steps` steps of the scene, edits included: what rounding errors are taken against.
     State after(const Scene& scene, int steps);
@@ -81,7 +81,7 @@ public:
 private:
     const State& run(const Scene& scene, int steps, const std::string& specification);
 
-    StateCache cache_;
+    DiskCache cache_;
     std::map<std::string, State> latest_;
     int computed_ = 0;
 };

@@ -8,10 +8,10 @@
 #include <fstream>
 #include <string>
 
+#include "backends/disk_cache.h"
 #include "backends/registry.h"
 #include "harness/advise.h"
 #include "harness/bad_input.h"
-#include "harness/cache.h"
 #include "harness/conserved.h"
 #include "harness/divergence.h"
 #include "harness/errors.h"
@@ -25,7 +25,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-StateCache no_cache() { return StateCache(std::filesystem::path{}); }
+DiskCache no_cache() { return DiskCache(std::filesystem::path{}); }
 
 /// One mass on one spring along z, pinned at its lower end: z'' + 2 beta z' = -omega^2 z + g, exactly linear.
 struct Oscillator {
@@ -172,7 +172,7 @@ protected:
     void SetUp() override { std::filesystem::remove_all(folder_); }
     void TearDown() override { std::filesystem::remove_all(folder_); }
 
-    int computed(const Scene& scene, int steps, StateCache cache) const {
+    int computed(const Scene& scene, int steps, DiskCache cache) const {
         References references(std::move(cache));
         const State state = references.after(scene, steps);
         EXPECT_EQ(state.displacement, expected_.after(scene, steps).displacement);
@@ -194,22 +194,22 @@ protected:
 };
 
 TEST_F(Cache, ComputesOnce) {
-    EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 1);
-    EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 0);
-    EXPECT_EQ(computed(scene_, 10, StateCache(folder_)), 1);
-    References references{StateCache(folder_)};
+    EXPECT_EQ(computed(scene_, 9, DiskCache(folder_)), 1);
+    EXPECT_EQ(computed(scene_, 9, DiskCache(folder_)), 0);
+    EXPECT_EQ(computed(scene_, 10, DiskCache(folder_)), 1);
+    References references{DiskCache(folder_)};
     references.refined(scene_, {0.2, 64}, {64});
     const int needed = references.computed();
     EXPECT_GE(needed, 3);
     references.refined(scene_, {0.2, 64}, {64});
     EXPECT_EQ(references.computed(), needed);
-    References later{StateCache(folder_)};
+    References later{DiskCache(folder_)};
     later.refined(scene_, {0.2, 64}, {64});
     EXPECT_EQ(later.computed(), 0);
 }
 
 TEST_F(Cache, KnowsWhateverDeterminesATrajectory) {
-    const StateCache cache(folder_);
+    const DiskCache cache(folder_);
     References references{cache};
     const auto is_new = [&](const Scene& scene) {
         const int before = references.computed();
@@ -249,12 +249,12 @@ TEST_F(Cache, KnowsWhateverDeterminesATrajectory) {
 }
 
 TEST_F(Cache, RecomputesWhatIsTruncatedOrCorrupt) {
-    computed(scene_, 9, StateCache(folder_));
+    computed(scene_, 9, DiskCache(folder_));
     const auto file = only_file();
     const auto size = std::filesystem::file_size(file);
     for (const auto shorter : {std::uintmax_t(0), std::uintmax_t(10), size - 1}) {
         std::filesystem::resize_file(file, shorter);
-        EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 1);
+        EXPECT_EQ(computed(scene_, 9, DiskCache(folder_)), 1);
         EXPECT_EQ(std::filesystem::file_size(file), size);
     }
     for (std::uintmax_t at = 0; at < size; at += 7) {
@@ -264,15 +264,15 @@ TEST_F(Cache, RecomputesWhatIsTruncatedOrCorrupt) {
         stream.seekp(std::streamoff(at));
         stream.put(byte);
         stream.close();
-        EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 1) << "byte " << at;
+        EXPECT_EQ(computed(scene_, 9, DiskCache(folder_)), 1) << "byte " << at;
     }
-    EXPECT_EQ(computed(scene_, 9, StateCache(folder_)), 0);
+    EXPECT_EQ(computed(scene_, 9, DiskCache(folder_)), 0);
 }
 
 TEST_F(Cache, StaysWithinItsSize) {
-    computed(scene_, 1, StateCache(folder_));
+    computed(scene_, 1, DiskCache(folder_));
     const auto size = std::filesystem::file_size(only_file());
-    const StateCache small(folder_, 2 * size + size / 2);
+    const DiskCache small(folder_, 2 * size + size / 2);
     computed(scene_, 2, small);
     computed(scene_, 1, small);  // used: the other one is older now
     using Clock = std::filesystem::file_time_type::clock;
@@ -292,14 +292,14 @@ TEST_F(Cache, StaysWithinItsSize) {
     for (const auto& entry : std::filesystem::directory_iterator(folder_)) total += entry.file_size();
     EXPECT_LE(total, 2 * size + size / 2);
     std::filesystem::remove_all(folder_);
-    computed(scene_, 1, StateCache(folder_, size));
+    computed(scene_, 1, DiskCache(folder_, size));
     EXPECT_FALSE(std::filesystem::exists(folder_)) << "more than half of the room";
 }
 
 TEST_F(Cache, IsNotMissedWhereItCannotBeWritten) {
     EXPECT_EQ(computed(scene_, 9, no_cache()), 1);
-    EXPECT_EQ(computed(scene_, 9, StateCache("/proc/voxspring")), 1);
-    EXPECT_EQ(computed(scene_, 9, StateCache("/dev/null")), 1);
+    EXPECT_EQ(computed(scene_, 9, DiskCache("/proc/voxspring")), 1);
+    EXPECT_EQ(computed(scene_, 9, DiskCache("/dev/null")), 1);
 }
 
 TEST(Hash, IsFnv1aOf128Bits) {
