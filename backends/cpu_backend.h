@@ -1,7 +1,9 @@
-// What every backend that runs on the host shares: its clock and how it names the processor.
+// What every backend that runs on the host shares: its clock, its watch and how it names the processor.
 #pragma once
 
 #include <chrono>
+#include <cstdint>
+#include <optional>
 #include <string>
 
 #include "backends/backend.h"
@@ -11,11 +13,22 @@ namespace voxspring {
 /// A backend whose step() returns when the work is done.
 class CpuBackend : public Backend {
 public:
+    void upload(const Problem& problem, const State& state) final;
+    void step(int count) final;
+    void watch(const Watch& watch) final { coming_watch_ = watch; }
+    std::optional<Departure> departure() final { return departure_; }
     void synchronize() override {}
     /// Of all cores and their SIMD registers, whatever the backend uses of them.
     DeviceLimits measure_limits() override;
 
 private:
+    /// upload() without the watch.
+    virtual void begin(const Problem& problem, const State& state) = 0;
+    /// step() without the watch.
+    virtual void advance(int count) = 0;
+    /// Whether every particle is finite and its latest step no longer than that.
+    virtual bool within(double largest_increment) = 0;
+
     void mark(Mark which) override {
         (which == Mark::begin ? begin_ : end_) = std::chrono::steady_clock::now();
     }
@@ -24,6 +37,10 @@ private:
     }
 
     std::chrono::steady_clock::time_point begin_, end_;
+    Watch watch_, coming_watch_;
+    std::int64_t steps_ = 0;      ///< since upload()
+    std::int64_t last_good_ = 0;  ///< the latest of them that a look found within bounds
+    std::optional<Departure> departure_;
 };
 
 /// `target`: the instruction set in use; `threads`: how many run a step.

@@ -338,7 +338,7 @@ public:
 
     std::string unsupported(const Problem& problem) const override { return refusal<T>(problem); }
 
-    void upload(const Problem& problem, const State& state) override {
+    void begin(const Problem& problem, const State& state) override {
         problem_ = &problem;
         grid_ = std::make_unique<PaddedGrid<T>>(problem.lattice.dims);
         copy_in(state);
@@ -367,7 +367,9 @@ public:
         deal_out();
     }
 
-    void step(int count) override {
+    bool within(double) override { return true; }
+
+    void advance(int count) override {
         Barrier barrier;
 #pragma omp parallel num_threads(int(shares_.size()))
         {

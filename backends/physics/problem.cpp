@@ -90,20 +90,42 @@ std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice) {
     return particle;
 }
 
-std::vector<Spring> list_springs(const Problem& problem) {
-    std::vector<Spring> springs;
-    springs.reserve(count_springs(problem).total());
+namespace {
+
+/// Calls visit(first, second, direction) for each spring of the lattice, in the order of list_springs().
+template <class Visit>
+void visit_lattice_springs(const Problem& problem, Visit visit) {
     const auto particle = particle_of_voxel(problem.lattice);
     for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
         for (const Direction& direction : directions()) {
             const std::ptrdiff_t stride = problem.lattice.stride(direction);
             if ((direction.bit & 1) == 0 || (problem.lattice.mask[i] >> direction.bit & 1u) == 0) continue;
-            const std::uint32_t j = particle[std::size_t(std::ptrdiff_t(problem.lattice.voxel[i]) + stride)];
-            springs.push_back({std::uint32_t(i), j, problem.spring_stiffness(i, j, direction),
-                               problem.rest_length[std::size_t(direction.bit)]});
+            visit(std::uint32_t(i), particle[std::size_t(std::ptrdiff_t(problem.lattice.voxel[i]) + stride)],
+                  direction);
         }
     }
+}
+
+}  // namespace
+
+std::vector<Spring> list_springs(const Problem& problem) {
+    std::vector<Spring> springs;
+    springs.reserve(count_springs(problem).total());
+    visit_lattice_springs(problem, [&](std::uint32_t i, std::uint32_t j, const Direction& direction) {
+        springs.push_back({i, j, problem.spring_stiffness(i, j, direction),
+                           problem.rest_length[std::size_t(direction.bit)]});
+    });
     springs.insert(springs.end(), problem.springs.begin(), problem.springs.end());
+    return springs;
+}
+
+std::vector<RestSpring> list_rest_springs(const Problem& problem) {
+    std::vector<RestSpring> springs;
+    springs.reserve(count_springs(problem).total());
+    visit_lattice_springs(problem, [&](std::uint32_t, std::uint32_t, const Direction& direction) {
+        springs.push_back(rest_spring(problem, direction));
+    });
+    for (const Spring& spring : problem.springs) springs.push_back(rest_spring(problem, spring));
     return springs;
 }
 

@@ -118,6 +118,8 @@ SpringCounts count_springs(const Problem& problem);
 
 /// Every spring once: those of the lattice by `first`, then by direction; then those beyond it.
 std::vector<Spring> list_springs(const Problem& problem);
+/// The same springs at rest, in that order; those of the lattice as their direction has them.
+std::vector<RestSpring> list_rest_springs(const Problem& problem);
 
 /// For each voxel the particle in it, or `no_particle`.
 inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
