@@ -21,41 +21,7 @@
 namespace voxspring {
 namespace {
 
-std::string error_text(const nlohmann::json& value) {
-    if (!value.is_number()) return "-";
-    std::ostringstream text;
-    text << std::scientific << std::setprecision(1) << value.get<double>();
-    return text.str();
-}
-
 using Row = std::vector<std::string>;
-
-void print_aligned(const std::vector<Row>& rows, std::ostream& out) {
-    std::vector<std::size_t> width;
-    for (const Row& row : rows) {
-        width.resize(std::max(width.size(), row.size()));
-        for (std::size_t c = 0; c < row.size(); ++c) width[c] = std::max(width[c], row[c].size());
-    }
-    for (const Row& row : rows) {
-        std::string line;
-        for (std::size_t c = 0; c < row.size(); ++c) {
-            const std::string padding(width[c] - row[c].size(), ' ');
-            // Names to the left, figures to the right.
-            line += (c == 0 ? "" : "  ") + (c < 2 ? row[c] + padding : padding + row[c]);
-        }
-        out << line << "\n";
-    }
-}
-
-/// "gl_fragment_implicit float32 mask=none" of the name SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], which
-/// Google Benchmark continues with /iterations:N...
-std::string contender(const nlohmann::json& row) {
-    const std::string scene = row.at("scene"), formulation = row.at("formulation"), name = row.at("name");
-    std::string text = name.substr(scene.size() + 1, name.find("/iterations:") - scene.size() - 1);
-    text.erase(text.find("/" + formulation), formulation.size() + 1);
-    std::replace(text.begin(), text.end(), '/', ' ');
-    return text;
-}
 
 std::string percent_text(const nlohmann::json& fraction) {
     if (!fraction.is_number()) return "-";
@@ -72,6 +38,58 @@ std::string joined(const std::vector<std::string>& words) {
 }
 
 }  // namespace
+
+std::string error_text(const nlohmann::json& value) {
+    if (!value.is_number()) return "-";
+    std::ostringstream text;
+    text << std::scientific << std::setprecision(1) << value.get<double>();
+    return text.str();
+}
+
+void print_aligned(const std::vector<Row>& rows, std::ostream& out, std::size_t names) {
+    std::vector<std::size_t> width;
+    for (const Row& row : rows) {
+        width.resize(std::max(width.size(), row.size()));
+        for (std::size_t c = 0; c < row.size(); ++c) width[c] = std::max(width[c], row[c].size());
+    }
+    for (const Row& row : rows) {
+        std::string line;
+        for (std::size_t c = 0; c < row.size(); ++c) {
+            const std::string padding(width[c] - row[c].size(), ' ');
+            line += (c == 0 ? "" : "  ") + (c < names ? row[c] + padding : padding + row[c]);
+        }
+        out << line << "\n";
+    }
+}
+
+std::string contender(const nlohmann::json& row) {
+    // SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], which Google Benchmark continues with /iterations:N...
+    const std::string scene = row.at("scene"), name = row.at("name");
+    std::string text = name.substr(scene.size() + 1, name.find("/iterations:") - scene.size() - 1);
+    std::replace(text.begin(), text.end(), '/', ' ');
+    return text;
+}
+
+void print_unmeasured(const nlohmann::json& result, std::ostream& out) {
+    for (const char* list : {"skipped", "failed"}) {
+        // A reason once, with all that it holds for.
+        std::vector<std::string> reasons;
+        std::map<std::string, std::vector<std::string>> contenders, on;
+        const auto add = [](std::vector<std::string>& to, const std::string& text) {
+            if (std::find(to.begin(), to.end(), text) == to.end()) to.push_back(text);
+        };
+        for (const auto& row : result.at(list)) {
+            const std::string reason = row.at("reason");
+            add(reasons, reason);
+            add(contenders[reason], contender(row));
+            add(on[reason], row.at("scene"));
+        }
+        for (const std::string& reason : reasons) {
+            out << list << ": " << reason << "\n    " << joined(contenders[reason]) << "\n    on "
+                << joined(on[reason]) << "\n";
+        }
+    }
+}
 
 std::string si(double value, const std::string& unit) {
     static const std::pair<double, const char*> prefixes[] = {
@@ -193,24 +211,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
         print_aligned(edits, out);
     }
     print_limits(result.at("context").at("voxspring").at("limits"), out);
-    for (const char* list : {"skipped", "failed"}) {
-        // A reason once, with all that it holds for.
-        std::vector<std::string> reasons;
-        std::map<std::string, std::vector<std::string>> contenders, on;
-        const auto add = [](std::vector<std::string>& to, const std::string& text) {
-            if (std::find(to.begin(), to.end(), text) == to.end()) to.push_back(text);
-        };
-        for (const auto& row : result.at(list)) {
-            const std::string reason = row.at("reason");
-            add(reasons, reason);
-            add(contenders[reason], contender(row));
-            add(on[reason], row.at("scene"));
-        }
-        for (const std::string& reason : reasons) {
-            out << list << ": " << reason << "\n    " << joined(contenders[reason]) << "\n    on "
-                << joined(on[reason]) << "\n";
-        }
-    }
+    print_unmeasured(result, out);
 }
 
 }  // namespace voxspring

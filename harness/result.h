@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
+#include <vector>
 
 namespace voxspring {
 
@@ -25,10 +26,24 @@ nlohmann::json build_context();
 /// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".
 std::string si(double value, const std::string& unit);
 
+/// "1.2e-05", or "-" for what is not a number.
+std::string error_text(const nlohmann::json& value);
+
+/// Columns as wide as they must be, the first `names` of them to the left and the others, figures, to the
+/// right.
+void print_aligned(const std::vector<std::vector<std::string>>& rows, std::ostream& out,
+                   std::size_t names = 2);
+
+/// "gl_fragment_implicit increment float32 mask=none" of a row's name.
+std::string contender(const nlohmann::json& row);
+
+/// What was skipped and what failed, each reason once with all that it holds for.
+void print_unmeasured(const nlohmann::json& result, std::ostream& out);
+
 /// One row a contender that passed, fastest first within a scene: time a step (median over the
-/// repetitions), particle and spring updates a second, error, time as a multiple of the fastest, and the
-/// fraction of its limit that it reached. Then the limits of the devices, what was skipped and what failed,
-/// with the reasons.
+/// repetitions), particle and spring updates a second, errors, time as a multiple of the fastest, and the
+/// fraction of its limit that it reached. Then where float64 is chaotic, the limits of the devices, what was
+/// skipped and what failed, with the reasons.
 void print_table(const nlohmann::json& result, std::ostream& out);
 
 }  // namespace voxspring

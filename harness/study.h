@@ -1,19 +1,31 @@
 // A study: which scenes, which backends, how many steps; and its run.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "harness/stress.h"
+
 namespace voxspring {
 
-/// One scene of a study.
+/// What a study measures.
+enum class StudyKind : std::uint8_t {
+    timing,     ///< the time of a step, with its error (measure.h)
+    stability,  ///< up to which time step backends are stable (stability_study.h)
+    stress,     ///< what backends do at the ends of what can be simulated (stress.h)
+};
+
+/// One scene of a study; of a stress study one of its suites.
 struct StudyScene {
     std::string scene;                  ///< what load_scene() takes
     int steps = 0;                      ///< in a batch; also the steps after which errors are taken
     std::vector<std::string> backends;  ///< backend patterns; empty: the study's
+    bool map = false;                   ///< of a stability study: with a map of damping against time step
+    StressLengths lengths = StressLengths::full;  ///< of a stress study
 };
 
 /// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
@@ -21,6 +33,7 @@ struct StudyScene {
 struct Study {
     std::string name;
     std::string description;
+    StudyKind kind = StudyKind::timing;
     int repetitions = 9;
     int steps = 0;  ///< for scenes that the command line adds
     std::vector<std::string> backends;

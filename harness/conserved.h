@@ -1,0 +1,38 @@
+// What a simulation conserves, or changes in a known way: momentum and energy, and how far a run drifts from
+// the reference in them.
+#pragma once
+
+#include <glm/vec3.hpp>
+
+#include "backends/physics/problem.h"
+
+namespace voxspring {
+
+/// Of the particles that can move.
+struct Momentum {
+    glm::dvec3 sum{0};  ///< m v, v = increment / time step: the velocity half a step ago
+    double size = 0;    ///< sum of |m v|
+};
+Momentum momentum(const Problem& problem, const State& state);
+
+/// Of the particles that can move and of all springs.
+struct Energy {
+    double kinetic = 0;     ///< sum of m |v|^2 / 2
+    double springs = 0;     ///< sum of k (|d| - l)^2 / 2, free of cancellation
+    double field = 0;       ///< -sum of (m g + load).u, zero at rest
+    double field_size = 0;  ///< sum of |(m g + load).u|
+    double total() const { return kinetic + springs + field; }
+    double size() const { return kinetic + springs + field_size; }
+};
+Energy energy(const Problem& problem, const State& state);
+
+/// The difference of a run from the reference after the same steps of the same problem: of the discrete
+/// motion, which keeps no continuous energy, it shows what rounding did alone.
+struct Drift {
+    double momentum = 0;  ///< |sum p - sum p_ref| / sum |p_ref|
+    double energy = 0;    ///< (E - E_ref) / Energy::size() of the reference; its sign says gained or lost
+};
+/// 0 where both vanish; infinite where the reference alone does.
+Drift drift(const Problem& problem, const State& state, const State& reference);
+
+}  // namespace voxspring

@@ -1,0 +1,54 @@
+// Up to which time step a backend is stable, found by trying, against what theory says.
+#pragma once
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "harness/measure.h"
+#include "harness/scene.h"
+
+namespace voxspring {
+
+/// For each contender its largest stable time step on the particles and springs of `scene`, without gravity,
+/// loads and damping of its own, by bisection, and stable_time_step() of the true frequency:
+///
+/// | start | damping | |
+/// | --- | --- | --- |
+/// | random within +-0.001 of the spacing | 0, 0.1, 1 | theory holds: within 0.2% |
+/// | random within +-0.01, 0.1, 0.3 | 0 | springs meet and turn: the limit falls |
+/// | twice the size of rest, and +-0.001 | 0 | theory about the stretched state; the surface is pinned |
+///
+/// A time step is stable if, after the steps that a mode takes to grow 100-fold from its share of a random
+/// start where theory is exceeded by 0.1%, no particle moves 100 times the start's amplitude a step. With
+/// `map` the first contender also gets a map of damping against time step.
+///
+/// Lists by name: `stability`, one row a contender, start and damping; `stability_map`; and `failed`, contenders
+/// that failed or left theory's 0.2%. Rows as in results/schema.json.
+std::map<std::string, std::vector<nlohmann::json>> measure_stability(const Scene& scene, bool map,
+                                                                     std::vector<Contender>& contenders,
+                                                                     const OnRepetition& on_repetition);
+
+/// Every particle that can move displaced by uniform components within +-`amplitude`, at no speed; the same
+/// each time.
+State random_start(const Problem& problem, double amplitude);
+
+/// The farthest that a particle moves in the last step; infinite where any is not finite.
+double farthest(const State& state);
+
+/// Steps in which a mode of a random start comes to move most_growth times the start's amplitude a step, if
+/// the time step is 1 + `excess` times its limit: at z = -1 - s a step, the root of z^2 - (2 - lambda - W) z +
+/// 1 - lambda = 0 with W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2. What a bounded run stays under: a mode
+/// so close to its limit that it is amplified 100-fold without growing is within 5e-5 of it.
+constexpr double most_growth = 100;
+int steps_to_grow(const Problem& problem, double excess);
+
+/// The state `steps` after `start`.
+State run_from(const State& start, const Problem& problem, Backend& backend, int steps);
+
+/// A line a row of `stability`, and each map with a letter a region.
+void print_stability(const nlohmann::json& result, std::ostream& out);
+
+}  // namespace voxspring
