@@ -5,7 +5,8 @@
 // threads share the list evenly. A spring is evaluated once, when its lower end is stepped: its force
 // density then waits in a buffer for the higher end, which multiplies its own offset with it. That is
 // the force that it would have evaluated itself, to the bit; so forces, summed in the order of
-// neighbours.h, depend neither on the number of threads nor on the width of a register.
+// neighbours.h, depend neither on the number of threads nor on the width of a register. Tiles of blocks that
+// rest are not stepped (tiles.h), which changes no bit either.
 #include <hwy/aligned_allocator.h>
 #include <omp.h>
 
@@ -24,200 +25,15 @@
 #include <vector>
 
 #include "backends/cpu_backend.h"
+#include "backends/cpu_parallel/kernel.h"
+#include "backends/cpu_parallel/tiles.h"
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
 
-// Lanes has a register as a member, which those of unknown size cannot be.
-#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
-// Compile this file, as far as HWY_ONCE, for every SIMD target.
-#undef HWY_TARGET_INCLUDE
-#define HWY_TARGET_INCLUDE "backends/cpu_parallel.cpp"
-#include <hwy/foreach_target.h>
-
-#include "backends/simd/lanes-inl.h"
-
-#ifndef VOXSPRING_CPU_PARALLEL_TYPES  // the same for every target
-#define VOXSPRING_CPU_PARALLEL_TYPES
 namespace voxspring {
 namespace {
 
-/// A mask as wide as the scalars, so that both fill the same registers.
-template <class T>
-using MaskOf = hwy::MakeUnsigned<T>;
-
-/// Elements of a block: a register of the widest target.
-template <class T>
-constexpr std::ptrdiff_t block_size = 64 / sizeof(T);
-
-struct Block {
-    std::ptrdiff_t first;     ///< its first element
-    std::ptrdiff_t in_slice;  ///< the same, counted from the start of its slice of constant z
-    bool odd_slice;
-    bool whole;  ///< every voxel has a particle that can move and has a neighbour in every direction in use
-};
-
-/// Two opposite directions, as a block in an even or an odd slice sees them.
-template <class T>
-struct Opposites {
-    std::ptrdiff_t stride;  ///< elements from a particle to the higher neighbour; to the lower: -stride
-    MaskOf<T> lower_bit, higher_bit;
-    T rest_length;
-    T stiffness;
-    /// Where the force densities wait, by the particle's element in its slice: that of the spring to the
-    /// lower neighbour, left by it, and that of the spring to the higher one. Null: evaluate both springs.
-    const T* lower_density;
-    T* higher_density;
-};
-
-/// One step of one thread's share.
-template <class T>
-struct Task {
-    std::array<const T*, 3> position;
-    std::array<T*, 3> next;        ///< holds the previous positions until it is overwritten
-    std::array<const T*, 3> load;  ///< null: none
-    const MaskOf<T>* mask;
-    const T* inverse_mass;                         ///< one a particle; null: all the same
-    const T* compliance;                           ///< one a particle; null: a stiffness a direction
-    std::array<const Opposites<T>*, 2> opposites;  ///< of even and of odd slices
-    std::size_t opposites_count;
-    const Block *lead, *begin, *end;  ///< densities alone are needed of [lead, begin)
-    T shortest_squared;
-    T uniform_inverse_mass;
-    std::array<T, 3> gravity;
-    T retained;
-    T time_step_squared;
-};
-
-}  // namespace
-}  // namespace voxspring
-#endif
-
-HWY_BEFORE_NAMESPACE();
-namespace voxspring::HWY_NAMESPACE {
-namespace {
-
-template <class T, class Pointer>
-HWY_INLINE Lanes3<T> load3(const std::array<Pointer, 3>& from, std::ptrdiff_t i) {
-    return {Lanes<T>::load(from[0] + i), Lanes<T>::load(from[1] + i), Lanes<T>::load(from[2] + i)};
-}
-
-template <class T>
-using MaskTag = hn::RebindToUnsigned<typename Lanes<T>::Tag>;
-
-/// Lane by lane `a` where `chosen`, else `b`; what the other holds is dropped, a NaN included.
-template <class T, class Chosen>
-HWY_INLINE Lanes3<T> select(Chosen chosen, Lanes3<T> a, Lanes3<T> b) {
-    const auto m = hn::RebindMask(typename Lanes<T>::Tag(), chosen);
-    return {Lanes<T>(hn::IfThenElse(m, a.x.v, b.x.v)), Lanes<T>(hn::IfThenElse(m, a.y.v, b.y.v)),
-            Lanes<T>(hn::IfThenElse(m, a.z.v, b.z.v))};
-}
-
-/// Stiffness of the springs between elements i.. and `neighbour`..
-template <class T>
-HWY_INLINE Lanes<T> stiffness(const Task<T>& task, const Opposites<T>& pair, std::ptrdiff_t i,
-                              std::ptrdiff_t neighbour) {
-    if (task.compliance == nullptr) return Lanes<T>(pair.stiffness);
-    return series_stiffness(Lanes<T>::load(task.compliance + i), Lanes<T>::load(task.compliance + neighbour));
-}
-
-/// Leave the force densities of the springs to the higher neighbours of a register of particles.
-template <class T>
-HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
-    const std::ptrdiff_t i = block.first + lane;
-    const Lanes3<T> x = load3<T>(task.position, i);
-    for (std::size_t p = 0; p < task.opposites_count; ++p) {
-        const Opposites<T>& pair = task.opposites[block.odd_slice][p];
-        if (pair.higher_density == nullptr) continue;
-        const std::ptrdiff_t higher = i + pair.stride;
-        force_density(x - load3<T>(task.position, higher), Lanes<T>(pair.rest_length),
-                      stiffness(task, pair, i, higher), Lanes<T>(task.shortest_squared))
-            .store(pair.higher_density + block.in_slice + lane);
-    }
-}
-
-/// Step a register of particles. `whole`: as in Block, so that nothing needs masking.
-template <bool whole, class T>
-HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
-    const std::ptrdiff_t i = block.first + lane;
-    const MaskTag<T> tag;
-    const auto mask = hn::LoadU(tag, task.mask + i);
-    const Lanes<T> shortest_squared(task.shortest_squared);
-    const Lanes3<T> x = load3<T>(task.position, i);
-    Lanes3<T> force{Lanes<T>(T(0)), Lanes<T>(T(0)), Lanes<T>(T(0))};
-    const auto add = [&](MaskOf<T> bit, Lanes3<T> f) HWY_ATTR {
-        force = whole ? force + f : select(hn::TestBit(mask, hn::Set(tag, bit)), force + f, force);
-    };
-    for (std::size_t p = 0; p < task.opposites_count; ++p) {
-        const Opposites<T>& pair = task.opposites[block.odd_slice][p];
-        const Lanes<T> rest_length(pair.rest_length);
-        const std::ptrdiff_t lower = i - pair.stride;
-        const std::ptrdiff_t higher = i + pair.stride;
-        const Lanes3<T> from_lower = x - load3<T>(task.position, lower);
-        const Lanes3<T> from_higher = x - load3<T>(task.position, higher);
-        const Lanes<T> higher_density =
-            force_density(from_higher, rest_length, stiffness(task, pair, i, higher), shortest_squared);
-        if (pair.higher_density == nullptr) {
-            add(pair.lower_bit,
-                spring_force(from_lower, rest_length, stiffness(task, pair, i, lower), shortest_squared));
-        } else {
-            higher_density.store(pair.higher_density + block.in_slice + lane);
-            add(pair.lower_bit, from_lower * Lanes<T>::load(pair.lower_density + block.in_slice + lane));
-        }
-        add(pair.higher_bit, from_higher * higher_density);
-    }
-    if (task.load[0] != nullptr) force = force + load3<T>(task.load, i);
-    const Lanes<T> inverse_mass = task.inverse_mass != nullptr ? Lanes<T>::load(task.inverse_mass + i)
-                                                               : Lanes<T>(task.uniform_inverse_mass);
-    // Without gravity or damping its term is neutral rather than skipped: six instructions on constants,
-    // in some three hundred, whose cost could not be measured.
-    const Lanes3<T> gravity{Lanes<T>(task.gravity[0]), Lanes<T>(task.gravity[1]), Lanes<T>(task.gravity[2])};
-    Lanes3<T> next = next_position(x, load3<T>(task.next, i), force, inverse_mass, gravity,
-                                   Lanes<T>(task.retained), Lanes<T>(task.time_step_squared));
-    if (!whole) {
-        const auto bits = hn::And(mask, hn::Set(tag, ACTIVE_BIT | PINNED_BIT));
-        next = select(hn::Eq(bits, hn::Set(tag, ACTIVE_BIT)), next, x);
-    }
-    next.x.store(task.next[0] + i);
-    next.y.store(task.next[1] + i);
-    next.z.store(task.next[2] + i);
-}
-
-template <class T>
-HWY_FLATTEN void run_task(const Task<T>& task) {
-    constexpr std::ptrdiff_t width = Lanes<T>::count();
-    for (const Block* block = task.lead; block != task.begin; ++block) {
-        for (std::ptrdiff_t lane = 0; lane < block_size<T>; lane += width)
-            leave_densities(task, *block, lane);
-    }
-    for (const Block* block = task.begin; block != task.end; ++block) {
-        if (block->whole) {
-            for (std::ptrdiff_t lane = 0; lane < block_size<T>; lane += width)
-                step_particles<true>(task, *block, lane);
-        } else {
-            for (std::ptrdiff_t lane = 0; lane < block_size<T>; lane += width)
-                step_particles<false>(task, *block, lane);
-        }
-    }
-}
-
-void run_float32(const Task<float>& task) { run_task(task); }
-void run_float64(const Task<double>& task) { run_task(task); }
-const char* target_name() { return hwy::TargetName(HWY_TARGET); }
-
-}  // namespace
-}  // namespace voxspring::HWY_NAMESPACE
-HWY_AFTER_NAMESPACE();
-
-#if HWY_ONCE
-namespace voxspring {
-namespace {
-
-HWY_EXPORT(run_float32);
-HWY_EXPORT(run_float64);
-HWY_EXPORT(target_name);
-
-void run_on_best_target(const Task<float>& task) { HWY_DYNAMIC_DISPATCH(run_float32)(task); }
-void run_on_best_target(const Task<double>& task) { HWY_DYNAMIC_DISPATCH(run_float64)(task); }
+using namespace cpu_parallel;
 
 /// More than this starts more threads than a process can be sure to get, where OpenMP ends it.
 constexpr int most_threads = 1024;
@@ -272,6 +88,36 @@ private:
 /// or shared: what the skips are tested against.
 bool all_terms(const Options& options) { return options.tuning.at("terms") == "all"; }
 
+Root root_of(const Options& options) {
+    const std::string& root = options.tuning.at("root");
+    if (root == "exact") return Root::exact;
+    if (options.precision == Precision::float64) {
+        throw BadSpecification("backend cpu_parallel: root=" + root + " is for float32");
+    }
+    return root == "refined" ? Root::refined : Root::raw;
+}
+
+/// How far a particle of a tile that falls asleep moves in a step at most, in spacings; 0: none sleeps.
+double sleep_threshold(const Options& options) {
+    const std::string& sleep = options.tuning.at("sleep");
+    return sleep == "off" ? 0 : std::stod(sleep);
+}
+
+/// How close to 0 a part of the state is set to it, in spacings; 0: not at all.
+double flush_threshold(const Options& options) {
+    if (options.tuning.at("rest") != "flush") return 0;
+    if (!by_increments(options.formulation)) {
+        throw BadSpecification("backend cpu_parallel: rest=flush is for increment and compensated");
+    }
+    return 1e-12;
+}
+
+/// Scalars of a particle's state: positions or displacements of two steps, or those and the increment.
+int state_arrays(Formulation formulation) {
+    if (formulation == Formulation::compensated) return 2 * (6 + 3);
+    return by_increments(formulation) ? 6 + 3 : 6;
+}
+
 /// The neighbour bits of the directions to visit: those in which any particle has a neighbour.
 std::uint32_t bits_in_use(const Problem& problem, const Options& options) {
     if (all_terms(options)) return NEIGHBOUR_BITS;
@@ -295,6 +141,8 @@ struct PaddedGrid {
 
     std::ptrdiff_t size() const { return guard + slice * dims.z + guard; }
     std::ptrdiff_t element(glm::ivec3 c) const { return guard + slice * c.z + row * c.y + c.x; }
+    /// A row's blocks, rows and slices.
+    glm::ivec3 blocks() const { return {int(row / block_size<T>), dims.y, dims.z}; }
     /// Force densities of one direction and one slice, with guards as above.
     std::ptrdiff_t density_guard() const { return row + block_size<T>; }
     std::ptrdiff_t densities() const { return density_guard() + slice + density_guard(); }
@@ -306,10 +154,10 @@ std::string refusal(const Problem& problem) {
     const glm::ivec3 d = problem.lattice.dims;
     if (problem.lattice.voxel_count() == 0) return "implicit addressing needs a lattice";
     if (!problem.springs.empty()) return "implicit addressing has no springs beyond the lattice";
-    // In floating point, which does not overflow: an upper bound on the bytes of twelve arrays (copy_in)
+    // In floating point, which does not overflow: an upper bound on the bytes of 24 arrays (copy_in)
     // over the padded grid, against what 64-bit systems give a process to address.
     const double rows = (double(d.y) + 4) * (double(d.z) + 4);
-    if ((d.x + double(block_size<T>)) * rows * 12 * sizeof(T) < std::ldexp(1.0, 47)) return {};
+    if ((d.x + double(block_size<T>)) * rows * 24 * sizeof(T) < std::ldexp(1.0, 47)) return {};
     return "a grid of " + std::to_string(d.x) + " x " + std::to_string(d.y) + " x " + std::to_string(d.z) +
            " with rows padded to " + std::to_string(block_size<T>) + " exceeds the address space";
 }
@@ -330,22 +178,17 @@ Array<T> filled(std::ptrdiff_t size, T value) {
 template <class T>
 class CpuParallel final : public CpuBackend {
 public:
-    explicit CpuParallel(const Options& options) : options_(options), threads_(thread_count(options)) {}
+    explicit CpuParallel(const Options& options)
+        : options_(options),
+          formulation_(options.formulation),
+          root_(root_of(options)),
+          sleep_(sleep_threshold(options)),
+          flush_(flush_threshold(options)),
+          threads_(thread_count(options)) {}
 
-    Capabilities capabilities() const override {
-        return cpu_capabilities(HWY_DYNAMIC_DISPATCH(target_name)(), threads_);
-    }
+    Capabilities capabilities() const override { return cpu_capabilities(target_name(), threads_); }
 
     std::string unsupported(const Problem& problem) const override { return refusal<T>(problem); }
-
-    void begin(const Problem& problem, const State& state) override {
-        problem_ = &problem;
-        grid_ = std::make_unique<PaddedGrid<T>>(problem.lattice.dims);
-        copy_in(state);
-        bits_ = bits_in_use(problem, options_);
-        list_blocks();
-        deal_out();
-    }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
         problem_ = &edited;
@@ -359,6 +202,7 @@ public:
                                                [](auto e, const Block& block) { return e < block.first; });
             Block& block = *std::prev(next);
             block.whole = is_whole(block.first);
+            tiles_->wake(block.tile, step_);
         }
         if (bits == bits_) return;
         // Springs in a direction that had none so far.
@@ -367,43 +211,31 @@ public:
         deal_out();
     }
 
-    bool within(double) override { return true; }
-
-    void advance(int count) override {
-        Barrier barrier;
-#pragma omp parallel num_threads(int(shares_.size()))
-        {
-            // Each share to the same thread every time. Should OpenMP grant fewer threads, some take several.
-            const auto threads = std::size_t(omp_get_num_threads());
-#pragma omp single
-            barrier.expect(int(threads));
-            for (int n = 0; n < count; ++n) {
-                for (auto s = std::size_t(omp_get_thread_num()); s < shares_.size(); s += threads) {
-                    Task<T> task = shares_[s].task;
-                    for (std::size_t axis = 0; axis < 3; ++axis) {
-                        task.position[axis] = (n % 2 == 0 ? position_ : previous_)[axis].get();
-                        task.next[axis] = (n % 2 == 0 ? previous_ : position_)[axis].get();
-                    }
-                    run_on_best_target(task);
-                }
-                barrier.wait();
-            }
-        }
-        if (count % 2 != 0) std::swap(position_, previous_);
-    }
-
     State download() override {
         State state = state_at_rest(*problem_);
+        const auto current = std::size_t(step_ % 2);
         for (std::size_t i = 0; i < problem_->particle_count(); ++i) {
             const auto element = std::size_t(element_of(i));
+            const auto part = [element](const Array<T>& array) {
+                return array == nullptr ? 0.0 : double(array[element]);
+            };
             for (std::size_t axis = 0; axis < 3; ++axis) {
-                const double x = double(position_[axis][element]);
                 const int a = int(axis);
-                state.displacement[i][a] = x - problem_->rest_position[i][a];
-                state.increment[i][a] = x - double(previous_[axis][element]);
+                const double at = part(at_[current][axis]);
+                const double rest = on_positions(formulation_) ? problem_->rest_position[i][a] : 0;
+                state.displacement[i][a] = at - rest + part(at_low_[current][axis]);
+                state.increment[i][a] = by_increments(formulation_)
+                                            ? part(increment_[axis]) + part(increment_low_[axis])
+                                            : at - part(at_[1 - current][axis]);
             }
         }
         return state;
+    }
+
+    WorkCount count_work() override {
+        if (!may_rest_) return {};
+        step(1);
+        return {{"tiles", tiles_->used()}, {"tiles_stepped", looking_ ? tiles_stepped() : tiles_->used()}};
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -419,25 +251,130 @@ public:
         }
         const std::uint64_t particles = problem.particle_count();
         const std::uint64_t ends = 2 * count_springs(problem).total();
-        const std::uint64_t arrays = 9 + (has_load ? 3 : 0) + (all || problem.has_materials() ? 1 : 0) +
+        // Of the state the one of two steps that is overwritten is written but, in place of increments, read.
+        const std::uint64_t state = std::uint64_t(state_arrays(formulation_)) / 3 * 4;
+        const std::uint64_t arrays = (by_increments(formulation_) ? state : 9) + (has_load ? 3 : 0) +
+                                     (all || problem.has_materials() ? 1 : 0) +
                                      (problem.has_materials() ? 1 : 0);
+        // force_density() 5 + 1 + 1 + 3; strain_density() without the offset 3 + 5 + 1 + 5 + 1 + 1 + 4; and 2
+        // more for a stiffness that materials give.
+        const std::uint64_t density =
+            (by_increments(formulation_) ? 20 : 10) + (problem.has_materials() ? 2 : 0);
+        // Either end of a spring: u_i - u_j or x_i - x_j 3, and twice that more where it has low parts; the
+        // offset that it makes 3; force 3; sum 3.
+        const bool split = formulation_ == Formulation::compensated;
+        const std::uint64_t end = 9 + (split ? 6 : 0) + (on_positions(formulation_) ? 0 : 3);
+        // A particle: next_position() or increment_change() and two sums 21; each sum that is split 33
+        // instead of 3.
         return {.bytes = (particles * arrays + masks) * sizeof(T),
-                // A force density 5 + 1 + 1 + 3, and 2 more for its stiffness where materials give it. Either
-                // end of a spring: offset 3, force 3, sum 3. A particle: next_position() 21.
-                .operations = evaluations * (10 + (problem.has_materials() ? 2 : 0)) + ends * 9 +
-                              particles * (21 + (has_load ? 3 : 0))};
+                .operations = evaluations * density + ends * end +
+                              particles * (21 + (split ? 60 : 0) + (has_load ? 3 : 0))};
     }
 
 private:
+    using Vector = std::array<Array<T>, 3>;
+
     /// The mask bits of the neighbours along x, and of all those at a higher index.
     static constexpr std::uint32_t along_x = 0x3, higher = NEIGHBOUR_BITS & 0xAAAAAAAA;
+    /// A tile sleeps once it and those around it were slow for that many steps.
+    static constexpr int steps_to_sleep = 8;
+    /// Steps after which rest=auto decides anew whether looking for rest pays.
+    static constexpr int steps_to_look = 16, shortest_pause = 64, longest_pause = 1024;
+    /// Tiles from which on it looks at all: a step of less takes some 50 us.
+    static constexpr std::size_t least_tiles = 128;
 
     /// A thread's part of every step.
     struct Share {
         Array<T> density;
         std::array<std::vector<Opposites<T>>, 2> opposites;
+        Tiles::Share tiles;
         Task<T> task{};
     };
+
+    void begin(const Problem& problem, const State& state) override {
+        problem_ = &problem;
+        step_ = 0;
+        grid_ = std::make_unique<PaddedGrid<T>>(problem.lattice.dims);
+        copy_in(state);
+        bits_ = bits_in_use(problem, options_);
+        list_blocks();
+        deal_out();
+        const std::string& rest = options_.tuning.at("rest");
+        const bool at_ease = problem.gravity == glm::dvec3(0) && problem.load.empty();
+        may_rest_ = !all_terms(options_) && (rest == "skip" || rest == "flush" || sleep_ > 0 ||
+                                             (rest == "auto" && at_ease && tiles_->used() >= least_tiles));
+        always_looks_ = rest == "skip" || rest == "flush" || sleep_ > 0;
+        looking_ = may_rest_;
+        pause_ = shortest_pause;
+        decision_ = steps_to_look;
+    }
+
+    void advance(int count) override {
+        while (count > 0) {
+            if (may_rest_ && !always_looks_ && step_ >= decision_) decide_whether_to_look();
+            const bool deciding = may_rest_ && !always_looks_;
+            const int steps = deciding ? int(std::min<std::int64_t>(count, decision_ - step_)) : count;
+            run_steps(steps);
+            count -= steps;
+        }
+    }
+
+    /// rest=auto: looking for rest costs a little, and pays where an eighth of the tiles rest.
+    void decide_whether_to_look() {
+        if (!looking_) {
+            looking_ = true;
+            tiles_->wake_all(step_);
+        } else if (8 * tiles_stepped() > 7 * tiles_->used()) {
+            looking_ = false;
+            decision_ = step_ + pause_;
+            pause_ = std::min(2 * pause_, longest_pause);
+            return;
+        } else {
+            pause_ = shortest_pause;
+        }
+        decision_ = step_ + steps_to_look;
+    }
+
+    std::size_t tiles_stepped() const {
+        std::vector<const Tiles::Share*> all;
+        for (const Share& share : shares_) all.push_back(&share.tiles);
+        return tiles_->stepped(all);
+    }
+
+    void run_steps(int count) {
+        Barrier barrier;
+#pragma omp parallel num_threads(int(shares_.size()))
+        {
+            // Each share to the same thread every time. Should OpenMP grant fewer threads, some take several.
+            const auto threads = std::size_t(omp_get_num_threads());
+#pragma omp single
+            barrier.expect(int(threads));
+            for (std::int64_t step = step_ + 1; step <= step_ + count; ++step) {
+                for (auto s = std::size_t(omp_get_thread_num()); s < shares_.size(); s += threads) {
+                    Share& share = shares_[s];
+                    Task<T> task = task_from(share, step - 1);
+                    if (looking_) {
+                        tiles_->decide(share.tiles, step);
+                        task.action = share.tiles.action.data();
+                        task.lively = share.tiles.lively.data();
+                    }
+                    cpu_parallel::step(task, formulation_, root_);
+                    if (looking_) tiles_->settle(share.tiles, step);
+                }
+                barrier.wait();
+            }
+        }
+        step_ += count;
+    }
+
+    bool within(double largest_increment) override {
+        bool all = true;
+#pragma omp parallel for num_threads(int(shares_.size())) schedule(static, 1) reduction(&& : all)
+        for (std::size_t s = 0; s < shares_.size(); ++s) {
+            all = all && cpu_parallel::within(task_from(shares_[s], step_), formulation_, largest_increment);
+        }
+        return all;
+    }
 
     std::ptrdiff_t element_of(std::size_t particle) const {
         return grid_->element(problem_->lattice.coordinates(problem_->lattice.voxel[particle]));
@@ -449,10 +386,15 @@ private:
         const auto array = [&] { return filled(grid_->size(), std::numeric_limits<T>::quiet_NaN()); };
         const bool all = all_terms(options_);
         const bool has_load = all || !problem.load.empty();
+        const bool split = formulation_ == Formulation::compensated;
         mask_ = filled<MaskOf<T>>(grid_->size(), 0);
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            position_[axis] = array();
-            previous_[axis] = array();
+            for (std::size_t parity = 0; parity < 2; ++parity) {
+                at_[parity][axis] = array();
+                at_low_[parity][axis] = split ? array() : nullptr;
+            }
+            increment_[axis] = by_increments(formulation_) ? array() : nullptr;
+            increment_low_[axis] = split ? array() : nullptr;
             load_[axis] = has_load ? array() : nullptr;
         }
         inverse_mass_ = all || problem.has_materials() ? array() : nullptr;
@@ -460,13 +402,23 @@ private:
         for (std::size_t i = 0; i < problem.particle_count(); ++i) {
             const auto element = std::size_t(element_of(i));
             mask_[element] = problem.lattice.mask[i];
-            const glm::dvec3 position = problem.rest_position[i] + state.displacement[i];
-            const glm::dvec3 previous = position - state.increment[i];
+            const glm::dvec3 at = on_positions(formulation_)
+                                      ? problem.rest_position[i] + state.displacement[i]
+                                      : state.displacement[i];
+            const glm::dvec3 before = at - state.increment[i];
             const glm::dvec3 load = problem.load.empty() ? glm::dvec3(0) : problem.load[i];
             for (std::size_t axis = 0; axis < 3; ++axis) {
-                position_[axis][element] = T(position[int(axis)]);
-                previous_[axis][element] = T(previous[int(axis)]);
-                if (has_load) load_[axis][element] = T(load[int(axis)]);
+                const int a = int(axis);
+                const auto put = [element](Array<T>& to, double value) {
+                    if (to != nullptr) to[element] = T(value);
+                };
+                const double increment = state.increment[i][a];
+                put(at_[0][axis], at[a]);
+                put(at_low_[0][axis], at[a] - double(T(at[a])));
+                put(at_[1][axis], before[a]);
+                put(increment_[axis], increment);
+                put(increment_low_[axis], increment - double(T(increment)));
+                put(load_[axis], load[a]);
             }
             const Material& material = problem.material_of(i);
             if (inverse_mass_ != nullptr) inverse_mass_[element] = T(1 / material.mass);
@@ -484,6 +436,7 @@ private:
     void list_blocks() {
         const bool all = all_terms(options_);
         blocks_.clear();
+        tiles_ = std::make_unique<Tiles>(grid_->blocks(), sleep_ > 0 ? steps_to_sleep : 1);
         for (int z = 0; z < grid_->dims.z; ++z) {
             const std::ptrdiff_t slice = grid_->element({0, 0, z});
             for (std::ptrdiff_t in_slice = 0; in_slice < grid_->slice; in_slice += block_size<T>) {
@@ -491,9 +444,13 @@ private:
                 const MaskOf<T>* end = begin + block_size<T>;
                 if (!all && std::all_of(begin, end, [](auto mask) { return mask == 0; })) continue;
                 const std::ptrdiff_t block = slice + in_slice;
-                blocks_.push_back({block, in_slice, z % 2 != 0, is_whole(block)});
+                const std::uint32_t tile =
+                    tiles_->at({int(in_slice % grid_->row / block_size<T>), int(in_slice / grid_->row), z});
+                tiles_->use(tile);
+                blocks_.push_back({block, in_slice, tile, z % 2 != 0, is_whole(block)});
             }
         }
+        tiles_->wake_all(step_);
     }
 
     void deal_out() {
@@ -514,7 +471,29 @@ private:
             task.lead = std::lower_bound(first, task.begin, lead, [](const Block& block, auto element) {
                 return block.first < element;
             });
+            const auto [least, most] = std::minmax_element(
+                task.lead, task.end, [](const Block& a, const Block& b) { return a.tile < b.tile; });
+            share.tiles = tiles_->share(least->tile, most->tile + 1);
         }
+    }
+
+    /// The share's next step, from state `step`.
+    Task<T> task_from(const Share& share, std::int64_t step) const {
+        const auto pointers = [](const Vector& v) {
+            return std::array<T*, 3>{v[0].get(), v[1].get(), v[2].get()};
+        };
+        const auto constant = [](const Vector& v) {
+            return std::array<const T*, 3>{v[0].get(), v[1].get(), v[2].get()};
+        };
+        const auto current = std::size_t(step % 2);
+        Task<T> task = share.task;
+        task.at = constant(at_[current]);
+        task.next = pointers(at_[1 - current]);
+        task.at_low = constant(at_low_[current]);
+        task.next_low = pointers(at_low_[1 - current]);
+        task.increment = pointers(increment_);
+        task.increment_low = pointers(increment_low_);
+        return task;
     }
 
     void fill_opposites(Share& share) {
@@ -527,6 +506,7 @@ private:
             const glm::ivec3 o = direction.offset;
             const std::ptrdiff_t stride_in_slice = o.y * grid_->row + o.x;
             const std::ptrdiff_t stride = o.z * grid_->slice + stride_in_slice;
+            const RestSpring rest = rest_spring(*problem_, direction);
             const std::array<T*, 2> of_slice = {density, density + grid_->densities()};
             density += 2 * grid_->densities();
             // Neighbours along x lie in the same register or were left in the latest: a load that overlaps
@@ -538,7 +518,9 @@ private:
                     {.stride = stride,
                      .lower_bit = MaskOf<T>(1) << (direction.bit - 1),
                      .higher_bit = MaskOf<T>(1) << direction.bit,
-                     .rest_length = T(problem_->rest_length[std::size_t(direction.bit)]),
+                     .rest_offset = {T(rest.offset.x), T(rest.offset.y), T(rest.offset.z)},
+                     .rest_length = T(rest.length),
+                     .rest_deficit = T(rest.deficit),
                      .stiffness = T(problem_->group_stiffness[std::size_t(direction.group)]),
                      .lower_density = waits ? lower : nullptr,
                      .higher_density = waits ? of_slice[odd] : nullptr});
@@ -556,21 +538,39 @@ private:
         task.shortest_squared = T(problem_->shortest_squared());
         task.uniform_inverse_mass = T(1 / problem_->materials[0].mass);
         task.gravity = {T(g.x), T(g.y), T(g.z)};
+        const glm::dvec3 spacing = problem_->lattice.spacing;
+        const double shortest = std::min({spacing.x, spacing.y, spacing.z});
+        task.slow = T(sleep_ * shortest);
+        task.flush = T(flush_ * shortest);
+        task.damping = T(problem_->damping);
         task.retained = T(1 - problem_->damping);
+        task.doubled = T(2 - problem_->damping);
         task.time_step_squared = T(problem_->time_step * problem_->time_step);
         return task;
     }
 
     const Options options_;
+    const Formulation formulation_;
+    const Root root_;
+    const double sleep_, flush_;  ///< in spacings; 0: no
     const int threads_;
     const Problem* problem_ = nullptr;
+    std::int64_t step_ = 0;  ///< since upload()
     std::unique_ptr<PaddedGrid<T>> grid_;
     std::uint32_t bits_ = 0;  ///< of the directions to visit
     Array<MaskOf<T>> mask_;
-    std::array<Array<T>, 3> position_, previous_, load_;
+    /// x or u of an even and of an odd step: the one is read while the other is overwritten.
+    std::array<Vector, 2> at_, at_low_;
+    Vector increment_, increment_low_, load_;
     Array<T> inverse_mass_, compliance_;
     std::vector<Block> blocks_;
     std::vector<Share> shares_;
+    std::unique_ptr<Tiles> tiles_;
+    bool may_rest_ = false;      ///< tiles that rest are looked for, now or at times
+    bool always_looks_ = false;  ///< at all times
+    bool looking_ = false;       ///< now
+    std::int64_t decision_ = 0;  ///< the step after which `looking_` is decided anew
+    int pause_ = 0;              ///< steps until the next look, once looking did not pay
 };
 
 template <class T>
@@ -578,22 +578,27 @@ std::uint64_t bytes(const Problem& problem, const Options& options) {
     if (!refusal<T>(problem).empty()) return 0;
     const PaddedGrid<T> grid(problem.lattice.dims);
     const bool all = all_terms(options);
-    const int arrays = 7 + (all || !problem.load.empty() ? 3 : 0) + (all || problem.has_materials() ? 1 : 0) +
-                       (problem.has_materials() ? 1 : 0);
+    const int arrays = 1 + state_arrays(options.formulation) + (all || !problem.load.empty() ? 3 : 0) +
+                       (all || problem.has_materials() ? 1 : 0) + (problem.has_materials() ? 1 : 0);
     const std::ptrdiff_t blocks = grid.slice / block_size<T> * grid.dims.z;
     const std::ptrdiff_t shares = share_count(options, blocks);
     return std::uint64_t(grid.size() * arrays * std::ptrdiff_t(sizeof(T)) +
                          shares * std::popcount(bits_in_use(problem, options)) * grid.densities() *
                              std::ptrdiff_t(sizeof(T)) +
-                         blocks * std::ptrdiff_t(sizeof(Block)));
+                         blocks * std::ptrdiff_t(sizeof(Block))) +
+           Tiles::bytes(grid.blocks(), std::size_t(shares));
 }
 
 const Registered entry({
     .name = "cpu_parallel",
     .summary = "Every core and its SIMD registers: implicit addressing on a padded grid.",
     .precisions = {Precision::float32, Precision::float64},
-    .formulations = {Formulation::position},
-    .tuning = {{"threads", {}}, {"terms", {"needed", "all"}}},
+    .formulations = every_formulation,
+    .tuning = {{"threads", {}},
+               {"terms", {"needed", "all"}},
+               {"root", {"exact", "refined", "raw"}},
+               {"rest", {"auto", "step", "skip", "flush"}},
+               {"sleep", {"off", "1e-3", "1e-4", "1e-5", "1e-6"}}},
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         if (options.precision == Precision::float32) return std::make_unique<CpuParallel<float>>(options);
         return std::make_unique<CpuParallel<double>>(options);
@@ -607,4 +612,3 @@ const Registered entry({
 
 }  // namespace
 }  // namespace voxspring
-#endif

@@ -40,18 +40,18 @@ public:
         const std::uint64_t load = problem.load.empty() ? 0 : 1;
         const std::uint64_t lows = formulation_ == Formulation::compensated ? 1 : 0;
         const std::uint64_t rests = on_positions(formulation_) ? 0 : 1;
-        // A spring: offset 3, force_density() 5 + 1 + 1 + 3 or strain_density() 3 + 3 + 5 + 1 + 5 + 1 + 4,
-        // force 3, and its addition to either end 6. A particle: next_position() 21,
-        // next_position_as_printed() 21 or increment_change() 18 and two sums 6, each 19 a component where
-        // split; and 1 / mass.
-        const std::uint64_t density = by_increments(formulation_) ? 22 : 10 + 3 * rests;
-        const std::uint64_t update = by_increments(formulation_) ? 18 + 6 + lows * 2 * 3 * 18 : 21;
+        // A spring: the difference of its ends 3, and twice that more with low parts; the offset 3 where that
+        // is not the difference; force_density() 5 + 1 + 1 + 3 or strain_density() 3 + 5 + 1 + 5 + 1 + 1 + 4;
+        // force 3, and its addition to either end 6. A particle: next_position() or increment_change() and
+        // two sums 21, each sum that is split 33 instead of 3; and 1 / mass.
+        const std::uint64_t spring =
+            3 + lows * 6 + rests * 3 + (by_increments(formulation_) ? 20 : 10) + 3 + 6;
+        const std::uint64_t particle = 21 + lows * 60 + 1 + 3 * load;
         // Forces: zeroed, read and written with the springs, read with the particles. Positions: read with
         // the springs, read and written with the particles; previous ones or increments the same there.
-        return {
-            .bytes = particles * (4 + 3 + 2 + load + lows * 5) * sizeof(glm::dvec3) +
-                     springs * (sizeof(Spring) + rests * sizeof(RestSpring)),
-            .operations = springs * (3 + lows * 6 + density + 3 + 6) + particles * (update + 1 + 3 * load)};
+        return {.bytes = particles * (4 + 3 + 2 + load + lows * 5) * sizeof(glm::dvec3) +
+                         springs * (sizeof(Spring) + rests * sizeof(RestSpring)),
+                .operations = springs * spring + particles * particle};
     }
 
 private:

@@ -209,6 +209,8 @@ TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
 // OpenGL leaves the rounding of its root to the driver.
 TEST_P(Conformance, RestStaysRestToTheBit) {
     if (spec.entry->name.starts_with("gl")) GTEST_SKIP() << "not promised by OpenGL";
+    // It rounds 2 - lambda and 1 - lambda apart: a force in proportion to the absolute position.
+    if (spec.options.formulation == Formulation::paper) GTEST_SKIP() << "not promised by the paper's step";
     Problem problem = make_lattice_problem(random_grid({12, 11, 10}, 0.8, 3), NEIGHBOUR_BITS);
     problem.time_step = 0.25;
     problem.damping = 0.01;
@@ -312,8 +314,10 @@ TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
                 EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
             }
             // To the bit what it is when uploaded so: a state of float32 comes through download() and
-            // upload() unharmed, the difference of two of its positions being rounded in float64.
-            const bool exact = spec.options.precision == Precision::float32;
+            // upload() unharmed, the difference of two of its positions being rounded in float64. Not so one
+            // of two parts, which together have more bits than a float64.
+            const bool exact = spec.options.precision == Precision::float32 &&
+                               spec.options.formulation != Formulation::compensated;
             if (!exact || !backend->capabilities().deterministic) continue;
             const State midway = backend->download();
             backend->step(5);
@@ -327,7 +331,7 @@ TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
     }
 }
 
-/// Every backend with its defaults, then each other precision and each other tuning value by itself.
+/// Every backend with its defaults, then each other precision, formulation and tuning value by itself.
 std::vector<std::string> every_specification() {
     std::vector<std::string> specs;
     for (const auto& [name, entry] : registry()) {
@@ -335,7 +339,10 @@ std::vector<std::string> every_specification() {
         for (const Precision precision : entry.precisions) {
             const std::string base = name + ":precision=" + to_string(precision);
             specs.push_back(base);
+            for (std::size_t f = 1; f < entry.formulations.size(); ++f)
+                specs.push_back(base + ",formulation=" + to_string(entry.formulations[f]));
             for (const auto& [key, values] : entry.tuning) {
+                if (key == "root" && precision == Precision::float64) continue;  // for float32 alone
                 for (std::size_t v = 1; v < values.size(); ++v)
                     specs.push_back(base + "," + key + "=" + values[v]);
             }

@@ -13,16 +13,18 @@
 #include <hwy/highway.h>
 
 #include "backends/physics/portable.h"
+#include "backends/simd/root.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace voxspring::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// As many scalars as a register of this target holds. Square root and division are those of IEEE 754
-/// and nothing is contracted, so a lane has the same bits on every target, and those of a scalar.
-template <class T>
+/// As many scalars as a register of this target holds. Nothing is contracted, so with Root::exact a lane has
+/// the same bits on every target, and those of a scalar. The other roots are for float32.
+template <class Scalar, Root root>
 struct Lanes {
+    using T = Scalar;
     using Tag = hn::ScalableTag<T>;
     hn::Vec<Tag> v;
 
@@ -34,53 +36,76 @@ struct Lanes {
     HWY_INLINE void store(T* to) const { hn::StoreU(v, Tag(), to); }
 };
 
-template <class T>
-HWY_INLINE Lanes<T> operator+(Lanes<T> a, Lanes<T> b) {
-    return Lanes<T>(hn::Add(a.v, b.v));
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator+(Lanes<T, root> a, Lanes<T, root> b) {
+    return Lanes<T, root>(hn::Add(a.v, b.v));
 }
-template <class T>
-HWY_INLINE Lanes<T> operator-(Lanes<T> a, Lanes<T> b) {
-    return Lanes<T>(hn::Sub(a.v, b.v));
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator-(Lanes<T, root> a, Lanes<T, root> b) {
+    return Lanes<T, root>(hn::Sub(a.v, b.v));
 }
-template <class T>
-HWY_INLINE Lanes<T> operator*(Lanes<T> a, Lanes<T> b) {
-    return Lanes<T>(hn::Mul(a.v, b.v));
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator*(Lanes<T, root> a, Lanes<T, root> b) {
+    return Lanes<T, root>(hn::Mul(a.v, b.v));
 }
-template <class T>
-HWY_INLINE Lanes<T> operator/(Lanes<T> a, Lanes<T> b) {
-    return Lanes<T>(hn::Div(a.v, b.v));
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator/(Lanes<T, root> a, Lanes<T, root> b) {
+    if constexpr (root == Root::exact) {
+        return Lanes<T, root>(hn::Div(a.v, b.v));
+    } else {
+        auto inverse = hn::ApproximateReciprocal(b.v);
+        if constexpr (root == Root::refined) {
+            const typename Lanes<T, root>::Tag tag;
+            inverse = hn::Mul(inverse, hn::NegMulAdd(b.v, inverse, hn::Set(tag, T(2))));
+        }
+        return Lanes<T, root>(hn::Mul(a.v, inverse));
+    }
 }
-template <class T>
-HWY_INLINE Lanes<T> sqrt(Lanes<T> a) {
-    return Lanes<T>(hn::Sqrt(a.v));
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> sqrt(Lanes<T, root> a) {
+    if constexpr (root == Root::exact) {
+        return Lanes<T, root>(hn::Sqrt(a.v));
+    } else {
+        auto inverse = hn::ApproximateReciprocalSqrt(a.v);
+        if constexpr (root == Root::refined) {
+            const typename Lanes<T, root>::Tag tag;
+            const auto half = hn::Mul(hn::Mul(a.v, hn::Set(tag, T(0.5))), inverse);
+            inverse = hn::Mul(inverse, hn::NegMulAdd(half, inverse, hn::Set(tag, T(1.5))));
+        }
+        return Lanes<T, root>(hn::Mul(a.v, inverse));
+    }
 }
 /// `b` where `a` is NaN, like the scalar one.
-template <class T>
-HWY_INLINE Lanes<T> larger(Lanes<T> a, Lanes<T> b) {
-    return Lanes<T>(hn::IfThenElse(hn::Gt(a.v, b.v), a.v, b.v));
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> larger(Lanes<T, root> a, Lanes<T, root> b) {
+    return Lanes<T, root>(hn::IfThenElse(hn::Gt(a.v, b.v), a.v, b.v));
 }
 
-/// Three registers: x, y and z of as many particles.
-template <class T>
+/// Three registers L: x, y and z of as many particles.
+template <class L>
 struct Lanes3 {
-    Lanes<T> x, y, z;
+    L x, y, z;
 };
 
-template <class T>
-HWY_INLINE Lanes3<T> operator+(Lanes3<T> a, Lanes3<T> b) {
+template <class L>
+HWY_INLINE Lanes3<L> operator+(Lanes3<L> a, Lanes3<L> b) {
     return {a.x + b.x, a.y + b.y, a.z + b.z};
 }
-template <class T>
-HWY_INLINE Lanes3<T> operator-(Lanes3<T> a, Lanes3<T> b) {
+template <class L>
+HWY_INLINE Lanes3<L> operator-(Lanes3<L> a, Lanes3<L> b) {
     return {a.x - b.x, a.y - b.y, a.z - b.z};
 }
-template <class T>
-HWY_INLINE Lanes3<T> operator*(Lanes3<T> a, Lanes<T> s) {
+template <class L>
+HWY_INLINE Lanes3<L> operator-(Lanes3<L> a) {
+    return {L(hn::Neg(a.x.v)), L(hn::Neg(a.y.v)), L(hn::Neg(a.z.v))};
+}
+template <class L>
+HWY_INLINE Lanes3<L> operator*(Lanes3<L> a, L s) {
     return {a.x * s, a.y * s, a.z * s};
 }
 /// Summed in the order of glm::dot.
-template <class T>
-HWY_INLINE Lanes<T> dot(Lanes3<T> a, Lanes3<T> b) {
+template <class L>
+HWY_INLINE L dot(Lanes3<L> a, Lanes3<L> b) {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
