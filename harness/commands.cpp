@@ -13,6 +13,8 @@
 #include "harness/result.h"
 #include "harness/scene.h"
 #include "harness/stability.h"
+#include "harness/stability_study.h"
+#include "harness/stress.h"
 
 namespace voxspring {
 namespace {
@@ -271,7 +273,15 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
 
 int run_and_print_study(const std::string& argument, const StudyOptions& options, std::ostream& out) {
     const nlohmann::json result = run_study(load_study(argument), options);
-    print_table(result, out);
+    if (result.contains("stability")) {
+        print_stability(result, out);
+        print_unmeasured(result, out);
+    } else if (result.contains("stress")) {
+        print_stress(result, out);
+        print_unmeasured(result, out);
+    } else {
+        print_table(result, out);
+    }
     if (options.out) out << "written: " << options.out->string() << "\n";
     return result.at("failed").empty() ? 0 : 1;
 }

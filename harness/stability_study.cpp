@@ -22,7 +22,7 @@ constexpr std::array dampings = {0.0, 0.1, 1.0};
 constexpr std::array large_amplitudes = {0.01, 0.1, 0.3};
 constexpr double stretch = 1;  ///< twice the size
 
-constexpr double excess = 1e-3;  ///< over the limit, at which growth must show
+constexpr double excess = 1e-3;     ///< over the limit, at which growth must show
 constexpr double tolerance = 2e-3;  ///< of a small start: the excess, as much for springs that are not linear
 constexpr int steps_of_large_starts = 3000;
 
@@ -49,13 +49,13 @@ void pin_surface(Problem& problem) {
 
 /// One search for the largest stable time step.
 struct Search {
-    nlohmann::json start;  ///< as a row says it
     Problem problem;
-    State state;
+    nlohmann::json start = {};  ///< as a row says it
+    State state = {};
     double amplitude = 0;  ///< of the start, in units of length
     int steps = 0;
-    double theory = 0;  ///< time step
-    bool exact = false; ///< theory holds within the tolerance
+    double theory = 0;   ///< time step
+    bool exact = false;  ///< theory holds within the tolerance
 };
 
 /// All searches on `scene`; empty where nothing oscillates or the true frequency is not known.

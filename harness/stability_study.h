@@ -25,8 +25,8 @@ namespace voxspring {
 /// start where theory is exceeded by 0.1%, no particle moves 100 times the start's amplitude a step. With
 /// `map` the first contender also gets a map of damping against time step.
 ///
-/// Lists by name: `stability`, one row a contender, start and damping; `stability_map`; and `failed`, contenders
-/// that failed or left theory's 0.2%. Rows as in results/schema.json.
+/// Lists by name: `stability`, one row a contender, start and damping; `stability_map`; and `failed`,
+/// contenders that failed or left theory's 0.2%. Rows as in results/schema.json.
 std::map<std::string, std::vector<nlohmann::json>> measure_stability(const Scene& scene, bool map,
                                                                      std::vector<Contender>& contenders,
                                                                      const OnRepetition& on_repetition);
@@ -39,9 +39,9 @@ State random_start(const Problem& problem, double amplitude);
 double farthest(const State& state);
 
 /// Steps in which a mode of a random start comes to move most_growth times the start's amplitude a step, if
-/// the time step is 1 + `excess` times its limit: at z = -1 - s a step, the root of z^2 - (2 - lambda - W) z +
-/// 1 - lambda = 0 with W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2. What a bounded run stays under: a mode
-/// so close to its limit that it is amplified 100-fold without growing is within 5e-5 of it.
+/// the time step is 1 + `excess` times its limit: at z = -1 - s a step, the root of z^2 - (2 - lambda - W) z
+/// + 1 - lambda = 0 with W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2. What a bounded run stays under: a
+/// mode so close to its limit that it is amplified 100-fold without growing is within 5e-5 of it.
 constexpr double most_growth = 100;
 int steps_to_grow(const Problem& problem, double excess);
 

@@ -4,8 +4,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <ctime>
+#include <iomanip>
 #include <iostream>
+#include <map>
 #include <set>
+#include <sstream>
+#include <thread>
+#include <utility>
 
 #include "backends/registry.h"
 #include "builtin_study_files.h"  // generated
@@ -16,12 +22,37 @@
 #include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
+#include "harness/stability_study.h"
+#include "harness/stress.h"
 
 namespace voxspring {
 namespace {
 
 bool matches(const std::string& glob, const std::string& text) {
     return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
+}
+
+/// `options` with each value that `entry` has in the place of formulation=* and precision=*.
+std::vector<std::string> each_of(const BackendEntry& entry, const std::string& options) {
+    std::vector<std::string> all = {options};
+    const auto replace = [&](const std::string& key, const auto& values) {
+        std::vector<std::string> replaced;
+        for (const std::string& one : all) {
+            const auto at = one.find(key + "=*");
+            if (at == std::string::npos) {
+                replaced.push_back(one);
+                continue;
+            }
+            for (const auto value : values) {
+                replaced.push_back(one);
+                replaced.back().replace(at + key.size() + 1, 1, to_string(value));
+            }
+        }
+        all = std::move(replaced);
+    };
+    replace("formulation", entry.formulations);
+    replace("precision", entry.precisions);
+    return all;
 }
 
 /// The specifications that a pattern GLOB[:options] stands for, in the registry's order: those that take the
@@ -35,7 +66,8 @@ std::vector<BackendSpec> expand(const std::string& pattern) {
     for (const auto& [name, entry] : registry()) {
         if (!matches(glob, name)) continue;
         try {
-            specs.push_back(BackendSpec::parse(name + options));
+            for (const std::string& one : each_of(entry, options))
+                specs.push_back(BackendSpec::parse(name + one));
         } catch (const BadSpecification& error) {
             if (!refusal) refusal = error;
         }
@@ -128,6 +160,50 @@ int read_count(JsonObject& object, const std::string& key, int most, int otherwi
     return value ? int(value->integer(1, most)) : otherwise;
 }
 
+const std::map<std::string, StudyKind> study_kinds = {
+    {"timing", StudyKind::timing}, {"stability", StudyKind::stability}, {"stress", StudyKind::stress}};
+const std::map<std::string, StressLengths> stress_lengths = {
+    {"full", StressLengths::full}, {"brief", StressLengths::brief}, {"shortest", StressLengths::shortest}};
+
+template <class Value>
+Value read_choice(const JsonValue& value, const std::map<std::string, Value>& choices) {
+    std::vector<std::string> names;
+    for (const auto& [name, choice] : choices) names.push_back(name);
+    return choices.at(value.one_of(names));
+}
+
+/// The suites of a stress study, in the place of scenes.
+std::vector<StudyScene> read_suites(const JsonValue& list) {
+    std::vector<StudyScene> suites;
+    for (const JsonValue& item : list.array(1)) {
+        JsonObject object = item.object();
+        StudyScene suite;
+        suite.scene = "stress";
+        suite.lengths = read_choice(object.require("lengths", "full, brief or shortest"), stress_lengths);
+        if (const auto backends = object.find("backends")) suite.backends = read_patterns(*backends);
+        object.finish();
+        suites.push_back(std::move(suite));
+    }
+    return suites;
+}
+
+/// A stress study brings its own scenes: what stands for them all is one that every backend takes.
+Scene scene_of(const Study& study, const StudyScene& item) {
+    if (study.kind != StudyKind::stress) return load_scene(item.scene);
+    Scene scene = load_scene("box@2");
+    scene.name = item.scene;
+    return scene;
+}
+
+/// For studies without a row of Google Benchmark.
+nlohmann::json plain_context() {
+    std::ostringstream date;
+    const std::time_t now = std::time(nullptr);
+    std::tm parts{};
+    date << std::put_time(gmtime_r(&now, &parts), "%FT%T+00:00");
+    return {{"date", date.str()}, {"num_cpus", std::thread::hardware_concurrency()}};
+}
+
 constexpr int most_steps = 1000000000;
 constexpr int most_repetitions = 10000;
 
@@ -205,9 +281,15 @@ Study load_study(const std::string& argument) {
     study.name = path.stem().string();
     if (const auto schema = root.find("$schema")) (void)schema->string();
     if (const auto description = root.find("description")) study.description = description->string();
+    if (const auto kind = root.find("kind")) study.kind = read_choice(*kind, study_kinds);
     study.repetitions = read_count(root, "repetitions", most_repetitions, 9);
     study.steps = read_count(root, "steps", most_steps, 100);
     study.backends = read_patterns(root.require("backends"));
+    if (study.kind == StudyKind::stress) {
+        study.scenes = read_suites(root.require("suites", "an array of suites"));
+        root.finish();
+        return study;
+    }
     for (const JsonValue& item : root.require("scenes").array(1)) {
         JsonObject object = item.object();
         StudyScene scene;
@@ -219,6 +301,9 @@ Study load_study(const std::string& argument) {
         }
         scene.steps = read_count(object, "steps", most_steps, study.steps);
         if (const auto backends = object.find("backends")) scene.backends = read_patterns(*backends);
+        if (study.kind == StudyKind::stability) {
+            if (const auto map = object.find("map")) scene.map = map->boolean();
+        }
         object.finish();
         study.scenes.push_back(std::move(scene));
     }
@@ -232,7 +317,7 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     if (options.out) check_writable(*options.out, "--out", ".json");
     // Every scene is read before the first is timed: a mistake in the last one costs no hour.
     for (const StudyScene& scene : study.scenes) {
-        load_scene(scene.scene);
+        scene_of(study, scene);
         if (contenders_of(study, scene, options).empty()) {
             const std::string known = "a glob that matches one of: " + registered_names();
             if (!options.backends.empty())
@@ -247,6 +332,11 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                              {"verification", nlohmann::json::array()},
                              {"skipped", nlohmann::json::array()},
                              {"failed", nlohmann::json::array()}};
+    if (study.kind == StudyKind::stability) {
+        result["stability"] = result["stability_map"] = nlohmann::json::array();
+    } else if (study.kind == StudyKind::stress) {
+        result["stress"] = nlohmann::json::array();
+    }
     nlohmann::json context = build_context();
     context["gpu"] = context["driver"] = context["gl_renderer"] = nullptr;
     context["study"] = {{"name", study.name}, {"repetitions", repetitions}};
@@ -254,10 +344,11 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
 
     Progress progress;
     MeasuredLimits limits;
+    StressReferences references;
     std::size_t number = 0;
     for (const StudyScene& item : study.scenes) {
         ++number;
-        const Scene scene = load_scene(item.scene);
+        const Scene scene = scene_of(study, item);
         const auto specs = contenders_of(study, item, options);
         const std::string heading = "[" + std::to_string(number) + "/" + std::to_string(study.scenes.size()) +
                                     "] " + scene.name + " ";
@@ -274,7 +365,9 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 if (row["reason"] == "") row["reason"] = playback.unsupported(*backend);
                 if (row["reason"] == "") {
                     context["backends"][spec.entry->name] = describe(capabilities);
-                    contenders.push_back({spec, std::move(backend), limits.of(spec, capabilities)});
+                    std::optional<DeviceLimits> device_limits;
+                    if (study.kind == StudyKind::timing) device_limits = limits.of(spec, capabilities);
+                    contenders.push_back({spec, std::move(backend), device_limits});
                 } else {
                     result["skipped"].push_back(row);
                 }
@@ -288,17 +381,30 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 result["failed"].push_back(row);
             }
         }
-        if (!contenders.empty()) {
-            SceneResult measured = measure(scene, contenders, item.steps, repetitions,
-                                           [&](const auto& label, int begun, int total) {
-                                               progress.show(heading + std::to_string(begun) + "/" +
-                                                             std::to_string(total) + " " + label);
-                                           });
+        const auto add = [&](std::map<std::string, std::vector<nlohmann::json>> lists) {
+            for (auto& [list, rows] : lists) {
+                for (auto& row : rows) result[list].push_back(std::move(row));
+            }
+        };
+        const auto show = [&](const std::string& label, int begun, int total) {
+            progress.show(heading + std::to_string(begun) + "/" + std::to_string(total) + " " + label);
+        };
+        if (study.kind == StudyKind::stability) {
+            add(measure_stability(scene, item.map, contenders, show));
+        } else if (study.kind == StudyKind::stress) {
+            for (Contender& contender : contenders) {
+                add(run_stress(contender, item.lengths, references, [&](const std::string& name) {
+                    progress.show(heading + contender.spec.label() + " " + name);
+                }));
+            }
+        } else if (!contenders.empty()) {
+            SceneResult measured = measure(scene, contenders, item.steps, repetitions, show);
             if (result["context"].empty()) result["context"] = measured.context;
             for (auto& row : measured.benchmarks) result["benchmarks"].push_back(std::move(row));
             for (auto& row : measured.verification) result["verification"].push_back(std::move(row));
             for (auto& row : measured.failed) result["failed"].push_back(std::move(row));
         }
+        if (result["context"].empty()) result["context"] = plain_context();
         note_devices(context);
         context["limits"] = limits.json();
         result["context"]["voxspring"] = context;
