@@ -48,7 +48,11 @@ int steps_to_grow(const Problem& problem, double excess);
 /// The state `steps` after `start`.
 State run_from(const State& start, const Problem& problem, Backend& backend, int steps);
 
-/// A line a row of `stability`, and each map with a letter a region.
+/// Total energy before the next step, which is taken: its velocity is the mean of those of half a step before
+/// and after, without which the energy of a fast mode is out by up to a third.
+double energy_before_step(const Problem& problem, Backend& backend);
+
+/// A line a scene, start and damping, with the range of what contenders reach, and each map.
 void print_stability(const nlohmann::json& result, std::ostream& out);
 
 }  // namespace voxspring

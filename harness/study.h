@@ -29,7 +29,8 @@ struct StudyScene {
 };
 
 /// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
-/// registered backend whose name matches and that has these options, with them.
+/// registered backend whose name matches and that has these options, with them; `formulation=*` and
+/// `precision=*` stand for each that the backend has.
 struct Study {
     std::string name;
     std::string description;
