@@ -4,13 +4,16 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <set>
 
-#include "backends/physics/spring.h"
 #include "backends/registry.h"
+#include "harness/scene.h"
 #include "harness/stability_study.h"
+#include "harness/verify.h"
 #include "tests/required.h"
 #include "tests/support.h"
 
@@ -65,6 +68,116 @@ TEST_P(Stress, EveryGateHolds) {
     }
     for (const int part : {1, 2, 3, 4, 5, 6, 7, 9}) EXPECT_TRUE(parts.contains(part)) << part;
     EXPECT_EQ(parts.contains(8), contender_.spec.entry->tuning.contains("terms"));
+}
+
+// A sanitizer takes twenty times as long.
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(undefined_behavior_sanitizer)
+#define VOXSPRING_SANITIZED
+#endif
+#endif
+
+// The gates of the box where they were measured: 32^3, 1e3 and 1e4 steps, three times of it or more.
+TEST(StressAtFullLength, TheBox) {
+#ifdef VOXSPRING_SANITIZED
+    GTEST_SKIP() << "minutes under a sanitizer";
+#endif
+    const Scene scene = load_scene("box");
+    const auto reference = BackendSpec::parse("cpu_parallel:precision=float64,formulation=increment").make();
+    for (const auto& [formulation, gates] : {std::pair{"increment", std::array{1.5e-6, 1.2e-5}},
+                                             std::pair{"compensated", std::array{1.5e-7, 8e-6}}}) {
+        const auto backend =
+            BackendSpec::parse(std::string("cpu_parallel:formulation=") + formulation).make();
+        backend->upload(scene.problem, scene.state);
+        reference->upload(scene.problem, scene.state);
+        int steps = 0;
+        for (const auto& [until, gate] : {std::pair{1000, gates[0]}, std::pair{10000, gates[1]}}) {
+            backend->step(until - steps);
+            reference->step(until - steps);
+            steps = until;
+            const Comparison off =
+                compare(scene.problem, backend->download(), reference->download(), Precision::float32, steps);
+            EXPECT_LE(off.relative_l2, gate) << formulation << " after " << steps;
+        }
+    }
+}
+
+/// cpu_parallel on a problem that it got slightly wrong.
+class Distorted : public Backend {
+public:
+    explicit Distorted(double time_scale)
+        : time_scale_(time_scale), sound_(BackendSpec::parse("cpu_parallel:formulation=increment").make()) {}
+    Capabilities capabilities() const override { return sound_->capabilities(); }
+    void upload(const Problem& problem, const State& state) override {
+        problem_ = problem;
+        problem_.time_step *= time_scale_;
+        sound_->upload(problem_, state);
+    }
+    void edit(const Problem&, const SpringEdit&) override {}
+    void step(int count) override { sound_->step(count); }
+    void synchronize() override {}
+    State download() override { return sound_->download(); }
+    DeviceLimits measure_limits() override { return sound_->measure_limits(); }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+
+private:
+    void mark(Mark) override {}
+    double seconds_between_marks() const override { return 0; }
+
+    double time_scale_;
+    std::unique_ptr<Backend> sound_;
+    Problem problem_;
+};
+
+Contender contender_on(std::unique_ptr<Backend> backend) {
+    Contender contender;
+    contender.spec = BackendSpec::parse("cpu_parallel:formulation=increment");
+    contender.backend = backend != nullptr ? std::move(backend) : contender.spec.make();
+    return contender;
+}
+
+TEST(StressSuite, FindsATimeStepThatIsOffByATenThousandth) {
+    StressReferences references;
+    Contender contender = contender_on(std::make_unique<Distorted>(1 + 1e-4));
+    const auto lists = run_stress(contender, StressLengths::shortest, references, [](const auto&) {});
+    std::set<std::string> failed;
+    for (const auto& row : lists.at("stress")) {
+        if (!row.at("passed").get<bool>()) failed.insert(row.at("measurement"));
+    }
+    EXPECT_TRUE(failed.contains("box"));
+    EXPECT_TRUE(failed.contains("small time step"));
+    EXPECT_FALSE(failed.contains("rest"));
+    EXPECT_EQ(lists.at("failed").size(),
+              std::size_t(std::count_if(lists.at("stress").begin(), lists.at("stress").end(),
+                                        [](const auto& row) { return !row.at("passed"); })));
+}
+
+TEST(StabilityStudy, MeasuresWhatTheoryGives) {
+    const auto ignore = [](const std::string&, int, int) {};
+    const Scene scene = load_scene("box@4");
+    std::vector<Contender> contenders;
+    contenders.push_back(contender_on(nullptr));
+    auto lists = measure_stability(scene, true, contenders, ignore);
+    EXPECT_FALSE(lists.contains("failed"));
+    ASSERT_EQ(lists.at("stability").size(), 7u);
+    for (const auto& row : lists.at("stability")) {
+        // Measured: 1.0000 to 1.0010.
+        const double ratio = row.at("ratio");
+        EXPECT_TRUE(row.at("tolerance").is_null() || std::abs(ratio - 1) < 2e-3) << row;
+        EXPECT_TRUE(row.at("start").at("amplitude") != 0.3 || ratio < 0.95) << row;
+    }
+    const auto& map = lists.at("stability_map").at(0);
+    const auto& region = map.at("region");
+    ASSERT_EQ(region.size(), map.at("damping").size());
+    ASSERT_EQ(region[0].size(), map.at("fraction").size());
+    EXPECT_EQ(region[0].back(), "diverged") << "undamped and above the limit";
+    EXPECT_EQ(region[5][0], "bounded") << "damped and far below it";
+
+    // A backend whose time step is 1% longer than it was told diverges 1% earlier.
+    contenders[0] = contender_on(std::make_unique<Distorted>(1.01));
+    lists = measure_stability(scene, false, contenders, ignore);
+    EXPECT_EQ(lists.at("failed").size(), 4u) << "all that theory holds for";
+    EXPECT_NEAR(lists.at("stability")[0].at("ratio").get<double>(), 1 / 1.01, 2e-3);
 }
 
 /// What a backend, in whatever precision, makes of a problem that is degenerate at rest or at its start.

@@ -279,6 +279,13 @@ TEST(Study, APatternStandsForTheBackendsThatHaveItsOptions) {
     EXPECT_FALSE(result.at("benchmarks").empty());
 }
 
+TEST(Study, AStarStandsForEveryFormulationAndPrecision) {
+    Study study = study_of({"cpu_reference:formulation=*", "cpu_parallel:formulation=increment,precision=*"});
+    study.repetitions = 1;
+    const nlohmann::json result = run_study(study, {});
+    EXPECT_EQ(result.at("benchmarks").size(), 5u + 2u);
+}
+
 TEST(Study, WithoutABackendIsRefused) { EXPECT_THROW(run_study(study_of({"left_out_*"}), {}), BadInput); }
 
 class StudyFile : public ::testing::Test {
@@ -315,6 +322,18 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
     write(R"({"backends": ["*"], "scenes": [{"scene": "box"}], "repetitions": 2.5})");
     EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("repetitions"), HasSubstr("2.5")));
     write(R"({"backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_EQ(refusal(), "accepted");
+    write(R"({"kind": "speed", "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("kind"), HasSubstr("speed"), HasSubstr("stability")));
+    write(R"({"backends": ["*"], "scenes": [{"scene": "box", "map": true}]})");
+    EXPECT_THAT(refusal(), HasSubstr("scenes[0].map"));
+    write(R"({"kind": "stability", "backends": ["*"], "scenes": [{"scene": "box", "map": true}]})");
+    EXPECT_EQ(refusal(), "accepted");
+    write(R"({"kind": "stress", "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), HasSubstr("suites"));
+    write(R"({"kind": "stress", "backends": ["*"], "suites": [{"lengths": "long"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("suites[0].lengths"), HasSubstr("brief")));
+    write(R"({"kind": "stress", "backends": ["*"], "suites": [{"lengths": "brief"}]})");
     EXPECT_EQ(refusal(), "accepted");
 }
 
