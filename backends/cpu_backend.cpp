@@ -5,14 +5,14 @@
 
 namespace voxspring {
 
-void CpuBackend::upload(const Problem& problem, const State& state) {
+void WatchedCpuBackend::upload(const Problem& problem, const State& state) {
     watch_ = coming_watch_;
     steps_ = last_good_ = 0;
     departure_.reset();
     begin(problem, state);
 }
 
-void CpuBackend::step(int count) {
+void WatchedCpuBackend::step(int count) {
     while (count > 0) {
         const std::int64_t to_look = watch_.every > 0 ? watch_.every - steps_ % watch_.every : count;
         const int steps = int(std::min<std::int64_t>(count, to_look));

@@ -13,13 +13,28 @@ namespace voxspring {
 /// A backend whose step() returns when the work is done.
 class CpuBackend : public Backend {
 public:
+    void synchronize() override {}
+    /// Of all cores and their SIMD registers, whatever the backend uses of them.
+    DeviceLimits measure_limits() override;
+
+private:
+    void mark(Mark which) override {
+        (which == Mark::begin ? begin_ : end_) = std::chrono::steady_clock::now();
+    }
+    double seconds_between_marks() const override {
+        return std::chrono::duration<double>(end_ - begin_).count();
+    }
+
+    std::chrono::steady_clock::time_point begin_, end_;
+};
+
+/// One that can be watched: looks come exactly after every so many steps.
+class WatchedCpuBackend : public CpuBackend {
+public:
     void upload(const Problem& problem, const State& state) final;
     void step(int count) final;
     void watch(const Watch& watch) final { coming_watch_ = watch; }
     std::optional<Departure> departure() final { return departure_; }
-    void synchronize() override {}
-    /// Of all cores and their SIMD registers, whatever the backend uses of them.
-    DeviceLimits measure_limits() override;
 
 private:
     /// upload() without the watch.
@@ -29,14 +44,6 @@ private:
     /// Whether every particle is finite and its latest step no longer than that.
     virtual bool within(double largest_increment) = 0;
 
-    void mark(Mark which) override {
-        (which == Mark::begin ? begin_ : end_) = std::chrono::steady_clock::now();
-    }
-    double seconds_between_marks() const override {
-        return std::chrono::duration<double>(end_ - begin_).count();
-    }
-
-    std::chrono::steady_clock::time_point begin_, end_;
     Watch watch_, coming_watch_;
     std::int64_t steps_ = 0;      ///< since upload()
     std::int64_t last_good_ = 0;  ///< the latest of them that a look found within bounds

@@ -176,7 +176,7 @@ Array<T> filled(std::ptrdiff_t size, T value) {
 }
 
 template <class T>
-class CpuParallel final : public CpuBackend {
+class CpuParallel final : public WatchedCpuBackend {
 public:
     explicit CpuParallel(const Options& options)
         : options_(options),

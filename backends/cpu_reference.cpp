@@ -10,7 +10,7 @@
 namespace voxspring {
 namespace {
 
-class CpuReference final : public CpuBackend {
+class CpuReference final : public WatchedCpuBackend {
 public:
     explicit CpuReference(Formulation formulation) : formulation_(formulation) {}
 

@@ -277,7 +277,7 @@ class Study(InTemporaryFolder):
         result = subprocess.run([sys.executable, COMPARE, "filters", out, "/cpu_reference/", "/cpu_parallel/"],
                                 capture_output=True, text=True)
         self.assertEqual(result.returncode, 0, result.stderr)
-        self.assertIn("box@8[/cpu_reference/ vs. /cpu_parallel/]position/float64", result.stdout)
+        self.assertIn("box@8[/cpu_reference/ vs. /cpu_parallel/]increment/float64", result.stdout)
         self.assertIn("OVERALL_GEOMEAN", result.stdout)
 
     def test_runs_on_a_scene_of_the_users(self):

@@ -148,23 +148,36 @@ TEST(StepWork, OfCudaScatter) {
 }
 
 TEST(StepWork, OfCpuParallel) {
+    const std::string position = "cpu_parallel:formulation=position";
     // Springs along x are evaluated twice; no particle has every neighbour.
-    EXPECT_WORK(work_of("cpu_parallel", plate()), 6 * (9 + 1) * 4, 15 * 10 + 22 * 9 + 6 * 21, 1);
-    EXPECT_WORK(work_of("cpu_parallel:precision=float64", plate()), 6 * (9 + 1) * 8,
-                15 * 10 + 22 * 9 + 6 * 21, 1);
-    EXPECT_WORK(work_of("cpu_parallel", loaded_plate_of_two_materials()), 6 * (9 + 3 + 2 + 1) * 4,
+    EXPECT_WORK(work_of(position, plate()), 6 * (9 + 1) * 4, 15 * 10 + 22 * 9 + 6 * 21, 1);
+    EXPECT_WORK(work_of(position + ",precision=float64", plate()), 6 * (9 + 1) * 8, 15 * 10 + 22 * 9 + 6 * 21,
+                1);
+    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * (9 + 3 + 2 + 1) * 4,
                 15 * 12 + 22 * 9 + 6 * 24, 1);
-    EXPECT_WORK(work_of("cpu_parallel:terms=all", plate()), 6 * (9 + 3 + 1 + 1) * 4,
-                22 * 10 + 22 * 9 + 6 * 24, 1);
+    EXPECT_WORK(work_of(position + ",terms=all", plate()), 6 * (9 + 3 + 1 + 1) * 4, 22 * 10 + 22 * 9 + 6 * 24,
+                1);
     // The middle one of three has both neighbours, and its mask may go unread.
     const Problem row = make_lattice_problem(solid({3, 1, 1}), FACE_BITS);
-    EXPECT_WORK(work_of("cpu_parallel", row), (3 * 9 + 2) * 4, 4 * 10 + 4 * 9 + 3 * 21, 1);
+    EXPECT_WORK(work_of(position, row), (3 * 9 + 2) * 4, 4 * 10 + 4 * 9 + 3 * 21, 1);
+
+    EXPECT_WORK(work_of("cpu_parallel:formulation=paper", plate()), 6 * (9 + 1) * 4,
+                15 * 10 + 22 * 9 + 6 * 21, 1);
+    EXPECT_WORK(work_of("cpu_parallel:formulation=displacement", plate()), 6 * (9 + 1) * 4,
+                15 * 10 + 22 * 12 + 6 * 21, 1);
+    EXPECT_WORK(work_of("cpu_parallel", plate()), 6 * (12 + 1) * 4, 15 * 20 + 22 * 12 + 6 * 21, 1);
+    EXPECT_WORK(work_of("cpu_parallel:formulation=compensated", plate()), 6 * (24 + 1) * 4,
+                15 * 20 + 22 * 18 + 6 * 81, 1);
 }
 
 TEST(StepWork, OfCpuReference) {
-    EXPECT_WORK(work_of("cpu_reference", plate()), 6 * 9 * 24 + 11 * 24, 11 * 22 + 6 * 22, 1);
-    EXPECT_WORK(work_of("cpu_reference", loaded_plate_of_two_materials()), 6 * 10 * 24 + 11 * 24,
-                11 * 22 + 6 * 25, 1);
+    const std::string position = "cpu_reference:formulation=position";
+    EXPECT_WORK(work_of(position, plate()), 6 * 9 * 24 + 11 * 24, 11 * 22 + 6 * 22, 1);
+    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * 10 * 24 + 11 * 24, 11 * 22 + 6 * 25,
+                1);
+    EXPECT_WORK(work_of("cpu_reference", plate()), 6 * 9 * 24 + 11 * (24 + 40), 11 * 35 + 6 * 22, 1);
+    EXPECT_WORK(work_of("cpu_reference:formulation=compensated", plate()), 6 * 14 * 24 + 11 * (24 + 40),
+                11 * 41 + 6 * 82, 1);
 }
 
 class Gl : public ::testing::Test {

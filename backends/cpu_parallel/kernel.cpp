@@ -2,9 +2,8 @@
 
 #include "backends/physics/neighbours.h"
 
-// Lanes has a register as a member, which those of unknown size cannot be. SSSE3 has nothing over the
-// baseline that is of use here.
-#define HWY_DISABLED_TARGETS (HWY_SSSE3 | HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
+// Lanes has a register as a member, which those of unknown size cannot be.
+#define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 // Compile this file, as far as HWY_ONCE, for every SIMD target.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu_parallel/kernel.cpp"

@@ -1,0 +1,121 @@
+// The watch of a run on the backends that keep one: what it finds and when, and that it changes nothing.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+class Watched : public ::testing::TestWithParam<std::string> {
+protected:
+    Watched() : problem(make_lattice_problem(random_grid({37, 9, 8}, 0.5, 61), FACE_BITS | EDGE_BITS)) {
+        problem.time_step = 0.2;
+        problem.damping = 0.01;
+    }
+
+    Problem problem;
+    const std::unique_ptr<Backend> backend = BackendSpec::parse(GetParam()).make();
+};
+
+TEST_P(Watched, ARunWithinItsBoundsDoesNotDepart) {
+    backend->watch({.largest_increment = 1, .every = 1});
+    backend->upload(problem, random_state(problem, 0.05, 62));
+    EXPECT_FALSE(backend->departure().has_value());
+    backend->step(20);
+    EXPECT_FALSE(backend->departure().has_value());
+}
+
+TEST_P(Watched, FindsTheFirstLookAtWhichAParticleIsNotFinite) {
+    backend->watch({.largest_increment = 1, .every = 4});
+    State start = random_state(problem, 0.05, 63);
+    start.displacement.back().y = std::numeric_limits<double>::quiet_NaN();
+    backend->upload(problem, start);
+    backend->step(3);
+    EXPECT_FALSE(backend->departure().has_value());
+    backend->step(6);
+    const std::optional<Departure> departure = backend->departure();
+    ASSERT_TRUE(departure.has_value());
+    EXPECT_EQ(departure->last_good, 0);
+    EXPECT_EQ(departure->found, 4);
+}
+
+// Every particle falls freely: after step n it moves by n g dt^2.
+TEST_P(Watched, FindsTheLooksBetweenWhichAParticleBecameTooFast) {
+    Problem falling = make_lattice_problem(
+        make_grid({36, 5, 4}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
+    falling.gravity = {0, 0, -0.01};
+    falling.time_step = 1;
+    struct Case {
+        int every;
+        Departure departure;
+    };
+    for (const Case& c : {Case{1, {10, 11}}, Case{4, {8, 12}}, Case{7, {7, 14}}}) {
+        backend->watch({.largest_increment = 0.105, .every = c.every});
+        backend->upload(falling, state_at_rest(falling));
+        for (const int count : {1, 5, 14}) backend->step(count);
+        const std::optional<Departure> departure = backend->departure();
+        ASSERT_TRUE(departure.has_value());
+        EXPECT_EQ(departure->last_good, c.departure.last_good) << c.every;
+        EXPECT_EQ(departure->found, c.departure.found) << c.every;
+    }
+}
+
+TEST_P(Watched, OnlyTheNextUploadTakesAWatch) {
+    State start = random_state(problem, 0.05, 64);
+    start.increment[3].x = 5;
+    backend->upload(problem, start);
+    backend->watch({.largest_increment = 1, .every = 1});
+    backend->step(2);
+    EXPECT_FALSE(backend->departure().has_value());
+    backend->upload(problem, start);
+    backend->step(2);
+    EXPECT_TRUE(backend->departure().has_value());
+    backend->upload(problem, state_at_rest(problem));
+    backend->step(2);
+    EXPECT_FALSE(backend->departure().has_value());
+}
+
+TEST_P(Watched, LookingChangesNoBit) {
+    const State start = random_state(problem, 0.05, 65);
+    const auto run = [&](int every) {
+        backend->watch({.largest_increment = 1, .every = every});
+        backend->upload(problem, start);
+        backend->step(23);
+        return backend->download();
+    };
+    const State unseen = run(0), seen = run(3);
+    EXPECT_EQ(unseen.displacement, seen.displacement);
+    EXPECT_EQ(unseen.increment, seen.increment);
+}
+
+std::vector<std::string> watching() {
+    std::vector<std::string> specs;
+    for (const std::string name : {"cpu_reference", "cpu_parallel"}) {
+        const BackendEntry& entry = registry().at(name);
+        for (const Precision precision : entry.precisions) {
+            for (const Formulation formulation : entry.formulations) {
+                specs.push_back(name + ":precision=" + to_string(precision) +
+                                ",formulation=" + to_string(formulation));
+            }
+        }
+    }
+    return specs;
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, Watched, ::testing::ValuesIn(watching()), [](const auto& tested) {
+    std::string name = tested.param;
+    for (char& c : name) {
+        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
+    }
+    return name;
+});
+
+}  // namespace
+}  // namespace voxspring::testing
