@@ -17,7 +17,6 @@
 namespace voxspring {
 namespace {
 
-constexpr double small_amplitude = 1e-3;  ///< of the spacing: 1000 ulps of float32 at 16 spacings
 constexpr std::array dampings = {0.0, 0.1, 1.0};
 constexpr std::array large_amplitudes = {0.01, 0.1, 0.3};
 constexpr double stretch = 1;  ///< twice the size
@@ -247,7 +246,7 @@ void print_stability(const nlohmann::json& result, std::ostream& out) {
     std::map<Key, std::vector<const nlohmann::json*>> rows;
     for (const auto& row : result.at("stability")) {
         const auto& start = row.at("start");
-        const std::string kind = start.at("kind").get<std::string>() + " " + fixed(start.at("amplitude"), 3);
+        const std::string kind = start.at("kind").get<std::string>() + " " + fixed(start.at("amplitude"), 4);
         const Key key = {row.at("scene"), kind, fixed(row.at("damping"), 2),
                          fixed(row.at("theory_time_step"), 6)};
         if (!rows.contains(key)) lines.push_back(key);

@@ -181,7 +181,6 @@ private:
     void limit() {
         Problem problem = cube(8, 1);
         const double frequency = true_frequency_squared(problem).squared.value();
-        constexpr double amplitude = 1e-3;
         for (const double damping : {0.0, 0.1, 0.5, 1.0}) {
             for (const double fraction : {0.999, 1.005}) {
                 problem.damping = damping;
@@ -191,9 +190,9 @@ private:
                         fraction < 1 ? at_most(most_growth) : at_least(most_growth),
                         short_text(fraction) + " of the limit, damping " + short_text(damping)},
                        problem, [&] {
-                           const State start = random_start(problem, amplitude);
+                           const State start = random_start(problem, small_amplitude);
                            // Beyond what a number holds it has grown enough.
-                           return std::min(farthest(run_from(start, problem, steps)) / amplitude,
+                           return std::min(farthest(run_from(start, problem, steps)) / small_amplitude,
                                            std::numeric_limits<double>::max());
                        });
             }
