@@ -203,11 +203,13 @@ std::map<std::string, std::vector<nlohmann::json>> measure_stability(const Scene
     int begun = 0;
     for (Contender& contender : contenders) {
         const nlohmann::json identity = row_identity(scene.name, contender.spec);
-        const auto fail = [&](const std::string& reason) {
+        const auto put = [&](const char* list, const std::string& reason) {
             nlohmann::json row = identity;
             row["reason"] = reason;
-            lists["failed"].push_back(row);
+            lists[list].push_back(row);
         };
+        const auto fail = [&](const std::string& reason) { put("failed", reason); };
+        if (searches.empty()) put("skipped", "nothing oscillates, or how fast is not known");
         try {
             for (Search& search : searches) {
                 on_repetition(contender.spec.label(), ++begun, int(searches.size() * contenders.size()));

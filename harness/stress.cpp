@@ -349,8 +349,10 @@ private:
         }
         const int steps = by_length(10000, 1000, 200);
         const std::string beam = by_length("beam", "beam", "beam@4x4x32");
-        const Problem bending = load_scene(beam).problem;
-        record({9, "beam", beam, "relative", steps, rounding_gate(4e-6, 5e-8)}, bending,
+        // Undamped, its whipping end parts two float64 runs by 1e-3: no error is of rounding there.
+        Problem bending = load_scene(beam).problem;
+        bending.damping = 0.001;
+        record({9, "damped beam", beam, "relative", steps, rounding_gate(4e-6, 5e-8)}, bending,
                [&] { return error(beam, bending, steps); });
         const std::string heart = by_length("heart", "heart", "heart@20x17x15");
         const Problem damped = load_scene(heart).problem;
@@ -370,7 +372,7 @@ private:
     void equilibrium() {
         const int side = by_length(32, 16, 8);
         const double rate = 2.2 / side;  // of damping: near the critical one of the slowest mode
-        const int settled = by_length(4000, 2000, 1000);  // steps at half the limit
+        const int settled = by_length(2000, 1000, 500);  // steps at half the limit
         Problem reference = sagging_cube(side, 0.5);
         reference.damping = rate * reference.time_step;
         for (const int divisor : {2, by_length(32, 8, 8)}) {

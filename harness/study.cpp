@@ -312,6 +312,9 @@ Study load_study(const std::string& argument) {
 }
 
 nlohmann::json run_study(Study study, const StudyOptions& options) {
+    if (study.kind == StudyKind::stress && !options.scenes.empty())
+        throw BadInput("command line", "--scene", options.scenes.front(),
+                       "none: the suite has its own scenes");
     select_scenes(study, options.scenes);
     const int repetitions = options.repetitions.value_or(study.repetitions);
     if (options.out) check_writable(*options.out, "--out", ".json");

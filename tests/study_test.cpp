@@ -286,6 +286,12 @@ TEST(Study, AStarStandsForEveryFormulationAndPrecision) {
     EXPECT_EQ(result.at("benchmarks").size(), 5u + 2u);
 }
 
+TEST(Study, AStressStudyTakesNoScene) {
+    StudyOptions options;
+    options.scenes = {"box"};
+    EXPECT_THROW(run_study(load_study("stress"), options), BadInput);
+}
+
 TEST(Study, WithoutABackendIsRefused) { EXPECT_THROW(run_study(study_of({"left_out_*"}), {}), BadInput); }
 
 class StudyFile : public ::testing::Test {
