@@ -21,8 +21,9 @@ constexpr std::array dampings = {0.0, 0.1, 1.0};
 constexpr std::array large_amplitudes = {0.01, 0.1, 0.3};
 constexpr double stretch = 1;  ///< twice the size
 
-constexpr double excess = 1e-3;     ///< over the limit, at which growth must show
-constexpr double tolerance = 2e-3;  ///< of a small start: the excess, as much for springs that are not linear
+constexpr double seen_excess = 1e-3;  ///< over the limit, at which growth must show
+/// On the ratio of a small start: that excess, and as much for springs that are not linear.
+constexpr double tolerance = 2e-3;
 constexpr int steps_of_large_starts = 2000;
 
 constexpr std::array map_dampings = {0.0, 1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0, 1.5};
@@ -77,7 +78,7 @@ std::vector<Search> searches_of(const Scene& scene) {
         search.start = {{"kind", stretched > 0 ? "stretched" : "random"},
                         {"amplitude", amplitude},
                         {"stretch", stretched}};
-        search.steps = exact ? steps_to_grow(search.problem, excess) : steps_of_large_starts;
+        search.steps = exact ? steps_to_grow(search.problem, seen_excess) : steps_of_large_starts;
         search.exact = exact;
         searches.push_back(std::move(search));
     };
@@ -130,9 +131,9 @@ nlohmann::json map_of(Backend& backend, Problem problem) {
             backend.upload(problem, start);
             const double energy_of_start = energy_before_step(problem, backend);
             backend.step(map_steps - 2);
-            const double energy = energy_before_step(problem, backend);
+            const double energy_of_end = energy_before_step(problem, backend);
             row.push_back(!(farthest(backend.download()) <= most_growth * amplitude) ? "diverged"
-                          : energy > heating * energy_of_start                       ? "heating"
+                          : energy_of_end > heating * energy_of_start                ? "heating"
                                                                                      : "bounded");
         }
         map["region"].push_back(row);
