@@ -249,7 +249,7 @@ void print_stability(const nlohmann::json& result, std::ostream& out) {
     std::map<Key, std::vector<const nlohmann::json*>> rows;
     for (const auto& row : result.at("stability")) {
         const auto& start = row.at("start");
-        const std::string kind = start.at("kind").get<std::string>() + " " + fixed(start.at("amplitude"), 4);
+        const std::string kind = start.at("kind").get<std::string>() + " " + fixed(start.at("amplitude"), 3);
         const Key key = {row.at("scene"), kind, fixed(row.at("damping"), 2),
                          fixed(row.at("theory_time_step"), 6)};
         if (!rows.contains(key)) lines.push_back(key);

@@ -17,12 +17,12 @@ namespace voxspring {
 ///
 /// | start | damping | |
 /// | --- | --- | --- |
-/// | random within +-0.0001 of the spacing | 0, 0.1, 1 | theory holds: within 0.2% |
+/// | random within +-0.001 of the spacing | 0, 0.1, 1 | theory holds: within 0.2% |
 /// | random within +-0.01, 0.1, 0.3 | 0 | springs meet and turn: the limit falls |
-/// | twice the size of rest, and +-0.0001 | 0 | theory about the stretched state; the surface is pinned |
+/// | twice the size of rest, and +-0.001 | 0 | theory about the stretched state; the surface is pinned |
 ///
-/// A time step is stable if, after the steps that a mode takes to grow 100-fold from its share of a random
-/// start where theory is exceeded by 0.1%, no particle moves 100 times the start's amplitude a step. With
+/// A time step is stable if, after the steps that a mode takes to grow 30-fold from its share of a random
+/// start where theory is exceeded by 0.1%, no particle moves 30 times the start's amplitude a step. With
 /// `map` the first contender also gets a map of damping against time step.
 ///
 /// Lists by name: `stability`, one row a contender, start and damping; `stability_map`; and `failed`,
@@ -38,15 +38,16 @@ State random_start(const Problem& problem, double amplitude);
 /// The farthest that a particle moves in the last step; infinite where any is not finite.
 double farthest(const State& state);
 
+/// Amplitude of a start for which theory holds, in spacings, and what a bounded run stays under, in
+/// amplitudes of its start. A float32 position at 16 spacings resolves a thousandth of 0.001, so that a
+/// mode's share of the start is not rounded away; 30 times 0.001 is still less than where springs that are
+/// not linear stop the growth of a damped mode, 0.07 to 0.2.
+constexpr double small_amplitude = 1e-3;
+constexpr double most_growth = 30;
+
 /// Steps in which a mode of a random start comes to move most_growth times the start's amplitude a step, if
-/// the time step is 1 + `excess` times its limit: at z = -1 - s a step, the root of z^2 - (2 - lambda - W) z
-/// + 1 - lambda = 0 with W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2. What a bounded run stays under: a
-/// mode so close to its limit that it is amplified 100-fold without growing is within 5e-5 of it.
-constexpr double most_growth = 100;
-/// Of a start for which theory holds, in spacings: 50 ulps of a float32 position at 16 spacings, and 100
-/// times that is still less than where springs that are not linear stop the growth of a damped mode, 0.07 to
-/// 0.2.
-constexpr double small_amplitude = 1e-4;
+/// the time step is 1 + `excess` times its limit: by the root of z^2 - (2 - lambda - W) z + 1 - lambda = 0
+/// beyond -1, W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2.
 int steps_to_grow(const Problem& problem, double excess);
 
 /// The state `steps` after `start`.

@@ -34,7 +34,7 @@ private:
 /// | part | | measured |
 /// | --- | --- | --- |
 /// | 1 | unloaded at rest, damping 0, 0.01 and 0.1 | displacement |
-/// | 2 | 0.999 and 1.005 of the true limit, damping 0 to 1 | growth of a start of 0.0001 spacings |
+/// | 2 | 0.999 and 1.005 of the true limit, damping 0 to 1 | growth of a start of 0.001 spacings |
 /// | 3 | random start of +-0.3 spacings, undamped, 0.577 of the limit | least, largest energy over start |
 /// | 4 | random start of +-1 spacing, damping 0.01 | energy over that of the start |
 /// | 5 | two coincident, two swapped particles, damping 0.05 | displacement in the end |
