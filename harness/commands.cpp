@@ -16,6 +16,9 @@
 #include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
+#include "harness/stability.h"
+#include "harness/stability_study.h"
+#include "harness/stress.h"
 
 namespace voxspring {
 namespace {
@@ -154,6 +157,11 @@ void describe_scene(const std::string& argument, bool json, std::ostream& out) {
     for (const auto& [name, entry] : registry()) {
         bytes[name] = entry.bytes(problem, BackendSpec::parse(name).options);
     }
+    const Problem limiting = with_all_springs(scene);
+    const double bound = frequency_bound_squared(limiting);
+    const Frequency frequency = true_frequency_squared(limiting);
+    nlohmann::json limit;
+    if (frequency.squared) limit = stable_time_step(*frequency.squared, problem.damping);
     const glm::ivec3 dims = problem.lattice.dims;
     const glm::dvec3 spacing = problem.lattice.spacing;
     const nlohmann::json all = {
@@ -172,6 +180,11 @@ void describe_scene(const std::string& argument, bool json, std::ostream& out) {
           {"total", springs.total()}}},
         {"time_step", problem.time_step},
         {"stable_time_step", scene.stable_time_step},
+        {"stable_time_step_undamped", stable_time_step(bound, 0)},
+        {"time_step_limit", limit},
+        {"time_step_limit_unknown", frequency.squared ? nlohmann::json() : nlohmann::json(frequency.reason)},
+        {"stable_over_limit",
+         limit.is_null() ? limit : nlohmann::json(scene.stable_time_step / limit.get<double>())},
         {"fraction_of_stable", problem.time_step / scene.stable_time_step},
         {"damping", problem.damping},
         {"edits", scene.edits.size()},
@@ -212,6 +225,17 @@ void describe_scene(const std::string& argument, bool json, std::ostream& out) {
          << 100 * problem.time_step / scene.stable_time_step << "% of the stable " << std::setprecision(6)
          << scene.stable_time_step << ")";
     row("time step", step.str());
+    std::ostringstream undamped;
+    undamped << stable_time_step(bound, 0);
+    row("  undamped", undamped.str() + " would be stable");
+    std::ostringstream true_limit;
+    if (limit.is_null()) {
+        true_limit << "unknown: " << frequency.reason;
+    } else {
+        true_limit << limit.get<double>() << " by Lanczos' iteration, of which the stable one is "
+                   << std::setprecision(4) << 100 * scene.stable_time_step / limit.get<double>() << "%";
+    }
+    row("  limit", true_limit.str());
     out << "memory\n";
     for (const auto& [name, entry] : registry()) {
         out << "  " << std::left << std::setw(26) << name << std::right << std::setw(12)
@@ -259,6 +283,12 @@ int run_and_print_study(const std::string& argument, const StudyOptions& options
     if (result.contains("pareto")) {
         print_fronts(result, out);
         print_limits(result.at("context").at("voxspring").at("limits"), out);
+        print_unmeasured(result, out);
+    } else if (result.contains("stability")) {
+        print_stability(result, out);
+        print_unmeasured(result, out);
+    } else if (result.contains("stress")) {
+        print_stress(result, out);
         print_unmeasured(result, out);
     } else {
         print_table(result, out);

@@ -174,9 +174,17 @@ void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double s
     }
 }
 
-double choose_time_step(const TimeStep& chosen, double stable, const std::string& file) {
+/// `limiting`: with_all_springs().
+double choose_time_step(const TimeStep& chosen, double stable, const Problem& limiting,
+                        const std::string& file) {
     if (chosen.absolute) return *chosen.absolute;
-    const double time_step = chosen.fraction_of_stable * stable;
+    double time_step = chosen.fraction * stable;
+    if (chosen.of_limit) {
+        const Frequency frequency = true_frequency_squared(limiting);
+        if (!frequency.squared)
+            chosen.source->refuse("fraction_of_stable, since the limit is not known: " + frequency.reason);
+        time_step = chosen.fraction * stable_time_step(*frequency.squared, limiting.damping);
+    }
     if (std::isfinite(time_step) && time_step > 0) return time_step;
     const std::string accepted = "a number of units of time: without springs nothing limits the time step";
     if (chosen.source) chosen.source->refuse(accepted);
@@ -276,17 +284,6 @@ std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, co
     return scheduled;
 }
 
-/// stable_time_step() of the problem with every spring that an edit ever adds beyond its lattice.
-double stable_time_step(const Problem& problem, const std::vector<ScheduledEdit>& edits) {
-    Problem with_all = problem;
-    for (const ScheduledEdit& scheduled : edits) {
-        for (const ChangedSpring& changed : scheduled.edit.added) {
-            if (changed.bit < 0) with_all.springs.push_back(changed.spring);
-        }
-    }
-    return stable_time_step(with_all);
-}
-
 Scene build(const SceneFile& file_says, const std::string& file, const Limits& limits) {
     LabelledGrid labelled = load_dataset(file_says, file, limits);
     if (file_says.spacing) labelled.grid.spacing = *file_says.spacing;
@@ -319,9 +316,11 @@ Scene build(const SceneFile& file_says, const std::string& file, const Limits& l
     problem.gravity = file_says.gravity;
     problem.damping = file_says.damping;
     if (!file_says.edits.empty()) scene.edits = schedule_edits(file_says.edits, problem, limits);
-    scene.stable_time_step =
-        scene.edits.empty() ? stable_time_step(problem) : stable_time_step(problem, scene.edits);
-    problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, file);
+    std::optional<Problem> edited;
+    if (!scene.edits.empty()) edited = with_all_springs(scene);
+    const Problem& limiting = edited ? *edited : problem;
+    scene.stable_time_step = stable_time_step(limiting);
+    problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, limiting, file);
     scene.state = state_at_rest(problem);
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
@@ -412,6 +411,16 @@ Scene parse_scene(const std::string& text, const std::string& file, const Limits
     Scene scene = build(read_scene_file(parse_json(text, file)), file, limits);
     scene.name = stem(file);
     return scene;
+}
+
+Problem with_all_springs(const Scene& scene) {
+    Problem problem = scene.problem;
+    for (const ScheduledEdit& scheduled : scene.edits) {
+        for (const ChangedSpring& changed : scheduled.edit.added) {
+            if (changed.bit < 0) problem.springs.push_back(changed.spring);
+        }
+    }
+    return problem;
 }
 
 std::vector<BuiltinScene> builtin_scenes() {

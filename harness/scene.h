@@ -42,6 +42,10 @@ Scene load_scene(const std::string& argument, const Limits& limits = Limits::of_
 /// relative to; its stem is the scene's name.
 Scene parse_scene(const std::string& text, const std::string& file, const Limits& limits);
 
+/// The problem with every spring that an edit of the scene ever adds beyond its lattice: what limits the time
+/// step.
+Problem with_all_springs(const Scene& scene);
+
 struct BuiltinScene {
     std::string name;
     std::string description;

@@ -169,10 +169,16 @@ TimeStep read_time_step(const JsonValue& value) {
         time_step.absolute = positive(value);
         return time_step;
     }
-    if (!value.is_object()) value.refuse("a number or {\"fraction_of_stable\": NUMBER}");
+    const std::string accepted =
+        R"(a number, {"fraction_of_stable": NUMBER} or {"fraction_of_limit": NUMBER})";
+    if (!value.is_object()) value.refuse(accepted);
     JsonObject object = value.object();
-    time_step.fraction_of_stable = positive(object.require("fraction_of_stable", "a number"));
+    const auto of_stable = object.find("fraction_of_stable");
+    const auto of_limit = object.find("fraction_of_limit");
     object.finish();
+    if (of_stable.has_value() == of_limit.has_value()) value.refuse(accepted);
+    time_step.of_limit = of_limit.has_value();
+    time_step.fraction = positive(of_limit ? *of_limit : *of_stable);
     return time_step;
 }
 

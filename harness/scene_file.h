@@ -62,7 +62,8 @@ struct InitialField {
 };
 
 struct TimeStep {
-    double fraction_of_stable = 0.8;
+    double fraction = 0.8;
+    bool of_limit = false;           ///< of the true limit rather than of its bound (stability.h)
     std::optional<double> absolute;  ///< instead of the fraction
     std::optional<JsonValue> source;
 };

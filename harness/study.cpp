@@ -24,6 +24,8 @@
 #include "harness/reference.h"
 #include "harness/result.h"
 #include "harness/scene.h"
+#include "harness/stability_study.h"
+#include "harness/stress.h"
 
 namespace voxspring {
 namespace {
@@ -172,21 +174,77 @@ std::vector<double> read_time_steps(const JsonValue& list) {
 }
 
 const std::map<std::string, StudyKind> study_kinds = {{"timing", StudyKind::timing},
-                                                      {"pareto", StudyKind::pareto}};
+                                                      {"pareto", StudyKind::pareto},
+                                                      {"stability", StudyKind::stability},
+                                                      {"stress", StudyKind::stress}};
+const std::map<std::string, StressLengths> stress_lengths = {
+    {"full", StressLengths::full}, {"brief", StressLengths::brief}, {"shortest", StressLengths::shortest}};
+
+template <class Value>
+Value read_choice(const JsonValue& value, const std::map<std::string, Value>& choices) {
+    std::vector<std::string> names;
+    for (const auto& [name, choice] : choices) names.push_back(name);
+    return choices.at(value.one_of(names));
+}
+
+/// The suites of a stress study, in the place of scenes.
+std::vector<StudyScene> read_suites(const JsonValue& list) {
+    std::vector<StudyScene> suites;
+    for (const JsonValue& item : list.array(1)) {
+        JsonObject object = item.object();
+        StudyScene suite;
+        suite.scene = "stress";
+        suite.lengths = read_choice(object.require("lengths", "full, brief or shortest"), stress_lengths);
+        if (const auto backends = object.find("backends")) suite.backends = read_patterns(*backends);
+        object.finish();
+        suites.push_back(std::move(suite));
+    }
+    return suites;
+}
+
+/// A stress study brings its own scenes: what stands for them all is one that every backend takes.
+Scene scene_of(const Study& study, const StudyScene& item) {
+    if (study.kind != StudyKind::stress) return load_scene(item.scene);
+    Scene scene = load_scene("box@2");
+    scene.name = item.scene;
+    return scene;
+}
+
+/// float64 that errors are taken against, each computed once.
+struct AllReferences {
+    References of_scenes;
+    StressReferences of_suites;
+};
 
 /// What one scene of the study gives, by the study's kind.
-SceneResult measure_scene(const Study& study, const Scene& scene, int steps,
-                          std::vector<Contender>& contenders, References& references,
+SceneResult measure_scene(const Study& study, const StudyScene& item, const Scene& scene,
+                          std::vector<Contender>& contenders, AllReferences& references,
                           const OnRepetition& on_repetition) {
+    if (contenders.empty()) return {};
     switch (study.kind) {
         case StudyKind::timing:
-            return measure(scene, contenders, {steps, study.repetitions, study.total_error}, references,
-                           on_repetition);
+            return measure(scene, contenders, {item.steps, study.repetitions, study.total_error},
+                           references.of_scenes, on_repetition);
         case StudyKind::pareto:
-            return measure_pareto(scene, contenders, {study.time_steps, steps, study.repetitions}, references,
-                                  on_repetition);
+            return measure_pareto(scene, contenders, {study.time_steps, item.steps, study.repetitions},
+                                  references.of_scenes, on_repetition);
+        case StudyKind::stability:
+            return {nullptr, measure_stability(scene, item.map, contenders, on_repetition)};
+        case StudyKind::stress:
+            break;
     }
-    return {};
+    SceneResult result;
+    int begun = 0;
+    for (Contender& contender : contenders) {
+        ++begun;
+        const auto show = [&](const std::string& name) {
+            on_repetition(contender.spec.label() + " " + name, begun, int(contenders.size()));
+        };
+        for (auto& [list, rows] : run_stress(contender, item.lengths, references.of_suites, show)) {
+            for (auto& row : rows) result.lists[list].push_back(std::move(row));
+        }
+    }
+    return result;
 }
 
 /// For studies without a row of Google Benchmark.
@@ -275,19 +333,20 @@ Study load_study(const std::string& argument) {
     study.name = path.stem().string();
     if (const auto schema = root.find("$schema")) (void)schema->string();
     if (const auto description = root.find("description")) study.description = description->string();
-    if (const auto kind = root.find("kind")) {
-        std::vector<std::string> names;
-        for (const auto& [name, value] : study_kinds) names.push_back(name);
-        study.kind = study_kinds.at(kind->one_of(names));
-    }
+    if (const auto kind = root.find("kind")) study.kind = read_choice(*kind, study_kinds);
     if (study.kind == StudyKind::timing) {
         if (const auto total = root.find("total_error")) study.total_error = total->boolean();
-    } else {
+    } else if (study.kind == StudyKind::pareto) {
         study.time_steps = read_time_steps(root.require("time_steps", "fractions of the stable time step"));
     }
     study.repetitions = read_count(root, "repetitions", most_repetitions, 9);
     study.steps = read_count(root, "steps", most_steps, 100);
     study.backends = read_patterns(root.require("backends"));
+    if (study.kind == StudyKind::stress) {
+        study.scenes = read_suites(root.require("suites", "an array of suites"));
+        root.finish();
+        return study;
+    }
     for (const JsonValue& item : root.require("scenes").array(1)) {
         JsonObject object = item.object();
         StudyScene scene;
@@ -299,6 +358,9 @@ Study load_study(const std::string& argument) {
         }
         scene.steps = read_count(object, "steps", most_steps, study.steps);
         if (const auto backends = object.find("backends")) scene.backends = read_patterns(*backends);
+        if (study.kind == StudyKind::stability) {
+            if (const auto map = object.find("map")) scene.map = map->boolean();
+        }
         object.finish();
         study.scenes.push_back(std::move(scene));
     }
@@ -307,12 +369,15 @@ Study load_study(const std::string& argument) {
 }
 
 nlohmann::json run_study(Study study, const StudyOptions& options) {
+    if (study.kind == StudyKind::stress && !options.scenes.empty())
+        throw BadInput("command line", "--scene", options.scenes.front(),
+                       "none: the suite has its own scenes");
     select_scenes(study, options.scenes);
     study.repetitions = options.repetitions.value_or(study.repetitions);
     if (options.out) check_writable(*options.out, "--out", ".json");
     // Every scene is read before the first is timed: a mistake in the last one costs no hour.
     for (const StudyScene& scene : study.scenes) {
-        const Scene loaded = load_scene(scene.scene);
+        const Scene loaded = scene_of(study, scene);
         if (study.kind == StudyKind::pareto)
             check_pareto(loaded, {study.time_steps, scene.steps, study.repetitions});
         if (contenders_of(study, scene, options).empty()) {
@@ -329,7 +394,19 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                              {"verification", nlohmann::json::array()},
                              {"skipped", nlohmann::json::array()},
                              {"failed", nlohmann::json::array()}};
-    if (study.kind == StudyKind::pareto) result["pareto"] = nlohmann::json::array();
+    switch (study.kind) {
+        case StudyKind::timing:
+            break;
+        case StudyKind::pareto:
+            result["pareto"] = nlohmann::json::array();
+            break;
+        case StudyKind::stability:
+            result["stability"] = result["stability_map"] = nlohmann::json::array();
+            break;
+        case StudyKind::stress:
+            result["stress"] = nlohmann::json::array();
+            break;
+    }
     nlohmann::json context = build_context();
     context["gpu"] = context["driver"] = context["gl_renderer"] = nullptr;
     context["study"] = {{"name", study.name}, {"repetitions", study.repetitions}};
@@ -337,12 +414,12 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
 
     Progress progress;
     MeasuredLimits limits;
-    References references;
+    AllReferences references;
     bool has_context = false;
     std::size_t number = 0;
     for (const StudyScene& item : study.scenes) {
         ++number;
-        const Scene scene = load_scene(item.scene);
+        const Scene scene = scene_of(study, item);
         const auto specs = contenders_of(study, item, options);
         const std::string heading = "[" + std::to_string(number) + "/" + std::to_string(study.scenes.size()) +
                                     "] " + scene.name + " ";
@@ -359,7 +436,9 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 if (row["reason"] == "") row["reason"] = playback.unsupported(*backend);
                 if (row["reason"] == "") {
                     context["backends"][spec.entry->name] = describe(capabilities);
-                    contenders.push_back({spec, std::move(backend), limits.of(spec, capabilities)});
+                    std::optional<DeviceLimits> device_limits;
+                    if (study.kind == StudyKind::timing) device_limits = limits.of(spec, capabilities);
+                    contenders.push_back({spec, std::move(backend), device_limits});
                 } else {
                     result["skipped"].push_back(row);
                 }
@@ -373,24 +452,22 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                 result["failed"].push_back(row);
             }
         }
-        if (!contenders.empty()) {
-            SceneResult measured = measure_scene(study, scene, item.steps, contenders, references,
-                                                 [&](const auto& label, int begun, int total) {
-                                                     progress.show(heading + std::to_string(begun) + "/" +
-                                                                   std::to_string(total) + " " + label);
-                                                 });
-            if (!std::exchange(has_context, true) && !measured.context.is_null())
-                result["context"] = measured.context;
-            for (auto& [list, rows] : measured.lists) {
-                for (auto& row : rows) result[list].push_back(std::move(row));
-            }
+        SceneResult measured = measure_scene(
+            study, item, scene, contenders, references, [&](const auto& label, int begun, int total) {
+                progress.show(heading + std::to_string(begun) + "/" + std::to_string(total) + " " + label);
+            });
+        if (!measured.context.is_null() && !std::exchange(has_context, true))
+            result["context"] = measured.context;
+        for (auto& [list, rows] : measured.lists) {
+            for (auto& row : rows) result[list].push_back(std::move(row));
         }
-        note_devices(context);
-        context["limits"] = limits.json();
-        result["context"]["voxspring"] = context;
-        if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
     }
-    return result;
+    note_devices(context);
+    context["limits"] = limits.json();
+    result["context"]["voxspring"] = context;
+    if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
+}
+return result;
 }
 
 }  // namespace voxspring

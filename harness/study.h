@@ -8,19 +8,25 @@
 #include <string>
 #include <vector>
 
+#include "harness/stress.h"
+
 namespace voxspring {
 
-/// What a study measures of its scenes.
+/// What a study measures.
 enum class StudyKind : std::uint8_t {
-    timing,  ///< the time of a step, with its error (measure.h)
-    pareto,  ///< run time to a fixed end time against error, over time steps (pareto.h)
+    timing,     ///< the time of a step, with its errors (measure.h)
+    pareto,     ///< run time to a fixed end time against error, over time steps (pareto.h)
+    stability,  ///< up to which time step backends are stable (stability_study.h)
+    stress,     ///< what backends do at the ends of what can be simulated (stress.h)
 };
 
-/// One scene of a study.
+/// One scene of a study; of a stress study one of its suites.
 struct StudyScene {
     std::string scene;                  ///< what load_scene() takes
     int steps = 0;                      ///< in a batch, errors are taken after it; of pareto see TimeSteps
     std::vector<std::string> backends;  ///< backend patterns; empty: the study's
+    bool map = false;                   ///< of a stability study: with a map of damping against time step
+    StressLengths lengths = StressLengths::full;  ///< of a stress study
 };
 
 /// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every

@@ -83,6 +83,18 @@ class Info(unittest.TestCase):
         self.assertLess(info["time_step"], info["stable_time_step"])
         self.assertGreater(info["bytes"]["cpu_reference"], 220507 * 24)
 
+    def test_says_what_limits_the_time_step(self):
+        info = json.loads(voxspring("info", "beam", "--json").stdout)
+        self.assertAlmostEqual(info["stable_time_step"], 2 / math.sqrt(12), places=12)
+        self.assertEqual(info["stable_time_step_undamped"], info["stable_time_step"])
+        self.assertAlmostEqual(info["stable_over_limit"], 0.98716, places=5)
+        self.assertAlmostEqual(info["time_step_limit"] * info["stable_over_limit"], info["stable_time_step"])
+        self.assertIsNone(info["time_step_limit_unknown"])
+        large = json.loads(voxspring("info", "box@80", "--json").stdout)
+        self.assertIsNone(large["time_step_limit"])
+        self.assertIn("300000", large["time_step_limit_unknown"])
+        self.assertIn("98.72%", voxspring("info", "beam").stdout)
+
     def test_text_says_the_same(self):
         text = voxspring("info", "heart").stdout
         for figure in ("140760", "29449", "220507", "60 x 51 x 46"):
@@ -221,6 +233,48 @@ class Study(InTemporaryFolder):
         run = voxspring("run", self.folder / "cut.json", "--backend", "cpu_parallel", "--steps", 20)
         self.assertEqual(run.returncode, 1)
         self.assertIn("beyond the lattice", run.stderr)
+
+    def run_study(self, study):
+        """The table and the result of a study of the user's, which follows its schema as the study does its own."""
+        path, out = self.folder / "study.json", self.folder / "result.json"
+        with open("harness/studies/study.schema.json") as file:
+            jsonschema.Draft202012Validator(json.load(file)).validate(study)
+        path.write_text(json.dumps(study))
+        ran = voxspring("study", path, "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        result = json.loads(out.read_text())
+        with open("results/schema.json") as file:
+            jsonschema.Draft202012Validator(json.load(file)).validate(result)
+        return ran.stdout, result
+
+    def test_stability_is_measured_and_drawn(self):
+        table, result = self.run_study({"kind": "stability", "backends": ["cpu_parallel:formulation=*"],
+                                        "scenes": [{"scene": "box@4", "map": True}]})
+        self.assertEqual(len(result["stability"]), 5 * 7)
+        self.assertEqual(len(result["stability_map"]), 1)
+        self.assertIn("bounded", table)
+        figures = []
+        for name in ("one.svg", "two.svg"):
+            figure = self.folder / name
+            drawn = subprocess.run([sys.executable, "-W", "error", "results/stability.py", self.folder / "result.json",
+                                    "--out", figure], capture_output=True, text=True)
+            self.assertEqual(drawn.returncode, 0, drawn.stderr)
+            figures.append(figure.read_bytes())
+        self.assertEqual(figures[0], figures[1])
+        for word in (b"bounded", b"diverged", b"box@4"):
+            self.assertIn(word, figures[0])
+        drawn = subprocess.run([sys.executable, "results/stability.py", self.folder / "study.json", "--out", figure],
+                               capture_output=True, text=True)
+        self.assertEqual(drawn.returncode, 2)
+        self.assertIn("study.json", drawn.stderr)
+
+    def test_stress_is_measured_and_gated(self):
+        table, result = self.run_study({"kind": "stress", "backends": ["cpu_*"],
+                                        "suites": [{"lengths": "shortest", "backends": ["cpu_parallel"]}]})
+        self.assertEqual({row["part"] for row in result["stress"]}, set(range(1, 10)))
+        self.assertTrue(all(row["passed"] for row in result["stress"]))
+        self.assertEqual(result["failed"], [])
+        self.assertIn("damped heart", table)
 
     def test_committed_results_follow_the_schema(self):
         with open("results/schema.json") as file:

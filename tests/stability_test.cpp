@@ -3,10 +3,14 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
 #include <cmath>
 #include <glm/geometric.hpp>
 
+#include "backends/physics/spring.h"
 #include "backends/registry.h"
+#include "harness/scene.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -101,6 +105,112 @@ TEST(Stability, AnisotropicSpacingTurnsTheSprings) {
     const Problem flat = make_lattice_problem(solid({5, 5, 5}, {1, 1, 1e-3}), EDGE_BITS);
     // Along x: four at 45 degrees in the plane, 4 * 1/2, and four with dz, 4 * 1.
     EXPECT_NEAR(frequency_bound_squared(flat), 2 * (2 + 4), 1e-4);
+}
+
+/// The largest eigenvalue of M^-1/2 K M^-1/2 about the state, K by central differences of the forces that
+/// spring.h gives, from a dense solver.
+double dense_frequency_squared(const Problem& problem, const std::vector<glm::dvec3>& displacement) {
+    const std::vector<Spring> springs = list_springs(problem);
+    const auto size = Eigen::Index(3 * problem.particle_count());
+    const auto forces = [&](const std::vector<glm::dvec3>& u) {
+        Eigen::VectorXd sum = Eigen::VectorXd::Zero(size);
+        for (const Spring& spring : springs) {
+            const glm::dvec3 offset = problem.rest_position[spring.first] + u[spring.first] -
+                                      problem.rest_position[spring.second] - u[spring.second];
+            const glm::dvec3 force =
+                spring_force(offset, spring.rest_length, spring.stiffness, problem.shortest_squared());
+            for (int axis = 0; axis < 3; ++axis) {
+                sum[3 * spring.first + axis] += force[axis];
+                sum[3 * spring.second + axis] -= force[axis];
+            }
+        }
+        return sum;
+    };
+    constexpr double h = 1e-5;  // of lengths of 1: differences err by h^2 and by rounding / h, both 1e-10
+    Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(size, size);
+    for (Eigen::Index column = 0; column < size; ++column) {
+        std::vector<glm::dvec3> u = displacement;
+        double& moved = u[std::size_t(column / 3)][int(column % 3)];
+        const double start = moved;
+        moved = start + h;
+        const Eigen::VectorXd above = forces(u);
+        moved = start - h;
+        matrix.col(column) = (forces(u) - above) / (2 * h);
+    }
+    for (Eigen::Index i = 0; i < size; ++i) {
+        const auto particle = std::size_t(i / 3);
+        const double scale =
+            problem.is_pinned(particle) ? 0 : 1 / std::sqrt(problem.material_of(particle).mass);
+        matrix.row(i) *= scale;
+        matrix.col(i) *= scale;
+    }
+    const Eigen::MatrixXd symmetric = (matrix + matrix.transpose()) / 2;
+    return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(symmetric).eigenvalues().maxCoeff();
+}
+
+TEST(TrueLimit, IsTheLargestEigenvalueOfTheLinearisedForces) {
+    constexpr double tolerance = 1e-7;  // relative: of Lanczos 1e-8, of differences 1e-9
+    const auto check = [&](const Problem& problem, const std::vector<glm::dvec3>& displacement) {
+        const double expected = dense_frequency_squared(problem, displacement);
+        EXPECT_NEAR(true_frequency_squared(problem, displacement).squared.value(), expected,
+                    tolerance * expected);
+    };
+    Problem lattice = make_lattice_problem(random_grid({6, 5, 4}, 0.8, 11, 2), NEIGHBOUR_BITS);
+    lattice.materials = {{1, 1}, {0.25, 30}};
+    pin_base(lattice);
+    lattice.springs = {{0, std::uint32_t(lattice.particle_count() - 1), 0.5, 3.0}};
+    const State rest = state_at_rest(lattice);
+    check(lattice, rest.displacement);
+    check(lattice, random_state(lattice, 0.3, 5).displacement);  // springs under tension and compression
+    const Problem network = random_network(40, 150, 3);
+    check(network, state_at_rest(network).displacement);
+}
+
+TEST(TrueLimit, ClosedForms) {
+    constexpr double tolerance = 1e-9;  // so few unknowns leave rounding alone
+    const auto of = [](const Problem& problem) { return true_frequency_squared(problem).squared.value(); };
+    EXPECT_NEAR(of(single_spring(3, 1.5, 6)), 3 * (1 / 1.5 + 1 / 6.0), tolerance);
+    // Stretched to four rest lengths it acts across too, weaker; coincident ends have no direction.
+    EXPECT_NEAR(of(single_spring(3, 1.5, 1.5, 0.5)), 4, tolerance);
+    Problem coincident = single_spring(3, 1.5, 1.5, 0);
+    coincident.rest_position[1] = coincident.rest_position[0];
+    EXPECT_NEAR(of(coincident), 4, tolerance);
+    // A chain of three with its ends pinned, of five with none: 4 k / m sin^2(pi j / 2 n).
+    Problem chain = make_lattice_problem(solid({3, 1, 1}), FACE_BITS);
+    pin(chain, {1, 0, 1});
+    EXPECT_NEAR(of(chain), 2, tolerance);
+    const double root = std::sin(0.4 * 3.14159265358979);
+    EXPECT_NEAR(of(make_lattice_problem(solid({5, 1, 1}), FACE_BITS)), 4 * root * root, tolerance);
+}
+
+TEST(TrueLimit, IsZeroWhereNothingOscillates) {
+    EXPECT_EQ(true_frequency_squared(make_lattice_problem(solid({1, 1, 1}), NEIGHBOUR_BITS)).squared, 0);
+    EXPECT_EQ(true_frequency_squared(make_lattice_problem(solid({3, 3, 3}), 0)).squared, 0);
+    Problem pinned = make_lattice_problem(solid({3, 3, 3}), FACE_BITS);
+    pin(pinned, std::vector<std::uint8_t>(27, 1));
+    EXPECT_EQ(true_frequency_squared(pinned).squared, 0);
+    EXPECT_EQ(stable_time_step(0, 0), std::numeric_limits<double>::infinity());
+}
+
+TEST(TrueLimit, IsNotGuessedForALargeProblem) {
+    const Frequency frequency =
+        true_frequency_squared(make_lattice_problem(solid({68, 67, 67}), FACE_BITS | EDGE_BITS));
+    EXPECT_FALSE(frequency.squared);
+    EXPECT_EQ(frequency.reason, "305252 particles are more than the 300000 for which it is computed");
+}
+
+// How close the bound comes, as harness/scenes/README.md says: the time step that it allows over the limit.
+TEST(TrueLimit, TheBoundIsCloseToIt) {
+    const auto ratio = [](const std::string& name) {
+        const Problem problem = load_scene(name).problem;
+        return std::sqrt(true_frequency_squared(problem).squared.value() / frequency_bound_squared(problem));
+    };
+    EXPECT_NEAR(ratio("box"), 0.99799, 1e-5);
+    EXPECT_NEAR(ratio("beam"), 0.98716, 1e-5);
+    EXPECT_NEAR(ratio("heart"), 0.98787, 1e-5);
+    // Uniformly stretched to twice its size, a lattice's springs also act across: 15.9 instead of 12.
+    const Problem box = make_lattice_problem(solid({16, 16, 16}), FACE_BITS | EDGE_BITS);
+    EXPECT_NEAR(true_frequency_squared(box, box.rest_position).squared.value(), 15.8, 0.2);
 }
 
 class StableStep : public ::testing::TestWithParam<double> {};

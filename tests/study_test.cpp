@@ -333,6 +333,12 @@ TEST(Study, AStarStandsForEachValueThatTheBackendHas) {
     EXPECT_EQ(measured.size(), entry.formulations.size() * entry.precisions.size());
 }
 
+TEST(Study, AStressStudyTakesNoScene) {
+    StudyOptions options;
+    options.scenes = {"box"};
+    EXPECT_THROW(run_study(load_study("stress"), options), BadInput);
+}
+
 TEST(Study, WithoutABackendIsRefused) { EXPECT_THROW(run_study(study_of({"left_out_*"}), {}), BadInput); }
 
 class StudyFile : public ::testing::Test {
@@ -382,6 +388,16 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
     EXPECT_THAT(refusal(), HasSubstr("time_steps")) << "of no use to a timing study";
     write(R"({"kind": "pareto", "time_steps": [0.5], "backends": ["cpu_*:formulation=*,precision=*"],
               "scenes": [{"scene": "box"}]})");
+    EXPECT_EQ(refusal(), "accepted");
+    write(R"({"backends": ["*"], "scenes": [{"scene": "box", "map": true}]})");
+    EXPECT_THAT(refusal(), HasSubstr("scenes[0].map"));
+    write(R"({"kind": "stability", "backends": ["*"], "scenes": [{"scene": "box", "map": true}]})");
+    EXPECT_EQ(refusal(), "accepted");
+    write(R"({"kind": "stress", "backends": ["*"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), HasSubstr("suites"));
+    write(R"({"kind": "stress", "backends": ["*"], "suites": [{"lengths": "long"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("suites[0].lengths"), HasSubstr("brief")));
+    write(R"({"kind": "stress", "backends": ["*"], "suites": [{"lengths": "brief"}]})");
     EXPECT_EQ(refusal(), "accepted");
 }
 

@@ -30,6 +30,7 @@ SCENES = [
 WORDS = [
     "dataset", "type", "box", "heart", "volume", "dims", "file", "threshold", "labels", "spring_groups", "face",
     "edge", "corner", "spacing", "mass", "stiffness", "damping", "gravity", "time_step", "fraction_of_stable",
+    "fraction_of_limit",
     "pinned", "side", "slices", "fraction", "from", "to", "voxel", "initial", "displacement", "velocity", "random",
     "seed", "loads", "force", "edits", "step", "cut",
     "suture", "plane", "point", "normal", "triangles", "ball", "centre", "radius", "pairs", "within", "repeat", "times",

@@ -1,0 +1,288 @@
+// The stress suite on every backend and formulation of this machine, and what all of them make of degenerate
+// input. A backend without its device is skipped, or fails if VOXSPRING_REQUIRE names it (required.h).
+#include "harness/stress.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <set>
+
+#include "backends/registry.h"
+#include "harness/scene.h"
+#include "harness/stability_study.h"
+#include "harness/verify.h"
+#include "tests/required.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+struct Subject {
+    std::string spec;  ///< of the backend, with its formulation and precision
+    std::string name;  ///< of the test
+};
+
+std::vector<Subject> subjects() {
+    std::vector<Subject> all;
+    for (const auto& [name, entry] : registry()) {
+        for (const Precision precision : entry.precisions) {
+            for (const Formulation formulation : entry.formulations) {
+                all.push_back(
+                    {name + ":precision=" + to_string(precision) + ",formulation=" + to_string(formulation),
+                     name + "_" + to_string(formulation) + "_" + to_string(precision)});
+            }
+        }
+    }
+    return all;
+}
+
+class Stress : public ::testing::TestWithParam<Subject> {
+protected:
+    void SetUp() override {
+        contender_.spec = BackendSpec::parse(GetParam().spec);
+        make_or_skip(contender_.spec, contender_.backend);
+    }
+    bool has_gates() const { return by_increments(contender_.spec.options.formulation); }
+
+    Contender contender_;
+};
+
+std::string named(const ::testing::TestParamInfo<Subject>& tested) { return tested.param.name; }
+
+INSTANTIATE_TEST_SUITE_P(, Stress, ::testing::ValuesIn(subjects()), named);
+
+TEST_P(Stress, EveryGateHolds) {
+    static StressReferences references;
+    const auto lists = run_stress(contender_, StressLengths::shortest, references, [](const auto&) {});
+    EXPECT_FALSE(lists.contains("skipped")) << nlohmann::json(lists.at("skipped")).dump(1);
+    EXPECT_FALSE(lists.contains("failed")) << nlohmann::json(lists.at("failed")).dump(1);
+    std::set<int> parts;
+    for (const auto& row : lists.at("stress")) {
+        parts.insert(row.at("part").get<int>());
+        EXPECT_FALSE(row.at("measured").is_null()) << row;
+        // Rounding has a gate where the formulation is made for it.
+        EXPECT_TRUE(row.at("part") != 9 || row.at("gate").is_number() == has_gates()) << row;
+    }
+    for (const int part : {1, 2, 3, 4, 5, 6, 7, 9}) EXPECT_TRUE(parts.contains(part)) << part;
+    EXPECT_EQ(parts.contains(8), contender_.spec.entry->tuning.contains("terms"));
+}
+
+// A sanitizer takes twenty times as long.
+#if defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(undefined_behavior_sanitizer)
+#define VOXSPRING_SANITIZED
+#endif
+#endif
+
+// The gates of the box where they were measured: 32^3, 1e3 and 1e4 steps, three times of it or more.
+TEST(StressAtFullLength, TheBox) {
+#ifdef VOXSPRING_SANITIZED
+    GTEST_SKIP() << "minutes under a sanitizer";
+#endif
+    const Scene scene = load_scene("box");
+    const auto reference = BackendSpec::parse("cpu_parallel:precision=float64,formulation=increment").make();
+    for (const auto& [formulation, gates] : {std::pair{"increment", std::array{1.5e-6, 1.2e-5}},
+                                             std::pair{"compensated", std::array{1.5e-7, 8e-6}}}) {
+        const auto backend =
+            BackendSpec::parse(std::string("cpu_parallel:formulation=") + formulation).make();
+        backend->upload(scene.problem, scene.state);
+        reference->upload(scene.problem, scene.state);
+        int steps = 0;
+        for (const auto& [until, gate] : {std::pair{1000, gates[0]}, std::pair{10000, gates[1]}}) {
+            backend->step(until - steps);
+            reference->step(until - steps);
+            steps = until;
+            const Comparison off =
+                compare(scene.problem, backend->download(), reference->download(), Precision::float32, steps);
+            EXPECT_LE(off.relative_l2, gate) << formulation << " after " << steps;
+        }
+    }
+}
+
+/// cpu_parallel on a problem that it got slightly wrong.
+class Distorted : public Backend {
+public:
+    explicit Distorted(double time_scale)
+        : time_scale_(time_scale), sound_(BackendSpec::parse("cpu_parallel:formulation=increment").make()) {}
+    Capabilities capabilities() const override { return sound_->capabilities(); }
+    void upload(const Problem& problem, const State& state) override {
+        problem_ = problem;
+        problem_.time_step *= time_scale_;
+        sound_->upload(problem_, state);
+    }
+    void edit(const Problem&, const SpringEdit&) override {}
+    void step(int count) override { sound_->step(count); }
+    void synchronize() override {}
+    State download() override { return sound_->download(); }
+    DeviceLimits measure_limits() override { return sound_->measure_limits(); }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+
+private:
+    void mark(Mark) override {}
+    double seconds_between_marks() const override { return 0; }
+
+    double time_scale_;
+    std::unique_ptr<Backend> sound_;
+    Problem problem_;
+};
+
+Contender contender_on(std::unique_ptr<Backend> backend) {
+    Contender contender;
+    contender.spec = BackendSpec::parse("cpu_parallel:formulation=increment");
+    contender.backend = backend != nullptr ? std::move(backend) : contender.spec.make();
+    return contender;
+}
+
+TEST(StressSuite, FindsATimeStepThatIsOffByATenThousandth) {
+    StressReferences references;
+    Contender contender = contender_on(std::make_unique<Distorted>(1 + 1e-4));
+    const auto lists = run_stress(contender, StressLengths::shortest, references, [](const auto&) {});
+    std::set<std::string> failed;
+    for (const auto& row : lists.at("stress")) {
+        if (!row.at("passed").get<bool>()) failed.insert(row.at("measurement"));
+    }
+    EXPECT_TRUE(failed.contains("box"));
+    EXPECT_TRUE(failed.contains("small time step"));
+    EXPECT_FALSE(failed.contains("rest"));
+    EXPECT_EQ(lists.at("failed").size(),
+              std::size_t(std::count_if(lists.at("stress").begin(), lists.at("stress").end(),
+                                        [](const auto& row) { return !row.at("passed"); })));
+}
+
+TEST(StabilityStudy, MeasuresWhatTheoryGives) {
+    const auto ignore = [](const std::string&, int, int) {};
+    const Scene scene = load_scene("box@4");
+    std::vector<Contender> contenders;
+    contenders.push_back(contender_on(nullptr));
+    auto lists = measure_stability(scene, true, contenders, ignore);
+    EXPECT_FALSE(lists.contains("failed"));
+    ASSERT_EQ(lists.at("stability").size(), 7u);
+    for (const auto& row : lists.at("stability")) {
+        // Measured: 1.0000 to 1.0010.
+        const double ratio = row.at("ratio");
+        EXPECT_TRUE(row.at("tolerance").is_null() || std::abs(ratio - 1) < 2e-3) << row;
+        EXPECT_TRUE(row.at("start").at("amplitude") != 0.3 || ratio < 0.95) << row;
+    }
+    const auto& map = lists.at("stability_map").at(0);
+    const auto& region = map.at("region");
+    ASSERT_EQ(region.size(), map.at("damping").size());
+    ASSERT_EQ(region[0].size(), map.at("fraction").size());
+    EXPECT_EQ(region[0].back(), "diverged") << "undamped and above the limit";
+    EXPECT_EQ(region[5][0], "bounded") << "damped and far below it";
+
+    // A backend whose time step is 1% longer than it was told diverges 1% earlier.
+    contenders[0] = contender_on(std::make_unique<Distorted>(1.01));
+    lists = measure_stability(scene, false, contenders, ignore);
+    EXPECT_EQ(lists.at("failed").size(), 4u) << "all that theory holds for";
+    EXPECT_NEAR(lists.at("stability")[0].at("ratio").get<double>(), 1 / 1.01, 2e-3);
+}
+
+/// What a backend, in whatever precision, makes of a problem that is degenerate at rest or at its start.
+struct Degenerate {
+    std::string name;
+    Problem problem;
+    State start;
+};
+
+Problem pinned_cube() {
+    Problem problem = make_lattice_problem(solid({4, 4, 4}), FACE_BITS | EDGE_BITS);
+    problem.time_step = 0.25;
+    problem.damping = 0.05;
+    pin_base(problem);
+    return problem;
+}
+
+std::vector<Degenerate> degenerate_inputs() {
+    std::vector<Degenerate> all;
+    const Problem cube = pinned_cube();
+    const auto add = [&](const std::string& name, const Problem& problem, const auto& change) {
+        State start = state_at_rest(problem);
+        change(start);
+        all.push_back({name, problem, start});
+    };
+    constexpr std::size_t middle = (2 * 4 + 1) * 4 + 1;
+    add("coincident", cube, [&](State& s) { s.displacement[middle].x = 1; });
+    add("swapped", cube, [&](State& s) {
+        s.displacement[middle].x = 1;
+        s.displacement[middle + 1].x = -1;
+    });
+    add("inverted_top_layer", cube, [&](State& s) {
+        for (std::size_t i = 48; i < 64; ++i) s.displacement[i].z = -2;
+    });
+    Problem loose = make_lattice_problem(
+        make_grid({5, 5, 5}, [](int x, int y, int z) { return x % 2 == 0 && y % 2 == 0 && z % 2 == 0; }),
+        FACE_BITS | EDGE_BITS);
+    loose.time_step = 0.25;
+    loose.gravity = {0, 0, -0.01};
+    add("isolated_particles", loose, [](State&) {});
+    Problem ratio = make_lattice_problem(make_grid({4, 4, 4}, [](int, int, int z) { return z < 2 ? 1 : 2; }),
+                                         FACE_BITS | EDGE_BITS);
+    ratio.materials = {{1, 1e-6}, {1, 1}};
+    ratio.time_step = 0.25;
+    ratio.damping = 0.05;
+    pin_base(ratio);
+    add("stiffness_ratio", ratio, [&](State& s) { s.displacement[middle + 16].x = 0.1; });
+    Problem pulled = cube;
+    pulled.rest_length.fill(0);
+    pulled.damping = 0.2;
+    add("zero_rest_length", pulled, [](State&) {});
+    return all;
+}
+
+TEST_P(Stress, DegenerateInputIsTheSameEverywhere) {
+    // After 60 steps: float32 and the order of a sum, amplified where springs meet by up to 100.
+    const double tolerance = contender_.spec.options.precision == Precision::float32 ? 2e-4 : 1e-10;
+    const auto oracle = BackendSpec::parse("cpu_reference").make();
+    for (const Degenerate& input : degenerate_inputs()) {
+        SCOPED_TRACE(input.name);
+        if (const std::string why = contender_.backend->unsupported(input.problem); !why.empty()) {
+            EXPECT_TRUE(input.problem.has_materials()) << why;  // list kinds without a stiffness each
+            continue;
+        }
+        const State expected = run_from(input.start, input.problem, *oracle, 60);
+        const State state = run_from(input.start, input.problem, *contender_.backend, 60);
+        double worst = 0;
+        for (std::size_t i = 0; i < state.displacement.size(); ++i) {
+            const double off = glm::length(state.displacement[i] - expected.displacement[i]);
+            ASSERT_TRUE(std::isfinite(off)) << "particle " << i;
+            worst = std::max(worst, off);
+        }
+        EXPECT_LE(worst, tolerance);
+        RecordProperty(input.name, std::to_string(worst));
+    }
+}
+
+// What harness/scenes/README.md says of them, on the oracle.
+TEST(ExtremeCases, AreAsDocumented) {
+    const auto after = [](const std::string& name, int steps) {
+        for (const Degenerate& input : degenerate_inputs()) {
+            if (input.name != name) continue;
+            const auto oracle = BackendSpec::parse("cpu_reference").make();
+            return std::pair{input, run_from(input.start, input.problem, *oracle, steps)};
+        }
+        throw std::runtime_error("no " + name);
+    };
+    const auto largest = [](const State& state) {
+        double length = 0;
+        for (const glm::dvec3& u : state.displacement) length = std::max(length, glm::length(u));
+        return length;
+    };
+    EXPECT_LT(largest(after("coincident", 5000).second), 1e-12);
+    EXPECT_LT(largest(after("swapped", 5000).second), 1e-12);
+    // Mirrored about its neighbours, a layer's springs have their rest lengths: it stays.
+    const auto [inverted, state] = after("inverted_top_layer", 5000);
+    EXPECT_LT(glm::length(state.displacement[55] - inverted.start.displacement[55]), 1e-9);
+    // Nothing holds a particle without springs: it falls as a stone does.
+    const State fallen = after("isolated_particles", 100).second;
+    for (const glm::dvec3& u : fallen.displacement)
+        EXPECT_NEAR(u.z, -0.01 * 0.25 * 0.25 * 100 * 101 / 2, 1e-12);
+    // Springs without a length pull all particles onto the pinned ones.
+    const State pulled = after("zero_rest_length", 5000).second;
+    for (std::size_t i = 48; i < 64; ++i) EXPECT_NEAR(pulled.displacement[i].z, -3, 1e-6);
+}
+
+}  // namespace
+}  // namespace voxspring::testing
