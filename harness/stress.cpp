@@ -372,7 +372,7 @@ private:
     void equilibrium() {
         const int side = by_length(32, 16, 8);
         const double rate = 2.2 / side;  // of damping: near the critical one of the slowest mode
-        const int settled = by_length(2000, 1000, 500);  // steps at half the limit
+        const int settled = by_length(3000, 1500, 750);  // steps at half the limit
         Problem reference = sagging_cube(side, 0.5);
         reference.damping = rate * reference.time_step;
         for (const int divisor : {2, by_length(32, 8, 8)}) {
