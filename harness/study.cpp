@@ -461,13 +461,12 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         for (auto& [list, rows] : measured.lists) {
             for (auto& row : rows) result[list].push_back(std::move(row));
         }
+        note_devices(context);
+        context["limits"] = limits.json();
+        result["context"]["voxspring"] = context;
+        if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
     }
-    note_devices(context);
-    context["limits"] = limits.json();
-    result["context"]["voxspring"] = context;
-    if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
-}
-return result;
+    return result;
 }
 
 }  // namespace voxspring

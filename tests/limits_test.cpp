@@ -122,44 +122,67 @@ StepWork work_of(const std::string& spec, const Problem& problem) {
         EXPECT_EQ(work.launches, expected_launches);                                \
     }
 
+constexpr Formulation position = Formulation::position;
+
 TEST(StepWork, OfCudaImplicit) {
-    EXPECT_WORK(cuda::implicit_work<float>(plate()), 6 * 48, 6 * (15 + 6) + 22 * 13, 1);
-    EXPECT_WORK(cuda::implicit_work<double>(plate()), 6 * 96, 6 * (15 + 6) + 22 * 19, 1);
+    EXPECT_WORK(cuda::implicit_work<float>(plate(), position), 6 * 48, 6 * (15 + 6) + 22 * 13, 1);
+    EXPECT_WORK(cuda::implicit_work<double>(plate(), position), 6 * 96, 6 * (15 + 6) + 22 * 19, 1);
     const Problem loaded = loaded_plate_of_two_materials();
-    EXPECT_WORK(cuda::implicit_work<float>(loaded), 6 * (48 + 12 + 4 + 4), 6 * (18 + 3) + 22 * 16, 1);
-    EXPECT_WORK(cuda::implicit_work<double>(loaded), 6 * (96 + 24 + 8 + 8), 6 * (18 + 3) + 22 * 26, 1);
+    EXPECT_WORK(cuda::implicit_work<float>(loaded, position), 6 * (48 + 12 + 4 + 4), 6 * (18 + 3) + 22 * 16,
+                1);
+    EXPECT_WORK(cuda::implicit_work<double>(loaded, position), 6 * (96 + 24 + 8 + 8), 6 * (18 + 3) + 22 * 26,
+                1);
+}
+
+// 7 springs along an axis and 4 along two.
+TEST(StepWork, OfCudaByFormulation) {
+    EXPECT_WORK(cuda::implicit_work<float>(plate(), Formulation::displacement), 6 * 48,
+                6 * (15 + 6) + 2 * (7 * 11 + 4 * 12) + 22 * 3, 1);
+    EXPECT_WORK(cuda::implicit_work<float>(plate(), Formulation::increment), 6 * 56,
+                6 * (12 + 6) + 2 * (7 * 16 + 4 * 18) + 22 * 3, 1);
+    EXPECT_WORK(cuda::implicit_work<double>(plate(), Formulation::increment), 6 * 112,
+                6 * (12 + 6) + 2 * (7 * 26 + 4 * 28) + 22 * 3, 1);
+    EXPECT_WORK(cuda::implicit_work<float>(plate(), Formulation::compensated), 6 * 112,
+                6 * (72 + 6) + 2 * (7 * 22 + 4 * 24) + 22 * 3, 1);
+    Problem moved = plate();
+    moved.gravity.z = 1;
+    moved.damping = 0.1;
+    EXPECT_WORK(cuda::implicit_work<float>(moved, Formulation::paper), 6 * 48, 6 * (21 + 6) + 22 * 13, 1);
 }
 
 TEST(StepWork, OfCudaExplicit) {
-    EXPECT_WORK(cuda::explicit_work<float>(plate(), false), 6 * 48 + 22 * 4, 6 * (15 + 6) + 22 * 13, 1);
-    EXPECT_WORK(cuda::explicit_work<float>(plate(), true), 6 * 48 + 22 * 12, 6 * 15 + 22 * 14, 1);
-    EXPECT_WORK(cuda::explicit_work<double>(plate(), true), 6 * 96 + 22 * 20, 6 * 15 + 22 * 20, 1);
+    EXPECT_WORK(cuda::explicit_work<float>(plate(), false, position), 6 * 48 + 22 * 4, 6 * (15 + 6) + 22 * 13,
+                1);
+    EXPECT_WORK(cuda::explicit_work<float>(plate(), true, position), 6 * 48 + 22 * 12, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(cuda::explicit_work<double>(plate(), true, position), 6 * 96 + 22 * 20, 6 * 15 + 22 * 20, 1);
     Problem sutured = plate();
     sutured.springs = {{0, 5, 1, 1}};
-    EXPECT_WORK(cuda::explicit_work<float>(sutured, true), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
+    EXPECT_WORK(cuda::explicit_work<float>(sutured, true, position), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
 }
 
 TEST(StepWork, OfCudaScatter) {
     // Forces are read and written by either launch, positions read by the first as well.
-    EXPECT_WORK(cuda::scatter_work<float>(plate()), 6 * (48 + 4 * 12 + 16) + 11 * 16, 6 * 15 + 11 * 20, 2);
-    EXPECT_WORK(cuda::scatter_work<double>(plate()), 6 * (96 + 4 * 24 + 32) + 11 * 24, 6 * 15 + 11 * 26, 2);
+    EXPECT_WORK(cuda::scatter_work<float>(plate(), position), 6 * (48 + 4 * 12 + 16) + 11 * 16,
+                6 * 15 + 11 * 20, 2);
+    EXPECT_WORK(cuda::scatter_work<double>(plate(), position), 6 * (96 + 4 * 24 + 32) + 11 * 24,
+                6 * 15 + 11 * 26, 2);
     const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
-    EXPECT_WORK(cuda::scatter_work<float>(one_particle), 48 + 2 * 12, 15, 1);
+    EXPECT_WORK(cuda::scatter_work<float>(one_particle, position), 48 + 2 * 12, 15, 1);
 }
 
 TEST(StepWork, OfCpuParallel) {
-    const std::string position = "cpu_parallel:formulation=position";
+    const std::string by_position = "cpu_parallel:formulation=position";
     // Springs along x are evaluated twice; no particle has every neighbour.
-    EXPECT_WORK(work_of(position, plate()), 6 * (9 + 1) * 4, 15 * 10 + 22 * 9 + 6 * 21, 1);
-    EXPECT_WORK(work_of(position + ",precision=float64", plate()), 6 * (9 + 1) * 8, 15 * 10 + 22 * 9 + 6 * 21,
-                1);
-    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * (9 + 3 + 2 + 1) * 4,
+    EXPECT_WORK(work_of(by_position, plate()), 6 * (9 + 1) * 4, 15 * 10 + 22 * 9 + 6 * 21, 1);
+    EXPECT_WORK(work_of(by_position + ",precision=float64", plate()), 6 * (9 + 1) * 8,
+                15 * 10 + 22 * 9 + 6 * 21, 1);
+    EXPECT_WORK(work_of(by_position, loaded_plate_of_two_materials()), 6 * (9 + 3 + 2 + 1) * 4,
                 15 * 12 + 22 * 9 + 6 * 24, 1);
-    EXPECT_WORK(work_of(position + ",terms=all", plate()), 6 * (9 + 3 + 1 + 1) * 4, 22 * 10 + 22 * 9 + 6 * 24,
-                1);
+    EXPECT_WORK(work_of(by_position + ",terms=all", plate()), 6 * (9 + 3 + 1 + 1) * 4,
+                22 * 10 + 22 * 9 + 6 * 24, 1);
     // The middle one of three has both neighbours, and its mask may go unread.
     const Problem row = make_lattice_problem(solid({3, 1, 1}), FACE_BITS);
-    EXPECT_WORK(work_of(position, row), (3 * 9 + 2) * 4, 4 * 10 + 4 * 9 + 3 * 21, 1);
+    EXPECT_WORK(work_of(by_position, row), (3 * 9 + 2) * 4, 4 * 10 + 4 * 9 + 3 * 21, 1);
 
     EXPECT_WORK(work_of("cpu_parallel:formulation=paper", plate()), 6 * (9 + 1) * 4,
                 15 * 10 + 22 * 9 + 6 * 21, 1);
@@ -171,10 +194,10 @@ TEST(StepWork, OfCpuParallel) {
 }
 
 TEST(StepWork, OfCpuReference) {
-    const std::string position = "cpu_reference:formulation=position";
-    EXPECT_WORK(work_of(position, plate()), 6 * 9 * 24 + 11 * 24, 11 * 22 + 6 * 22, 1);
-    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * 10 * 24 + 11 * 24, 11 * 22 + 6 * 25,
-                1);
+    const std::string by_position = "cpu_reference:formulation=position";
+    EXPECT_WORK(work_of(by_position, plate()), 6 * 9 * 24 + 11 * 24, 11 * 22 + 6 * 22, 1);
+    EXPECT_WORK(work_of(by_position, loaded_plate_of_two_materials()), 6 * 10 * 24 + 11 * 24,
+                11 * 22 + 6 * 25, 1);
     EXPECT_WORK(work_of("cpu_reference", plate()), 6 * 9 * 24 + 11 * (24 + 40), 11 * 35 + 6 * 22, 1);
     EXPECT_WORK(work_of("cpu_reference:formulation=compensated", plate()), 6 * 14 * 24 + 11 * (24 + 40),
                 11 * 41 + 6 * 82, 1);
@@ -192,18 +215,19 @@ protected:
 };
 
 TEST_F(Gl, StepWorkOfImplicit) {
-    const std::string position = "gl_fragment_implicit:formulation=position";
-    EXPECT_WORK(work_of(position, plate()), 6 * 48, 6 * 15 + 22 * 14, 1);
-    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * (48 + 16 + 8), 6 * 18 + 22 * 17, 1);
+    const std::string by_position = "gl_fragment_implicit:formulation=position";
+    EXPECT_WORK(work_of(by_position, plate()), 6 * 48, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(work_of(by_position, loaded_plate_of_two_materials()), 6 * (48 + 16 + 8), 6 * 18 + 22 * 17,
+                1);
     Problem falling = plate();
     falling.gravity = {0, 0, -1};
     falling.damping = 0.1;
-    EXPECT_WORK(work_of(position, falling), 6 * 48, 6 * 21 + 22 * 14, 1);
+    EXPECT_WORK(work_of(by_position, falling), 6 * 48, 6 * 21 + 22 * 14, 1);
     // Without a mask the empty voxel is shaded as well.
     const Problem pair =
         make_lattice_problem(make_grid({3, 1, 1}, [](int x, int, int) { return x != 1; }), FACE_BITS);
-    EXPECT_WORK(work_of(position, pair), 2 * 48, 2 * 15, 1);
-    EXPECT_WORK(work_of(position + ",mask=none", pair), 3 * 48, 2 * 15, 1);
+    EXPECT_WORK(work_of(by_position, pair), 2 * 48, 2 * 15, 1);
+    EXPECT_WORK(work_of(by_position + ",mask=none", pair), 3 * 48, 2 * 15, 1);
 
     EXPECT_WORK(work_of("gl_fragment_implicit:formulation=paper", falling), 6 * 48, 6 * 21 + 22 * 14, 1);
     EXPECT_WORK(work_of("gl_fragment_implicit:formulation=displacement", falling), 6 * 48, 6 * 21 + 22 * 17,
@@ -215,13 +239,13 @@ TEST_F(Gl, StepWorkOfImplicit) {
 }
 
 TEST_F(Gl, StepWorkOfExplicit) {
-    const std::string position = "gl_fragment_explicit:formulation=position";
-    EXPECT_WORK(work_of(position, plate()), 6 * 48 + 22 * 4, 6 * 15 + 22 * 14, 1);
-    EXPECT_WORK(work_of(position, loaded_plate_of_two_materials()), 6 * (48 + 16 + 8) + 22 * 12,
+    const std::string by_position = "gl_fragment_explicit:formulation=position";
+    EXPECT_WORK(work_of(by_position, plate()), 6 * 48 + 22 * 4, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(work_of(by_position, loaded_plate_of_two_materials()), 6 * (48 + 16 + 8) + 22 * 12,
                 6 * 18 + 22 * 14, 1);
     Problem sutured = plate();
     sutured.springs.push_back({0, 5, 1, 2});
-    EXPECT_WORK(work_of(position, sutured), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
+    EXPECT_WORK(work_of(by_position, sutured), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
     // Its one spring beyond the lattice has a rest offset and deficit of its own, at either end.
     EXPECT_WORK(work_of("gl_fragment_explicit", sutured), 6 * 64 + 24 * 12 + 2 * 16, 6 * 12 + 24 * 24, 1);
 }
