@@ -26,6 +26,7 @@ struct Run {
     State last;           ///< after the last timed batch
     WorkCount work;
     std::vector<double> without_edits;  ///< seconds a step of the same batch without edits, one a repetition
+    double compile_seconds = 0;         ///< before the first step, of no time that is measured
     nlohmann::json edits;               ///< what edits cost, as rows say it; null where a scene has none
 };
 
@@ -45,6 +46,7 @@ void warm_up(Run& run, Playback& playback, const Watch& watch, int steps) {
         Backend& backend = *run.contender->backend;
         backend.watch(watch);
         playback.rewind(backend);
+        run.compile_seconds = backend.compile_seconds();
         run.work = backend.count_work();
         if (!run.work.empty()) playback.rewind(backend);  // it took a step
         playback.run(backend, steps);
@@ -169,7 +171,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, cons
     std::vector<Run> runs;
     for (Contender& contender : contenders) {
         const std::string name = row_identity(scene.name, contender.spec).at("name");
-        runs.push_back({&contender, name, repetitions, {}, {}, {}, {}, {}});
+        runs.push_back({&contender, name, repetitions, {}, {}, {}, {}, 0, {}});
     }
     int begun = 0;
     benchmark::ClearRegisteredBenchmarks();
@@ -251,6 +253,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, cons
             identity["name"] = row.at("name");  // Google Benchmark's, which goes on after ours
             row.update(identity);
             if (!run.edits.is_null()) row.update(run.edits);
+            row["compile_seconds"] = run.compile_seconds;
             row.update(limit_fields(limit, step_seconds(row)));
             result.lists["benchmarks"].push_back(std::move(row));
         }
