@@ -9,10 +9,6 @@
 namespace voxspring::cuda {
 namespace {
 
-// The longest graph has 2^8 steps: enough that its launch costs nothing beside them, few enough that all
-// lengths are captured in milliseconds.
-constexpr int graph_lengths = 9;
-
 std::string gibibytes(std::uint64_t bytes) {
     std::ostringstream text;
     text << std::fixed << std::setprecision(2) << double(bytes) / double(1 << 30) << " GiB";
@@ -40,19 +36,9 @@ std::string CudaBackend::unsupported(const Problem& problem) const {
     return "needs " + gibibytes(needed) + " of device memory, " + gibibytes(available) + " are free";
 }
 
-void CudaBackend::capture() {
-    stream_.synchronize();  // what is captured already may still run
-    // All lengths now, so that no capture falls into a step that is timed.
-    for (int b = 0; b < 2; ++b) {
-        auto& graphs = graphs_[std::size_t(b)];
-        graphs.clear();
-        for (int k = 0; k < graph_lengths; ++k) {
-            graphs.push_back(Graph::capture(stream_, [&] {
-                for (int n = 0; n < 1 << k; ++n) enqueue_step((b + n) % 2);
-            }));
-        }
-    }
-    stream_.synchronize();
+void CudaBackend::forget_graphs() {
+    stream_.synchronize();  // what was captured may still run
+    graphs_ = {};
 }
 
 void CudaBackend::rewind() {
@@ -77,7 +63,13 @@ void CudaBackend::step(int count) {
 void CudaBackend::replay(int count) {
     for (int k = graph_lengths - 1; k >= 0; --k) {
         for (; count >= 1 << k; count -= 1 << k) {
-            graphs_[std::size_t(current_)][std::size_t(k)].launch(stream_);
+            std::optional<Graph>& graph = graphs_[std::size_t(current_)][std::size_t(k)];
+            if (!graph) {
+                graph.emplace(Graph::capture(stream_, [&] {
+                    for (int n = 0; n < 1 << k; ++n) enqueue_step((current_ + n) % 2);
+                }));
+            }
+            graph->launch(stream_);
             if (k == 0) current_ = 1 - current_;
             steps_ += 1 << k;
             if (watch_.every > 0 && steps_ - last_look_ >= watch_.every) look();

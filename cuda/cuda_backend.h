@@ -3,7 +3,7 @@
 
 #include <array>
 #include <cstdint>
-#include <vector>
+#include <optional>
 
 #include "backends/backend.h"
 #include "cuda/device/buffer.h"
@@ -35,7 +35,7 @@ protected:
     /// Stand at step 0 with x(t) in buffer 0.
     void rewind();
     /// To be called when what enqueue_step() enqueues has changed.
-    void capture();
+    void forget_graphs();
 
 private:
     /// Empty, or why the strategy cannot run `problem`, memory aside.
@@ -63,8 +63,11 @@ private:
     std::int64_t steps_ = 0;      ///< since upload()
     std::int64_t last_look_ = 0;  ///< after how many of them
     Buffer<Fault> fault_;         ///< one
-    /// graphs_[b][k] runs 2^k steps, the first of which reads buffer b.
-    std::array<std::vector<Graph>, 2> graphs_;
+    /// The longest graph has 2^8 steps: enough that its launch costs nothing beside them.
+    static constexpr int graph_lengths = 9;
+    /// graphs_[b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a batch
+    /// of steps that was run once since upload() captures nothing when it is timed.
+    std::array<std::array<std::optional<Graph>, graph_lengths>, 2> graphs_;
 };
 
 }  // namespace voxspring::cuda

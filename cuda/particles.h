@@ -129,7 +129,7 @@ protected:
         launch_ = launch;
         if (!changed) return;
         launch.kernel->allow_shared(launch.shared_bytes);
-        capture();
+        this->forget_graphs();
     }
     const Launch& launch() const { return launch_; }
 

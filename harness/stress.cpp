@@ -356,8 +356,10 @@ private:
                [&] { return error(beam, bending, steps); });
         const std::string heart = by_length("heart", "heart", "heart@20x17x15");
         const Problem damped = load_scene(heart).problem;
-        record({9, "damped heart", heart, "relative", steps, rounding_gate(5e-6, 3e-7)}, damped,
-               [&] { return error(heart, damped, steps); });
+        // After 1000 steps it has moved less: the same rounding is 4.9e-7 of that, after 10000 8e-8.
+        record(
+            {9, "damped heart", heart, "relative", steps, rounding_gate(5e-6, by_length(3e-7, 1.5e-6, 3e-7))},
+            damped, [&] { return error(heart, damped, steps); });
         // To the same time as 100 steps at half the limit.
         const int refined_side = by_length(32, 16, 8), refined_steps = by_length(3200, 1600, 400);
         const Problem refined = sagging_cube(refined_side, 1.0 / 64);

