@@ -216,6 +216,27 @@ TEST(Scene, InitialState) {
     EXPECT_EQ(scene.state.increment[1], glm::dvec3(2, 0, -1));
 }
 
+TEST(Scene, InitialStateOfARegion) {
+    const Scene scene = box_with(R"("pinned": {"voxel": [0, 0, 0]}, "time_step": 0.5, "initial": {
+        "displacement": {"vector": [1, 2, 3], "from": [0, 0, 0], "to": [1, 0, 9]},
+        "velocity": {"vector": [4, 0, -2], "side": "x+", "slices": 2}})");
+    for (std::size_t i = 0; i < 24; ++i) {
+        const glm::dvec3 at = scene.problem.rest_position[i];
+        const bool displaced = at.x <= 1 && at.y == 0 && i != 0;
+        EXPECT_EQ(scene.state.displacement[i], displaced ? glm::dvec3(1, 2, 3) : glm::dvec3(0)) << i;
+        EXPECT_EQ(scene.state.increment[i], at.x >= 2 ? glm::dvec3(2, 0, -1) : glm::dvec3(0)) << i;
+    }
+    // Without a region it is the short form, and a region leaves the numbers as they are.
+    EXPECT_EQ(box_with(R"("initial": {"velocity": {"vector": [4, 0, -2]}})").state.increment,
+              box_with(R"("initial": {"velocity": [4, 0, -2]})").state.increment);
+    const auto random = [](const std::string& region) {
+        return box_with(R"("initial": {"displacement": {"random": 0.25, "seed": 5)" + region + "}}")
+            .state.displacement;
+    };
+    const auto everywhere = random(""), above = random(R"(, "side": "z+")");
+    for (std::size_t i = 0; i < 24; ++i) EXPECT_EQ(above[i], i < 12 ? glm::dvec3(0) : everywhere[i]) << i;
+}
+
 TEST(Scene, RandomStatesRepeat) {
     const auto random = [](const std::string& seed) {
         return box_with(R"("initial": {"displacement": {"random": 0.25, "seed": )" + seed + "}}")
