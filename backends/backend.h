@@ -75,8 +75,8 @@ struct Departure {
     std::int64_t found = 0;
 };
 
-/// What the hardware's own counters say one step did, by counter name ("samples_passed"). The evidence
-/// that a skip skips.
+/// What one step did, by name: what the hardware's own counters say ("samples_passed"), or how many of a
+/// lattice's tiles were stepped. The evidence that a skip skips.
 using WorkCount = std::map<std::string, std::uint64_t>;
 
 /// One simulation on one device. Constructing acquires the device and throws Unavailable where there is
@@ -124,7 +124,7 @@ public:
     /// Synchronize, then copy the state out in canonical order.
     virtual State download() = 0;
 
-    /// Advance one step under the hardware's own counters, where the device has any.
+    /// Advance one step and count what it did, where there is something to count.
     virtual WorkCount count_work() { return {}; }
 
     /// What the last upload() spent on compiling code for its problem; 0 where that was compiled before.

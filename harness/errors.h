@@ -21,7 +21,8 @@ struct Truth {
     Chaos chaos;
 };
 
-/// compare() with the truth; where float64 itself diverges no error fails, unless the state is not finite.
+/// compare() with the truth, admitting the error that a tuning asks for (`sleep`); where float64 itself
+/// diverges no error fails, unless the state is not finite.
 Comparison judge(const Truth& truth, const State& state, const BackendSpec& spec);
 
 /// error_relative_l2, error_max and worst_particle, the rounding error; total_error_relative_l2,

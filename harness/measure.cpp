@@ -40,18 +40,18 @@ State read(Backend& backend, Playback& playback, const Watch& watch, int steps) 
     return state;
 }
 
-/// Uploads and advances once, so that shaders are compiled and clocks are up before anything is timed.
+/// Uploads and advances once, so that shaders are compiled and clocks are up before anything is timed. The
+/// work is that of the step after the batch: right after an upload a backend knows of nothing that rests.
 void warm_up(Run& run, Playback& playback, const Watch& watch, int steps) {
     try {
         Backend& backend = *run.contender->backend;
         backend.watch(watch);
         playback.rewind(backend);
         run.compile_seconds = backend.compile_seconds();
-        run.work = backend.count_work();
-        if (!run.work.empty()) playback.rewind(backend);  // it took a step
         playback.run(backend, steps);
         backend.synchronize();
         if (backend.departure()) read(backend, playback, watch, steps);
+        run.work = backend.count_work();
     } catch (const std::exception& error) {
         run.failure = describe(error);
     }

@@ -159,18 +159,23 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
     return particles;
 }
 
-/// Sets `field` on the particles that may move, times `scale`.
+/// Sets `field` on the particles of its region that may move, times `scale`.
 void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double scale,
                const Problem& problem) {
+    std::vector<bool> chosen(out.size(), !field.region);
+    if (field.region) {
+        for (const std::size_t i : particles_in(*field.region, problem.lattice)) chosen[i] = true;
+    }
+    // Drawn for every particle: which numbers one gets does not depend on the region.
     std::mt19937_64 generator(field.seed);
     // Written out, since the standard leaves the values of its distributions to the library.
     const auto uniform = [&] { return std::ldexp(double(generator() >> 11), -52) - 1; };
     for (std::size_t i = 0; i < out.size(); ++i) {
-        glm::dvec3 value = field.everywhere;
+        glm::dvec3 value = field.vector;
         if (field.amplitude > 0) {
             for (int axis = 0; axis < 3; ++axis) value[axis] = field.amplitude * uniform();
         }
-        if (!problem.is_pinned(i)) out[i] = scale * value;
+        if (chosen[i] && !problem.is_pinned(i)) out[i] = scale * value;
     }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <string_view>
 
 #include "harness/bad_input.h"
 #include "harness/dataset.h"
@@ -16,6 +17,10 @@ constexpr int most_edit_steps = 1'000'000'000;
 constexpr int most_edits = 1'000;
 constexpr std::size_t most_triangles = 100'000;
 constexpr std::size_t most_pairs = 100'000;
+
+constexpr std::string_view accepted_regions =
+    R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
+    R"(or {"voxel": [x, y, z]})";
 
 double positive(const JsonValue& value) { return value.number(smallest_quantity, largest_quantity); }
 
@@ -108,8 +113,8 @@ Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
     return parameter;
 }
 
-/// The keys of a region; `object` may have others, which the caller asks for.
-Region read_region(JsonObject& object) {
+/// The region whose keys `object` has, if it has any; it may have others, which the caller asks for.
+std::optional<Region> find_region(JsonObject& object) {
     Region region{.source = object.value()};
     const auto side = object.find("side");
     const auto slices = object.find("slices");
@@ -117,12 +122,10 @@ Region read_region(JsonObject& object) {
     const auto voxel = object.find("voxel");
     const auto from = object.find("from");
     const auto to = object.find("to");
-    const std::string accepted =
-        R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
-        R"(or {"voxel": [x, y, z]})";
+    if (!side && !slices && !fraction && !voxel && !from && !to) return std::nullopt;
     if (int(side.has_value()) + int(voxel.has_value()) + int(from.has_value()) != 1 ||
         from.has_value() != to.has_value() || (slices && fraction) || ((slices || fraction) && !side)) {
-        object.value().refuse(accepted);
+        object.value().refuse(accepted_regions);
     }
     if (side) {
         const std::string name = side->one_of({"x-", "x+", "y-", "y+", "z-", "z+"});
@@ -140,6 +143,12 @@ Region read_region(JsonObject& object) {
     return region;
 }
 
+Region read_region(JsonObject& object) {
+    std::optional<Region> region = find_region(object);
+    if (!region) object.value().refuse(accepted_regions);
+    return *std::move(region);
+}
+
 Region read_region_alone(const JsonValue& value) {
     JsonObject object = value.object();
     Region region = read_region(object);
@@ -150,14 +159,24 @@ Region read_region_alone(const JsonValue& value) {
 InitialField read_initial_field(const JsonValue& value) {
     InitialField field;
     if (value.is_array()) {
-        field.everywhere = vector(value);
+        field.vector = vector(value);
         return field;
     }
-    if (!value.is_object()) value.refuse("[x, y, z] or {\"random\": AMPLITUDE, \"seed\": NUMBER}");
+    const std::string accepted =
+        R"([x, y, z], {"vector": [x, y, z]} or {"random": AMPLITUDE, "seed": NUMBER}, to either a region)";
+    if (!value.is_object()) value.refuse(accepted);
     JsonObject object = value.object();
-    field.amplitude = positive(object.require("random", "an amplitude"));
-    field.seed =
-        std::uint64_t(object.require("seed", "a whole number").integer(0, (std::int64_t{1} << 53) - 1));
+    const auto same = object.find("vector");
+    const auto amplitude = object.find("random");
+    if (same.has_value() == amplitude.has_value()) value.refuse(accepted);
+    if (same) {
+        field.vector = vector(*same);
+    } else {
+        field.amplitude = positive(*amplitude);
+        field.seed =
+            std::uint64_t(object.require("seed", "a whole number").integer(0, (std::int64_t{1} << 53) - 1));
+    }
+    field.region = find_region(object);
     object.finish();
     return field;
 }

@@ -54,11 +54,13 @@ struct PointLoad {
     glm::dvec3 force{0};  ///< on each particle of the region
 };
 
-/// An initial vector field: one vector everywhere, or seeded random components within +-amplitude.
+/// An initial vector field: the same vector for every particle, or seeded random components within
+/// +-amplitude.
 struct InitialField {
-    glm::dvec3 everywhere{0};
+    glm::dvec3 vector{0};
     double amplitude = 0;  ///< 0: not random
     std::uint64_t seed = 0;
+    std::optional<Region> region{};  ///< the others are at rest; absent: everywhere
 };
 
 struct TimeStep {

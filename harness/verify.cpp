@@ -80,7 +80,7 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 }
 
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
-                   int steps, Formulation formulation) {
+                   int steps, Formulation formulation, double admitted) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Comparison result;
     result.relative_l2 = result.max = result.rms = infinity;  // until every component has been compared
@@ -121,7 +121,7 @@ Comparison compare(const Problem& problem, const State& state, const State& refe
         result.relative_l2 = infinity;
     }
 
-    result.tolerance = rounding_tolerance(problem, reference, precision, steps, formulation);
+    result.tolerance = rounding_tolerance(problem, reference, precision, steps, formulation) + admitted;
     if (!(result.max <= result.tolerance)) {
         reason << "particle " << result.worst << " is off by " << result.max << ", tolerance "
                << result.tolerance;

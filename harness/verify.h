@@ -16,7 +16,7 @@ struct Comparison {
     double max = 0;          ///< largest |u_i - u_ref_i|
     double rms = 0;          ///< root mean square of |u_i - u_ref_i|
     std::size_t worst = 0;   ///< particle with the largest difference, or the first that is not finite
-    double tolerance = 0;    ///< on `max`
+    double tolerance = 0;    ///< on `max`: for rounding, and what was admitted
     std::string reason;      ///< empty: passed; otherwise why not
     bool passed() const { return reason.empty(); }
 };
@@ -64,8 +64,9 @@ double forced_acceleration(const Problem& problem);
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position);
 
-/// Finiteness first, then sizes, then every component, against rounding_tolerance().
+/// Finiteness first, then sizes, then every component, against rounding_tolerance() and what is `admitted` on
+/// top of it, a length.
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
-                   int steps, Formulation formulation = Formulation::position);
+                   int steps, Formulation formulation = Formulation::position, double admitted = 0);
 
 }  // namespace voxspring

@@ -165,6 +165,23 @@ TEST(Chaos, IsFoundWhereTwoOrdersOfSummationPart) {
     EXPECT_FALSE(judge(truth, state, spec).passed());
 }
 
+// --- What is asked for -----------------------------------------------------------------------------------
+
+TEST(Judge, AdmitsTheErrorThatSleepAsksFor) {
+    Scene scene;
+    scene.problem = make_lattice_problem(solid({5, 4, 6}), FACE_BITS | EDGE_BITS);
+    scene.problem.lattice.spacing = {2, 0.5, 1};
+    scene.state = state_at_rest(scene.problem);
+    const Truth truth{scene.problem, 40, scene.state, {}, {}};
+    const auto tolerance = [&](const std::string& spec) {
+        return judge(truth, scene.state, BackendSpec::parse(spec)).tolerance;
+    };
+    const double rounding = tolerance("cpu_parallel");
+    EXPECT_DOUBLE_EQ(tolerance("cpu_parallel:sleep=1e-4"), rounding + 40 * 1e-4 * 0.5);
+    EXPECT_EQ(tolerance("cpu_parallel:sleep=off"), rounding);
+    EXPECT_EQ(tolerance("cpu_parallel:rest=flush"), rounding);
+}
+
 // --- The cache -------------------------------------------------------------------------------------------
 
 class Cache : public ::testing::Test {

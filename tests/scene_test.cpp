@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <glm/geometric.hpp>
 #include <nlohmann/json.hpp>
 
 #include "backends/physics/neighbours.h"
@@ -57,6 +59,7 @@ TEST(Scene, BuiltinScenesHaveTheirCounts) {
          {Expected{"box", 32768, 32768, 279744, 1024}, Expected{"heart", 140760, 29449, 220507, 8188},
           Expected{"heart@120x102x92", 1126080, 236609, 1949461, 68965},
           Expected{"beam", 8192, 8192, 63456, 64}, Expected{"free", 13824, 13824, 115920, 0},
+          Expected{"poke", 262144, 262144, 2298240, 0}, Expected{"poke@1x2x3", 6, 6, 11, 0},
           Expected{"box@5", 125, 125, 780, 25}}) {
         SCOPED_TRACE(expected.argument);
         const Scene scene = load_scene(expected.argument);
@@ -76,8 +79,19 @@ TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
         names.push_back(scene.name);
         EXPECT_EQ(load_scene(scene.name).description, scene.description);
     }
-    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart", "scalpel_1", "scalpel_10",
-                                               "scalpel_100"}));
+    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart", "poke", "scalpel_1",
+                                               "scalpel_10", "scalpel_100"}));
+}
+
+TEST(Scene, PokeMovesOnlyTheCorner) {
+    for (const std::string dims : {"", "@8"}) {
+        const Scene scene = load_scene("poke" + dims);
+        EXPECT_EQ(scene.problem.gravity, glm::dvec3(0));
+        EXPECT_NEAR(glm::length(scene.state.displacement[0]), 0.3, 1e-15);
+        EXPECT_EQ(std::count(scene.state.displacement.begin(), scene.state.displacement.end(), glm::dvec3(0)),
+                  std::ptrdiff_t(scene.problem.particle_count()) - 1);
+        EXPECT_EQ(scene.state.increment, state_at_rest(scene.problem).increment);
+    }
 }
 
 TEST(Scene, EditsAreFoundOneAfterTheOther) {
@@ -216,6 +230,27 @@ TEST(Scene, InitialState) {
     EXPECT_EQ(scene.state.increment[1], glm::dvec3(2, 0, -1));
 }
 
+TEST(Scene, InitialStateOfARegion) {
+    const Scene scene = box_with(R"("pinned": {"voxel": [0, 0, 0]}, "time_step": 0.5, "initial": {
+        "displacement": {"vector": [1, 2, 3], "from": [0, 0, 0], "to": [1, 0, 9]},
+        "velocity": {"vector": [4, 0, -2], "side": "x+", "slices": 2}})");
+    for (std::size_t i = 0; i < 24; ++i) {
+        const glm::dvec3 at = scene.problem.rest_position[i];
+        const bool displaced = at.x <= 1 && at.y == 0 && i != 0;
+        EXPECT_EQ(scene.state.displacement[i], displaced ? glm::dvec3(1, 2, 3) : glm::dvec3(0)) << i;
+        EXPECT_EQ(scene.state.increment[i], at.x >= 2 ? glm::dvec3(2, 0, -1) : glm::dvec3(0)) << i;
+    }
+    // Without a region it is the short form, and a region leaves the numbers as they are.
+    EXPECT_EQ(box_with(R"("initial": {"velocity": {"vector": [4, 0, -2]}})").state.increment,
+              box_with(R"("initial": {"velocity": [4, 0, -2]})").state.increment);
+    const auto random = [](const std::string& region) {
+        return box_with(R"("initial": {"displacement": {"random": 0.25, "seed": 5)" + region + "}}")
+            .state.displacement;
+    };
+    const auto everywhere = random(""), above = random(R"(, "side": "z+")");
+    for (std::size_t i = 0; i < 24; ++i) EXPECT_EQ(above[i], i < 12 ? glm::dvec3(0) : everywhere[i]) << i;
+}
+
 TEST(Scene, RandomStatesRepeat) {
     const auto random = [](const std::string& seed) {
         return box_with(R"("initial": {"displacement": {"random": 0.25, "seed": )" + seed + "}}")
@@ -330,8 +365,8 @@ TEST(Scene, BadArgumentsAreRefused) {
     };
     EXPECT_EQ(
         refused("bax"),
-        "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart, scalpel_1, "
-        "scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
+        "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart, poke, "
+        "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
     for (const std::string suffix :
          {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"}) {
         EXPECT_EQ(refused("box" + suffix),

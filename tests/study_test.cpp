@@ -454,11 +454,24 @@ TEST_P(LostDevice, KeepsWhatWasFinishedAndNamesTheRest) {
                 ::testing::AllOf(HasSubstr("failed: device lost, seen in"), HasSubstr("losing_two")));
 }
 
+TEST(Study, WorkIsThatOfAStepAfterTheBatch) {
+    Study study = study_of({"cpu_parallel:rest=skip", "cpu_parallel:rest=step"});
+    study.repetitions = 1;
+    study.scenes = {{"poke@32", 4, {}}};
+    const nlohmann::json result = run_study(study, {});
+    ASSERT_EQ(result.at("verification").size(), 2u);
+    // Right after the upload it would be all of them.
+    const auto& work = result.at("verification")[0].at("work");
+    EXPECT_GT(work.at("tiles_stepped"), 0);
+    EXPECT_LT(work.at("tiles_stepped"), work.at("tiles"));
+    EXPECT_FALSE(result.at("verification")[1].contains("work"));
+}
+
 TEST(BuiltinStudies, AllLoad) {
     std::vector<std::string> names;
     for (const auto& study : builtin_studies()) names.push_back(study.name);
-    EXPECT_THAT(names, ::testing::IsSupersetOf(
-                           {"default", "figure7", "figure8", "pareto", "smoke", "table1", "tuning"}));
+    EXPECT_THAT(names, ::testing::IsSupersetOf({"default", "figure7", "figure8", "pareto", "skips", "smoke",
+                                                "table1", "tuning"}));
 }
 
 }  // namespace

@@ -22,6 +22,8 @@ SCENES = [
     {"dataset": BOX, "pinned": [{"side": "z-", "slices": 1}, {"from": [0, 0, 0], "to": [1, 1, 1]}],
      "initial": {"displacement": {"random": 0.1, "seed": 7}, "velocity": [1, 0, 0]},
      "loads": [{"voxel": [3, 2, 1], "force": [0, 0, 1]}]},
+    {"dataset": BOX, "initial": {"displacement": {"vector": [0.1, 0, 0], "from": [0, 0, 0], "to": [1, 1, 1]},
+                                 "velocity": {"random": 0.1, "seed": 7, "side": "x+", "fraction": 0.5}}},
     {"dataset": {"type": "volume", "file": "volume.nrrd", "threshold": 1}, "spacing": 3},
     {"dataset": {"type": "volume", "file": "volume.nrrd", "labels": [1, 2]},
      "mass": {"1": 1, "2": 2}, "stiffness": {"1": 1, "2": 0.25}},
@@ -30,7 +32,7 @@ SCENES = [
 WORDS = [
     "dataset", "type", "box", "heart", "volume", "dims", "file", "threshold", "labels", "spring_groups", "face",
     "edge", "corner", "spacing", "mass", "stiffness", "damping", "gravity", "time_step", "fraction_of_stable",
-    "fraction_of_limit",
+    "fraction_of_limit", "vector",
     "pinned", "side", "slices", "fraction", "from", "to", "voxel", "initial", "displacement", "velocity", "random",
     "seed", "loads", "force", "edits", "step", "cut",
     "suture", "plane", "point", "normal", "triangles", "ball", "centre", "radius", "pairs", "within", "repeat", "times",
