@@ -1,6 +1,7 @@
 // Errors: their references, the cache of those, what runs conserve, when they diverge, and what is advised.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -205,7 +206,9 @@ protected:
         return found;
     }
 
-    const std::filesystem::path folder_ = std::filesystem::path(::testing::TempDir()) / "error_test_cache";
+    // One a process: tests run at the same time.
+    const std::filesystem::path folder_ =
+        std::filesystem::path(::testing::TempDir()) / ("error_test_cache_" + std::to_string(getpid()));
     const Scene scene_ = Oscillator{0.1, -0.02, 0.1, 0.03, 0.2}.scene();
     mutable References expected_{no_cache()};
 };
