@@ -133,8 +133,64 @@ def tuning():
     return table(["strategy", "scene", "default (us)", "best (us)", "with"], rows)
 
 
+FORMULATIONS = ["paper", "position", "displacement", "increment", "compensated"]
+
+
+def tuned(row):
+    """Whether anything but the fetch path is not at its default."""
+    return any("=" in part and not part.startswith("fetch=") for part in row["name"].split("/iterations:")[0].split("/")[4:])
+
+
+def formulations():
+    """Time of position, and for each formulation its multiple and its rounding error."""
+    rows = [row for row in medians("formulations") if not tuned(row)]
+    cells = {}
+    for row in rows:
+        cells.setdefault((row["scene"], contender(row)), {})[row["formulation"]] = row
+    lines = []
+    for (scene, name), by_formulation in cells.items():
+        base = by_formulation["position"]["real_time"]
+        lines.append([f"{name}, {scene}", microseconds(base)] +
+                     [f"{by_formulation[f]['real_time'] / base:.2f} ({by_formulation[f]['error_relative_l2']:.1e})"
+                      for f in FORMULATIONS])
+    return table(["10000 steps", "position (us a step)"] + FORMULATIONS, lines)
+
+
+def stress():
+    """The largest figure of any backend against the gates about rounding."""
+    rows = json.loads((RESULTS / "stress.json").read_text())["stress"]
+    worst = {}
+    for row in rows:
+        if row["part"] not in (7, 9) or row["precision"] != "float32":
+            continue
+        entry = worst.setdefault((row["measurement"], row["scene"], row["steps"]), {})
+        measured = float("inf") if row["measured"] is None else row["measured"]
+        known = entry.get(row["formulation"], (0, None))
+        entry[row["formulation"]] = (max(known[0], measured), row["gate"])
+    def cell(figure):
+        measured, gate = figure
+        return f"{measured:.1e}" + (f" (gate {gate:.1e})" if gate is not None else "")
+    return table(["largest error of any strategy"] + FORMULATIONS,
+                 [[f"{measurement}, {scene}, {count} steps"] + [cell(entry[f]) for f in FORMULATIONS]
+                  for (measurement, scene, count), entry in worst.items() if len(entry) == len(FORMULATIONS)])
+
+
+def stability():
+    """The range of measured over theoretical limits, over all backends and scenes."""
+    rows = json.loads((RESULTS / "stability.json").read_text())["stability"]
+    ranges = {}
+    for row in rows:
+        start = row["start"]
+        kind = f"{start['kind']} {start['amplitude'] or start['stretch']:g}, damping {row['damping']:g}"
+        ranges.setdefault(kind, {}).setdefault(row["formulation"], []).append(row["ratio"])
+    return table(["measured over theory"] + FORMULATIONS,
+                 [[kind] + [f"{min(entry[f]):.4f} to {max(entry[f]):.4f}" for f in FORMULATIONS]
+                  for kind, entry in ranges.items()])
+
+
 TABLES = {"limits": lambda: limits("table1"), "table1": lambda: steps("table1"), "figure7": lambda: steps("figure7"),
-          "figure8": scaling, "edits": edits, "tuning": tuning}
+          "figure8": scaling, "edits": edits, "tuning": tuning, "formulations": formulations, "stress": stress,
+          "stability": stability}
 
 
 def main():

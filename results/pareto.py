@@ -70,7 +70,7 @@ def draw_fronts(axes, rows):
         axes.step(*zip(*front), where="post", color="#444444", linewidth=1.1, linestyle=style, zorder=2,
                   label=f"front on {short(device)}")
     axes.set(xscale="log", yscale="log", xlabel=f"run time to t = {rows[0]['end_time']:.3g} (s)")
-    axes.legend(frameon=False, fontsize=7.5, loc="lower left")
+    axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=7.5, loc="lower left")
 
 
 def draw_curves(axes, rows):
