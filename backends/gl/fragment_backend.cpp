@@ -277,6 +277,9 @@ void FragmentBackend::write(const TexelEdit& edit) {
     glBindImageTexture(0, frame(0).targets[0].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
     edit_program_.set("particle_count", int(edit.particles.size()));
     glUseProgram(edit_program_.get());
+    // Image stores may overtake the texture fetches of steps before them: those wait for no barrier, these
+    // do.
+    glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
     constexpr std::size_t group = 64, most_groups = 65535;
     glDispatchCompute(GLuint(std::min((edit.particles.size() + group - 1) / group, most_groups)), 1, 1);
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT |
