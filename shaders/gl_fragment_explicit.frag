@@ -16,8 +16,8 @@ layout(binding = 8) uniform sampler2DArray own_rest;
 uniform float rest_length[3];
 uniform float group_stiffness[3];
 
-// Offset + 1 of each direction, two bits an axis: the first 16, and the others. Shifts are cheaper than a table
-// that each fragment reads elsewhere.
+// Offset + 1 of each direction, two bits an axis: the first 16, and the others. Shifts are cheaper than a
+// table that each fragment reads elsewhere.
 #define PACK_FIRST(bit, dx, dy, dz) | (bit < 16 ? uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31) : uvec3(0))
 #define PACK_OTHER(bit, dx, dy, dz) | (bit < 16 ? uvec3(0) : uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31))
 #define PACK(part) uvec3(0) FACE_NEIGHBOURS(part) EDGE_NEIGHBOURS(part) CORNER_NEIGHBOURS(part)
@@ -51,8 +51,8 @@ void main() {
     }
 #else
     uint end = 0u;
-#define ADD(group)                                                                               \
-    end += bits >> (COUNT_BITS * group) & ((1u << COUNT_BITS) - 1u);                             \
+#define ADD(group)                                                   \
+    end += bits >> (COUNT_BITS * group) & ((1u << COUNT_BITS) - 1u); \
     for (; k < end; ++k) force += pull_of(particle, k, rest_length[group], group_stiffness[group]);
 #ifdef FACES
     ADD(0)

@@ -25,11 +25,11 @@ void main() {
 #define STIFFNESS(group, there) group_stiffness[group]
 #endif
 
-#define ADD(bit, dx, dy, dz, group)                                                           \
-    if ((bits & (1u << bit)) != 0u) {                                                         \
-        ivec2 there = texel + ivec2(dx, dy) + (dz < 0 ? below : dz > 0 ? above : ivec2(0));   \
-        force += pull(particle, there, rest_of(ivec3(dx, dy, dz), bit), rest_length[bit],     \
-                      STIFFNESS(group, there));                                               \
+#define ADD(bit, dx, dy, dz, group)                                                         \
+    if ((bits & (1u << bit)) != 0u) {                                                       \
+        ivec2 there = texel + ivec2(dx, dy) + (dz < 0 ? below : dz > 0 ? above : ivec2(0)); \
+        force += pull(particle, there, rest_of(ivec3(dx, dy, dz), bit), rest_length[bit],   \
+                      STIFFNESS(group, there));                                             \
     }
 #define ADD_FACE(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 0)
 #define ADD_EDGE(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 1)
