@@ -75,9 +75,10 @@ void check_pareto(const Scene& scene, const TimeSteps& time_steps) {
                        "none in a pareto study: springs that change make the order in time one");
     if (!std::isfinite(scene.stable_time_step))
         throw BadInput("scene " + scene.name, "stable time step", "infinite", "a scene with springs");
-    if (steps_of(time_steps, time_steps.fractions.back()) > std::numeric_limits<int>::max() / 2)
+    constexpr int most_steps = std::numeric_limits<int>::max() / 2;  // references take twice as many
+    if (steps_of(time_steps, time_steps.fractions.back()) > double(most_steps))
         throw BadInput("scene " + scene.name, "time_steps", std::to_string(time_steps.fractions.back()),
-                       "fractions that take fewer than 1073741823 steps");
+                       "fractions that take at most " + std::to_string(most_steps) + " steps");
 }
 
 SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contenders,
