@@ -6,7 +6,6 @@
 #include <string>
 
 #include "backends/registry.h"
-#include "cuda/cuda_backend.h"
 
 namespace voxspring::cuda {
 
