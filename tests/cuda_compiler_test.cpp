@@ -9,6 +9,8 @@
 #include "backends/backend.h"
 #include "cuda/compiler.h"
 #include "cuda/layout.h"
+#include "cuda/march.h"
+#include "cuda/march_layout.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -62,6 +64,26 @@ TEST_P(Compiler, CompilesEveryKernel) {
                         EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
                     }
                 }
+            }
+        }
+    }
+}
+
+// Every tile, with and without the terms that a scene may lack.
+TEST(Compiler, CompilesEveryTileOfTheMarch) {
+    for (const char* tile : {"64x8", "64x16", "64x20", "128x8", "128x16", "128x20"}) {
+        for (const Precision precision : {Precision::float32, Precision::float64}) {
+            const MarchTile shape = march_tile(tile, precision);
+            if (shape.shape.warps() == 0) continue;
+            for (const Formulation formulation :
+                 {Formulation::position, Formulation::displacement, Formulation::increment}) {
+                SCOPED_TRACE(std::string(tile) + " " + to_string(precision) + " " + to_string(formulation));
+                Problem problem;
+                problem.group_bits = FACE_BITS | EDGE_BITS;
+                problem.damping = formulation == Formulation::increment ? 0.01 : 0;
+                const KernelSource source = march_source(problem, formulation, shape, precision);
+                const CompiledKernel compiled = compile(source, 90);
+                EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
             }
         }
     }
