@@ -19,10 +19,8 @@ namespace {
 
 constexpr int least_architecture = 90;  // has the copy engine
 
-MarchTile tile_of(const Options& options) {
-    const std::string& tuned = options.tuning.at("tile");
-    const char* const best = options.precision == Precision::float32 ? "128x16" : "64x8";
-    return march_tile(tuned == "auto" ? best : tuned, options.precision);
+MarchTile tile_of(const std::string& tuned, const Problem& problem, Precision precision) {
+    return march_tile(tuned == "auto" ? best_march_tile(problem, precision) : tuned, precision);
 }
 
 std::uint64_t state_bytes(const Axes& axes, Formulation formulation, std::size_t real_bytes) {
@@ -70,12 +68,13 @@ template <class Real>
 class MarchBackend final : public CudaBackend {
 public:
     explicit MarchBackend(const Options& options)
-        : formulation_(options.formulation), tile_(tile_of(options)) {}
+        : formulation_(options.formulation), tuned_(options.tuning.at("tile")) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->synchronize();
         compile_seconds_ = 0;
         problem_ = &problem;
+        tile_ = tile_of(tuned_, problem, precision);
         axes_ = march_axes(problem.lattice, sizeof(Real));
         {
             const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
@@ -139,7 +138,8 @@ private:
         sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
 
     std::string refused(const Problem& problem) const override {
-        if (tile_.shape.warps() == 0) return "tiles of this size are for another precision";
+        const MarchShape shape = tile_of(tuned_, problem, precision).shape;
+        if (shape.warps() == 0) return "tiles of " + tuned_ + " are not for " + to_string(precision);
         const int architecture = this->device().architecture();
         if (architecture < least_architecture)
             return "compute capability " + std::to_string(architecture / 10) + "." +
@@ -152,7 +152,7 @@ private:
         if ((problem.group_bits & CORNER_BITS) != 0) return "corner springs are beyond the march's stencil";
         if (problem.has_materials()) return "the march is for one material";
         if (!problem.load.empty()) return "the march has no place for loads";
-        const auto needed = std::size_t(tile_.shape.shared_bytes(sizeof(Real)));
+        const auto needed = std::size_t(shape.shared_bytes(sizeof(Real)));
         if (needed > this->device().shared_bytes())
             return "tiles of " + std::to_string(needed) + " bytes exceed the " +
                    std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
@@ -160,7 +160,7 @@ private:
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return state_bytes(march_axes(problem.lattice, sizeof(Real)), formulation_, sizeof(Real)) +
-               most_plan_bytes(problem.lattice, tile_.shape);
+               most_plan_bytes(problem.lattice, tile_of(tuned_, problem, precision).shape);
     }
     std::uint64_t bytes_held() const override {
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes() + items_.bytes() +
@@ -208,7 +208,8 @@ private:
     }
 
     const Formulation formulation_;
-    const MarchTile tile_;
+    const std::string tuned_;
+    MarchTile tile_{};
     const Problem* problem_ = nullptr;
     Axes axes_;
     std::array<Buffer<Real>, 2> positions_;
@@ -223,7 +224,7 @@ private:
 
 std::uint64_t march_bytes(const Problem& problem, const Options& options) {
     const std::size_t real = options.precision == Precision::float32 ? sizeof(float) : sizeof(double);
-    const MarchTile tile = tile_of(options);
+    const MarchTile tile = tile_of(options.tuning.at("tile"), problem, options.precision);
     return state_bytes(march_axes(problem.lattice, real), options.formulation, real) +
            (tile.shape.warps() == 0 ? 0 : most_plan_bytes(problem.lattice, tile.shape));
 }

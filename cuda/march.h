@@ -18,7 +18,8 @@ std::unique_ptr<Backend> make_march(const Options& options);
 KernelSource march_source(const Problem& problem, Formulation formulation, const MarchTile& tile,
                           Precision precision);
 
-/// Tiles by their width and height in particles, the default first. auto: what was fastest on an H200.
-inline const TuningValues march_tiles = {"auto", "64x8", "64x16", "64x20", "128x8", "128x16", "128x20"};
+/// Tiles by their width and height in particles, the default first. auto: best_march_tile().
+inline const TuningValues march_tiles = {"auto",  "32x20", "64x8",   "64x16",  "64x20",
+                                         "64x24", "128x8", "128x16", "128x20", "128x24"};
 
 }  // namespace voxspring::cuda

@@ -3,8 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
+#include <functional>
 #include <limits>
+#include <queue>
 #include <utility>
 
 #include "cuda/layout.h"
@@ -205,21 +206,49 @@ private:
     std::vector<std::uint32_t> masks_;
 };
 
-/// How many planes an item should have at most. A block takes three planes' time more than its item has: two
-/// that it shares with others and the first, for which it waits.
+/// The lengths of the parts that a run of planes is cut into, none longer than `most`.
+std::vector<int> parts_of(const MarchItem& run, int most) {
+    const int length = run.end - run.begin, count = ceiling(length, most);
+    std::vector<int> parts;
+    for (int part = 0; part < count; ++part)
+        parts.push_back(length * (part + 1) / count - length * part / count);
+    return parts;
+}
+
+/// When the last of `slots` has nothing left to do, each of which takes the longest item that is left. A
+/// block takes three planes' time more than its item has: two that it shares with others, and the first, for
+/// which it waits.
+int finished_at(std::vector<int> lengths, int slots) {
+    constexpr int extra = 3;
+    std::sort(lengths.begin(), lengths.end(), std::greater<>());
+    std::priority_queue<int, std::vector<int>, std::greater<>> ends;
+    for (int slot = 0; slot < slots; ++slot) ends.push(0);
+    int last = 0;
+    for (const int length : lengths) {
+        const int end = ends.top() + length + extra;
+        ends.pop();
+        ends.push(end);
+        last = std::max(last, end);
+    }
+    return last;
+}
+
+/// How many planes an item should have at most.
 int best_length(const std::vector<MarchItem>& runs, int slots) {
-    constexpr int extra = 3, shortest = 16;
+    constexpr int shortest = 16;
     int longest = 1;
     for (const MarchItem& run : runs) longest = std::max(longest, run.end - run.begin);
-    int best = longest;
-    double least = std::numeric_limits<double>::infinity();
+    int best = longest, least = std::numeric_limits<int>::max();
     for (int parts = 1; parts == 1 || ceiling(longest, parts) >= shortest; ++parts) {
         const int length = ceiling(longest, parts);
-        std::size_t items = 0;
-        for (const MarchItem& run : runs) items += std::size_t(ceiling(run.end - run.begin, length));
-        const double rounds = std::ceil(double(items) / double(slots));
-        if (rounds * (length + extra) < least) {
-            least = rounds * (length + extra);
+        std::vector<int> lengths;
+        for (const MarchItem& run : runs) {
+            const std::vector<int> of_run = parts_of(run, length);
+            lengths.insert(lengths.end(), of_run.begin(), of_run.end());
+        }
+        const int finished = finished_at(std::move(lengths), slots);
+        if (finished < least) {
+            least = finished;
             best = length;
         }
     }
@@ -236,12 +265,24 @@ MarchTile march_tile(const std::string& name, Precision precision) {
         if (name == "128x8") return {{1, 32, 2, 8, 4, 3}, 1};
         return {};
     }
+    if (name == "32x20") return {{2, 16, 1, 5, 3, 2}, 4};
     if (name == "64x8") return {{2, 32, 1, 4, 3, 2}, 5};
     if (name == "64x16") return {{2, 32, 1, 8, 4, 3}, 2};
     if (name == "64x20") return {{2, 32, 1, 10, 4, 2}, 2};
     if (name == "128x16") return {{2, 32, 2, 8, 4, 3}, 1};
+    if (name == "64x24") return {{2, 32, 1, 12, 3, 2}, 2};
     if (name == "128x20") return {{2, 32, 2, 10, 4, 2}, 1};
+    if (name == "128x24") return {{2, 32, 2, 12, 3, 2}, 1};
     return {};
+}
+
+std::string best_march_tile(const Problem& problem, Precision precision) {
+    if (precision == Precision::float64) return "64x8";
+    const Lattice& lattice = problem.lattice;
+    // Narrow tiles hold less that is empty where little is active, and small lattices need many blocks.
+    const bool dense = 2 * problem.particle_count() > lattice.voxel_count();
+    if (lattice.dims.x <= 64) return "64x8";
+    return dense ? "128x20" : "64x16";
 }
 
 Axes march_axes(const Lattice& lattice, std::size_t real_bytes) {
@@ -310,12 +351,11 @@ MarchPlan plan_march(const Problem& problem, const MarchShape& shape, int slots)
     const int length = best_length(runs, slots);
     MarchPlan plan;
     for (const MarchItem& run : runs) {
-        const int parts = ceiling(run.end - run.begin, length);
-        for (int part = 0; part < parts; ++part) {
-            MarchItem item = run;
-            item.begin = run.begin + (run.end - run.begin) * part / parts;
-            item.end = run.begin + (run.end - run.begin) * (part + 1) / parts;
+        MarchItem item = run;
+        for (const int part : parts_of(run, length)) {
+            item.end = item.begin + part;
             plan.items.push_back(item);
+            item.begin = item.end;
         }
     }
     // The longest first, so that what is left at the end is short; else tile by tile at the same height, so
