@@ -47,14 +47,16 @@ __device__ inline void copy_box(std::uint32_t to, const TensorMap& from, int x, 
 }
 
 /// Where one is in a ring: a slot, and the parity of the round.
+template <int slots>
 struct RingPlace {
     int slot = 0;
     std::uint32_t parity = 0;
-    __device__ void advance(int slots) {
-        if (++slot == slots) {
-            slot = 0;
-            parity ^= 1U;
-        }
+
+    __device__ void advance() { *this = ahead(1); }
+    /// `count` slots further on, at most a round.
+    __device__ RingPlace ahead(int count) const {
+        const int next = slot + count;
+        return next < slots ? RingPlace{next, parity} : RingPlace{next - slots, parity ^ 1U};
     }
 };
 
@@ -73,11 +75,10 @@ struct WindowRing {
             empty(slot).make(warps);
         }
     }
-    __device__ void fill(RingPlace& place, const TensorMap& from, int x, int y, int z) const {
+    __device__ void fill(RingPlace<slots> place, const TensorMap& from, int x, int y, int z) const {
         empty(place.slot).wait(place.parity ^ 1U);
         full(place.slot).arrive_expecting(bytes);
         copy_box(windows + std::uint32_t(place.slot * stride), from, x, y, z, full(place.slot));
-        place.advance(slots);
     }
 };
 
@@ -91,7 +92,7 @@ class MarchRings {
 public:
     __device__ MarchRings(unsigned char* shared, const MarchStep<Real>& step, const TensorMap& positions,
                           const TensorMap& befores, const MarchItem& item)
-        : positions_(positions), befores_(befores), item_(item) {
+        : positions_(positions), befores_(befores), item_(item), planes_(step.nz) {
         const std::uint32_t address = shared_address(shared);
         const std::uint32_t barriers = address + PlaneRing::size + BeforeRing::size;
         ring_ = {address, barriers};
@@ -99,9 +100,6 @@ public:
         const int thread = int(threadIdx.x);
         window_ = reinterpret_cast<const Real*>(shared) + shape.own(thread, real);
         before_ = reinterpret_cast<const Real*>(shared + PlaneRing::size) + shape.before_own(thread);
-        plane_ = item.begin == 0 ? 0 : item.begin - 1;
-        last_ = item.end == step.nz ? item.end - 1 : item.end;
-        before_plane_ = item.begin;
         if (thread == 0) {
             ring_.make(shape.warps());
             before_ring_.make(shape.warps());
@@ -110,34 +108,34 @@ public:
         __syncthreads();
         if (thread != 0) return;
         // The last slot of either ring is filled in refill(), which so seldom waits for other warps.
-        for (int n = 0; n + 1 < shape.planes; ++n) fill();
-        for (int n = 0; n + 1 < shape.befores; ++n) fill_before();
+        const int first = item.begin == 0 ? 0 : item.begin - 1;
+        for (int n = 0; n + 1 < shape.planes; ++n) fill(place_.ahead(n), first + n);
+        for (int n = 0; n + 1 < shape.befores; ++n) fill_before(before_place_.ahead(n), item.begin + n);
     }
 
-    /// Asks for planes that slots have become free for, before `plane` arrives.
+    /// Asks for planes that slots have become free for, before `plane` arrives: as many fills are ahead of
+    /// arrivals as the prologue made, so that no more state than theirs is needed.
     __device__ void refill(int plane) {
         if (threadIdx.x != 0) return;
-        fill();
-        if (plane > item_.begin) fill_before();
+        fill(place_.ahead(shape.planes - 2), plane + shape.planes - 2);
+        if (plane > item_.begin)
+            fill_before(before_place_.ahead(shape.befores - 1), plane + shape.befores - 2);
     }
     __device__ static bool any(bool here) { return __any_sync(~0U, int(here)) != 0; }
     __device__ const Real* arrive() {
-        newest_ = place_.slot;
-        ring_.full(newest_).wait(place_.parity);
-        place_.advance(shape.planes);
-        return window_ + newest_ * (shape.window_bytes(real) / real);
+        const int slot = place_.slot;
+        ring_.full(slot).wait(place_.parity);
+        place_.advance();
+        return window_ + slot * (shape.window_bytes(real) / real);
     }
-    __device__ void release() {
-        const int before = newest_ == 0 ? shape.planes - 1 : newest_ - 1;
-        release(ring_.empty(before));
-    }
+    __device__ void release() { release(ring_.empty(place_.ahead(shape.planes - 2).slot)); }
     __device__ const Real* before() {
         before_ring_.full(before_place_.slot).wait(before_place_.parity);
         return before_ + before_place_.slot * (shape.before_bytes(real) / real);
     }
     __device__ void release_before() {
         release(before_ring_.empty(before_place_.slot));
-        before_place_.advance(shape.befores);
+        before_place_.advance();
     }
 
 private:
@@ -145,15 +143,13 @@ private:
         __syncwarp();
         if (threadIdx.x % 32 == 0) empty.arrive();
     }
-    __device__ void fill() {
-        if (plane_ > last_) return;
-        ring_.fill(fill_place_, positions_, item_.x - shape.margin(real), item_.y - 1, plane_);
-        ++plane_;
+    __device__ void fill(RingPlace<shape.planes> place, int plane) const {
+        // The plane above the item's last is the last to arrive, if there is one.
+        if (plane <= item_.end && plane < planes_)
+            ring_.fill(place, positions_, item_.x - shape.margin(real), item_.y - 1, plane);
     }
-    __device__ void fill_before() {
-        if (before_plane_ == item_.end) return;
-        before_ring_.fill(fill_before_place_, befores_, item_.x, item_.y, before_plane_);
-        ++before_plane_;
+    __device__ void fill_before(RingPlace<shape.befores> place, int plane) const {
+        if (plane < item_.end) before_ring_.fill(place, befores_, item_.x, item_.y, plane);
     }
 
     const TensorMap& positions_;
@@ -163,9 +159,9 @@ private:
     BeforeRing before_ring_;
     const Real* window_;
     const Real* before_;
-    int plane_, last_, before_plane_;  ///< that are to be asked for next
-    int newest_ = 0;
-    RingPlace place_, before_place_, fill_place_, fill_before_place_;
+    int planes_;  ///< of the lattice
+    RingPlace<shape.planes> place_;
+    RingPlace<shape.befores> before_place_;
 };
 
 }  // namespace voxspring::cuda
