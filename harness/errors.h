@@ -6,6 +6,7 @@
 #include <string>
 
 #include "backends/registry.h"
+#include "harness/conserved.h"
 #include "harness/reference.h"
 #include "harness/scene.h"
 #include "harness/verify.h"
@@ -19,6 +20,7 @@ struct Truth {
     State same_step;  ///< float64 at the same time step: the rounding error is the difference from it
     Refined refined;  ///< float64 without a time step: the total error is
     Chaos chaos;
+    Conserved conserved = {};  ///< of same_step
 };
 
 /// compare() with the truth, admitting the error that a tuning asks for (`sleep`); where float64 itself

@@ -204,6 +204,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, cons
                 references.after(scene, steps),
                 {},
                 references.chaos(scene, steps)};
+    truth.conserved = conserved(truth.problem, truth.same_step);
     if (batch.total_error) {
         truth.refined = references.refined(scene, {scene.problem.time_step, steps}, {steps});
     } else {
