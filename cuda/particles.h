@@ -165,6 +165,17 @@ protected:
                       source(low_[from], textures_[1][from]), output);
     }
 
+    /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu).
+    template <class... Arguments>
+    void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const Step& step,
+                               const Arguments&... arguments) const {
+        Word<Real>* const words = words_[std::size_t(current())].data();
+        Word<Real>* const previous = words_[std::size_t(1 - current())].data();
+        Real* const increment = increment_.data();
+        const std::size_t pitch = increment_pitch(placement_);
+        kernel.launch_together(stream(), grid, block, step, words, previous, increment, pitch, arguments...);
+    }
+
     void enqueue_step(int reading) override {
         launch_kernel(*launch_.kernel, launch_.grid, launch_.block, launch_.shared_bytes, launch_.step,
                       reading);

@@ -24,6 +24,7 @@ nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& li
         if (value) all[name] = *value;
     };
     add("grid_barrier_seconds", limits.grid_barrier_seconds);
+    add("exchange_seconds", limits.exchange_seconds);
     add("float64_operations_per_second", limits.float64_operations_per_second);
     add("compute_shader_float32_operations_per_second", limits.compute_shader_float32_operations_per_second);
     return all;
@@ -72,6 +73,8 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
         if (value("launch_seconds") > 0) out << ", a launch " << si(value("launch_seconds"), "s");
         if (value("grid_barrier_seconds") > 0)
             out << ", a grid barrier " << si(value("grid_barrier_seconds"), "s");
+        if (value("exchange_seconds") > 0)
+            out << ", an exchange between blocks " << si(value("exchange_seconds"), "s");
         const double fragment = value("float32_operations_per_second");
         const double compute = value("compute_shader_float32_operations_per_second");
         out << ", float32 " << si(fragment, "op/s");

@@ -8,6 +8,7 @@
 
 #include "backends/backend.h"
 #include "cuda/compiler.h"
+#include "cuda/kernels/resident.h"
 #include "cuda/layout.h"
 
 namespace voxspring::cuda {
@@ -64,6 +65,33 @@ TEST_P(Compiler, CompilesEveryKernel) {
                 }
             }
         }
+    }
+}
+
+TEST_P(Compiler, CompilesTheResidentKernel) {
+    if (GetParam() == Formulation::compensated) return;  // its points do not fit into a tagged word
+    struct Variant {
+        int borders;
+        const char* masked;
+        int architecture;
+    };
+    for (const auto& [borders, masked, architecture] :
+         {Variant{(1 << border_kinds) - 1, "0", 90}, Variant{1 << mixed_border, "1", 75}}) {
+        const KernelSource source{
+            "resident.cu",
+            {{"REAL", "float"},
+             {"FETCH", "PastL1"},
+             {"THREADS", "512"},
+             {"BLOCKS", "1"},
+             {"LANES", "256"},
+             {"POLLERS", "256"},
+             {"ROUNDS", "2"},
+             {"SLOTS", "768"},
+             {"BORDERS", std::to_string(borders)},
+             {"MASKED", masked},
+             {"TERMS", "KernelTerms<Formulation::" + to_string(GetParam()) + ",262143u," +
+                           std::to_string(all_terms & ~term_materials) + "u,true>"}}};
+        EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
     }
 }
 
