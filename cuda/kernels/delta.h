@@ -1,0 +1,196 @@
+// Explicit addressing by delta-compressed lists. The body of the kernel; cuda/README.md draws the layout.
+//
+// Particles are in canonical order, without their grid. The neighbours of a particle lie in nine rows of
+// voxels, and particles of a row follow one another in that order as well. So a list says how much further
+// on, in particles, each of the other eight rows goes on, and a particle's mask which of the neighbours it
+// has a spring to. The deltas seldom change along a row: all particles of a run share one list, and where the
+// next list begins is a bit a particle. Springs beyond the lattice have lists of their own, by slices.
+#pragma once
+
+#ifndef __CUDACC_RTC__
+#include <bit>
+#endif
+
+#include "cuda/kernels/implicit.h"
+
+namespace voxspring::cuda {
+
+/// Particles of a slice, those that a warp steps.
+inline constexpr int slice_particles = 32;
+
+/// The rows about a particle's own by (dy, dz), those of its faces first.
+inline constexpr int row_count = 8;
+// clang-format off
+#define NEIGHBOUR_ROWS(X) \
+    X(0, -1, 0) X(1, 1, 0) X(2, 0, -1) X(3, 0, 1) X(4, -1, -1) X(5, 1, 1) X(6, 1, -1) X(7, -1, 1)
+// clang-format on
+
+/// The number of row (dy, dz), or row_count of a particle's own.
+VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
+    int number = row_count;
+#define ROW(row, y, z) \
+    if (dy == (y) && dz == (z)) number = row;
+    NEIGHBOUR_ROWS(ROW)
+#undef ROW
+    return number;
+}
+
+/// What to add to the index of a particle of a run for that of its neighbour in the middle of each row; the
+/// neighbours before and behind that one are one less and one more.
+struct alignas(16) RowDeltas {
+    FourDeltas rows[2];
+    /// Bit r: there is nobody in the middle of row r but somebody on either side, so that who is behind has
+    /// the index of the middle.
+    std::uint32_t gaps;
+    std::uint32_t unused[3];
+    bool operator==(const RowDeltas&) const = default;
+};
+
+/// Everything a step needs besides positions: what an implicit step has but for the grid, and the lists.
+template <class Real>
+struct DeltaStep : ImplicitStep<Real> {
+    int particles;  ///< particle i is word first + i
+    const Slice* slices;
+    const RowDeltas* lists;
+    // Springs beyond the lattice; null: there are none. Slot s of particle l of a slice is element (own_begin
+    // + s) slice_particles + l. An unused slot names its own particle and has no stiffness.
+    const std::uint32_t* own_neighbour;
+    const SpringConstants<Real>* own_constants;
+    const SpringRest<Real>* own_rest;  ///< null on positions
+    bool operator==(const DeltaStep&) const = default;
+};
+
+/// Slots of springs beyond the lattice come, and are read, in multiples of this.
+inline constexpr int own_chunk = 2;
+
+/// How many of bits 0 to `lane` are set.
+VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
+    const std::uint32_t counted = bits & 0xFFFFFFFFU >> (31U - lane);
+#ifdef __CUDA_ARCH__
+    return __popc(counted);
+#else
+    return std::popcount(counted);
+#endif
+}
+
+/// A list as a particle holds it: what its words are to its own.
+struct ListedDeltas {
+    FourDeltas near, far;
+    /// From the particle to the middle of row (dy, dz).
+    VOXSPRING_HOST_DEVICE int operator()(int dy, int dz) const {
+        const int row = row_number(dy, dz);
+        return row == row_count ? 0 : row < 4 ? near.row[row] : far.row[row - 4];
+    }
+};
+
+#ifdef __CUDACC__
+template <class Real>
+__device__ Vector<Real> from_lane_beside(Vector<Real> v, int dx) {
+    constexpr unsigned all = 0xFFFFFFFFU;
+    if (dx < 0)
+        return {__shfl_up_sync(all, v.x, 1), __shfl_up_sync(all, v.y, 1), __shfl_up_sync(all, v.z, 1)};
+    return {__shfl_down_sync(all, v.x, 1), __shfl_down_sync(all, v.y, 1), __shfl_down_sync(all, v.z, 1)};
+}
+/// `point` of the lane beside, in a warp of which all lanes ask.
+template <class Real>
+__device__ Point<Real, false> from_lane_beside(const Point<Real, false>& point, int dx) {
+    return {from_lane_beside(point.high, dx)};
+}
+template <class Real>
+__device__ Point<Real, true> from_lane_beside(const Point<Real, true>& point, int dx) {
+    return {from_lane_beside(point.high, dx), from_lane_beside(point.low, dx)};
+}
+#endif
+
+/// The force of the lattice springs of particle `self`, number `lane` of its slice.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, const Slice& slice, int index,
+                                                std::uint32_t lane, const Self<Real, Terms::split>& self,
+                                                const Current& current) {
+    const RowDeltas* list = step.lists + slice.list + rank(slice.starts, lane);
+    const ListedDeltas delta{current.entry(&list->rows[0]), current.entry(&list->rows[1])};
+#ifdef __CUDA_ARCH__
+    if constexpr (Terms::compiled(term_interior)) {
+        constexpr unsigned all = 0xFFFFFFFFU;
+        const bool whole = (self.bits & Terms::groups) == Terms::groups;
+        // One list is everybody's where none but the first particle's begins.
+        if (__activemask() == all && slice.starts >> 1 == 0 && __all_sync(all, int(whole)) != 0) {
+            const auto compliance = [&](int dx, int dy, int dz) {
+                return step.compliance[index + delta(dy, dz) + dx];
+            };
+#ifdef SHUFFLES
+            constexpr int rows = row_count + 1;
+            Point<Real, Terms::split> middle[rows];
+#define LOAD_MIDDLE(row, dy, dz) middle[row] = current.point(index + delta(dy, dz), 0);
+            NEIGHBOUR_ROWS(LOAD_MIDDLE)
+#undef LOAD_MIDDLE
+            middle[row_count] = self.point;
+            const auto neighbour = [&](int dx, int dy, int dz) {
+                Point<Real, Terms::split> point = middle[row_number(dy, dz)];
+                if (dx == 0) return point;
+                point = from_lane_beside(point, dx);
+                if (lane == (dx < 0 ? 0 : slice_particles - 1))
+                    point = current.point(index + delta(dy, dz), dx);
+                return point;
+            };
+#else
+            const auto neighbour = [&](int dx, int dy, int dz) {
+                return current.point(index + delta(dy, dz), dx);
+            };
+#endif
+            return implicit_force<Terms, true>(step, self, neighbour, compliance);
+        }
+    }
+#endif
+    const std::uint32_t gaps = current.entry(&list->gaps);
+    // What the neighbour is dx on from: nearer by one who is missing in between.
+    const auto row = [&](int dx, int dy, int dz) {
+        const int number = row_number(dy, dz);
+        return index + delta(dy, dz) - (dx > 0 && number < row_count ? int(gaps >> number & 1U) : 0);
+    };
+    return implicit_force<Terms, false>(
+        step, self, [&](int dx, int dy, int dz) { return current.point(row(dx, dy, dz), dx); },
+        [&](int dx, int dy, int dz) { return step.compliance[row(dx, dy, dz) + dx]; });
+}
+
+/// Adds the forces of its springs beyond the lattice.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE Vector<Real> with_own_springs(Vector<Real> force, const DeltaStep<Real>& step,
+                                                    const Slice& slice, std::uint32_t lane,
+                                                    const Self<Real, Terms::split>& self,
+                                                    const Current& current) {
+    for (std::uint32_t slot = 0; slot < slice.own_slots; slot += own_chunk) {
+        const std::size_t at = (std::size_t(slice.own_begin) + slot) * slice_particles + lane;
+        Point<Real, Terms::split> other[own_chunk];
+        for (int s = 0; s < own_chunk; ++s)
+            other[s] = current.point(int(current.entry(step.own_neighbour + at + s * slice_particles)), 0);
+        for (int s = 0; s < own_chunk; ++s) {
+            const std::size_t element = at + std::size_t(s) * slice_particles;
+            const SpringConstants<Real> constants = current.entry(step.own_constants + element);
+            SpringRest<Real> rest{};
+            if constexpr (!Terms::positions) rest = step.own_rest[element];
+            const Pull<Real> pull = unit_pull<Terms>(self.point - other[s], rest, constants.rest_length,
+                                                     step.motion.shortest_squared);
+            force = fused(pull.offset, pull.density * constants.stiffness, force);
+        }
+    }
+    return force;
+}
+
+/// Steps particle i.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE void step_by_deltas(const DeltaStep<Real>& step, int i, const Current& current,
+                                          const Output<Real>& output) {
+    if (i >= step.particles) return;
+    const auto lane = std::uint32_t(i % slice_particles);
+    const int index = step.first + i;
+    const Slice slice = current.entry(step.slices + i / slice_particles);
+    const Self<Real, Terms::split> self = current.self(index);
+    const Before<Real> before = load_before<Terms>(output, index);
+    Vector<Real> force = listed_force<Terms>(step, slice, index, lane, self, current);
+    if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
+        force = with_own_springs<Terms>(force, step, slice, lane, self, current);
+    advance<Terms>(step.motion, output, index, self, before, force);
+}
+
+}  // namespace voxspring::cuda
