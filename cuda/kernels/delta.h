@@ -83,65 +83,28 @@ struct ListedDeltas {
     }
 };
 
-#ifdef __CUDACC__
+/// The list of a particle, number `lane` of its slice.
 template <class Real>
-__device__ Vector<Real> from_lane_beside(Vector<Real> v, int dx) {
-    constexpr unsigned all = 0xFFFFFFFFU;
-    if (dx < 0)
-        return {__shfl_up_sync(all, v.x, 1), __shfl_up_sync(all, v.y, 1), __shfl_up_sync(all, v.z, 1)};
-    return {__shfl_down_sync(all, v.x, 1), __shfl_down_sync(all, v.y, 1), __shfl_down_sync(all, v.z, 1)};
+VOXSPRING_HOST_DEVICE const RowDeltas* list_of(const DeltaStep<Real>& step, const Slice& slice,
+                                               std::uint32_t lane) {
+    return step.lists + slice.list + rank(slice.starts, lane);
 }
-/// `point` of the lane beside, in a warp of which all lanes ask.
-template <class Real>
-__device__ Point<Real, false> from_lane_beside(const Point<Real, false>& point, int dx) {
-    return {from_lane_beside(point.high, dx)};
+template <class Current>
+VOXSPRING_HOST_DEVICE ListedDeltas read_deltas(const RowDeltas* list, const Current& current) {
+    return {current.entry(&list->rows[0]), current.entry(&list->rows[1])};
 }
-template <class Real>
-__device__ Point<Real, true> from_lane_beside(const Point<Real, true>& point, int dx) {
-    return {from_lane_beside(point.high, dx), from_lane_beside(point.low, dx)};
-}
-#endif
 
-/// The force of the lattice springs of particle `self`, number `lane` of its slice.
+/// The force of the lattice springs of the particle of word `index`, whose list is `list`.
 template <class Terms, class Real, class Current>
-VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, const Slice& slice, int index,
-                                                std::uint32_t lane, const Self<Real, Terms::split>& self,
+VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, const RowDeltas* list, int index,
+                                                const Self<Real, Terms::split>& self,
                                                 const Current& current) {
-    const RowDeltas* list = step.lists + slice.list + rank(slice.starts, lane);
-    const ListedDeltas delta{current.entry(&list->rows[0]), current.entry(&list->rows[1])};
-#ifdef __CUDA_ARCH__
-    if constexpr (Terms::compiled(term_interior)) {
-        constexpr unsigned all = 0xFFFFFFFFU;
-        const bool whole = (self.bits & Terms::groups) == Terms::groups;
-        // One list is everybody's where none but the first particle's begins.
-        if (__activemask() == all && slice.starts >> 1 == 0 && __all_sync(all, int(whole)) != 0) {
-            const auto compliance = [&](int dx, int dy, int dz) {
-                return step.compliance[index + delta(dy, dz) + dx];
-            };
-#ifdef SHUFFLES
-            constexpr int rows = row_count + 1;
-            Point<Real, Terms::split> middle[rows];
-#define LOAD_MIDDLE(row, dy, dz) middle[row] = current.point(index + delta(dy, dz), 0);
-            NEIGHBOUR_ROWS(LOAD_MIDDLE)
-#undef LOAD_MIDDLE
-            middle[row_count] = self.point;
-            const auto neighbour = [&](int dx, int dy, int dz) {
-                Point<Real, Terms::split> point = middle[row_number(dy, dz)];
-                if (dx == 0) return point;
-                point = from_lane_beside(point, dx);
-                if (lane == (dx < 0 ? 0 : slice_particles - 1))
-                    point = current.point(index + delta(dy, dz), dx);
-                return point;
-            };
-#else
-            const auto neighbour = [&](int dx, int dy, int dz) {
-                return current.point(index + delta(dy, dz), dx);
-            };
-#endif
-            return implicit_force<Terms, true>(step, self, neighbour, compliance);
-        }
+    const ListedDeltas delta = read_deltas(list, current);
+    if (all_whole<Terms>(self.bits)) {
+        return implicit_force<Terms, true>(
+            step, self, [&](int dx, int dy, int dz) { return current.point(index + delta(dy, dz), dx); },
+            [&](int dx, int dy, int dz) { return step.compliance[index + delta(dy, dz) + dx]; });
     }
-#endif
     const std::uint32_t gaps = current.entry(&list->gaps);
     // What the neighbour is dx on from: nearer by one who is missing in between.
     const auto row = [&](int dx, int dy, int dz) {
@@ -151,6 +114,51 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
     return implicit_force<Terms, false>(
         step, self, [&](int dx, int dy, int dz) { return current.point(row(dx, dy, dz), dx); },
         [&](int dx, int dy, int dz) { return step.compliance[row(dx, dy, dz) + dx]; });
+}
+
+/// The forces of the lattice springs of two particles, those of words `index` and index + 1, which have one
+/// list without gaps. What is a neighbour of both is read once, and the spring between them evaluated once.
+template <class Terms, bool whole, class Real, class Current>
+VOXSPRING_HOST_DEVICE void listed_forces(Vector<Real> (&force)[2], const DeltaStep<Real>& step,
+                                         const ListedDeltas& delta, int index,
+                                         const Self<Real, Terms::split> (&self)[2], const Current& current) {
+    const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
+    Vector<Real> group[2] = {{0, 0, 0}, {0, 0, 0}};
+    const Pull<Real> between = lattice_pull<Terms>(step, self[0].point, self[1].point, 1, 1, 0, 0);
+    const auto pull_of = [&](int p, int bit, int dx, int dy, int dz) {
+        const bool own_row = dy == 0 && dz == 0;
+        if (own_row && p == 0 && dx == 1) return between;
+        if (own_row && p == 1 && dx == -1) return Pull<Real>{between.offset * Real(-1), between.density};
+        return lattice_pull<Terms>(step, self[p].point, current.point(index + delta(dy, dz), p + dx), bit, dx,
+                                   dy, dz);
+    };
+#define ADD_SPRING(bit, dx, dy, dz)                                                                          \
+    for (int p = 0; p < 2; ++p) {                                                                            \
+        Pull<Real> pull = pull_of(p, bit, dx, dy, dz);                                                       \
+        if (materials)                                                                                       \
+            pull.density *= fast_series_stiffness(step.compliance[index + p],                                \
+                                                  step.compliance[index + delta(dy, dz) + p + (dx)]);        \
+        if (whole || (self[p].bits >> (bit)&1U) != 0) group[p] = fused(pull.offset, pull.density, group[p]); \
+    }
+    const auto finish_group = [&](int g) {
+        for (int p = 0; p < 2; ++p) {
+            force[p] = force[p] + (materials ? group[p] : group[p] * step.stiffness[g]);
+            group[p] = {0, 0, 0};
+        }
+    };
+    if (Terms::has_group(FACE_BITS, step.group_bits)) {
+        FACE_NEIGHBOURS(ADD_SPRING)
+        finish_group(0);
+    }
+    if (Terms::has_group(EDGE_BITS, step.group_bits)) {
+        EDGE_NEIGHBOURS(ADD_SPRING)
+        finish_group(1);
+    }
+    if (Terms::has_group(CORNER_BITS, step.group_bits)) {
+        CORNER_NEIGHBOURS(ADD_SPRING)
+        finish_group(2);
+    }
+#undef ADD_SPRING
 }
 
 /// Adds the forces of its springs beyond the lattice.
@@ -187,10 +195,42 @@ VOXSPRING_HOST_DEVICE void step_by_deltas(const DeltaStep<Real>& step, int i, co
     const Slice slice = current.entry(step.slices + i / slice_particles);
     const Self<Real, Terms::split> self = current.self(index);
     const Before<Real> before = load_before<Terms>(output, index);
-    Vector<Real> force = listed_force<Terms>(step, slice, index, lane, self, current);
+    Vector<Real> force = listed_force<Terms>(step, list_of(step, slice, lane), index, self, current);
     if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
         force = with_own_springs<Terms>(force, step, slice, lane, self, current);
     advance<Terms>(step.motion, output, index, self, before, force);
+}
+
+/// Steps particles i, which is even, and i + 1.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE void step_two_by_deltas(const DeltaStep<Real>& step, int i, const Current& current,
+                                              const Output<Real>& output) {
+    if (i >= step.particles) return;
+    const auto lane = std::uint32_t(i % slice_particles);
+    const int index = step.first + i;
+    const Slice slice = current.entry(step.slices + i / slice_particles);
+    // Behind the last particle there is a word without bits.
+    const Self<Real, Terms::split> self[2] = {current.self(index), current.self(index + 1)};
+    const Before<Real> before[2] = {load_before<Terms>(output, index), load_before<Terms>(output, index + 1)};
+    const RowDeltas* list = list_of(step, slice, lane);
+    const bool one_list = (slice.starts >> (lane + 1) & 1U) == 0;
+    Vector<Real> force[2] = {{0, 0, 0}, {0, 0, 0}};
+    if (all_whole<Terms>(one_list ? self[0].bits & self[1].bits : 0)) {
+        listed_forces<Terms, true>(force, step, read_deltas(list, current), index, self, current);
+    } else if (all_say(one_list && current.entry(&list->gaps) == 0)) {
+        listed_forces<Terms, false>(force, step, read_deltas(list, current), index, self, current);
+    } else {
+        // Not a loop, which would put both into local memory.
+        force[0] = listed_force<Terms>(step, list, index, self[0], current);
+        force[1] = listed_force<Terms>(step, one_list ? list : list + 1, index + 1, self[1], current);
+    }
+    for (int p = 0; p < 2; ++p) {
+        if (i + p >= step.particles) return;
+        if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
+            force[p] =
+                with_own_springs<Terms>(force[p], step, slice, lane + std::uint32_t(p), self[p], current);
+        advance<Terms>(step.motion, output, index + p, self[p], before[p], force[p]);
+    }
 }
 
 }  // namespace voxspring::cuda

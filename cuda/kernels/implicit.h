@@ -39,6 +39,19 @@ VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
     return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing;
 }
 
+/// unit_pull() of a lattice spring from `here` to its neighbour `there` at (dx, dy, dz), which is mask bit
+/// `bit`.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step,
+                                              const Point<Real, Terms::split>& here,
+                                              const Point<Real, Terms::split>& there, int bit, int dx, int dy,
+                                              int dz) {
+    const SpringRest<Real> rest{
+        {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},
+        step.deficit[bit / 2]};
+    return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
+}
+
 /// Force of all springs of `self`. `neighbour(dx, dy, dz)` is the point at that offset and
 /// `compliance(dx, dy, dz)` the compliance. Both are called for absent neighbours too, so that a fetch waits
 /// for no mask; what they give is then dropped by selection, and a NaN in an inactive voxel stays there.
@@ -55,15 +68,11 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
     // is as long as the memory latencies that a thread waits for one after another.
 #define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
     const Point<Real, Terms::split> neighbour##bit = neighbour(dx, dy, dz);
-#define ADD_SPRING(bit, dx, dy, dz)                                                                        \
-    {                                                                                                      \
-        const SpringRest<Real> rest{                                                                       \
-            {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},          \
-            step.deficit[(bit) / 2]};                                                                      \
-        Pull<Real> pull = unit_pull<Terms>(self.point - neighbour##bit, rest, step.rest_length[(bit) / 2], \
-                                           step.motion.shortest_squared);                                  \
-        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
-        if (whole || (self.bits >> (bit)&1U) != 0) group = fused(pull.offset, pull.density, group);        \
+#define ADD_SPRING(bit, dx, dy, dz)                                                                   \
+    {                                                                                                 \
+        Pull<Real> pull = lattice_pull<Terms>(step, self.point, neighbour##bit, bit, dx, dy, dz);     \
+        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz)); \
+        if (whole || (self.bits >> (bit)&1U) != 0) group = fused(pull.offset, pull.density, group);   \
     }
     if (Terms::has_group(FACE_BITS, step.group_bits)) {
         FACE_NEIGHBOURS(FETCH_NEIGHBOUR)
@@ -87,18 +96,22 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
     return force;
 }
 
+/// Whether all threads that go this way together say so.
+VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
+#ifdef __CUDA_ARCH__
+    return __all_sync(__activemask(), int(yes)) != 0;
+#else
+    return yes;
+#endif
+}
+
 /// Whether the particles of all threads that go this way together, with `bits` here, are whole.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_whole(std::uint32_t bits) {
     if constexpr (!Terms::compiled(term_interior)) {
         return false;
     } else {
-        const bool whole = (bits & Terms::groups) == Terms::groups;
-#ifdef __CUDA_ARCH__
-        return __all_sync(__activemask(), int(whole)) != 0;
-#else
-        return whole;
-#endif
+        return all_say((bits & Terms::groups) == Terms::groups);
     }
 }
 
