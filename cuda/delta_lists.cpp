@@ -69,6 +69,20 @@ public:
         *this = grown;
         return true;
     }
+    /// The same for particle i whose rows are `row`, null where it has none, where that takes no more than a
+    /// look at what is in the middle of each. False does not mean that it cannot join.
+    bool join_quickly(std::int64_t i, const std::array<const std::uint32_t*, row_count>& row, int x,
+                      std::int64_t particles) {
+        if (list_.gaps != 0) return false;
+        for (std::size_t r = 0; r < row_count; ++r) {
+            const std::int64_t middle = i + list_.rows[r / 4].row[r % 4];
+            if (row[r] == nullptr ? !within(middle, particles) : std::int64_t(row[r][x]) != middle)
+                return false;
+        }
+        // A gap in any row is a list of its own from here on.
+        gap_known_ = (1U << row_count) - 1;
+        return true;
+    }
     const RowDeltas& list() const { return list_; }
 
 private:
@@ -106,17 +120,21 @@ public:
         x_ = at.x;
         for (std::size_t r = 0; r < row_count; ++r) {
             const int y = at.y + row_offsets[r][0], z = at.z + row_offsets[r][1];
-            const bool inside = y >= 0 && y < lattice_.dims.y && z >= 0 && z < lattice_.dims.z;
+            const bool inside =
+                (middle_[r] || sides_[r]) && y >= 0 && y < lattice_.dims.y && z >= 0 && z < lattice_.dims.z;
             row_[r] =
                 inside ? particle_.data() + (std::size_t(z) * std::size_t(lattice_.dims.y) + std::size_t(y)) *
                                                 std::size_t(lattice_.dims.x)
                        : nullptr;
         }
     }
+    /// The rows about the particle, null where they are outside or of no use, and its place along them.
+    const std::array<const std::uint32_t*, row_count>& rows() const { return row_; }
+    int x() const { return x_; }
     std::array<GrowingList::Wanted, row_count> wanted() const {
         std::array<GrowingList::Wanted, row_count> wanted{};
         for (std::size_t r = 0; r < row_count; ++r) {
-            if (row_[r] == nullptr || !(middle_[r] || sides_[r])) continue;
+            if (row_[r] == nullptr) continue;
             const auto at = [&](int x) { return x < 0 || x >= lattice_.dims.x ? no_particle : row_[r][x]; };
             const std::uint32_t before = sides_[r] ? at(x_ - 1) : no_particle;
             const std::uint32_t middle = at(x_);
@@ -165,17 +183,15 @@ DeltaLists compress_lists(const Problem& problem) {
         const std::size_t end = std::min(begin + chunk_particles, particles);
         GrowingList list{std::int64_t(begin)};
         for (std::size_t i = begin; i < end; ++i) {
-            std::array<GrowingList::Wanted, row_count> wanted{};
-            if (!particle.empty()) {
-                rows.go_to(problem.lattice.voxel[i]);
-                wanted = rows.wanted();
-            }
-            const bool joins = i > begin && list.join(std::int64_t(i), wanted, std::int64_t(particles));
-            if (joins) continue;
+            const auto here = std::int64_t(i), all = std::int64_t(particles);
+            if (!particle.empty()) rows.go_to(problem.lattice.voxel[i]);
+            if (i > begin && list.join_quickly(here, rows.rows(), rows.x(), all)) continue;
+            const auto wanted = rows.wanted();
+            if (i > begin && list.join(here, wanted, all)) continue;
             if (i > begin) lists[chunk].push_back(list.list());
             compressed.slices[i / slice_particles].starts |= 1U << i % slice_particles;
-            list = GrowingList{std::int64_t(i)};
-            list.join(std::int64_t(i), wanted, std::int64_t(particles));
+            list = GrowingList{here};
+            list.join(here, wanted, all);
         }
         lists[chunk].push_back(list.list());
     }
