@@ -200,7 +200,7 @@ DeltaLists compress_lists(const Problem& problem) {
         slice.list = list;
         list += std::popcount(slice.starts);
     }
-    compressed.lists.reserve(std::size_t(list + 1));
+    compressed.lists.reserve(std::size_t(list) + 1);
     for (const auto& of_chunk : lists)
         compressed.lists.insert(compressed.lists.end(), of_chunk.begin(), of_chunk.end());
     return compressed;

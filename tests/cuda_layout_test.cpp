@@ -72,6 +72,9 @@ std::map<std::string, Problem> lattices() {
     problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
     problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
     problems["corners"] = lattice(solid({9, 8, 7}), CORNER_BITS);
+    // Particles with all neighbours on either side of a row, and nobody in its middle.
+    problems["sparse_edges"] = lattice(random_grid({21, 9, 10}, 0.95, 8), EDGE_BITS);
+    problems["sparse_corners"] = lattice(random_grid({21, 9, 10}, 0.95, 9), CORNER_BITS);
     problems["all_groups"] = lattice(random_grid({21, 9, 10}, 0.8, 3), NEIGHBOUR_BITS);
     problems["all_groups"].group_stiffness = {1.0, 0.5, 0.25};
     problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS);
@@ -381,7 +384,7 @@ public:
                         problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
           needed_(has_common_terms(problem)),
           pairs_(pairs),
-          interior_(interior),
+          interior_(interior && problem.springs.empty()),
           compliance_(pack_compliance<Real>(problem, place_guarded(problem))),
           lists_(compress_lists(problem)),
           own_(problem, place_guarded(problem), V::formulation, lists_.slices),
@@ -400,6 +403,7 @@ public:
             this->write_bits(touched.particle, touched.mask);
         own_.change(edited, edit, lists_.slices);
         needed_ = needed_ && own_.empty();
+        interior_ = interior_ && own_.empty();
     }
 
 private:
@@ -409,7 +413,7 @@ private:
         step_.own_neighbour = own_.empty() ? nullptr : own_.neighbour().data();
         step_.own_constants = constants.data();
         step_.own_rest = own_.own_rest().data();
-        with_terms<V>(needed_, interior_, [&]<class Terms>(Terms) {
+        const auto step_all = [&]<class Terms>(Terms) {
             // Some threads of the last block have no particle.
             for (int i = 0; i < step_.particles + 7; i += pairs_ ? 2 : 1) {
                 if (pairs_) {
@@ -418,7 +422,15 @@ private:
                     step_by_deltas<Terms>(step_, i, current, output);
                 }
             }
-        });
+        };
+        constexpr std::uint32_t terms = term_damping | term_gravity | term_interior;
+        if (interior_ && step_.group_bits == EDGE_BITS) {
+            step_all(KernelTerms<V::formulation, EDGE_BITS, terms, false>{});
+        } else if (interior_ && step_.group_bits == CORNER_BITS) {
+            step_all(KernelTerms<V::formulation, CORNER_BITS, terms, false>{});
+        } else {
+            with_terms<V>(needed_, interior_, step_all);
+        }
     }
 
     bool needed_, pairs_, interior_;

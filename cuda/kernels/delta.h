@@ -94,13 +94,26 @@ VOXSPRING_HOST_DEVICE ListedDeltas read_deltas(const RowDeltas* list, const Curr
     return {current.entry(&list->rows[0]), current.entry(&list->rows[1])};
 }
 
+/// Whether the particles of all threads that go this way together, with `bits` here, have all neighbours and
+/// no gap among them: who has springs to both sides of a row, but none to its middle, may well have one.
+template <class Terms>
+VOXSPRING_HOST_DEVICE bool all_whole_without_gaps(std::uint32_t bits) {
+    constexpr bool faces = (Terms::groups & FACE_BITS) != 0, edges = (Terms::groups & EDGE_BITS) != 0,
+                   corners = (Terms::groups & CORNER_BITS) != 0;
+    if constexpr ((edges && !faces) || (corners && !edges)) {
+        return false;
+    } else {
+        return all_whole<Terms>(bits);
+    }
+}
+
 /// The force of the lattice springs of the particle of word `index`, whose list is `list`.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, const RowDeltas* list, int index,
                                                 const Self<Real, Terms::split>& self,
                                                 const Current& current) {
     const ListedDeltas delta = read_deltas(list, current);
-    if (all_whole<Terms>(self.bits)) {
+    if (all_whole_without_gaps<Terms>(self.bits)) {
         return implicit_force<Terms, true>(
             step, self, [&](int dx, int dy, int dz) { return current.point(index + delta(dy, dz), dx); },
             [&](int dx, int dy, int dz) { return step.compliance[index + delta(dy, dz) + dx]; });
@@ -215,7 +228,7 @@ VOXSPRING_HOST_DEVICE void step_two_by_deltas(const DeltaStep<Real>& step, int i
     const RowDeltas* list = list_of(step, slice, lane);
     const bool one_list = (slice.starts >> (lane + 1) & 1U) == 0;
     Vector<Real> force[2] = {{0, 0, 0}, {0, 0, 0}};
-    if (all_whole<Terms>(one_list ? self[0].bits & self[1].bits : 0)) {
+    if (all_whole_without_gaps<Terms>(one_list ? self[0].bits & self[1].bits : 0)) {
         listed_forces<Terms, true>(force, step, read_deltas(list, current), index, self, current);
     } else if (all_say(one_list && current.entry(&list->gaps) == 0)) {
         listed_forces<Terms, false>(force, step, read_deltas(list, current), index, self, current);
