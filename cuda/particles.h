@@ -2,6 +2,7 @@
 // step.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
@@ -93,6 +94,14 @@ protected:
     void start_compiling() { compile_seconds_ = 0; }
     std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
         return Kernel::get(source, device(), compile_seconds_);
+    }
+
+    /// Blocks of `threads` that an SM has room for when a thread has `registers`, twice as many in float64.
+    int blocks_with(int registers, int threads) const {
+        constexpr int registers_per_sm = 65536;  // of every architecture
+        const int at_most = device().threads_per_multiprocessor() / threads;
+        const int width = sizeof(Real) / sizeof(float);
+        return std::clamp(registers_per_sm / (threads * registers * width), 1, at_most);
     }
 
     /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points

@@ -31,6 +31,8 @@ std::vector<Kind> kinds() {
          {"PastL1"}},
         {"by_groups", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, memory},
         {"by_springs", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"SECONDARY", "1"}}, memory},
+        {"delta", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, {"ThroughL1"}},
+        {"delta_pairs", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}, {"PAIRS", "1"}}, {"ThroughL1"}},
         {"add_forces", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"FORCES", "1"}}, {"ThroughL1"}},
         {"integrate", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, {"ThroughL1"}}};
 }
@@ -53,7 +55,8 @@ TEST_P(Compiler, CompilesEveryKernel) {
                         source.macros["FETCH"] = fetch;
                         const std::string terms =
                             everything ? std::to_string(NEIGHBOUR_BITS) + "u," +
-                                             std::to_string(all_terms | term_own_rests | term_refined_root) +
+                                             std::to_string(all_terms | term_own_rests | term_own_springs |
+                                                            term_interior | term_refined_root) +
                                              "u,true"
                                        : std::to_string(FACE_BITS | EDGE_BITS) + "u," +
                                              std::to_string(term_gravity | term_pins) + "u,false";

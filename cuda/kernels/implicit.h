@@ -39,6 +39,19 @@ VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
     return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing;
 }
 
+/// unit_pull() of a lattice spring from `here` to its neighbour `there` at (dx, dy, dz), which is mask bit
+/// `bit`.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step,
+                                              const Point<Real, Terms::split>& here,
+                                              const Point<Real, Terms::split>& there, int bit, int dx, int dy,
+                                              int dz) {
+    const SpringRest<Real> rest{
+        {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},
+        step.deficit[bit / 2]};
+    return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
+}
+
 /// Sums of unit pulls, one a spring group; of pulls where springs carry their own stiffness.
 template <class Real>
 struct GroupSums {
@@ -63,16 +76,12 @@ VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Sel
     // is as long as the memory latencies that a thread waits for one after another.
 #define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
     [[maybe_unused]] const auto neighbour##bit = Chosen::has(dx, dy, dz) ? neighbour(dx, dy, dz) : self.point;
-#define ADD_SPRING(group, bit, dx, dy, dz)                                                                 \
-    if constexpr (Chosen::has(dx, dy, dz)) {                                                               \
-        const SpringRest<Real> rest{                                                                       \
-            {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},          \
-            step.deficit[(bit) / 2]};                                                                      \
-        Pull<Real> pull = unit_pull<Terms>(self.point - neighbour##bit, rest, step.rest_length[(bit) / 2], \
-                                           step.motion.shortest_squared);                                  \
-        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
-        if (whole || (self.bits >> (bit)&1U) != 0)                                                         \
-            sums.group = fused(pull.offset, pull.density, sums.group);                                     \
+#define ADD_SPRING(group, bit, dx, dy, dz)                                                            \
+    if constexpr (Chosen::has(dx, dy, dz)) {                                                          \
+        Pull<Real> pull = lattice_pull<Terms>(step, self.point, neighbour##bit, bit, dx, dy, dz);     \
+        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz)); \
+        if (whole || (self.bits >> (bit)&1U) != 0)                                                    \
+            sums.group = fused(pull.offset, pull.density, sums.group);                                \
     }
 #define ADD_FACE(bit, dx, dy, dz) ADD_SPRING(face, bit, dx, dy, dz)
 #define ADD_EDGE(bit, dx, dy, dz) ADD_SPRING(edge, bit, dx, dy, dz)
@@ -120,18 +129,22 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
     return force_of<Terms>(step, sums);
 }
 
+/// Whether all threads that go this way together say so.
+VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
+#ifdef __CUDA_ARCH__
+    return __all_sync(__activemask(), int(yes)) != 0;
+#else
+    return yes;
+#endif
+}
+
 /// Whether the particles of all threads that go this way together, with `bits` here, are whole.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_whole(std::uint32_t bits) {
     if constexpr (!Terms::compiled(term_interior)) {
         return false;
     } else {
-        const bool whole = (bits & Terms::groups) == Terms::groups;
-#ifdef __CUDA_ARCH__
-        return __all_sync(__activemask(), int(whole)) != 0;
-#else
-        return whole;
-#endif
+        return all_say((bits & Terms::groups) == Terms::groups);
     }
 }
 
