@@ -58,6 +58,7 @@ nlohmann::json error_fields(const Truth& truth, const State& state, const Compar
         fields["total_error_max"] = largest;
         fields["total_error_uncertainty"] = truth.refined.uncertainty;
     }
+    if (!truth.conserved) return fields;
     const Drift drifted = drift(truth.problem, state, truth.same_step);
     fields["momentum_error"] = number_or_null(drifted.momentum);
     fields["energy_error"] = number_or_null(drifted.energy);

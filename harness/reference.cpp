@@ -6,6 +6,7 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <sstream>
+#include <stdexcept>
 #include <utility>
 
 #include "backends/registry.h"
@@ -15,7 +16,7 @@
 namespace voxspring {
 namespace {
 
-const std::string reference = "cpu_reference:formulation=increment";
+const std::string reference = reference_backend + ":formulation=increment";
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
 
@@ -164,6 +165,17 @@ const State& References::run(const Scene& scene, int steps, const std::string& s
     if ((latest_.size() + 1) * sizeof(glm::dvec3) * 2 * state->displacement.size() > most_bytes)
         latest_.clear();
     return latest_[name] = *std::move(state);
+}
+
+State parallel_reference(const Scene& scene, int steps) {
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:formulation=increment,precision=float64");
+    const auto backend = spec.make();
+    Playback playback(scene);
+    if (const std::string why = playback.unsupported(*backend); !why.empty())
+        throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
+    playback.rewind(*backend);
+    playback.run(*backend, steps);
+    return backend->download();
 }
 
 State References::after(const Scene& scene, int steps) { return run(scene, steps, reference); }

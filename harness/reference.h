@@ -86,6 +86,15 @@ private:
     int computed_ = 0;
 };
 
+/// The backend that References::after() takes float64 from.
+inline const std::string reference_backend = "cpu_reference";
+
+/// The same as References::after() from every core and without a cache, for scenes of which one core would
+/// take minutes and whose hash alone would take long: float64 of cpu_parallel, whose agreement with
+/// cpu_reference is a matter of the conformance test. Throws std::runtime_error where cpu_parallel cannot run
+/// the scene.
+State parallel_reference(const Scene& scene, int steps);
+
 /// ||a - b|| / ||b|| of two lists of vectors; 0 if both vanish, infinite if only b does.
 double relative_difference(const std::vector<glm::dvec3>& a, const std::vector<glm::dvec3>& b);
 
