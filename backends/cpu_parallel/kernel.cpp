@@ -277,8 +277,8 @@ HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdif
 }
 
 /// Fetch what a block meets first: its neighbours farthest ahead and what it overwrites. The processor's own
-/// prefetchers lose track of this many streams: without, one core of an AMD EPYC took 1.37 times as long for a
-/// step of the box of 128^3.
+/// prefetchers lose track of this many streams: without, one core of an AMD EPYC took 1.37 times as long for
+/// a step of the box of 128^3.
 template <Formulation formulation, class T>
 HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
     const auto fetch = [&](const auto& from, std::ptrdiff_t i) HWY_ATTR {
