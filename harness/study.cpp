@@ -274,6 +274,17 @@ std::vector<StudyScene> read_suites(const JsonValue& list) {
     return suites;
 }
 
+/// The contenders of a scene that is not at hand: without what the rules would take.
+std::vector<BackendSpec> known_contenders(const Study& study, const StudyScene& item,
+                                          const StudyOptions& options) {
+    const auto known = [](std::vector<std::string> patterns) {
+        patterns.erase(std::remove_if(patterns.begin(), patterns.end(), asks_for_auto), patterns.end());
+        return patterns;
+    };
+    return select(expand_all(known(item.backends.empty() ? study.backends : item.backends)),
+                  known(options.backends));
+}
+
 /// The scenes of a study, which are kept, up to a quarter of the machine's memory, as each is asked for
 /// twice.
 class Scenes {
@@ -482,8 +493,16 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     if (options.out) check_writable(*options.out, "--out", ".json");
     // Every scene is read before the first is timed: a mistake in the last one costs no hour.
     Scenes scenes;
+    std::map<std::string, std::string> too_large;
     for (const StudyScene& scene : study.scenes) {
-        const auto loaded = scenes.of(study, scene);
+        std::shared_ptr<const Scene> loaded;
+        try {
+            loaded = scenes.of(study, scene);
+        } catch (const TooLarge& refusal) {
+            if (!options.scenes.empty()) throw;
+            too_large[scene.scene] = refusal.what();
+            continue;
+        }
         if (study.kind == StudyKind::pareto)
             check_pareto(*loaded, {study.time_steps, scene.steps, study.repetitions});
         if (!scene.rewind && !loaded->edits.empty())
@@ -530,8 +549,23 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     AllReferences references;
     bool has_context = false;
     std::size_t number = 0;
+    const auto publish = [&] {
+        note_devices(context);
+        context["limits"] = limits.json();
+        result["context"]["voxspring"] = context;
+        if (study.kind == StudyKind::fastest) result["fastest"] = fastest_of(result, study.targets);
+        if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
+    };
     for (const StudyScene& item : study.scenes) {
         ++number;
+        if (const auto refusal = too_large.find(item.scene); refusal != too_large.end()) {
+            for (const BackendSpec& spec : known_contenders(study, item, options)) {
+                result["skipped"].push_back(row_identity(item.scene, spec));
+                result["skipped"].back()["reason"] = refusal->second;
+            }
+            publish();
+            continue;
+        }
         const auto loaded = scenes.of(study, item);
         const Scene& scene = *loaded;
         nlohmann::json choices = nlohmann::json::array();
@@ -580,11 +614,7 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         for (auto& [list, rows] : measured.lists) {
             for (auto& row : rows) result[list].push_back(std::move(row));
         }
-        note_devices(context);
-        context["limits"] = limits.json();
-        result["context"]["voxspring"] = context;
-        if (study.kind == StudyKind::fastest) result["fastest"] = fastest_of(result, study.targets);
-        if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
+        publish();
     }
     return result;
 }

@@ -70,8 +70,8 @@ struct StudyOptions {
 };
 
 /// Runs the study and returns the result (results/schema.json). With `out` the file is replaced after
-/// every scene, so that a study which is cut short leaves what it finished. Throws BadInput before
-/// anything has run.
+/// every scene, so that a study which is cut short leaves what it finished. A scene of the study's own that
+/// this machine has too little memory for is skipped. Throws BadInput before anything has run.
 nlohmann::json run_study(Study study, const StudyOptions& options);
 
 }  // namespace voxspring

@@ -354,6 +354,19 @@ class Study(InTemporaryFolder):
         self.assertEqual(voxspring("study", "smoke", "--repetitions", "0").returncode, 2)
         self.assertEqual(list(self.folder.iterdir()), [])
 
+    def test_skips_what_this_machine_has_no_memory_for(self):
+        study = self.folder / "study.json"
+        study.write_text(json.dumps({"backends": ["cpu_parallel"], "steps": 2, "repetitions": 1,
+                                     "scenes": [{"scene": "box@4"}, {"scene": "box@100000x1000x1000"}]}))
+        out = self.folder / "result.json"
+        ran = voxspring("study", study, "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        result = json.loads(out.read_text())
+        self.assertEqual({row["scene"] for row in result["benchmarks"]}, {"box@4"})
+        self.assertEqual({row["scene"] for row in result["skipped"]}, {"box@100000x1000x1000"})
+        self.assertIn("on this machine", ran.stdout)
+        self.assert_refused(voxspring("study", study, "--scene", "box@100000x1000x1000"), "on this machine")
+
     def test_a_finished_result_is_not_lost_to_a_refusal(self):
         out = self.folder / "smoke.json"
         out.write_text("{}")
