@@ -2,6 +2,7 @@
 // limit it is, how many times as fast as what the paper had, and whether that is what was aimed at.
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
