@@ -1,10 +1,13 @@
-// The study `fastest` and the rules of `--backend auto`, on made-up results and live.
+// The study `fastest` and the rules of `--backend auto`, on made-up results, on every committed one and live.
 #include "harness/fastest.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
 
 #include "backends/registry.h"
 #include "harness/auto_choice.h"
@@ -245,6 +248,59 @@ TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
         "auto", scene.problem, [&](const Backend& backend) { return playback.unsupported(backend).empty(); });
     EXPECT_EQ(choice.backend->unsupported(scene.problem), "");
     EXPECT_THAT(choice.reason, HasSubstr("lists"));
+}
+
+/// What is wrong with the rules by a result of a fastest study: datasets on which what they take was not
+/// measured or takes more than 10% longer than the fastest. That much two runs of the same study differ by on
+/// small scenes (results/README.md, Figure 7).
+std::vector<std::string> mistakes(const nlohmann::json& result) {
+    constexpr double most = 1.1;
+    std::vector<std::string> all;
+    for (const auto& block : fastest_of(result, {})) {
+        const auto& choice = block.at("auto");
+        const std::string reason = choice.at("reason");
+        if (choice.at("name").is_null()) {
+            all.push_back(std::string(block.at("name")) + " is fastest; not measured: " + reason);
+        } else if (const double times = choice.at("times_fastest"); times > most) {
+            std::ostringstream text;
+            text << block.at("name") << " is fastest; " << times << " times that: " << reason;
+            all.push_back(text.str());
+        }
+    }
+    return all;
+}
+
+TEST(Auto, IsWithinATenthOfTheFastestInEveryCommittedResult) {
+    int results = 0;
+    for (const auto& folder : std::filesystem::directory_iterator(VOXSPRING_RESULTS)) {
+        const auto path = folder.path() / "fastest.json";
+        if (folder.path().filename() == "local" || !std::filesystem::exists(path)) continue;
+        ++results;
+        auto result = nlohmann::json::parse(std::ifstream(path));
+        EXPECT_THAT(mistakes(result), ::testing::IsEmpty()) << path;
+        // With what they take a million times as slow, the same rules are wrong wherever there was another
+        // row.
+        int others = 0;
+        const nlohmann::json blocks = fastest_of(result, {});
+        for (const auto& block : blocks) {
+            int rows = 0;
+            for (auto& row : result["benchmarks"]) {
+                if (row.at("scene") != block.at("scene") ||
+                    row.at("formulation") != block.at("formulation") ||
+                    row.at("precision") != block.at("precision") ||
+                    row.value("aggregate_name", "") != "median")
+                    continue;
+                ++rows;
+                const std::string name = row.at("name"), chosen = block.at("auto").at("name");
+                if (name.starts_with(chosen + "/iterations:"))
+                    row["real_time"] = 1e6 * row.at("real_time").get<double>();
+            }
+            others += rows > 1 ? 1 : 0;
+        }
+        EXPECT_GT(others, 0) << path << " has nothing to choose from";
+        EXPECT_EQ(mistakes(result).size(), std::size_t(others)) << path;
+    }
+    EXPECT_GT(results, 0) << "no result of the study fastest in " << VOXSPRING_RESULTS;
 }
 
 }  // namespace
