@@ -15,7 +15,7 @@ namespace voxspring {
 
 /// What the runs of a scene after a number of steps are held against.
 struct Truth {
-    Problem problem;  ///< as the edits until then leave it
+    const Problem& problem;  ///< as the edits until then leave it
     int steps = 0;
     State same_step;  ///< float64 at the same time step: the rounding error is the difference from it
     Refined refined;  ///< float64 without a time step: the total error is

@@ -44,7 +44,9 @@ int main(int argc, char** argv) {
     RunOptions run_options;
     CLI::App* run = app.add_subcommand("run", "One simulation on one backend");
     run->add_option("SCENE", scene, scene_help)->required();
-    run->add_option("--backend", run_options.backend, "NAME[:key=value,...]; see `voxspring list`")
+    run->add_option("--backend", run_options.backend,
+                    "NAME[:key=value,...], see `voxspring list`; auto[:formulation=...,precision=...]: "
+                    "the fastest for the scene on this machine")
         ->required();
     run->add_option("--steps", run_options.steps, "Time steps")
         ->check(CLI::PositiveNumber)

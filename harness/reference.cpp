@@ -15,7 +15,7 @@
 namespace voxspring {
 namespace {
 
-const std::string reference = "cpu_reference:formulation=increment";
+const std::string reference = reference_backend + ":formulation=increment";
 const std::string reference_without_lists = "cpu_parallel:precision=float64,formulation=increment";
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));

@@ -94,6 +94,9 @@ private:
     int computed_ = 0;
 };
 
+/// The backend that References::after() takes float64 from.
+inline const std::string reference_backend = "cpu_reference";
+
 /// ||a - b|| / ||b|| of two lists of vectors; 0 if both vanish, infinite if only b does.
 double relative_difference(const std::vector<glm::dvec3>& a, const std::vector<glm::dvec3>& b);
 
