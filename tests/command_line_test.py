@@ -42,7 +42,8 @@ class List(unittest.TestCase):
     def test_names_every_backend_with_what_it_runs_on_or_why_not(self):
         listed = json.loads(voxspring("list", "--json").stdout)
         backends = {b["name"]: b for b in listed["backends"]}
-        for name in ("cpu_reference", "cpu_parallel", "gl_fragment_implicit", "gl_fragment_explicit"):
+        for name in ("cpu_reference", "cpu_parallel", "gl_fragment_implicit", "gl_fragment_explicit",
+                     "gl_compute_implicit"):
             self.assertIn(name, backends)
         for backend in backends.values():
             self.assertTrue(backend["device"] if backend["available"] else backend["reason"])

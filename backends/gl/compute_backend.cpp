@@ -1,0 +1,284 @@
+#include "backends/gl/compute_backend.h"
+
+#include <algorithm>
+#include <chrono>
+#include <sstream>
+#include <utility>
+
+#include "backends/gl/limits.h"
+#include "backends/gl/texture.h"
+
+namespace voxspring::gl {
+namespace {
+
+// Storage buffers, as in shaders/compute.glsl.
+enum Binding : GLuint {
+    words,
+    next_words,
+    increments,
+    words_low,
+    next_words_low,
+    increments_low,
+    loads,
+    inverse_masses
+};
+
+/// Groups of `size` invocations that stride over `count` things.
+GLuint striding_groups(std::size_t count, std::size_t size) {
+    constexpr std::size_t most = 65535;  // that every driver takes
+    return GLuint(std::min((count + size - 1) / size, most));
+}
+
+/// `values`, or `count` times `neutral` where a problem without them is to have them all the same.
+template <class T>
+std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count, const T& neutral) {
+    if (values.empty() && needed) values.assign(count, neutral);
+    return values;
+}
+
+}  // namespace
+
+void StorageBuffer::upload(const Context& context, std::span<const std::byte> values) {
+    if (values.empty()) {
+        *this = {};
+        return;
+    }
+    if (buffer_.get() == 0 || bytes_ != values.size()) {
+        buffer_ = {};  // the old one goes first
+        buffer_ = make_buffer(context);
+        bytes_ = values.size();
+        glNamedBufferStorage(get(), GLsizeiptr(bytes_), values.data(), GL_DYNAMIC_STORAGE_BIT);
+        context.check("allocating a storage buffer");
+        return;
+    }
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);  // after the steps that still write it
+    glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
+}
+
+void StorageBuffer::download(std::span<std::byte> values) const {
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    if (!values.empty()) glGetNamedBufferSubData(get(), 0, GLsizeiptr(values.size()), values.data());
+}
+
+ComputeBackend::ComputeBackend(const Options& options, std::string shader)
+    : GlBackend(options),
+      shader_(std::move(shader)),
+      through_textures_(options.tuning.at("fetch") == "texture"),
+      barrier_(GL_SHADER_STORAGE_BARRIER_BIT | (through_textures_ ? GL_TEXTURE_FETCH_BARRIER_BIT : 0U)) {
+    constexpr GLint storage_blocks = 13;
+    GLint most = 0;
+    glGetIntegerv(GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS, &most);
+    if (most < storage_blocks)
+        throw Unavailable("a compute shader may have " + std::to_string(most) + " storage buffers, not " +
+                          std::to_string(storage_blocks));
+}
+
+Capabilities ComputeBackend::capabilities() const {
+    Capabilities capabilities = context().capabilities();
+    capabilities.api = "OpenGL compute 4.5 core";
+    return capabilities;
+}
+
+std::string ComputeBackend::too_large(const char* what, std::uint64_t bytes) const {
+    const auto most = std::uint64_t(context().max_storage_block_size());
+    if (bytes <= most) return {};
+    std::ostringstream reason;
+    reason << what << " of " << bytes << " bytes exceed the " << most
+           << " that the driver allows one storage buffer";
+    return reason.str();
+}
+
+std::string ComputeBackend::unsupported(const Problem& problem) const {
+    if (std::string why = refused(problem); !why.empty()) return why;
+    const cuda::Placement placement = place(problem);
+    if (std::string why = too_large("positions", placement.words * sizeof(cuda::Word<float>)); !why.empty())
+        return why;
+    const auto texels = std::uint64_t(context().max_texture_buffer_size());
+    if (through_textures_ && placement.words > texels)
+        return std::to_string(placement.words) + " texels of positions exceed the " + std::to_string(texels) +
+               " that the driver allows one texture buffer";
+    return {};
+}
+
+void ComputeBackend::upload(const Problem& problem, const State& state) {
+    context().make_current();
+    problem_ = &problem;
+    compile_seconds_ = 0;
+    layout_ = lay_out(problem);
+    const cuda::Placement& placement = layout_.placement;
+    {
+        const cuda::PackedState<float> packed =
+            cuda::pack<float>(problem, state, placement, layout_.bits, formulation());
+        current_ = 0;
+        const bool split = formulation() == Formulation::compensated;
+        words_[0].upload(context(), packed.current);
+        // By increments a step writes every particle's word here before any reads it.
+        words_[1].upload(context(), by_increments(formulation()) ? packed.current : packed.previous);
+        for (StorageBuffer& low : low_) low.upload(context(), packed.current_low);
+        increment_.upload(context(), packed.increment);
+        increment_low_.upload(context(), packed.increment_low);
+        for (std::size_t i = 0; through_textures_ && i < 2; ++i) {
+            word_texture_[i] = make_buffer_texture(context(), rgba32f, words_[i].get());
+            if (split) low_texture_[i] = make_buffer_texture(context(), rgba32f, low_[i].get());
+        }
+    }
+    load_.upload(context(),
+                 or_neutral(cuda::pack_load<float>(problem, placement), needs_loads(problem, all_terms()),
+                            placement.words, cuda::Vector<float>{0, 0, 0}));
+    inverse_mass_.upload(context(), or_neutral(cuda::pack_inverse_masses<float>(problem, placement),
+                                               needs_materials(problem, all_terms()), placement.words,
+                                               float(1 / problem.materials[0].mass)));
+    make_program(problem);
+    rewind({{"STORAGE_BUFFERS", ""}});
+    bind();
+    glFinish();
+    context().check("uploading");
+}
+
+void ComputeBackend::make_program(const Problem& problem) {
+    Defines defines = term_defines(problem, formulation(), all_terms());
+    defines.merge(specialise(problem));
+    if (through_textures_) defines["TEXTURE"] = "";
+    const Source source = load_source(shader_, defines);
+    if (source.text != text_) {
+        const auto begin = std::chrono::steady_clock::now();
+        program_ = Program(context(), source);
+        text_ = source.text;
+        compile_seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    }
+    set_motion(program_, problem);
+    program_.set("pitch", int(cuda::increment_pitch(layout_.placement)));
+    set_uniforms(program_, problem);
+}
+
+void ComputeBackend::bind() const {
+    glUseProgram(program_.get());
+    increment_.bind(increments);
+    increment_low_.bind(increments_low);
+    load_.bind(loads);
+    inverse_mass_.bind(inverse_masses);
+    bind_own();
+}
+
+void ComputeBackend::bind_words() const {
+    const std::size_t next = 1 - current_;
+    if (through_textures_) {
+        const std::array textures = {word_texture_[current_].get(), low_texture_[current_].get()};
+        glBindTextures(0, GLsizei(textures.size()), textures.data());
+    }
+    const std::array buffers = {words_[current_].get(), words_[next].get()};
+    glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words, GLsizei(buffers.size()), buffers.data());
+    if (formulation() != Formulation::compensated) return;
+    const std::array low = {low_[current_].get(), low_[next].get()};
+    glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words_low, GLsizei(low.size()), low.data());
+}
+
+void ComputeBackend::enqueue_step() {
+    bind_words();
+    glDispatchCompute(GLuint(layout_.groups.x), GLuint(layout_.groups.y), GLuint(layout_.groups.z));
+    glMemoryBarrier(barrier_);
+    current_ = 1 - current_;
+}
+
+void ComputeBackend::enqueue_look() {
+    constexpr std::size_t group = 64;  // as in shaders/watch.comp
+    const std::array buffers = {words_[current_].get(), words_[1 - current_].get()};
+    glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words, GLsizei(buffers.size()), buffers.data());
+    glDispatchCompute(striding_groups(layout_.placement.words, group), 1, 1);
+}
+
+State ComputeBackend::download() {
+    synchronize();
+    cuda::PackedState<float> packed;
+    const auto out = [&]<class T>(std::vector<T>& values, const StorageBuffer& buffer) {
+        values.resize(buffer.bytes() / sizeof(T));
+        buffer.download(values);
+    };
+    out(packed.current, words_[current_]);
+    if (!by_increments(formulation())) out(packed.previous, words_[1 - current_]);
+    out(packed.current_low, low_[current_]);
+    out(packed.increment, increment_);
+    out(packed.increment_low, increment_low_);
+    context().check("downloading");
+    return cuda::unpack<float>(*problem_, packed, layout_.placement, formulation());
+}
+
+void ComputeBackend::measure(std::span<float> squares) {
+    constexpr std::size_t group = 64;  // as in shaders/measure.comp
+    if (measure_program_.get() == 0) measure_program_ = Program(context(), load_source("measure.comp", {}));
+    std::vector<float> lengths(squares.begin(), squares.end());
+    StorageBuffer buffer;
+    buffer.upload(context(), lengths);
+    buffer.bind(0);
+    measure_program_.set("count", int(lengths.size()));
+    measure_program_.set("stride", 1);
+    measure_program_.set("offset", 0);
+    glUseProgram(measure_program_.get());
+    glDispatchCompute(striding_groups(lengths.size(), group), 1, 1);
+    buffer.download(lengths);
+    std::copy(lengths.begin(), lengths.end(), squares.begin());
+}
+
+void ComputeBackend::follow(const Problem& edited) {
+    context().make_current();
+    problem_ = &edited;
+}
+
+void ComputeBackend::write_bits(std::span<const std::uint32_t> particles,
+                                std::span<const std::uint32_t> bits) {
+    if (particles.empty()) return;
+    constexpr std::size_t group = 64;  // as in shaders/edit_bits.comp
+    if (bits_program_.get() == 0) bits_program_ = Program(context(), load_source("edit_bits.comp", {}));
+    std::vector<std::uint32_t> edited;
+    edited.reserve(2 * particles.size());
+    for (std::size_t n = 0; n < particles.size(); ++n) {
+        edited.push_back(std::uint32_t(layout_.placement.at(particles[n])));
+        edited.push_back(bits[n]);
+    }
+    edited_.upload(context(), edited);
+    words_[current_].bind(0);
+    edited_.bind(1);
+    bits_program_.set("count", int(particles.size()));
+    glUseProgram(bits_program_.get());
+    // The barrier after the last step has its words in place, this one the bits.
+    glDispatchCompute(striding_groups(particles.size(), group), 1, 1);
+    glMemoryBarrier(barrier_);
+    glUseProgram(program_.get());
+}
+
+WorkCount ComputeBackend::count_work() {
+    context().make_current();
+    const glm::ivec3 g = layout_.groups;
+    WorkCount work{{"work_groups", std::uint64_t(g.x) * std::uint64_t(g.y) * std::uint64_t(g.z)}};
+    if (!context().has_pipeline_statistics()) {
+        step(1);
+        return work;
+    }
+    const Query query = make_query(context());
+    glBeginQuery(GL_COMPUTE_SHADER_INVOCATIONS_ARB, query.get());
+    step(1);
+    glEndQuery(GL_COMPUTE_SHADER_INVOCATIONS_ARB);
+    GLuint64 invocations = 0;
+    glGetQueryObjectui64v(query.get(), GL_QUERY_RESULT, &invocations);
+    work["compute_shader_invocations"] = invocations;
+    context().check("counting work");
+    return work;
+}
+
+DeviceLimits ComputeBackend::measure_limits() {
+    context().make_current();
+    return measure_compute_limits(context());
+}
+
+std::uint64_t compute_bytes(const Problem& problem, const Options& options,
+                            const cuda::Placement& placement) {
+    const bool all = options.tuning.at("terms") == "all";
+    const bool split = options.formulation == Formulation::compensated;
+    const std::uint64_t axes = 3 * cuda::increment_pitch(placement) * sizeof(float);
+    return placement.words * ((split ? 4 : 2) * sizeof(cuda::Word<float>) +
+                              (needs_loads(problem, all) ? sizeof(cuda::Vector<float>) : 0) +
+                              (needs_materials(problem, all) ? sizeof(float) : 0)) +
+           (by_increments(options.formulation) ? axes : 0) + (split ? axes : 0);
+}
+
+}  // namespace voxspring::gl
