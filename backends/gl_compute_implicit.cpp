@@ -73,11 +73,10 @@ private:
         layout.groups = groups(dims);
         has_origins_ = !origins.empty();
         if (has_origins_) {
-            // Rows of groups, the last one filled up with groups that lie outside.
-            const std::size_t rows = (origins.size() + most_groups - 1) / most_groups;
-            const std::size_t width = (origins.size() + rows - 1) / rows;
-            origins.resize(rows * width, {dims.x, dims.y, dims.z, 0});
-            layout.groups = {int(width), int(rows), 1};
+            layout.groups = rows_of_groups(int(origins.size()));
+            // The last row is filled up with groups that lie outside.
+            origins.resize(std::size_t(layout.groups.x) * std::size_t(layout.groups.y),
+                           {dims.x, dims.y, dims.z, 0});
         }
         origins_.upload(context(), origins);
         std::vector<float> compliance = cuda::pack_compliance<float>(problem, layout.placement);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <numeric>
 #include <sstream>
 #include <utility>
 
@@ -23,10 +24,12 @@ enum Binding : GLuint {
     inverse_masses
 };
 
-/// Groups of `size` invocations that stride over `count` things.
-GLuint striding_groups(std::size_t count, std::size_t size) {
+/// Work groups of 64 invocations that stride over `count` things, as shaders/watch.comp, measure.comp and
+/// edit_*.comp do.
+GLuint striding_groups(std::size_t count) {
+    constexpr std::size_t group = 64;
     constexpr std::size_t most = 65535;  // that every driver takes
-    return GLuint(std::min((count + size - 1) / size, most));
+    return GLuint(std::min((count + group - 1) / group, most));
 }
 
 /// `values`, or `count` times `neutral` where a problem without them is to have them all the same.
@@ -181,10 +184,9 @@ void ComputeBackend::enqueue_step() {
 }
 
 void ComputeBackend::enqueue_look() {
-    constexpr std::size_t group = 64;  // as in shaders/watch.comp
     const std::array buffers = {words_[current_].get(), words_[1 - current_].get()};
     glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words, GLsizei(buffers.size()), buffers.data());
-    glDispatchCompute(striding_groups(layout_.placement.words, group), 1, 1);
+    glDispatchCompute(striding_groups(layout_.placement.words), 1, 1);
 }
 
 State ComputeBackend::download() {
@@ -203,20 +205,30 @@ State ComputeBackend::download() {
     return cuda::unpack<float>(*problem_, packed, layout_.placement, formulation());
 }
 
-void ComputeBackend::measure(std::span<float> squares) {
-    constexpr std::size_t group = 64;  // as in shaders/measure.comp
+void ComputeBackend::measure(const StorageBuffer& squares, std::size_t count, int stride, int offset) {
     if (measure_program_.get() == 0) measure_program_ = Program(context(), load_source("measure.comp", {}));
+    squares.bind(0);
+    measure_program_.set("count", int(count));
+    measure_program_.set("stride", stride);
+    measure_program_.set("offset", offset);
+    glUseProgram(measure_program_.get());
+    glDispatchCompute(striding_groups(count), 1, 1);
+    glMemoryBarrier(barrier_);
+}
+
+void ComputeBackend::measure(std::span<float> squares) {
     std::vector<float> lengths(squares.begin(), squares.end());
     StorageBuffer buffer;
     buffer.upload(context(), lengths);
-    buffer.bind(0);
-    measure_program_.set("count", int(lengths.size()));
-    measure_program_.set("stride", 1);
-    measure_program_.set("offset", 0);
-    glUseProgram(measure_program_.get());
-    glDispatchCompute(striding_groups(lengths.size(), group), 1, 1);
+    measure(buffer, lengths.size(), 1, 0);
     buffer.download(lengths);
     std::copy(lengths.begin(), lengths.end(), squares.begin());
+}
+
+glm::ivec3 ComputeBackend::rows_of_groups(int groups) {
+    constexpr int most = 65535;  // along an axis, of every driver
+    const int rows = std::max((groups + most - 1) / most, 1);
+    return {(groups + rows - 1) / rows, rows, 1};
 }
 
 void ComputeBackend::follow(const Problem& edited) {
@@ -224,10 +236,26 @@ void ComputeBackend::follow(const Problem& edited) {
     problem_ = &edited;
 }
 
+void ComputeBackend::lay_out_anew() {
+    layout_ = lay_out(*problem_);
+    make_program(*problem_);
+    bind();
+    std::vector<std::uint32_t> all(problem_->particle_count());
+    std::iota(all.begin(), all.end(), 0U);
+    write_bits(all, layout_.bits);
+}
+
+void ComputeBackend::dispatch_edit(const Program& program, std::size_t count) {
+    glUseProgram(program.get());
+    // The barrier after the last step keeps the edit from overtaking it, this one the next step the edit.
+    glDispatchCompute(striding_groups(count), 1, 1);
+    glMemoryBarrier(barrier_);
+    bind();
+}
+
 void ComputeBackend::write_bits(std::span<const std::uint32_t> particles,
                                 std::span<const std::uint32_t> bits) {
     if (particles.empty()) return;
-    constexpr std::size_t group = 64;  // as in shaders/edit_bits.comp
     if (bits_program_.get() == 0) bits_program_ = Program(context(), load_source("edit_bits.comp", {}));
     std::vector<std::uint32_t> edited;
     edited.reserve(2 * particles.size());
@@ -239,11 +267,7 @@ void ComputeBackend::write_bits(std::span<const std::uint32_t> particles,
     words_[current_].bind(0);
     edited_.bind(1);
     bits_program_.set("count", int(particles.size()));
-    glUseProgram(bits_program_.get());
-    // The barrier after the last step has its words in place, this one the bits.
-    glDispatchCompute(striding_groups(particles.size(), group), 1, 1);
-    glMemoryBarrier(barrier_);
-    glUseProgram(program_.get());
+    dispatch_edit(bits_program_, particles.size());
 }
 
 WorkCount ComputeBackend::count_work() {

@@ -74,8 +74,17 @@ protected:
     static constexpr GLuint first_own_binding = 8;
     /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h).
     void measure(std::span<float> squares);
+    /// The same in place of numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all.
+    void measure(const StorageBuffer& squares, std::size_t count, int stride, int offset);
+    /// Work groups in rows of no more than every driver takes; there may be some more than asked for.
+    static glm::ivec3 rows_of_groups(int groups);
     /// Goes on with `edited`, whose springs the caller sees to.
     void follow(const Problem& edited);
+    /// Lays out anew what the problem followed now has, for the particles where they are.
+    void lay_out_anew();
+    /// Runs an edit's program of 64 invocations a work group, which stride over `count` things, between the
+    /// steps before and after. Leaves what it bound bound no longer.
+    void dispatch_edit(const Program& program, std::size_t count);
     /// Gives particles new bits, which every step copies on from the words that it reads.
     void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);
     /// Empty, or why a storage buffer cannot have so many bytes.

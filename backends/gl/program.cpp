@@ -152,6 +152,12 @@ void Program::set(const char* name, std::span<const float> values) const {
     glProgramUniform1fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), values.data());
 }
 
+void Program::set(const char* name, std::span<const glm::vec4> values) const {
+    static_assert(sizeof(glm::vec4) == 4 * sizeof(float));
+    if (values.empty()) return;
+    glProgramUniform4fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), &values[0].x);
+}
+
 void Program::set(const char* name, int value) const {
     glProgramUniform1i(get(), glGetUniformLocation(get(), name), value);
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
 #include <map>
 #include <span>
 #include <string>
@@ -45,6 +46,7 @@ public:
     void set(const char* name, float value) const;
     void set(const char* name, glm::vec3 value) const;
     void set(const char* name, std::span<const float> values) const;
+    void set(const char* name, std::span<const glm::vec4> values) const;
     void set(const char* name, int value) const;
 
 private:
