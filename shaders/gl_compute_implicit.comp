@@ -16,11 +16,14 @@ layout(std430, binding = 8) restrict readonly buffer Compliances { float complia
 // The voxel that each work group begins at.
 layout(std430, binding = 9) restrict readonly buffer Origins { ivec4 origins[]; };
 
-// Constants, so that a neighbour is at an offset that the compiler knows.
-const ivec3 dims = ivec3(DIM_X, DIM_Y, DIM_Z);
-const int row = DIM_X;
-const int slice = DIM_X * DIM_Y;
+// With DIMS constants, so that the compiler knows how far away a neighbour is.
+#ifdef DIMS
+const ivec3 dims = DIMS;
 const int first_word = FIRST_WORD;
+#else
+uniform ivec3 dims;
+uniform int first_word;
+#endif
 // By mask bit / 2.
 uniform float rest_length[13];
 uniform float group_stiffness[3];
@@ -30,6 +33,8 @@ uniform float deficit[13];
 #else
 #define DEFICIT(bit) 0.0
 #endif
+
+int word_of(ivec3 voxel) { return first_word + voxel.x + dims.x * (voxel.y + dims.y * voxel.z); }
 
 // `steps` spacings; of none a zero that the compiler knows.
 float spaced(int steps, float spacing) { return steps == 0 ? 0.0 : steps > 0 ? spacing : -spacing; }
@@ -53,7 +58,7 @@ void fill_tile(ivec3 origin) {
             origin - 1 +
             ivec3(cell % tile_dims.x, cell / tile_dims.x % tile_dims.y, cell / (tile_dims.x * tile_dims.y));
         if (any(greaterThan(voxel, dims))) continue;
-        Point there = point_of(first_word + voxel.x + row * voxel.y + slice * voxel.z);
+        Point there = point_of(word_of(voxel));
         tile_x[cell] = there.high.x;
         tile_y[cell] = there.high.y;
         tile_z[cell] = there.high.z;
@@ -75,7 +80,7 @@ Point tile_point(int cell) {
 }
 #define NEIGHBOUR(dx, dy, dz) tile_point(cell + (dx) + tile_dims.x * (dy) + tile_dims.x * tile_dims.y * (dz))
 #else
-#define NEIGHBOUR(dx, dy, dz) point_of(index + (dy)*row + (dz)*slice + (dx))
+#define NEIGHBOUR(dx, dy, dz) point_of(index + dims.x * ((dy) + dims.y * (dz)) + (dx))
 #endif
 
 // Every neighbour is read, so that a fetch waits for no mask; what an absent one gives is dropped by
@@ -86,9 +91,9 @@ vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits
     precise vec3 group;
 #ifdef MATERIALS
     float compliance = compliances[index];
-#define WITH_MATERIAL(dx, dy, dz)                                                             \
-    precise float stiffness =                                                                 \
-        fast_series_stiffness(compliance, compliances[index + (dy)*row + (dz)*slice + (dx)]); \
+#define WITH_MATERIAL(dx, dy, dz)                                                                       \
+    precise float stiffness =                                                                           \
+        fast_series_stiffness(compliance, compliances[index + dims.x * ((dy) + dims.y * (dz)) + (dx)]); \
     pull.w *= stiffness;
 #else
 #define WITH_MATERIAL(dx, dy, dz)
@@ -151,7 +156,7 @@ void main() {
 #endif
     ivec3 voxel = origin + ivec3(gl_LocalInvocationID);
     if (any(greaterThanEqual(voxel, dims))) return;
-    int index = first_word + voxel.x + row * voxel.y + slice * voxel.z;
+    int index = word_of(voxel);
     vec4 self = WORD(index);
     uint bits = floatBitsToUint(self.w);
     if (bits == 0u) return;

@@ -180,20 +180,54 @@ std::vector<std::pair<std::string, Problem>> scenes_to_skip_in() {
 
 /// What `terms=needed` leaves out changes no bit, and the reference is followed.
 void expect_skipping_changes_no_bit(const std::string& specification) {
-    const auto run = [](const std::string& spec, const Problem& scene) {
-        return after(*BackendSpec::parse(spec).make(), scene, 20);
-    };
+    const auto skipping = BackendSpec::parse(specification + ",terms=needed").make();
+    const auto with_all = BackendSpec::parse(specification + ",terms=all").make();
+    const auto oracle = BackendSpec::parse("cpu_reference").make();
     for (const auto& [name, scene] : scenes_to_skip_in()) {
         SCOPED_TRACE(name);
-        const State needed = run(specification + ",terms=needed", scene);
-        expect_same_bits(needed, run(specification + ",terms=all", scene));
+        const State needed = after(*skipping, scene, 20);
+        expect_same_bits(needed, after(*with_all, scene, 20));
         const Comparison comparison =
-            compare(scene, needed, run("cpu_reference", scene), Precision::float32, 20);
+            compare(scene, needed, after(*oracle, scene, 20), Precision::float32, 20);
         EXPECT_TRUE(comparison.passed()) << comparison.reason;
     }
 }
 
 TEST_P(GlFragment, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
+
+/// That an edit waits for the steps before it, and the steps after it for the edit.
+void expect_edits_in_order(const std::string& specification) {
+    // Enough steps and edits in flight that one out of order would show.
+    Problem problem = make_lattice_problem(solid({24, 24, 24}), FACE_BITS | EDGE_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.time_step = 0.2;
+    pin_base(problem);
+    Problem edited = problem;
+    SpringEditor editor(edited);
+    std::vector<SpringEdit> edits;
+    for (int n = 0; n < 4; ++n) {
+        const Plane plane{{11.5, 0, 6.0 * n}, {1, 0, 0.3}};
+        edits.push_back(editor.cut(plane));
+        edits.push_back(editor.suture(plane, 1.5));
+    }
+    const auto play = [&](bool waits) {
+        const auto backend = BackendSpec::parse(specification).make();
+        Problem now = problem;
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        for (const SpringEdit& edit : edits) {
+            backend->step(3);
+            if (waits) backend->synchronize();
+            apply(now, edit);
+            backend->edit(now, edit);
+            if (waits) backend->synchronize();
+        }
+        backend->step(3);
+        return backend->download();
+    };
+    expect_same_bits(play(false), play(true));
+}
+
+TEST_P(GlFragment, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
 
 /// Index of each texel that holds no particle, by its bits.
 std::vector<std::size_t> guards(const std::vector<glm::vec4>& texels) {
@@ -532,36 +566,7 @@ TEST_P(GlCompute, CountedStepIsAStep) {
     expect_same_bits(counted->download(), after(*make(GetParam()), problem, 5));
 }
 
-TEST_P(GlCompute, AnEditWaitsForTheStepsBeforeItAndTheStepsAfterItForTheEdit) {
-    // Enough steps and edits in flight that one out of order would show.
-    Problem problem = make_lattice_problem(solid({24, 24, 24}), FACE_BITS | EDGE_BITS);
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.time_step = 0.2;
-    pin_base(problem);
-    Problem edited = problem;
-    SpringEditor editor(edited);
-    std::vector<SpringEdit> edits;
-    for (int n = 0; n < 4; ++n) {
-        const Plane plane{{11.5, 0, 6.0 * n}, {1, 0, 0.3}};
-        edits.push_back(editor.cut(plane));
-        edits.push_back(editor.suture(plane, 1.5));
-    }
-    const auto play = [&](bool waits) {
-        const auto backend = make(GetParam());
-        Problem now = problem;
-        backend->upload(problem, random_state(problem, 0.05, 3));
-        for (const SpringEdit& edit : edits) {
-            backend->step(3);
-            if (waits) backend->synchronize();
-            apply(now, edit);
-            backend->edit(now, edit);
-            if (waits) backend->synchronize();
-        }
-        backend->step(3);
-        return backend->download();
-    };
-    expect_same_bits(play(false), play(true));
-}
+TEST_P(GlCompute, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
 
 TEST_P(GlCompute, LosesNoMoreThanItsFormulationDoes) {
     Problem problem = make_lattice_problem(solid({12, 12, 12}), FACE_BITS | EDGE_BITS);

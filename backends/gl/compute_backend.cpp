@@ -143,19 +143,23 @@ void ComputeBackend::make_program(const Problem& problem) {
     defines.merge(specialise(problem));
     if (through_textures_) defines["TEXTURE"] = "";
     const Source source = load_source(shader_, defines);
-    if (source.text != text_) {
+    const auto known = programs_.find(source.text);
+    if (known == programs_.end()) {
+        constexpr std::size_t most = 16;
+        if (programs_.size() == most) programs_.clear();
         const auto begin = std::chrono::steady_clock::now();
-        program_ = Program(context(), source);
-        text_ = source.text;
+        program_ = &(programs_[source.text] = Program(context(), source));
         compile_seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    } else {
+        program_ = &known->second;
     }
-    set_motion(program_, problem);
-    program_.set("pitch", int(cuda::increment_pitch(layout_.placement)));
-    set_uniforms(program_, problem);
+    set_motion(*program_, problem);
+    program_->set("pitch", int(cuda::increment_pitch(layout_.placement)));
+    set_uniforms(*program_, problem);
 }
 
 void ComputeBackend::bind() const {
-    glUseProgram(program_.get());
+    glUseProgram(program_->get());
     increment_.bind(increments);
     increment_low_.bind(increments_low);
     load_.bind(loads);

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <glm/vec3.hpp>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
@@ -106,8 +107,8 @@ private:
     std::array<StorageBuffer, 2> words_, low_;
     std::array<Texture, 2> word_texture_, low_texture_;
     StorageBuffer increment_, increment_low_, load_, inverse_mass_;
-    Program program_;
-    std::string text_;  // that program_ was made of
+    std::map<std::string, Program> programs_;  // by their text: an edit may go back to the one before
+    const Program* program_ = nullptr;
     double compile_seconds_ = 0;
     Program measure_program_, bits_program_;
     StorageBuffer edited_;

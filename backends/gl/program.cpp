@@ -162,4 +162,8 @@ void Program::set(const char* name, int value) const {
     glProgramUniform1i(get(), glGetUniformLocation(get(), name), value);
 }
 
+void Program::set(const char* name, glm::ivec3 value) const {
+    glProgramUniform3i(get(), glGetUniformLocation(get(), name), value.x, value.y, value.z);
+}
+
 }  // namespace voxspring::gl

@@ -48,6 +48,7 @@ public:
     void set(const char* name, std::span<const float> values) const;
     void set(const char* name, std::span<const glm::vec4> values) const;
     void set(const char* name, int value) const;
+    void set(const char* name, glm::ivec3 value) const;
 
 private:
     void link(std::span<const Handle<Object::shader>> stages, const std::string& failure) const;
