@@ -156,9 +156,7 @@ const Registered entry({
     .summary = "OpenGL compute shader, one invocation a particle, neighbours from vertical lists.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
-    .tuning = {{"block", {"128", "256"}},
-               {"fetch", {"buffer", "texture"}},
-               {"terms", {"needed", "all"}}},
+    .tuning = {{"block", {"128", "256"}}, {"fetch", {"buffer", "texture"}}, {"terms", {"needed", "all"}}},
     .make = [](const Options& options) { return std::make_unique<GlComputeExplicit>(options); },
     .bytes =
         [](const Problem& problem, const Options& options) {
