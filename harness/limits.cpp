@@ -7,9 +7,11 @@
 namespace voxspring {
 namespace {
 
-/// "CUDA" of "CUDA 13.0".
+/// "CUDA" of "CUDA 13.0", "OpenGL compute" of "OpenGL compute 4.5 core".
 std::string family_of(const Capabilities& capabilities) {
-    return capabilities.api.substr(0, capabilities.api.find(' '));
+    const std::string& api = capabilities.api;
+    const std::size_t version = api.find_first_of("0123456789");
+    return version == std::string::npos ? api : api.substr(0, api.find_last_not_of(' ', version - 1) + 1);
 }
 
 nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& limits) {
