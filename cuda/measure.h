@@ -13,6 +13,10 @@ namespace voxspring::cuda {
 template <class Real>
 void measure_rest_lengths(std::span<Real> squared, const Stream& stream);
 
+/// inverse_root() of each square, computed on the device.
+template <class Real>
+void measure_inverse_roots(std::span<Real> squared, const Stream& stream);
+
 /// Turns the squared rest length of every spring into its length, in place.
 template <class Real>
 void measure_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream);

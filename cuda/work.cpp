@@ -1,6 +1,7 @@
 #include "cuda/work.h"
 
 #include <algorithm>
+#include <array>
 
 #include "backends/physics/neighbours.h"
 #include "cuda/kernels/delta.h"
@@ -102,6 +103,48 @@ StepWork implicit_work(const Problem& problem, Formulation formulation) {
     return work;
 }
 
+namespace {
+
+/// A spring of the march: as pull_operations() counts, but that what follows the root is 1 on positions and
+/// displacements, and by increments in float32 3 with the root's and the reciprocal's own. Face springs are
+/// scaled.
+template <class Real>
+std::uint64_t march_pull_operations(const Direction& direction, Formulation formulation) {
+    const glm::ivec3 o = direction.offset;
+    const auto axes = std::uint64_t((o.x != 0) + (o.y != 0) + (o.z != 0));
+    std::uint64_t operations = 3 + (single<Real> ? 3 : 4) + (direction.group == SpringGroup::face ? 1 : 0);
+    if (!on_positions(formulation)) operations += axes;
+    if (by_increments(formulation)) return operations + 3 + axes + (single<Real> ? 4 : 6 + 1 + 5 + 2);
+    return operations + (single<Real> ? 1 : 6) + 1;
+}
+
+}  // namespace
+
+template <class Real>
+StepWork march_work(const Problem& problem, Formulation formulation) {
+    const std::uint64_t particles = problem.particle_count();
+    const bool increments = by_increments(formulation);
+    StepWork work{.bytes = particles * (increments ? 4 : 3) * sizeof(Vector<Real>), .operations = 0};
+    // Evaluations of the springs of a thread's particles, of which some are shared with other threads: two
+    // rows of two in float32, one in float64.
+    struct Share {
+        std::uint64_t evaluations, springs;
+    };
+    const std::array<Share, 2> shares =
+        single<Real> ? std::array<Share, 2>{{{16, 12}, {38, 24}}} : std::array<Share, 2>{{{9, 6}, {22, 12}}};
+    const SpringCounts springs = count_springs(problem);
+    for (std::size_t g = 0; g < shares.size(); ++g) {
+        const auto of_group = std::find_if(directions().begin(), directions().end(),
+                                           [&](const Direction& d) { return std::size_t(d.group) == g; });
+        work.operations += springs.group[g] * shares[g].evaluations / shares[g].springs *
+                           march_pull_operations<Real>(*of_group, formulation);
+        work.operations += springs.group[g] * 2 * vector_operations;
+    }
+    const bool changed = problem.has_gravity() || problem.damping != 0;
+    work.operations += particles * vector_operations * ((increments ? 2 : 3) + (changed ? 1 : 0));
+    return work;
+}
+
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
@@ -142,6 +185,8 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
 
 template StepWork implicit_work<float>(const Problem&, Formulation);
 template StepWork implicit_work<double>(const Problem&, Formulation);
+template StepWork march_work<float>(const Problem&, Formulation);
+template StepWork march_work<double>(const Problem&, Formulation);
 template StepWork explicit_work<float>(const Problem&, bool, Formulation);
 template StepWork explicit_work<double>(const Problem&, bool, Formulation);
 template StepWork delta_work<float>(const Problem&, Formulation);

@@ -12,6 +12,10 @@ namespace voxspring::cuda {
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation);
 
+/// The same in structure of arrays without masks, most springs evaluated once for both of their ends.
+template <class Real>
+StepWork march_work(const Problem& problem, Formulation formulation);
+
 /// Of particles by list, with or without the secondary list. Unused slots do not count.
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);

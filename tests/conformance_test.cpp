@@ -146,6 +146,9 @@ bool may_refuse(const std::string& backend, const Problem& problem) {
     const bool counts_groups = backend == "cuda_explicit_cached_grid";
     const bool has_lists = backend.find("explicit") != std::string::npos || backend == "cuda_scatter";
     if (!problem.springs.empty()) return counts_groups || !has_lists;
+    if (backend == "cuda_march" &&
+        (problem.has_materials() || !problem.load.empty() || (problem.group_bits & CORNER_BITS) != 0))
+        return true;
     const glm::dvec3 spacing = problem.lattice.spacing;
     const bool cubic = spacing.x == spacing.y && spacing.y == spacing.z;
     return counts_groups && (problem.has_materials() || !cubic);

@@ -10,6 +10,8 @@
 #include "cuda/compiler.h"
 #include "cuda/kernels/resident.h"
 #include "cuda/layout.h"
+#include "cuda/march.h"
+#include "cuda/march_layout.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -96,6 +98,33 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
                            std::to_string(all_terms & ~term_materials) + "u,true>"}}};
         EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
     }
+}
+
+/// Whether `tile` can be had in that precision, and compiles.
+void compile_march(const char* tile, Precision precision, Formulation formulation, const Problem& problem) {
+    SCOPED_TRACE(std::string(tile) + " " + to_string(precision) + " " + to_string(formulation));
+    const MarchTile shape = march_tile(tile, precision);
+    if (shape.shape.warps() == 0) return;
+    const CompiledKernel compiled = compile(march_source(problem, formulation, shape, precision), 90);
+    EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
+}
+
+TEST(Compiler, CompilesTheMarch) {
+    Problem problem;
+    problem.group_bits = FACE_BITS | EDGE_BITS;
+    Problem moved = problem;
+    moved.damping = 0.01;
+    moved.gravity.z = 1;
+    for (const Precision precision : {Precision::float32, Precision::float64}) {
+        for (const char* tile :
+             {"32x20", "64x8", "64x16", "64x20", "64x24", "128x8", "128x16", "128x20", "128x24"})
+            compile_march(tile, precision, Formulation::position, problem);
+        for (const Formulation formulation :
+             {Formulation::position, Formulation::displacement, Formulation::increment})
+            compile_march("64x8", precision, formulation, moved);
+    }
+    problem.group_bits = FACE_BITS;
+    compile_march("64x8", Precision::float32, Formulation::increment, problem);
 }
 
 INSTANTIATE_TEST_SUITE_P(Formulations, Compiler, ::testing::ValuesIn(all_formulations),

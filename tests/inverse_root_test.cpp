@@ -67,6 +67,25 @@ TEST(InverseRoot, AgreesWithTheSharedFormula) {
     }
 }
 
+TEST(InverseRoot, TheLeanStrainDensityIsTheSame) {
+    std::mt19937 generator(3);
+    std::uniform_real_distribution<double> stretch(0.2, 3), rests(0.5, 4);
+    for (int n = 0; n < 10000; ++n) {
+        const double rest_length = rests(generator);
+        const double length = rest_length * stretch(generator);
+        const double squared = length * length;
+        const double deficit = rest_length * rest_length - squared;
+        const double expected = deficit / ((rest_length + length) * length);
+        // A root, a sum, a reciprocal and a product in host code, and its arguments, half a unit each.
+        constexpr double roundings = 8;
+        EXPECT_NEAR(double(lean_strain_density(float(squared), float(rest_length), float(deficit))), expected,
+                    roundings * std::ldexp(1.0, -24) * std::fabs(expected));
+        EXPECT_NEAR(lean_strain_density(squared, rest_length, deficit), expected,
+                    roundings * std::ldexp(1.0, -53) * std::fabs(expected));
+    }
+    EXPECT_EQ(lean_strain_density(2.0F, std::sqrt(2.0F), 0.0F), 0.0F);
+}
+
 TEST(InverseRoot, CoincidentParticlesStayFinite) {
     const float squared = squared_length(0.0F, 0.0F, 0.0F, 1e-12F);
     const float density = unit_force_density(squared, 1.0F, inverse_root(squared));

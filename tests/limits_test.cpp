@@ -150,6 +150,24 @@ TEST(StepWork, OfCudaByFormulation) {
     EXPECT_WORK(cuda::implicit_work<float>(moved, Formulation::paper), 6 * 48, 6 * (21 + 6) + 22 * 13, 1);
 }
 
+// Of two rows of two particles a thread evaluates 16 face springs for 12, and 38 edge springs for 24; of one
+// row, in float64, 9 for 6 and 22 for 12.
+TEST(StepWork, OfCudaMarch) {
+    const int faces = 7 * 16 / 12, edges = 4 * 38 / 24, ends = 22;
+    EXPECT_WORK(cuda::march_work<float>(plate(), position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 9,
+                1);
+    EXPECT_WORK(cuda::march_work<double>(plate(), position), 6 * 72,
+                7 * 9 / 6 * 15 + 4 * 22 / 12 * 14 + ends * 3 + 6 * 9, 1);
+    EXPECT_WORK(cuda::march_work<float>(plate(), Formulation::displacement), 6 * 36,
+                faces * 10 + edges * 10 + ends * 3 + 6 * 9, 1);
+    EXPECT_WORK(cuda::march_work<float>(plate(), Formulation::increment), 6 * 48,
+                faces * 16 + edges * 17 + ends * 3 + 6 * 6, 1);
+    Problem moved = plate();
+    moved.damping = 0.1;
+    EXPECT_WORK(cuda::march_work<float>(moved, position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 12,
+                1);
+}
+
 TEST(StepWork, OfCudaExplicit) {
     EXPECT_WORK(cuda::explicit_work<float>(plate(), false, position), 6 * 48 + 22 * 4, 6 * (15 + 6) + 22 * 13,
                 1);

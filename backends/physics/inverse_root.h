@@ -172,6 +172,22 @@ refined_strain_density(Real squared, Real rest_length, Real deficit) {
 }
 
 #ifndef VOXSPRING_GLSL
+/// unit_strain_density() as deficit / (|d|^2 + l |d|), which in float32 saves a multiplication where the
+/// hardware has a root.
+VOXSPRING_HOST_DEVICE inline float lean_strain_density(float squared, float rest_length, float deficit) {
+#ifdef __CUDA_ARCH__
+    float length;
+    asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(length) : "f"(squared));
+#else
+    const float length = std::sqrt(squared);
+#endif
+    return deficit * fast_reciprocal(std::fma(rest_length, length, squared));
+}
+
+VOXSPRING_HOST_DEVICE inline double lean_strain_density(double squared, double rest_length, double deficit) {
+    return unit_strain_density(squared, rest_length, deficit);
+}
+
 }  // namespace voxspring
 #endif
 #endif

@@ -95,6 +95,16 @@ struct Pull {
     Real density;
 };
 
+/// l^2 - |d|^2 without cancellation (strain_density() of spring.h), of d = `offset` = `relative` -
+/// rest.offset.
+template <class Real>
+VOXSPRING_HOST_DEVICE Real strain_deficit(Vector<Real> relative, Vector<Real> offset,
+                                          const SpringRest<Real>& rest) {
+    const Vector<Real> sum = offset - rest.offset;
+    return std::fma(-relative.x, sum.x,
+                    std::fma(-relative.y, sum.y, std::fma(-relative.z, sum.z, rest.deficit)));
+}
+
 /// `relative`: x_i - x_j or u_i - u_j. `rest_length` as measured_length() gives it or, by increments, as it
 /// is.
 template <class Terms, class Real>
@@ -104,9 +114,7 @@ VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRe
     const Vector<Real> offset = Terms::positions ? relative : relative - rest.offset;
     const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
     if constexpr (Terms::increments) {
-        const Vector<Real> sum = offset - rest.offset;
-        const Real deficit = std::fma(
-            -relative.x, sum.x, std::fma(-relative.y, sum.y, std::fma(-relative.z, sum.z, rest.deficit)));
+        const Real deficit = strain_deficit(relative, offset, rest);
         return {offset, Terms::refined ? refined_strain_density(squared, rest_length, deficit)
                                        : unit_strain_density(squared, rest_length, deficit)};
     } else {

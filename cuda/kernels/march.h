@@ -1,0 +1,439 @@
+// A march along z through a lattice in structure of arrays: every thread owns ROWS x 2 columns of particles
+// and takes them plane by plane, from windows that hold a plane of a tile with a frame around it. The body of
+// the kernel, whose windows a device fills with its copy engine and a test with a loop.
+#pragma once
+
+#include "cuda/kernels/motion.h"
+
+#ifdef __CUDACC__
+/// Before a loop: its body as often as it runs, so that what it indexes may be registers; or once.
+#define UNROLLED _Pragma("unroll")
+#define ROLLED _Pragma("unroll 1")
+#else
+#define UNROLLED
+#define ROLLED
+#endif
+
+namespace voxspring::cuda {
+
+/// How a block covers a tile: a warp has `lanes` threads along x and 32 / lanes along y, a block `wide` x
+/// `high` warps. Windows lie in shared memory in two rings: `planes` of positions, `befores` of what the step
+/// overwrites.
+struct MarchShape {
+    int rows, lanes, wide, high, planes, befores;
+
+    VOXSPRING_HOST_DEVICE constexpr int warps() const { return wide * high; }
+    VOXSPRING_HOST_DEVICE constexpr int threads() const { return 32 * warps(); }
+    /// Columns of particles of a tile.
+    VOXSPRING_HOST_DEVICE constexpr int width() const { return 2 * lanes * wide; }
+    VOXSPRING_HOST_DEVICE constexpr int height() const { return rows * (32 / lanes) * high; }
+    /// Where in the tile thread `number` begins.
+    VOXSPRING_HOST_DEVICE constexpr int column(int number) const {
+        return (number / 32 % wide) * 2 * lanes + 2 * (number % lanes);
+    }
+    VOXSPRING_HOST_DEVICE constexpr int row(int number) const {
+        return ((number / 32 / wide) * (32 / lanes) + number % 32 / lanes) * rows;
+    }
+
+    // A window of positions: the tile with a frame of one particle in front and behind and, since a copy
+    // begins on 16 bytes, of as many as those hold to the left and right. One axis after the other. In
+    // elements of `real` bytes:
+    static VOXSPRING_HOST_DEVICE constexpr int margin(int real) { return 16 / real; }
+    VOXSPRING_HOST_DEVICE constexpr int pitch(int real) const { return width() + 2 * margin(real); }
+    VOXSPRING_HOST_DEVICE constexpr int axis(int real) const { return pitch(real) * (height() + 2); }
+    /// Of the particle that a thread begins at.
+    VOXSPRING_HOST_DEVICE constexpr int own(int number, int real) const {
+        return (row(number) + 1) * pitch(real) + column(number) + margin(real);
+    }
+    // A window of what the step overwrites has no frame.
+    VOXSPRING_HOST_DEVICE constexpr int before_axis() const { return width() * height(); }
+    VOXSPRING_HOST_DEVICE constexpr int before_own(int number) const {
+        return row(number) * width() + column(number);
+    }
+
+    /// Bytes from window to window: a copy goes to a multiple of 128.
+    VOXSPRING_HOST_DEVICE constexpr int window_bytes(int real) const {
+        return (3 * axis(real) * real + 127) / 128 * 128;
+    }
+    VOXSPRING_HOST_DEVICE constexpr int before_bytes(int real) const {
+        return (3 * before_axis() * real + 127) / 128 * 128;
+    }
+    /// Both rings, and two barriers of 8 bytes a window.
+    VOXSPRING_HOST_DEVICE constexpr int shared_bytes(int real) const {
+        return planes * window_bytes(real) + befores * before_bytes(real) + 16 * (planes + befores);
+    }
+    bool operator==(const MarchShape&) const = default;
+};
+
+/// Planes `begin` to `end` (exclusive) of the tile whose first particle is that of column (x, y).
+struct alignas(16) MarchItem {
+    int x, y, begin, end;
+    /// Where its words begin, of use unless all of its warps are whole: for each plane from `begin` to `end`
+    /// (inclusive) one a thread, as MarchWord has it.
+    std::size_t words;
+    /// A bit for each warp all of whose particles exist, move and have every spring, but for those to beyond
+    /// the first and last column and plane of the lattice.
+    std::size_t whole;
+    bool operator==(const MarchItem&) const = default;
+};
+
+/// Lattice springs by how they lie, up to sign: along x, y, z, in the planes xy, xz, yz.
+inline constexpr int spring_classes = 6;
+VOXSPRING_HOST_DEVICE constexpr int spring_class(int dx, int dy, int dz) {
+    if (dz == 0) return dy == 0 ? 0 : dx == 0 ? 1 : 3;
+    return dx != 0 ? 4 : dy != 0 ? 5 : 2;
+}
+
+/// Everything that a step needs besides where the particles are.
+template <class Real>
+struct MarchStep {
+    int nx, ny, nz;
+    std::size_t row, plane, axis;  ///< elements from one to the next
+    const MarchItem* items;
+    const std::uint64_t* words;
+    Vector<Real> spacing;
+    Real rest_length[spring_classes];  ///< by increments; else 1 / rest length, as inverse_root() has it
+    Real deficit[spring_classes];      ///< RestSpring::deficit
+    /// Of each class, in units of the one that all edge springs have if they are alike (EQUAL_EDGES).
+    Real stiffness[spring_classes];
+    Real scale;            ///< that unit times dt^2 / mass
+    Vector<Real> gravity;  ///< times dt^2
+    Real damping, retained;
+    Real shortest_squared;
+    bool operator==(const MarchStep&) const = default;
+};
+
+/// A CUtensorMap: a lattice's x, y, z and the three axes of its vectors as one tensor.
+struct alignas(128) TensorMap {
+    std::uint64_t opaque[16];
+    bool operator==(const TensorMap&) const = default;
+};
+
+/// What a step writes: x or u at t + dt (on positions and displacements over those of t - dt), v in place.
+template <class Real>
+struct MarchOutput {
+    Real* next;
+    Real* increment;
+};
+
+/// The bits of a word: one for each spring of visit_springs(); one for each particle of the plane before
+/// which moves; one for each row of it that has a particle.
+template <int rows>
+struct MarchWord {
+    static constexpr int springs = 23 * rows + 8;
+    static VOXSPRING_HOST_DEVICE constexpr int moves(int r, int c) { return springs + 2 * r + c; }
+    static VOXSPRING_HOST_DEVICE constexpr int stored(int r) { return springs + 2 * rows + r; }
+    static_assert(springs + 3 * rows <= 64);
+};
+
+/// Every spring that a thread evaluates when a plane arrives, each with its bit. Particles are named by plane
+/// (1: the one that arrived, 0: the one before), row and column; own ones are rows 0 to rows - 1 of columns 0
+/// and 1. visit.both(bit, ...) is a spring between two of them, visit.half(bit, ...) one to a neighbour,
+/// which that one's own thread evaluates too. 13.5 a particle with two rows, where one by one it were 18.
+/// Without `vertical`, those within the plane alone.
+template <int rows, bool vertical, class Visit>
+VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
+    int bit = 0;
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        visit.both(bit++, 1, r, 0, 1, r, 1);
+        if (r + 1 == rows) continue;
+        visit.both(bit++, 1, r, 0, 1, r + 1, 0);
+        visit.both(bit++, 1, r, 1, 1, r + 1, 1);
+        visit.both(bit++, 1, r, 0, 1, r + 1, 1);
+        visit.both(bit++, 1, r, 1, 1, r + 1, 0);
+    }
+    // To the left and right.
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        UNROLLED
+        for (int c = 0; c < 2; ++c) {
+            const int x = c == 0 ? -1 : 2;
+            visit.half(bit++, 1, r, c, 1, r, x);
+            if (r > 0) visit.half(bit++, 1, r - 1, c, 1, r, x);
+            if (r + 1 < rows) visit.half(bit++, 1, r + 1, c, 1, r, x);
+            if (vertical) visit.half(bit, 0, r, c, 1, r, x);
+            ++bit;
+        }
+    }
+    // From plane to plane.
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        UNROLLED
+        for (int c = 0; c < 2; ++c) {
+            if (vertical) visit.both(bit, 0, r, c, 1, r, c);
+            if (vertical) visit.both(bit + 1, 0, r, c, 1, r, 1 - c);
+            bit += 2;
+            if (r > 0) {
+                if (vertical) visit.both(bit, 0, r, c, 1, r - 1, c);
+                ++bit;
+            }
+            if (r + 1 < rows) {
+                if (vertical) visit.both(bit, 0, r, c, 1, r + 1, c);
+                ++bit;
+            }
+        }
+    }
+    // To the rows in front and behind.
+    UNROLLED
+    for (int side = 0; side < 2; ++side) {
+        const int r = side == 0 ? 0 : rows - 1, y = side == 0 ? -1 : rows;
+        UNROLLED
+        for (int c = 0; c < 2; ++c) {
+            UNROLLED
+            for (int dx = -1; dx <= 1; ++dx) visit.half(bit++, 1, r, c, 1, y, c + dx);
+            if (vertical) visit.half(bit, 0, r, c, 1, y, c);
+            if (vertical) visit.half(bit + 1, 1, r, c, 0, y, c);
+            bit += 2;
+        }
+    }
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        if (vertical) visit.half(bit, 1, r, 0, 0, r, -1);
+        if (vertical) visit.half(bit + 1, 1, r, 1, 0, r, 2);
+        bit += 2;
+    }
+}
+
+/// Two neighbours along x, moved at once.
+template <class Real>
+struct alignas(2 * sizeof(Real)) Pair {
+    Real a, b;
+};
+
+/// The particles of a thread in one plane, or the sums of their forces.
+template <class Real, int rows>
+struct Own {
+    Vector<Real> at[rows][2];
+
+    VOXSPRING_HOST_DEVICE void clear() {
+        UNROLLED
+        for (int r = 0; r < rows; ++r) at[r][0] = at[r][1] = {0, 0, 0};
+    }
+    /// From a window whose element `from` is the first of them.
+    VOXSPRING_HOST_DEVICE void load(const Real* from, int pitch, int axis) {
+        UNROLLED
+        for (int r = 0; r < rows; ++r) load_pair(from + r * pitch, axis, at[r][0], at[r][1]);
+    }
+    static VOXSPRING_HOST_DEVICE void load_pair(const Real* from, int axis, Vector<Real>& a,
+                                                Vector<Real>& b) {
+        const auto x = *reinterpret_cast<const Pair<Real>*>(from);
+        const auto y = *reinterpret_cast<const Pair<Real>*>(from + axis);
+        const auto z = *reinterpret_cast<const Pair<Real>*>(from + 2 * axis);
+        a = {x.a, y.a, z.a};
+        b = {x.b, y.b, z.b};
+    }
+};
+
+/// Whether a thread's particles have neighbours to the left and right, as factors.
+template <class Real>
+struct Sides {
+    Real left, right;
+};
+
+/// The springs of a thread as a plane arrives, added to the forces on its particles in that plane and the one
+/// before. `masked`: those whose bits are set; the force of others is dropped by selection.
+template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Real>
+class Arrival {
+public:
+    using Particles = Own<Real, shape.rows>;
+
+    /// Windows are given by the element where the thread's own particles begin.
+    VOXSPRING_HOST_DEVICE Arrival(const MarchStep<Real>& step, const Sides<Real>& sides, std::uint64_t word,
+                                  const Real* window, const Real* window_before, const Particles& now,
+                                  const Particles& before, Particles& force, Particles& force_before)
+        : step_(step),
+          sides_(sides),
+          word_(word),
+          windows_{window_before, window},
+          own_{&before, &now},
+          force_{&force_before, &force} {}
+
+    VOXSPRING_HOST_DEVICE void both(int bit, int z, int r, int c, int z2, int r2, int c2) {
+        const int k = spring_class(c2 - c, r2 - r, z2 - z);
+        if (!used(k)) return;
+        const Pull<Real> spring =
+            pull(bit, own_[z]->at[r][c] - own_[z2]->at[r2][c2], k, c2 - c, r2 - r, z2 - z);
+        Vector<Real>& a = force_[z]->at[r][c];
+        Vector<Real>& b = force_[z2]->at[r2][c2];
+        a = fused(spring.offset, spring.density, a);
+        b = fused(spring.offset, -spring.density, b);
+    }
+    VOXSPRING_HOST_DEVICE void half(int bit, int z, int r, int c, int z2, int r2, int c2) {
+        const int k = spring_class(c2 - c, r2 - r, z2 - z);
+        if (!used(k)) return;
+        Pull<Real> spring =
+            pull(bit, own_[z]->at[r][c] - neighbour(windows_[z2], r2, c2), k, c2 - c, r2 - r, z2 - z);
+        if (!masked && c2 == -1) spring.density = spring.density * sides_.left;
+        if (!masked && c2 == 2) spring.density = spring.density * sides_.right;
+        Vector<Real>& a = force_[z]->at[r][c];
+        a = fused(spring.offset, spring.density, a);
+    }
+
+private:
+    static constexpr int pitch = shape.pitch(sizeof(Real));
+    static constexpr int axis = shape.axis(sizeof(Real));
+
+    static VOXSPRING_HOST_DEVICE constexpr bool used(int k) {
+        return (Terms::groups & (k < 3 ? FACE_BITS : EDGE_BITS)) != 0;
+    }
+    static VOXSPRING_HOST_DEVICE Vector<Real> neighbour(const Real* window, int r, int c) {
+        const Real* const row = window + r * pitch;
+        if (c == -1 || c == 2) return {row[c], row[axis + c], row[2 * axis + c]};
+        Vector<Real> a, b;
+        Particles::load_pair(row, axis, a, b);
+        return c == 0 ? a : b;
+    }
+    VOXSPRING_HOST_DEVICE Pull<Real> pull(int bit, Vector<Real> relative, int k, int dx, int dy,
+                                          int dz) const {
+        const SpringRest<Real> rest{
+            {dx == 0 ? Real(0) : Real(dx) * step_.spacing.x, dy == 0 ? Real(0) : Real(dy) * step_.spacing.y,
+             dz == 0 ? Real(0) : Real(dz) * step_.spacing.z},
+            step_.deficit[k]};
+        Pull<Real> spring;
+        spring.offset = Terms::positions ? relative : relative - rest.offset;
+        const Real squared =
+            squared_length(spring.offset.x, spring.offset.y, spring.offset.z, step_.shortest_squared);
+        if constexpr (Terms::increments) {
+            spring.density = lean_strain_density(squared, step_.rest_length[k],
+                                                 strain_deficit(relative, spring.offset, rest));
+        } else {
+            // (l - |d|) / |d| in units of l. Zero to the bit at rest, like unit_force_density().
+            spring.density = inverse_root(squared) - step_.rest_length[k];
+        }
+        if (k < 3 || !equal_edges) spring.density = spring.density * step_.stiffness[k];
+        if (masked) spring.density = (word_ >> bit & 1U) != 0 ? spring.density : Real(0);
+        return spring;
+    }
+
+    const MarchStep<Real>& step_;
+    const Sides<Real>& sides_;
+    const std::uint64_t word_;
+    const Real* const windows_[2];
+    const Particles* const own_[2];
+    Particles* const force_[2];
+};
+
+/// x or u at t + dt, or v at t + dt (`at` is of no use then): `before` is what the step overwrites, `force`
+/// in units of MarchStep::scale.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Real advanced(const MarchStep<Real>& step, Real at, Real before, Real force,
+                                    Real gravity) {
+    const Real moved = Terms::increments ? before : at - before;
+    const Real kept = Terms::increments ? -step.damping : step.retained;
+    Real change = Terms::increments ? -Real(0) : moved;
+    if constexpr (Terms::compiled(term_damping) && Terms::compiled(term_gravity)) {
+        change = std::fma(moved, kept, gravity);
+    } else if constexpr (Terms::compiled(term_damping)) {
+        change = moved * kept;
+    } else if constexpr (Terms::compiled(term_gravity)) {
+        change = change + gravity;
+    }
+    return (Terms::increments ? before : at) + std::fma(force, step.scale, change);
+}
+
+/// Moves a thread's particles of one plane on, whose first is element `index` of each axis. `before`: their
+/// window.
+template <class Terms, MarchShape shape, bool masked, class Real>
+VOXSPRING_HOST_DEVICE void advance_plane(const MarchStep<Real>& step, const MarchOutput<Real>& output,
+                                         std::size_t index, std::uint64_t word, const Real* before,
+                                         const Own<Real, shape.rows>& own,
+                                         const Own<Real, shape.rows>& force) {
+    using Bits = MarchWord<shape.rows>;
+    UNROLLED
+    for (int r = 0; r < shape.rows; ++r) {
+        if (masked && (word >> Bits::stored(r) & 1U) == 0) continue;
+        const bool moves_a = !masked || (word >> Bits::moves(r, 0) & 1U) != 0;
+        const bool moves_b = !masked || (word >> Bits::moves(r, 1) & 1U) != 0;
+        const auto store = [&](int axis, Real Vector<Real>::*of, Real gravity) {
+            const auto old =
+                *reinterpret_cast<const Pair<Real>*>(before + axis * shape.before_axis() + r * shape.width());
+            const Real at_a = own.at[r][0].*of, at_b = own.at[r][1].*of;
+            Pair<Real> next{advanced<Terms>(step, at_a, old.a, force.at[r][0].*of, gravity),
+                            advanced<Terms>(step, at_b, old.b, force.at[r][1].*of, gravity)};
+            const std::size_t to = index + std::size_t(r) * step.row + std::size_t(axis) * step.axis;
+            if constexpr (Terms::increments) {
+                if (!moves_a) next.a = 0;
+                if (!moves_b) next.b = 0;
+                *reinterpret_cast<Pair<Real>*>(output.increment + to) = next;
+                next = {at_a + next.a, at_b + next.b};
+            } else {
+                if (!moves_a) next.a = at_a;
+                if (!moves_b) next.b = at_b;
+            }
+            *reinterpret_cast<Pair<Real>*>(output.next + to) = next;
+        };
+        store(0, &Vector<Real>::x, step.gravity.x);
+        store(1, &Vector<Real>::y, step.gravity.y);
+        store(2, &Vector<Real>::z, step.gravity.z);
+    }
+}
+
+/// The march of one thread over the planes of an item. `Planes` says where things are:
+///
+/// - arrive(): waits for the next plane; its window.
+/// - release(): the window before the newest is of no more use.
+/// - before(): waits for the window of what the next plane's step overwrites; release_before() ends its use.
+///
+/// - refill(plane): before `plane` arrives, a moment to ask for later ones.
+/// - any(here): whether `here` holds for any thread that steps together with this one.
+///
+/// Windows begin at the thread's own particles.
+template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Real, class Planes>
+VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& item,
+                                 const MarchOutput<Real>& output, int thread, Planes& planes) {
+    using Particles = Own<Real, shape.rows>;
+    using Springs = Arrival<Terms, shape, masked, equal_edges, Real>;
+
+    const std::uint64_t* words = masked ? step.words + item.words + thread : nullptr;
+    std::uint64_t next_word = masked ? *words : 0;
+    // Each word is fetched a plane before it is needed.
+    const auto word_of = [&](int plane) {
+        const std::uint64_t word = next_word;
+        if (masked && plane < item.end) {
+            words += shape.threads();
+            next_word = *words;
+        }
+        return word;
+    };
+
+    const int x = item.x + shape.column(thread);
+    const Sides<Real> sides{x > 0 ? Real(1) : Real(0), x + 2 < step.nx ? Real(1) : Real(0)};
+    std::size_t index = std::size_t(x) + std::size_t(item.y + shape.row(thread)) * step.row +
+                        std::size_t(item.begin) * step.plane;
+    const auto finish = [&](std::uint64_t word, const Particles& own, const Particles& force) {
+        advance_plane<Terms, shape, masked>(step, output, index, word, planes.before(), own, force);
+        planes.release_before();
+        index += step.plane;
+    };
+
+    Particles own, force, above, force_above;
+    const Real* window = planes.arrive();
+    own.load(window, shape.pitch(sizeof(Real)), shape.axis(sizeof(Real)));
+    force.clear();
+    int plane = item.begin;
+    if (plane == 0) {
+        Springs springs(step, sides, word_of(plane), window, window, own, own, force, force);
+        visit_springs<shape.rows, false>(springs);
+        ++plane;
+    }
+    const int last = item.end < step.nz ? item.end : step.nz - 1;
+    ROLLED
+    for (; plane <= last; ++plane) {
+        planes.refill(plane);
+        const std::uint64_t word = word_of(plane);
+        const Real* const arrived = planes.arrive();
+        above.load(arrived, shape.pitch(sizeof(Real)), shape.axis(sizeof(Real)));
+        force_above.clear();
+        Springs springs(step, sides, word, arrived, window, above, own, force_above, force);
+        if (!masked || planes.any(word != 0)) visit_springs<shape.rows, true>(springs);
+        planes.release();
+        window = arrived;
+        if (plane > item.begin) finish(word, own, force);
+        own = above;
+        force = force_above;
+    }
+    if (plane <= item.end) finish(word_of(plane), own, force);
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,167 @@
+// Rings of windows in shared memory that the tensor copy engine fills while a block works. Device code alone.
+#pragma once
+
+#include "cuda/kernels/march.h"
+
+namespace voxspring::cuda {
+
+__device__ inline std::uint32_t shared_address(const void* p) {
+    return static_cast<std::uint32_t>(__cvta_generic_to_shared(p));
+}
+
+/// An mbarrier: a phase ends when as many threads as it was made for have arrived and the bytes that they
+/// announced are there.
+struct Barrier {
+    std::uint32_t address;
+
+    __device__ void make(int threads) const {
+        asm volatile("mbarrier.init.shared.b64 [%0], %1;" ::"r"(address), "r"(threads) : "memory");
+    }
+    __device__ void arrive() const {
+        asm volatile("mbarrier.arrive.shared.b64 _, [%0];" ::"r"(address) : "memory");
+    }
+    __device__ void arrive_expecting(int bytes) const {
+        asm volatile("mbarrier.arrive.expect_tx.shared.b64 _, [%0], %1;" ::"r"(address), "r"(bytes)
+                     : "memory");
+    }
+    /// Until the phase of this parity has ended.
+    __device__ void wait(std::uint32_t parity) const {
+        asm volatile(
+            "{\n"
+            ".reg .pred done;\n"
+            "again: mbarrier.try_wait.parity.shared.b64 done, [%0], %1, 0x989680;\n"
+            "@!done bra again;\n"
+            "}" ::"r"(address),
+            "r"(parity)
+            : "memory");
+    }
+};
+
+/// Copies the box at (x, y, z) of all three axes; elements outside of the tensor are zeros.
+__device__ inline void copy_box(std::uint32_t to, const TensorMap& from, int x, int y, int z, Barrier done) {
+    asm volatile(
+        "cp.async.bulk.tensor.4d.shared::cluster.global.tile.mbarrier::complete_tx::bytes"
+        " [%0], [%1, {%2, %3, %4, %5}], [%6];" ::"r"(to),
+        "l"(&from), "r"(x), "r"(y), "r"(z), "r"(0), "r"(done.address)
+        : "memory");
+}
+
+/// Where one is in a ring: a slot, and the parity of the round.
+template <int slots>
+struct RingPlace {
+    int slot = 0;
+    std::uint32_t parity = 0;
+
+    __device__ void advance() { *this = ahead(1); }
+    /// `count` slots further on, at most a round.
+    __device__ RingPlace ahead(int count) const {
+        const int next = slot + count;
+        return next < slots ? RingPlace{next, parity} : RingPlace{next - slots, parity ^ 1U};
+    }
+};
+
+/// `slots` windows of `bytes` each, `stride` bytes apart, which one thread fills and every warp empties.
+template <int slots, int bytes, int stride>
+struct WindowRing {
+    static constexpr int size = slots * stride;
+
+    std::uint32_t windows, barriers;
+
+    __device__ Barrier full(int slot) const { return {barriers + std::uint32_t(8 * slot)}; }
+    __device__ Barrier empty(int slot) const { return {barriers + std::uint32_t(8 * (slots + slot))}; }
+    __device__ void make(int warps) const {
+        for (int slot = 0; slot < slots; ++slot) {
+            full(slot).make(1);
+            empty(slot).make(warps);
+        }
+    }
+    __device__ void fill(RingPlace<slots> place, const TensorMap& from, int x, int y, int z) const {
+        empty(place.slot).wait(place.parity ^ 1U);
+        full(place.slot).arrive_expecting(bytes);
+        copy_box(windows + std::uint32_t(place.slot * stride), from, x, y, z, full(place.slot));
+    }
+};
+
+/// The rings of a block that marches over an item, and where this thread is in them (march()).
+template <class Real, MarchShape shape>
+class MarchRings {
+    static constexpr int real = sizeof(Real);
+    using PlaneRing = WindowRing<shape.planes, 3 * shape.axis(real) * real, shape.window_bytes(real)>;
+    using BeforeRing = WindowRing<shape.befores, 3 * shape.before_axis() * real, shape.before_bytes(real)>;
+
+public:
+    __device__ MarchRings(unsigned char* shared, const MarchStep<Real>& step, const TensorMap& positions,
+                          const TensorMap& befores, const MarchItem& item)
+        : positions_(positions), befores_(befores), item_(item), planes_(step.nz) {
+        const std::uint32_t address = shared_address(shared);
+        const std::uint32_t barriers = address + PlaneRing::size + BeforeRing::size;
+        ring_ = {address, barriers};
+        before_ring_ = {address + PlaneRing::size, barriers + 16 * shape.planes};
+        const int thread = int(threadIdx.x);
+        window_ = reinterpret_cast<const Real*>(shared) + shape.own(thread, real);
+        before_ = reinterpret_cast<const Real*>(shared + PlaneRing::size) + shape.before_own(thread);
+        if (thread == 0) {
+            ring_.make(shape.warps());
+            before_ring_.make(shape.warps());
+            asm volatile("fence.mbarrier_init.release.cluster;" ::: "memory");
+        }
+        __syncthreads();
+        if (thread != 0) return;
+        // The last slot of either ring is filled in refill(), which so seldom waits for other warps.
+        const int first = item.begin == 0 ? 0 : item.begin - 1;
+        for (int n = 0; n + 1 < shape.planes; ++n) fill(place_.ahead(n), first + n);
+        for (int n = 0; n + 1 < shape.befores; ++n) fill_before(before_place_.ahead(n), item.begin + n);
+    }
+
+    /// Asks for planes that slots have become free for, before `plane` arrives: as many fills are ahead of
+    /// arrivals as the prologue made, so that no more state than theirs is needed.
+    __device__ void refill(int plane) {
+        if (threadIdx.x != 0) return;
+        fill(place_.ahead(shape.planes - 2), plane + shape.planes - 2);
+        if (plane > item_.begin)
+            fill_before(before_place_.ahead(shape.befores - 1), plane + shape.befores - 2);
+    }
+    __device__ static bool any(bool here) { return __any_sync(~0U, int(here)) != 0; }
+    __device__ const Real* arrive() {
+        const int slot = place_.slot;
+        ring_.full(slot).wait(place_.parity);
+        place_.advance();
+        return window_ + slot * (shape.window_bytes(real) / real);
+    }
+    __device__ void release() { release(ring_.empty(place_.ahead(shape.planes - 2).slot)); }
+    __device__ const Real* before() {
+        before_ring_.full(before_place_.slot).wait(before_place_.parity);
+        return before_ + before_place_.slot * (shape.before_bytes(real) / real);
+    }
+    __device__ void release_before() {
+        release(before_ring_.empty(before_place_.slot));
+        before_place_.advance();
+    }
+
+private:
+    __device__ static void release(Barrier empty) {
+        __syncwarp();
+        if (threadIdx.x % 32 == 0) empty.arrive();
+    }
+    __device__ void fill(RingPlace<shape.planes> place, int plane) const {
+        // The plane above the item's last is the last to arrive, if there is one.
+        if (plane <= item_.end && plane < planes_)
+            ring_.fill(place, positions_, item_.x - shape.margin(real), item_.y - 1, plane);
+    }
+    __device__ void fill_before(RingPlace<shape.befores> place, int plane) const {
+        if (plane < item_.end) before_ring_.fill(place, befores_, item_.x, item_.y, plane);
+    }
+
+    const TensorMap& positions_;
+    const TensorMap& befores_;
+    const MarchItem& item_;
+    PlaneRing ring_;
+    BeforeRing before_ring_;
+    const Real* window_;
+    const Real* before_;
+    int planes_;  ///< of the lattice
+    RingPlace<shape.planes> place_;
+    RingPlace<shape.befores> before_place_;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,395 @@
+// The march along z (cuda/kernels/march.h) without a device: its layout, its plan, and its body run on the
+// host, every thread of every item, from windows as a device's copy engine fills them.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+#include <map>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+
+#include "backends/physics/inverse_root.h"
+#include "backends/registry.h"
+#include "cuda/layout.h"
+#include "cuda/march_layout.h"
+#include "harness/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::cuda {
+namespace {
+
+using testing::make_grid;
+using testing::random_grid;
+using testing::random_state;
+using testing::solid;
+
+constexpr int slots = 4;  // of a device that the plans are for
+
+Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
+    Problem problem = make_lattice_problem(grid, groups);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.damping = 0.01;
+    problem.time_step = 0.2;
+    return problem;
+}
+
+Problem pinned(Problem problem) {
+    testing::pin_base(problem);
+    return problem;
+}
+
+Problem cut(Problem problem) {
+    SpringEditor editor(problem);
+    editor.cut(Plane{{9.5, 0, 0}, {1, 0.3, 0}});
+    editor.cut(Ball{{5, 5, 3}, 2.2});
+    return problem;
+}
+
+/// Problems that the march accepts.
+std::map<std::string, Problem> lattices() {
+    std::map<std::string, Problem> problems;
+    problems["one_particle"] = lattice(solid({1, 1, 1}));
+    problems["row_x"] = lattice(solid({37, 1, 1}));
+    problems["row_y"] = lattice(solid({1, 19, 1}));
+    problems["row_z"] = lattice(solid({1, 1, 23}));
+    problems["prime_box"] = lattice(solid({13, 7, 11}));
+    problems["aligned_box"] = lattice(solid({32, 8, 20}));
+    problems["wide_box"] = lattice(solid({67, 22, 5}));
+    problems["high_box"] = lattice(solid({20, 12, 41}));
+    problems["without_springs"] =
+        lattice(make_grid({8, 7, 6}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
+    problems["sparse"] = lattice(random_grid({41, 17, 9}, 0.2, 1));
+    problems["dense"] = lattice(random_grid({41, 17, 9}, 0.8, 2));
+    problems["two_runs"] = lattice(make_grid({9, 8, 28}, [](int, int, int z) { return z < 9 || z > 20; }));
+    problems["corner"] =
+        lattice(make_grid({70, 21, 9}, [](int x, int y, int z) { return x > 40 && y > 14 && z > 5; }));
+    problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
+    problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
+    problems["stiffness_a_group"] = lattice(random_grid({21, 9, 10}, 0.8, 3));
+    problems["stiffness_a_group"].group_stiffness = {1.0, 0.5, 0.25};
+    problems["soft_edges"] = lattice(solid({21, 9, 10}));
+    problems["soft_edges"].group_stiffness = {1.0, 0, 0};
+    problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}));
+    problems["pinned"] = pinned(lattice(random_grid({12, 11, 10}, 0.9, 5)));
+    problems["cut"] = cut(lattice(solid({20, 10, 8})));
+    problems["heavy"] = lattice(solid({6, 5, 4}));
+    problems["heavy"].materials = {{3.0, 1.0}};
+    problems["free"] = lattice(solid({6, 5, 4}));
+    problems["free"].damping = 0;
+    problems["free"].gravity = glm::dvec3(0);
+    return problems;
+}
+
+template <class Scalar, Formulation f, int rows, int lanes, int wide, int high>
+struct Variant {
+    using Real = Scalar;
+    static constexpr Formulation formulation = f;
+    static constexpr MarchShape shape{rows, lanes, wide, high, 3, 2};
+    static constexpr Precision precision = sizeof(Real) == 4 ? Precision::float32 : Precision::float64;
+};
+
+/// The windows of an item as a device copies them: what lies outside of the lattice is zero.
+template <class V>
+class HostPlanes {
+    using Real = typename V::Real;
+    static constexpr MarchShape shape = V::shape;
+    static constexpr int real = sizeof(Real);
+
+public:
+    HostPlanes(const MarchStep<Real>& step, const MarchItem& item, const std::vector<Real>& positions,
+               const std::vector<Real>& befores)
+        : step_(step), item_(item), first_(item.begin == 0 ? 0 : item.begin - 1) {
+        const int last = item.end == step.nz ? item.end - 1 : item.end;
+        for (int z = first_; z <= last; ++z)
+            windows_.push_back(box(positions, item.x - MarchShape::margin(real), item.y - 1, z,
+                                   shape.pitch(real), shape.height() + 2));
+        for (int z = item.begin; z < item.end; ++z)
+            befores_.push_back(box(befores, item.x, item.y, z, shape.width(), shape.height()));
+    }
+    void start(int thread) {
+        thread_ = thread;
+        arrived_ = released_ = before_ = 0;
+    }
+    /// Whether the thread asked for every window, and gave back all but the newest of positions.
+    bool complete() const {
+        return arrived_ == windows_.size() && released_ + 1 == arrived_ && before_ == befores_.size();
+    }
+
+    void refill(int plane) {
+        if (plane != first_ + int(arrived_)) throw std::logic_error("another plane than the next");
+    }
+    static bool any(bool here) { return here; }
+    const Real* arrive() { return windows_.at(arrived_++).data() + shape.own(thread_, real); }
+    void release() { ++released_; }
+    const Real* before() const { return befores_.at(before_).data() + shape.before_own(thread_); }
+    void release_before() { ++before_; }
+
+private:
+    std::vector<Real> box(const std::vector<Real>& values, int x, int y, int z, int width, int height) const {
+        std::vector<Real> out;
+        out.reserve(std::size_t(3) * std::size_t(width) * std::size_t(height));
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            for (int j = y; j < y + height; ++j) {
+                for (int i = x; i < x + width; ++i) {
+                    const bool inside = i >= 0 && j >= 0 && i < step_.nx && j < step_.ny;
+                    out.push_back(inside ? values[axis * step_.axis + std::size_t(z) * step_.plane +
+                                                  std::size_t(j) * step_.row + std::size_t(i)]
+                                         : Real(0));
+                }
+            }
+        }
+        return out;
+    }
+
+    const MarchStep<Real>& step_;
+    const MarchItem& item_;
+    int first_, thread_ = 0;
+    std::vector<std::vector<Real>> windows_, befores_;
+    std::size_t arrived_ = 0, released_ = 0, before_ = 0;
+};
+
+/// A backend's state and steps, on the host.
+template <class V>
+class Simulation {
+public:
+    using Real = typename V::Real;
+
+    Simulation(const Problem& problem, const State& start)
+        : problem_(problem),
+          state_(pack_march<Real>(problem, start, V::formulation)),
+          plan_(plan_march(problem, V::shape, slots)),
+          step_(make_march_step<Real>(problem, V::formulation)) {
+        if (!by_increments(V::formulation)) {
+            for (Real& length : step_.rest_length) length = inverse_root(length);
+        }
+        step_.words = plan_.words.data();
+    }
+    Simulation(const Simulation&) = delete;
+
+    /// No warp goes without masks.
+    void mask_everything() {
+        for (MarchItem& item : plan_.items) item.whole = 0;
+    }
+    void run(int count) {
+        for (int n = 0; n < count; ++n) {
+            switch (problem_.group_bits) {
+                case FACE_BITS:
+                    step_once<FACE_BITS>();
+                    break;
+                case EDGE_BITS:
+                    step_once<EDGE_BITS>();
+                    break;
+                default:
+                    step_once<FACE_BITS | EDGE_BITS>();
+            }
+        }
+    }
+    State download() const { return unpack_march<Real>(problem_, state_, V::formulation); }
+    const MarchPlan& plan() const { return plan_; }
+
+private:
+    template <std::uint32_t groups>
+    void step_once() {
+        constexpr bool increments = by_increments(V::formulation);
+        std::vector<Real> next = increments ? std::vector<Real>(state_.current.size()) : state_.before;
+        std::vector<Real> increment = increments ? state_.before : std::vector<Real>{};
+        const MarchOutput<Real> output{next.data(), increment.data()};
+        for (const MarchItem& item : plan_.items) {
+            HostPlanes<V> planes(step_, item, state_.current, state_.before);
+            for (int thread = 0; thread < V::shape.threads(); ++thread) {
+                planes.start(thread);
+                const bool whole = (item.whole >> (thread / 32) & 1U) != 0;
+                if (equal_edges(problem_, V::formulation)) {
+                    step_thread<groups, true>(item, output, thread, whole, planes);
+                } else {
+                    step_thread<groups, false>(item, output, thread, whole, planes);
+                }
+                ASSERT_TRUE(planes.complete());
+            }
+        }
+        if (increments) {
+            state_.before = increment;
+        } else {
+            state_.before = state_.current;
+        }
+        state_.current = next;
+    }
+    template <std::uint32_t groups, bool equal>
+    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool whole,
+                     HostPlanes<V>& planes) {
+        if (problem_.damping == 0 && !problem_.has_gravity()) {
+            step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread, whole,
+                                                                              planes);
+        } else {
+            step_thread<KernelTerms<V::formulation, groups, term_damping | term_gravity, false>, equal>(
+                item, output, thread, whole, planes);
+        }
+    }
+    template <class Terms, bool equal>
+    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool whole,
+                     HostPlanes<V>& planes) {
+        if (whole) {
+            march<Terms, V::shape, false, equal>(step_, item, output, thread, planes);
+        } else {
+            march<Terms, V::shape, true, equal>(step_, item, output, thread, planes);
+        }
+    }
+
+    const Problem& problem_;
+    MarchState<Real> state_;
+    MarchPlan plan_;
+    MarchStep<Real> step_;
+};
+
+template <class V>
+class MarchBody : public ::testing::Test {};
+using Variants = ::testing::Types<
+    Variant<float, Formulation::position, 2, 8, 1, 2>, Variant<float, Formulation::position, 2, 32, 2, 1>,
+    Variant<float, Formulation::displacement, 2, 16, 1, 3>,
+    Variant<float, Formulation::increment, 2, 8, 2, 1>, Variant<float, Formulation::increment, 1, 4, 1, 1>,
+    Variant<double, Formulation::position, 1, 8, 1, 2>,
+    Variant<double, Formulation::displacement, 2, 8, 1, 1>,
+    Variant<double, Formulation::increment, 1, 32, 1, 2>>;
+TYPED_TEST_SUITE(MarchBody, Variants);
+
+TYPED_TEST(MarchBody, AgreesWithTheReference) {
+    constexpr int steps = 5;
+    for (const auto& [name, problem] : lattices()) {
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        oracle->upload(problem, start);
+        oracle->step(steps);
+        Simulation<TypeParam> simulation(problem, start);
+        simulation.run(steps);
+        const Comparison comparison =
+            compare(problem, simulation.download(), oracle->download(), TypeParam::precision, steps);
+        EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    }
+}
+
+TYPED_TEST(MarchBody, RestStaysRestToTheBit) {
+    for (const auto& [name, problem] : lattices()) {
+        if (name == "anisotropic" && on_positions(TypeParam::formulation)) continue;  // x are rounded
+        SCOPED_TRACE(name);
+        Problem still = problem;
+        still.gravity = glm::dvec3(0);
+        const State rest = state_at_rest(still);
+        Simulation<TypeParam> simulation(still, rest);
+        simulation.run(3);
+        EXPECT_EQ(simulation.download().displacement, rest.displacement);
+        EXPECT_EQ(simulation.download().increment, rest.increment);
+    }
+}
+
+// A cut may take the way without masks from a warp, and must change nothing but the springs.
+TYPED_TEST(MarchBody, MasksChangeNoBit) {
+    const std::size_t all = (std::size_t(1) << TypeParam::shape.warps()) - 1;
+    int warps = 0;
+    for (const auto& [name, problem] : lattices()) {
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        Simulation<TypeParam> simulation(problem, start), masked(problem, start);
+        const std::vector<MarchItem>& items = simulation.plan().items;
+        // Items without any masks have no words.
+        if (std::any_of(items.begin(), items.end(), [all](const auto& item) { return item.whole == all; }))
+            continue;
+        for (const MarchItem& item : items) warps += std::popcount(item.whole);
+        masked.mask_everything();
+        simulation.run(3);
+        masked.run(3);
+        EXPECT_EQ(simulation.download().displacement, masked.download().displacement);
+        EXPECT_EQ(simulation.download().increment, masked.download().increment);
+    }
+    // Of these lattices some have whole warps beside others in tiles this narrow and high.
+    const bool in_some = TypeParam::shape.width() == 16 && TypeParam::shape.high > 1;
+    if (in_some) {
+        EXPECT_GT(warps, 0);
+    }
+}
+
+TYPED_TEST(MarchBody, PacksAndUnpacks) {
+    const Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 3));
+    const State start = random_state(problem, 0.05, 7);
+    const auto packed = pack_march<typename TypeParam::Real>(problem, start, TypeParam::formulation);
+    const State back = unpack_march<typename TypeParam::Real>(problem, packed, TypeParam::formulation);
+    const Comparison comparison = compare(problem, back, start, TypeParam::precision, 1);
+    EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    EXPECT_EQ(std::count_if(packed.current.begin(), packed.current.end(), [](auto v) { return v != 0; }),
+              std::ptrdiff_t(3 * problem.particle_count()));
+}
+
+TEST(MarchShape, CoversItsTileOnce) {
+    for (const char* name :
+         {"32x20", "64x8", "64x16", "64x20", "64x24", "128x8", "128x16", "128x20", "128x24"}) {
+        for (const Precision precision : {Precision::float32, Precision::float64}) {
+            const MarchTile tile = march_tile(name, precision);
+            const MarchShape& shape = tile.shape;
+            if (shape.warps() == 0) continue;
+            SCOPED_TRACE(name);
+            EXPECT_EQ(std::to_string(shape.width()) + "x" + std::to_string(shape.height()), name);
+            std::set<std::pair<int, int>> columns;
+            for (int thread = 0; thread < shape.threads(); ++thread) {
+                for (int r = 0; r < shape.rows; ++r) {
+                    for (int c = 0; c < 2; ++c)
+                        columns.emplace(shape.column(thread) + c, shape.row(thread) + r);
+                }
+            }
+            EXPECT_EQ(int(columns.size()), shape.width() * shape.height());
+            EXPECT_EQ(columns.rbegin()->first, shape.width() - 1);
+            // What an SM of compute capability 9.0 has: 228 KiB of which each block costs 1 KiB more.
+            const int real = precision == Precision::float32 ? 4 : 8;
+            EXPECT_LE(tile.blocks * (shape.shared_bytes(real) + 1024), 228 * 1024);
+            EXPECT_LE(shape.pitch(real), 256);  // of a box that the copy engine takes
+        }
+    }
+}
+
+TEST(MarchPlan, HoldsEveryParticleOnce) {
+    constexpr MarchShape shape{2, 8, 1, 2, 3, 2};
+    for (const auto& [name, problem] : lattices()) {
+        SCOPED_TRACE(name);
+        std::map<std::tuple<int, int, int>, int> items;
+        const MarchPlan plan = plan_march(problem, shape, slots);
+        for (const MarchItem& item : plan.items) {
+            EXPECT_LT(item.begin, item.end);
+            for (int z = item.begin; z < item.end; ++z) ++items[{item.x, item.y, z}];
+        }
+        for (const std::uint32_t voxel : problem.lattice.voxel) {
+            const glm::ivec3 c = problem.lattice.coordinates(voxel);
+            EXPECT_EQ(
+                (items[{c.x / shape.width() * shape.width(), c.y / shape.height() * shape.height(), c.z}]),
+                1);
+        }
+        EXPECT_LE(plan.words.size() * sizeof(std::uint64_t) + plan.items.size() * sizeof(MarchItem),
+                  most_plan_bytes(problem.lattice, shape));
+    }
+}
+
+TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {
+    constexpr MarchShape shape{2, 32, 1, 8, 4, 3};  // 64 x 16
+    // Its first and last rows alone.
+    const Problem box = lattice(solid({128, 48, 5}));
+    int whole = 0;
+    for (const MarchItem& item : plan_march(box, shape, slots).items) whole += std::popcount(item.whole);
+    EXPECT_EQ(whole, 2 * 3 * 8 - 2 * 2);
+    // A spring less takes it from one warp, or two if it ends in another.
+    Problem edited = box;
+    SpringEditor(edited).cut(Ball{{20.5, 20, 2}, 0.6});
+    int left = 0;
+    for (const MarchItem& item : plan_march(edited, shape, slots).items) left += std::popcount(item.whole);
+    EXPECT_EQ(left, whole - 1);
+}
+
+TEST(MarchPlan, FillsTheDevice) {
+    constexpr MarchShape shape{2, 8, 1, 2, 3, 2};  // 16 x 16
+    // Three tiles on four slots: in four parts each, three rounds of 64 planes, rather than one of 256.
+    EXPECT_EQ(plan_march(lattice(solid({48, 16, 256})), shape, 4).items.size(), 12U);
+    // As many tiles as slots stay whole.
+    EXPECT_EQ(plan_march(lattice(solid({64, 16, 256})), shape, 4).items.size(), 4U);
+}
+
+}  // namespace
+}  // namespace voxspring::cuda
