@@ -165,13 +165,19 @@ std::string refusal(const Problem& problem) {
 template <class T>
 using Array = hwy::AlignedFreeUniquePtr<T[]>;
 
+/// Elements or particles from which on copying them is worth starting threads.
+constexpr std::ptrdiff_t worth_threads = 1 << 16;
+
 template <class T>
 Array<T> filled(std::ptrdiff_t size, T value) {
     Array<T> array = hwy::AllocateAligned<T>(std::size_t(size));
     if (array == nullptr) {
         throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
     }
-    std::fill_n(array.get(), size, value);
+    // Each thread is the first to touch, and so has in its own memory, about what it will step.
+    T* const begin = array.get();
+#pragma omp parallel for schedule(static) if (size >= worth_threads)
+    for (std::ptrdiff_t i = 0; i < size; ++i) begin[i] = value;
     return array;
 }
 
@@ -214,7 +220,10 @@ public:
     State download() override {
         State state = state_at_rest(*problem_);
         const auto current = std::size_t(step_ % 2);
-        for (std::size_t i = 0; i < problem_->particle_count(); ++i) {
+        const auto particles = std::ptrdiff_t(problem_->particle_count());
+#pragma omp parallel for schedule(static) if (particles >= worth_threads)
+        for (std::ptrdiff_t particle = 0; particle < particles; ++particle) {
+            const auto i = std::size_t(particle);
             const auto element = std::size_t(element_of(i));
             const auto part = [element](const Array<T>& array) {
                 return array == nullptr ? 0.0 : double(array[element]);
@@ -399,7 +408,10 @@ private:
         }
         inverse_mass_ = all || problem.has_materials() ? array() : nullptr;
         compliance_ = problem.has_materials() ? array() : nullptr;
-        for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        const auto particles = std::ptrdiff_t(problem.particle_count());
+#pragma omp parallel for schedule(static) if (particles >= worth_threads)
+        for (std::ptrdiff_t particle = 0; particle < particles; ++particle) {
+            const auto i = std::size_t(particle);
             const auto element = std::size_t(element_of(i));
             mask_[element] = problem.lattice.mask[i];
             const glm::dvec3 at = on_positions(formulation_)
@@ -463,6 +475,8 @@ private:
             task = uniform_task();
             task.opposites = {share.opposites[0].data(), share.opposites[1].data()};
             task.opposites_count = share.opposites[0].size();
+            for (const Opposites<T>& pair : share.opposites[0])
+                task.farthest = std::max(task.farthest, pair.stride);
             const Block* const first = blocks_.data();
             task.begin = first + blocks_.size() * s / count;
             task.end = first + blocks_.size() * (s + 1) / count;

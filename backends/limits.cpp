@@ -15,6 +15,7 @@ StepLimit limit_of(const StepWork& work, const DeviceLimits& limits, Precision p
     const auto lengthen = [&](double seconds, const char* by) {
         if (seconds > limit.seconds) limit = {seconds, by};
     };
+    lengthen(work.exchanges * limits.exchange_seconds.value_or(0), "exchange");
     lengthen(bytes / bytes_per_second, "bandwidth");
     lengthen(double(work.operations) / operations_per_second, "arithmetic");
     return limit;

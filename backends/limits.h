@@ -25,6 +25,10 @@ struct DeviceLimits {
     double launch_seconds = 0;
     /// A barrier across the grid of a cooperative launch, one block an SM; nothing where there is none.
     std::optional<double> grid_barrier_seconds;
+    /// From one point that blocks of such a launch send to their neighbours, one block an SM, to the next,
+    /// which waits for it: through the cache that they share, without a barrier; nothing where there is no
+    /// way.
+    std::optional<double> exchange_seconds;
     /// Of independent multiply-adds, each counted as one operation.
     double float32_operations_per_second = 0;
     std::optional<double> float64_operations_per_second;
@@ -41,6 +45,8 @@ struct StepWork {
     /// may be fused, a comparison, a root or a division each count as one. Masks and indices do not count.
     std::uint64_t operations = 0;
     int launches = 1;  ///< each of which waits for the one before it
+    /// Of points between blocks of one launch, each of which waits for the one before it.
+    int exchanges = 0;
 
     bool operator==(const StepWork&) const = default;
 };
@@ -48,11 +54,11 @@ struct StepWork {
 /// The shortest time of a step, and what keeps it from being shorter.
 struct StepLimit {
     double seconds = 0;
-    std::string limited_by;  ///< "launch", "bandwidth" or "arithmetic"
+    std::string limited_by;  ///< "launch", "exchange", "bandwidth" or "arithmetic"
 };
 
-/// The longest of the times that launches, bytes and operations take alone, each at the device's own rate.
-/// Bytes go at the rate of the cache where they fit into it.
+/// The longest of the times that launches, exchanges, bytes and operations take alone, each at the device's
+/// own rate. Bytes go at the rate of the cache where they fit into it.
 StepLimit limit_of(const StepWork& work, const DeviceLimits& limits, Precision precision);
 
 /// Seconds that one repetition takes at best. `seconds_of(count)` runs `count` repetitions, at least one,

@@ -106,6 +106,12 @@ std::string BackendSpec::tuning() const {
         options.tuning, [](const auto& t) { return t.first + "=" + t.second; }, ",");
 }
 
+std::string BackendSpec::text() const {
+    const std::string tuned = tuning();
+    return entry->name + ":formulation=" + to_string(options.formulation) +
+           ",precision=" + to_string(options.precision) + (tuned.empty() ? "" : "," + tuned);
+}
+
 std::string BackendSpec::label() const {
     std::string text =
         entry->name + "/" + to_string(options.formulation) + "/" + to_string(options.precision);

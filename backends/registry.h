@@ -60,6 +60,8 @@ struct BackendSpec {
     std::unique_ptr<Backend> make() const { return entry->make(options); }
     /// "mask=stencil,threads=2": all tuning parameters, empty if there are none.
     std::string tuning() const;
+    /// What parse() takes: "NAME:formulation=...,precision=...[,key=value...]".
+    std::string text() const;
     /// NAME/formulation/precision[/tuning], the tuning parameters that are not at their default: what a
     /// result row is called after its scene. Two backends at their defaults differ in NAME alone, so that
     /// Google Benchmark's compare.py pairs them.

@@ -25,8 +25,8 @@ void check(nvrtcResult result, const std::source_location& where = std::source_l
 const std::map<std::string, std::string> standard_headers = {
     {"cstddef", "namespace std { using size_t = decltype(sizeof(0)); using ptrdiff_t = long; }"},
     {"cstdint",
-     "namespace std { using uint8_t = unsigned char; using uint32_t = unsigned; using uint64_t = unsigned "
-     "long; }"},
+     "namespace std { using uint8_t = unsigned char; using uint16_t = unsigned short; using int32_t = int; "
+     "using uint32_t = unsigned; using uint64_t = unsigned long; }"},
     {"cfloat", "#define FLT_MIN 1.17549435e-38F\n#define DBL_MIN 2.2250738585072014e-308"},
     {"cmath",
      "namespace std {\n"

@@ -55,12 +55,12 @@ void CudaBackend::step(int count) {
     const bool often = watch_.every > 0 && watch_.every < 32;
     while (count > 0) {
         const int steps = often ? std::min(count, watch_.every - int(steps_ - last_look_)) : count;
-        replay(steps);
+        enqueue_steps(steps);
         count -= steps;
     }
 }
 
-void CudaBackend::replay(int count) {
+void CudaBackend::enqueue_steps(int count) {
     for (int k = graph_lengths - 1; k >= 0; --k) {
         for (; count >= 1 << k; count -= 1 << k) {
             std::optional<Graph>& graph = graphs_[std::size_t(current_)][std::size_t(k)];
@@ -71,10 +71,14 @@ void CudaBackend::replay(int count) {
             }
             graph->launch(stream_);
             if (k == 0) current_ = 1 - current_;
-            steps_ += 1 << k;
-            if (watch_.every > 0 && steps_ - last_look_ >= watch_.every) look();
+            stepped(1 << k);
         }
     }
+}
+
+void CudaBackend::stepped(int count) {
+    steps_ += count;
+    if (watch_.every > 0 && steps_ - last_look_ >= watch_.every) look();
 }
 
 void CudaBackend::look() {

@@ -37,20 +37,25 @@ protected:
     /// To be called when what enqueue_step() enqueues has changed.
     void forget_graphs();
 
+    /// To be called when that many more steps have been enqueued: looks if it is time to.
+    void stepped(int count);
+    /// Whether there are looks.
+    bool watched() const { return watch_.every > 0; }
+
 private:
     /// Empty, or why the strategy cannot run `problem`, memory aside.
     virtual std::string refused(const Problem& problem) const = 0;
     /// Device memory that upload(problem) would take, and that the last one took.
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     virtual std::uint64_t bytes_held() const = 0;
-    /// Enqueue one step that reads buffer `reading`.
+    /// Enqueue one step that reads buffer `reading`; not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
 
     /// Enqueue a look at x(t).
     virtual void enqueue_look(const Look& look, Fault* fault) = 0;
     void look();
-    /// Launches graphs of `count` steps in all, and looks between them.
-    void replay(int count);
+    /// Enqueues `count` steps, and looks between them: graphs of single ones unless overridden.
+    virtual void enqueue_steps(int count);
 
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }

@@ -21,7 +21,12 @@ __global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape 
     write_slot(rows, n, shape, neighbour, constants, own_rest);
     // One thread of a row.
     const std::size_t row = n / shape.slots;
-    if (n % shape.slots == 0) write_bits(words, EditedWord{rows.particle[row], rows.bits[row]});
+    if (words != nullptr && n % shape.slots == 0)
+        write_bits(words, EditedWord{rows.particle[row], rows.bits[row]});
+}
+
+__global__ void slices_kernel(const EditedSlice* edited, std::size_t count, Slice* slices) {
+    if (thread_number() < count) slices[edited[thread_number()].number] = edited[thread_number()].slice;
 }
 
 template <class Real>
@@ -57,6 +62,12 @@ void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEn
                    SpringConstants<Real>* constants, SpringRest<Real>* own_rest, const Stream& stream) {
     if (count == 0) return;
     springs_kernel<<<blocks_for(count), block, 0, stream.get()>>>(edited, count, ends, constants, own_rest);
+    check(cudaGetLastError());
+}
+
+void write_slices(const EditedSlice* edited, std::size_t count, Slice* slices, const Stream& stream) {
+    if (count == 0) return;
+    slices_kernel<<<blocks_for(count), block, 0, stream.get()>>>(edited, count, slices);
     check(cudaGetLastError());
 }
 

@@ -69,11 +69,12 @@ private:
 /// Each enqueues one kernel.
 template <class Real>
 void write_bits(Word<Real>* words, const EditedWord* edited, std::size_t count, const Stream& stream);
-/// `count` rows, and the bits of their particles.
+/// `count` rows and, unless `words` is null, the bits of their particles.
 template <class Real>
 void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape, Word<Real>* words,
                 std::uint32_t* neighbour, SpringConstants<Real>* constants, SpringRest<Real>* own_rest,
                 const Stream& stream);
+void write_slices(const EditedSlice* edited, std::size_t count, Slice* slices, const Stream& stream);
 template <class Real>
 void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
                    SpringConstants<Real>* constants, SpringRest<Real>* own_rest, const Stream& stream);

@@ -95,9 +95,9 @@ private:
     }
 
     KernelSource source(const Problem& problem, dim3 grid) const {
-        KernelSource source =
-            this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
-                                  blocks_with(registers_for(grid)), votes(grid) ? term_interior : 0);
+        KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
+                                                    this->blocks_with(registers_for(grid), most_threads),
+                                                    votes(grid) ? term_interior : 0);
         if (tiled_) {
             source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
             source.macros["WIDTH"] = std::to_string(shape_.x);
@@ -106,20 +106,11 @@ private:
         return source;
     }
 
-    /// Blocks of most_threads that an SM has room for when a thread has `registers`, twice as many in
-    /// float64.
-    int blocks_with(int registers) const {
-        constexpr int registers_per_sm = 65536;  // of every architecture
-        const int at_most = this->device().threads_per_multiprocessor() / most_threads;
-        const int width = sizeof(Real) / sizeof(float);
-        return std::clamp(registers_per_sm / (most_threads * registers * width), 1, at_most);
-    }
-
     bool runs_at_once(dim3 grid, int registers) const {
         const std::size_t threads =
             std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
         return threads <= std::size_t(this->device().multiprocessors()) * most_threads *
-                              std::size_t(blocks_with(registers));
+                              std::size_t(this->blocks_with(registers, most_threads));
     }
 
     int registers_for(dim3 grid) const {

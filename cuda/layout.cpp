@@ -56,13 +56,6 @@ SpringRest<Real> packed_rest(const RestSpring& rest) {
     return {vector_of<Real>(-rest.offset), Real(rest.deficit)};
 }
 
-// Of a spring beyond the lattice, from `particle` to `neighbour`.
-template <class Real>
-SpringRest<Real> packed_rest(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
-                             double rest_length) {
-    return packed_rest<Real>(rest_spring(problem, Spring{particle, neighbour, 0, rest_length}));
-}
-
 // What names neighbour `index`, which lies in the direction of mask bit `bit`; negative: in none.
 std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation) {
     if (on_positions(formulation)) return index;
@@ -247,6 +240,12 @@ Real listed_length(const Spring& spring, Formulation formulation) {
 }
 
 template <class Real>
+SpringRest<Real> own_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
+                             double rest_length) {
+    return packed_rest<Real>(rest_spring(problem, Spring{particle, neighbour, 0, rest_length}));
+}
+
+template <class Real>
 std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& problem) {
     std::array<SpringRest<Real>, direction_codes> rest{};
     if (problem.lattice.voxel_count() == 0) return rest;
@@ -331,7 +330,7 @@ void append_own(NeighbourLists<Real>& lists, const Problem& problem, std::uint32
     const std::size_t at = append(lists, row, entry_of(neighbour, -1, formulation), spring.stiffness,
                                   listed_length<Real>(spring, formulation));
     if (!on_positions(formulation))
-        lists.own_rest[at] = packed_rest<Real>(problem, particle, neighbour, spring.rest_length);
+        lists.own_rest[at] = own_rest_of<Real>(problem, particle, neighbour, spring.rest_length);
 }
 
 template <class Real>
@@ -482,7 +481,7 @@ SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formula
     for (const Spring& spring : problem.springs) {
         springs.ends[s] = {spring.first, entry_of(spring.second, -1, formulation)};
         if (!springs.own_rest.empty())
-            springs.own_rest[s] = packed_rest<Real>(problem, spring.first, spring.second, spring.rest_length);
+            springs.own_rest[s] = own_rest_of<Real>(problem, spring.first, spring.second, spring.rest_length);
         springs.constants[s++] = {Real(spring.stiffness), listed_length<Real>(spring, formulation)};
     }
     return springs;
@@ -537,7 +536,7 @@ std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit& edit) {
                 : listed_length<Real>(*listed_, directions()[std::size_t(changed.bit)], formulation_);
         SpringRest<Real> rest{};
         if (own && !on_positions(formulation_))
-            rest = packed_rest<Real>(*listed_, spring.first, spring.second, spring.rest_length);
+            rest = own_rest_of<Real>(*listed_, spring.first, spring.second, spring.rest_length);
         edited.push_back({{spring.first, entry_of(spring.second, changed.bit, formulation_)},
                           range.first,
                           range.second,
@@ -649,6 +648,8 @@ std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape)
 }
 
 #define FOR_PRECISION(Real)                                                                         \
+    template Real listed_length(const Spring&, Formulation);                                        \
+    template SpringRest<Real> own_rest_of(const Problem&, std::uint32_t, std::uint32_t, double);    \
     template PackedState<Real> pack(const Problem&, const State&, const Placement&,                 \
                                     std::span<const std::uint32_t>, Formulation);                   \
     template State unpack(const Problem&, const PackedState<Real>&, const Placement&, Formulation); \

@@ -29,9 +29,9 @@ inline constexpr std::size_t most_words = 0x7FFFFFFF;
 struct Placement {
     std::size_t words = 0;
     std::size_t first = 0;
-    const std::vector<std::uint32_t>* voxel = nullptr;  ///< null: particle i is word i
+    const std::vector<std::uint32_t>* voxel = nullptr;  ///< null: particle i is word first + i
     std::size_t at(std::size_t particle) const {
-        return voxel == nullptr ? particle : first + (*voxel)[particle];
+        return first + (voxel == nullptr ? particle : (*voxel)[particle]);
     }
 };
 
@@ -90,6 +90,11 @@ Real listed_length(const Spring& spring, Formulation formulation);
 /// How springs of each direction code lie at rest.
 template <class Real>
 std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& problem);
+
+/// How a spring beyond the lattice lies at rest, from `particle` to `neighbour`.
+template <class Real>
+SpringRest<Real> own_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
+                             double rest_length);
 
 /// Empty, or why a list entry cannot name particles and directions in one word, as formulations on
 /// displacements need it.

@@ -7,6 +7,7 @@
 #include "cuda/device/buffer.h"
 #include "cuda/device/event.h"
 #include "cuda/device/graph.h"
+#include "cuda/kernels/exchange.h"
 #include "cuda/limits.h"
 
 namespace voxspring::cuda {
@@ -33,6 +34,24 @@ __global__ void __launch_bounds__(block)
 __global__ void __launch_bounds__(block) meet(int barriers) {
     const cooperative_groups::grid_group grid = cooperative_groups::this_grid();
     for (int n = 0; n < barriers; ++n) grid.sync();
+}
+
+/// The threads of a block stand in rings with those of all others: each sends a point on and waits for those
+/// of both its neighbours, with tags from `tag` + 1 on.
+__global__ void __launch_bounds__(block) exchange(TaggedPoint* points, int exchanges, std::uint32_t tag) {
+    const unsigned before = (blockIdx.x + gridDim.x - 1) % gridDim.x, after = (blockIdx.x + 1) % gridDim.x;
+    Vector<float> point{0, 0, 0};
+    for (int n = 1; n <= exchanges; ++n) {
+        TaggedPoint* const half = points + (n % 2) * gridDim.x * blockDim.x + threadIdx.x;
+        publish(half + blockIdx.x * blockDim.x, point, tag + std::uint32_t(n));
+        TaggedPoint left{}, right{};
+        do {
+            left = look_up(half + before * blockDim.x);
+            right = look_up(half + after * blockDim.x);
+        } while (left.tag != tag + std::uint32_t(n) || right.tag != tag + std::uint32_t(n));
+        // So that no exchange can begin before the last one is over.
+        point = left.point + right.point;
+    }
 }
 
 /// Independent sums of a thread: with 8 warps or more a scheduler, each has a multiply-add ready in every
@@ -143,6 +162,26 @@ std::optional<double> grid_barrier_seconds(const Stream& stream, Stopwatch& stop
     });
 }
 
+std::optional<double> exchange_seconds(const Stream& stream, Stopwatch& stopwatch) {
+    if (attribute(cudaDevAttrCooperativeLaunch) == 0) return std::nullopt;
+    static_cast<void>(blocks_at_once(exchange));
+    const auto blocks = unsigned(attribute(cudaDevAttrMultiProcessorCount));
+    Buffer<TaggedPoint> points;
+    points.resize(std::size_t(2) * blocks * block);
+    points.fill_with_zeros(stream);
+    TaggedPoint* first = points.data();
+    std::uint32_t tag = 0;
+    return least_seconds([&](int count) {
+        const double seconds = stopwatch.seconds([&] {
+            void* arguments[] = {&first, &count, &tag};
+            check(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(&exchange), dim3(blocks),
+                                              dim3(block), arguments, 0, stream.get()));
+        });
+        tag += std::uint32_t(count);
+        return seconds;
+    });
+}
+
 template <class Real>
 double operations_per_second(const Stream& stream, Stopwatch& stopwatch) {
     Buffer<Real> result;
@@ -172,6 +211,7 @@ DeviceLimits measure_limits(const Stream& stream) {
     }
     limits.launch_seconds = launch_seconds(stream, stopwatch);
     limits.grid_barrier_seconds = grid_barrier_seconds(stream, stopwatch);
+    limits.exchange_seconds = exchange_seconds(stream, stopwatch);
     limits.float32_operations_per_second = operations_per_second<float>(stream, stopwatch);
     limits.float64_operations_per_second = operations_per_second<double>(stream, stopwatch);
     return limits;

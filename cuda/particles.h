@@ -2,6 +2,7 @@
 // step.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
@@ -95,6 +96,14 @@ protected:
         return Kernel::get(source, device(), compile_seconds_);
     }
 
+    /// Blocks of `threads` that an SM has room for when a thread has `registers`, twice as many in float64.
+    int blocks_with(int registers, int threads) const {
+        constexpr int registers_per_sm = 65536;  // of every architecture
+        const int at_most = device().threads_per_multiprocessor() / threads;
+        const int width = sizeof(Real) / sizeof(float);
+        return std::clamp(registers_per_sm / (threads * registers * width), 1, at_most);
+    }
+
     /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points
     /// the step's motion at the arrays kept here.
     void start(const Problem& problem, const State& state, const Placement& placement,
@@ -163,6 +172,17 @@ protected:
                                   increment_low_.data(), increment_pitch(placement_)};
         kernel.launch(stream(), grid, block, shared_bytes, step, source(words_[from], textures_[0][from]),
                       source(low_[from], textures_[1][from]), output);
+    }
+
+    /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu).
+    template <class... Arguments>
+    void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const Step& step,
+                               const Arguments&... arguments) const {
+        Word<Real>* const words = words_[std::size_t(current())].data();
+        Word<Real>* const previous = words_[std::size_t(1 - current())].data();
+        Real* const increment = increment_.data();
+        const std::size_t pitch = increment_pitch(placement_);
+        kernel.launch_together(stream(), grid, block, step, words, previous, increment, pitch, arguments...);
     }
 
     void enqueue_step(int reading) override {

@@ -4,7 +4,7 @@
 #include <array>
 
 #include "backends/physics/neighbours.h"
-#include "cuda/kernels/words.h"
+#include "cuda/kernels/delta.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -157,6 +157,17 @@ StepWork explicit_work(const Problem& problem, bool secondary, Formulation formu
 }
 
 template <class Real>
+StepWork delta_work(const Problem& problem, Formulation formulation) {
+    StepWork work = implicit_work<Real>(problem, formulation);
+    const std::uint64_t own_ends = 2 * count_springs(problem).beyond;
+    work.bytes += (problem.particle_count() + slice_particles - 1) / slice_particles * sizeof(Slice) +
+                  own_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
+                              (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>)));
+    work.operations += own_ends;  // the stiffness
+    return work;
+}
+
+template <class Real>
 StepWork scatter_work(const Problem& problem, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
     const std::uint64_t springs = count_springs(problem).total();
@@ -178,6 +189,8 @@ template StepWork march_work<float>(const Problem&, Formulation);
 template StepWork march_work<double>(const Problem&, Formulation);
 template StepWork explicit_work<float>(const Problem&, bool, Formulation);
 template StepWork explicit_work<double>(const Problem&, bool, Formulation);
+template StepWork delta_work<float>(const Problem&, Formulation);
+template StepWork delta_work<double>(const Problem&, Formulation);
 template StepWork scatter_work<float>(const Problem&, Formulation);
 template StepWork scatter_work<double>(const Problem&, Formulation);
 

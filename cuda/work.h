@@ -20,6 +20,10 @@ StepWork march_work(const Problem& problem, Formulation formulation);
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);
 
+/// Of particles by delta-compressed list. The lists of runs, which are few, do not count.
+template <class Real>
+StepWork delta_work(const Problem& problem, Formulation formulation);
+
 /// Of springs, then particles.
 template <class Real>
 StepWork scatter_work(const Problem& problem, Formulation formulation);

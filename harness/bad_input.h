@@ -16,4 +16,9 @@ public:
     BadInput(std::string_view file, std::string_view key, std::string_view value, std::string_view accepted);
 };
 
+/// Nothing is wrong with it but that this machine has too little memory for it.
+class TooLarge : public BadInput {
+    using BadInput::BadInput;
+};
+
 }  // namespace voxspring

@@ -5,12 +5,16 @@
 #include <iomanip>
 #include <iostream>
 #include <limits>
+#include <memory>
 #include <sstream>
+#include <utility>
 
 #include "backends/registry.h"
 #include "harness/advise.h"
+#include "harness/auto_choice.h"
 #include "harness/bad_input.h"
 #include "harness/divergence.h"
+#include "harness/fastest.h"
 #include "harness/limits.h"
 #include "harness/pareto.h"
 #include "harness/playback.h"
@@ -244,11 +248,27 @@ void describe_scene(const std::string& argument, bool json, std::ostream& out) {
 }
 
 int run_scene(const std::string& argument, const RunOptions& options, std::ostream& out) {
-    const BackendSpec spec = BackendSpec::parse(options.backend);
+    const bool by_rules = asks_for_auto(options.backend);
+    BackendSpec spec;
+    if (by_rules) {
+        check_auto(options.backend);
+    } else {
+        spec = BackendSpec::parse(options.backend);
+    }
     if (options.out) check_writable(*options.out, "--out", ".csv");
     const Scene scene = load_scene(argument);
-    const auto backend = spec.make();
     Playback playback(scene);
+    std::unique_ptr<Backend> backend;
+    if (by_rules) {
+        AutoChoice choice = choose_backend(options.backend, scene.problem, [&](const Backend& candidate) {
+            return playback.unsupported(candidate).empty();
+        });
+        out << "auto: " << choice.reason << "\n";
+        spec = choice.spec;
+        backend = std::move(choice.backend);
+    } else {
+        backend = spec.make();
+    }
     if (const std::string why = playback.unsupported(*backend); !why.empty()) {
         throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
     }
@@ -284,6 +304,8 @@ int run_and_print_study(const std::string& argument, const StudyOptions& options
         print_fronts(result, out);
         print_limits(result.at("context").at("voxspring").at("limits"), out);
         print_unmeasured(result, out);
+    } else if (result.contains("fastest")) {
+        print_fastest(result, out);
     } else if (result.contains("stability")) {
         print_stability(result, out);
         print_unmeasured(result, out);

@@ -26,6 +26,13 @@ struct Energy {
 };
 Energy energy(const Problem& problem, const State& state);
 
+/// Both of one state.
+struct Conserved {
+    Momentum momentum;
+    Energy energy;
+};
+Conserved conserved(const Problem& problem, const State& state);
+
 /// The difference of a run from the reference after the same steps of the same problem: of the discrete
 /// motion, which keeps no continuous energy, it shows what rounding did alone.
 struct Drift {
@@ -33,6 +40,6 @@ struct Drift {
     double energy = 0;    ///< (E - E_ref) / Energy::size() of the reference; its sign says gained or lost
 };
 /// 0 where both vanish; infinite where the reference alone does.
-Drift drift(const Problem& problem, const State& state, const State& reference);
+Drift drift(const Conserved& run, const Conserved& reference);
 
 }  // namespace voxspring

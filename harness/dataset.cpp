@@ -116,7 +116,7 @@ std::uint64_t checked_voxel_count(glm::ivec3 dims, const Limits& limits, std::st
     }
     const std::uint64_t count = std::uint64_t(dims.x) * std::uint64_t(dims.y) * std::uint64_t(dims.z);
     if (count > limits.voxels) {
-        throw BadInput(file, key, text,
+        throw TooLarge(file, key, text,
                        "at most " + std::to_string(limits.voxels) + " voxels on this machine, not " +
                            std::to_string(count));
     }

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 
-#include "harness/conserved.h"
-
 namespace voxspring {
 
 nlohmann::json number_or_null(double value) {
@@ -58,7 +56,7 @@ nlohmann::json error_fields(const Truth& truth, const State& state, const Compar
         fields["total_error_max"] = largest;
         fields["total_error_uncertainty"] = truth.refined.uncertainty;
     }
-    const Drift drifted = drift(truth.problem, state, truth.same_step);
+    const Drift drifted = drift(conserved(truth.problem, state), truth.conserved);
     fields["momentum_error"] = number_or_null(drifted.momentum);
     fields["energy_error"] = number_or_null(drifted.energy);
     return fields;

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "backends/registry.h"
+#include "harness/conserved.h"
 #include "harness/reference.h"
 #include "harness/scene.h"
 #include "harness/verify.h"
@@ -14,11 +15,12 @@ namespace voxspring {
 
 /// What the runs of a scene after a number of steps are held against.
 struct Truth {
-    Problem problem;  ///< as the edits until then leave it
+    const Problem& problem;  ///< as the edits until then leave it
     int steps = 0;
     State same_step;  ///< float64 at the same time step: the rounding error is the difference from it
     Refined refined;  ///< float64 without a time step: the total error is
     Chaos chaos;
+    Conserved conserved = {};  ///< of same_step
 };
 
 /// compare() with the truth, admitting the error that a tuning asks for (`sleep`); where float64 itself

@@ -7,9 +7,11 @@
 namespace voxspring {
 namespace {
 
-/// "CUDA" of "CUDA 13.0".
+/// "CUDA" of "CUDA 13.0", "OpenGL compute" of "OpenGL compute 4.5 core".
 std::string family_of(const Capabilities& capabilities) {
-    return capabilities.api.substr(0, capabilities.api.find(' '));
+    const std::string& api = capabilities.api;
+    const std::size_t version = api.find_first_of("0123456789");
+    return version == std::string::npos ? api : api.substr(0, api.find_last_not_of(' ', version - 1) + 1);
 }
 
 nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& limits) {
@@ -24,6 +26,7 @@ nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& li
         if (value) all[name] = *value;
     };
     add("grid_barrier_seconds", limits.grid_barrier_seconds);
+    add("exchange_seconds", limits.exchange_seconds);
     add("float64_operations_per_second", limits.float64_operations_per_second);
     add("compute_shader_float32_operations_per_second", limits.compute_shader_float32_operations_per_second);
     return all;
@@ -72,6 +75,8 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
         if (value("launch_seconds") > 0) out << ", a launch " << si(value("launch_seconds"), "s");
         if (value("grid_barrier_seconds") > 0)
             out << ", a grid barrier " << si(value("grid_barrier_seconds"), "s");
+        if (value("exchange_seconds") > 0)
+            out << ", an exchange between blocks " << si(value("exchange_seconds"), "s");
         const double fragment = value("float32_operations_per_second");
         const double compute = value("compute_shader_float32_operations_per_second");
         out << ", float32 " << si(fragment, "op/s");

@@ -11,7 +11,8 @@
 
 namespace voxspring {
 
-/// The limits of every device that was measured, by family: "CUDA", "OpenGL", "CPU".
+/// The limits of every device that was measured, by family: "CUDA", "OpenGL" (draws), "OpenGL compute",
+/// "CPU".
 class MeasuredLimits {
 public:
     /// Those of the device that `spec` runs on, which `capabilities` describe; nothing where measuring them

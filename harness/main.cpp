@@ -1,5 +1,7 @@
 // The command line. Exit codes: 0 done, 1 a backend failed or an error exceeded its tolerance, 2 bad input
 // or usage.
+#include <malloc.h>
+
 #include <CLI/CLI.hpp>
 #include <iostream>
 #include <string>
@@ -10,6 +12,10 @@
 
 int main(int argc, char** argv) {
     using namespace voxspring;
+    // Memory that was given back is used again instead of being mapped, and cleared page by page, anew: the
+    // states of a large scene come and go with every row of a study.
+    mallopt(M_MMAP_MAX, 0);
+    mallopt(M_TRIM_THRESHOLD, -1);  // never
     CLI::App app{
         "Voxspring: which GPU API and which data layout should run a mass-spring-damper model on this "
         "machine, how fast, with what error, and up to which time step."};
@@ -38,7 +44,9 @@ int main(int argc, char** argv) {
     RunOptions run_options;
     CLI::App* run = app.add_subcommand("run", "One simulation on one backend");
     run->add_option("SCENE", scene, scene_help)->required();
-    run->add_option("--backend", run_options.backend, "NAME[:key=value,...]; see `voxspring list`")
+    run->add_option("--backend", run_options.backend,
+                    "NAME[:key=value,...], see `voxspring list`; auto[:formulation=...,precision=...]: "
+                    "the fastest for the scene on this machine")
         ->required();
     run->add_option("--steps", run_options.steps, "Time steps")
         ->check(CLI::PositiveNumber)

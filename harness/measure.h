@@ -20,6 +20,7 @@ struct Contender {
     BackendSpec spec;
     std::unique_ptr<Backend> backend;
     std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
+    double construct_seconds = 0;        ///< that constructing `backend` took, on the host's clock
 };
 
 /// Called before each repetition with the contender's label and how many repetitions have begun, so far
@@ -45,6 +46,11 @@ struct Batch {
     int steps = 0;
     int repetitions = 0;
     bool total_error = true;  ///< whether errors are taken against float64 refined in time as well
+    /// Whether each batch starts from the scene's state. If not each goes on where the one before it ended,
+    /// for scenes whose upload takes longer than many batches, and which have no edits: after the same number
+    /// of steps all contenders are at the same state but for rounding, and errors are taken after the last
+    /// batch.
+    bool rewind = true;
 };
 
 /// Runs every contender `repetitions` times for `steps` steps, from the same state each time, interleaved

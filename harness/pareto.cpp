@@ -98,7 +98,8 @@ SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contender
     int begun = 0;
     for (const int steps : counts) {
         const Scene stepped = in_steps(scene, span, steps);
-        const Truth truth{stepped.problem, steps, references.after(stepped, steps), refined, chaos};
+        Truth truth{stepped.problem, steps, references.after(stepped, steps), refined, chaos};
+        truth.conserved = conserved(truth.problem, truth.same_step);
         const Watch watch = watch_of(stepped, steps);
         for (Contender& contender : contenders) {
             on_repetition(contender.spec.label(), ++begun, int(counts.size() * contenders.size()));

@@ -15,7 +15,8 @@
 namespace voxspring {
 namespace {
 
-const std::string reference = "cpu_reference:formulation=increment";
+const std::string reference = reference_backend + ":formulation=increment";
+const std::string reference_without_lists = "cpu_parallel:precision=float64,formulation=increment";
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
 
@@ -147,17 +148,27 @@ Scene in_steps(const Scene& scene, const Span& span, int steps) {
     return at_time_step(scene, span.time_step * (double(span.steps) / steps));
 }
 
+bool References::is_large(const Scene& scene) {
+    constexpr std::size_t most_particles = std::size_t(1) << 22;
+    return scene.problem.particle_count() > most_particles &&
+           Playback(scene).unsupported(*BackendSpec::parse(reference_without_lists).make()).empty();
+}
+
+State References::computed(const Scene& scene, int steps, const std::string& specification) {
+    const auto backend = BackendSpec::parse(specification).make();
+    Playback playback(scene);
+    playback.rewind(*backend);
+    playback.run(*backend, steps);
+    ++computed_;
+    return backend->download();
+}
+
 const State& References::run(const Scene& scene, int steps, const std::string& specification) {
     const std::string name = name_of(scene, steps, specification);
     if (const auto known = latest_.find(name); known != latest_.end()) return known->second;
     std::optional<State> state = unpacked(cache_.find(name), scene.problem.particle_count());
     if (!state) {
-        const auto backend = BackendSpec::parse(specification).make();
-        Playback playback(scene);
-        playback.rewind(*backend);
-        playback.run(*backend, steps);
-        state = backend->download();
-        ++computed_;
+        state = computed(scene, steps, specification);
         cache_.keep(name, packed(*state));
     }
     constexpr std::size_t most_bytes = std::size_t(1) << 30;
@@ -166,7 +177,9 @@ const State& References::run(const Scene& scene, int steps, const std::string& s
     return latest_[name] = *std::move(state);
 }
 
-State References::after(const Scene& scene, int steps) { return run(scene, steps, reference); }
+State References::after(const Scene& scene, int steps) {
+    return is_large(scene) ? computed(scene, steps, reference_without_lists) : run(scene, steps, reference);
+}
 
 Refined References::refined(const Scene& scene, const Span& span, std::vector<int> counts) {
     constexpr int doublings = 4;
@@ -213,6 +226,7 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
 }
 
 Chaos References::chaos(const Scene& scene, int steps) {
+    if (is_large(scene)) return {};
     const std::string other = "cpu_parallel:precision=float64";
     const Formulation formulation = BackendSpec::parse(other).options.formulation;
     if (!Playback(scene).unsupported(*BackendSpec::parse(other).make()).empty()) return {};

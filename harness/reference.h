@@ -57,7 +57,10 @@ struct Chaos {
 /// Computes references, each once: the latest are kept in memory, up to 1 GiB, and all on disk.
 ///
 /// All are of cpu_reference, which shares no code with what is compared with it but the physics: an error of
-/// cpu_parallel cannot hide in its own reference. It is slower, which the cache makes up for.
+/// cpu_parallel cannot hide in its own reference. It is slower, which the cache makes up for. Beyond four
+/// million particles its lists of springs take more memory than the state a hundred times over, and reading a
+/// reference takes longer than computing the few steps that such scenes are timed for: there references are
+/// of cpu_parallel in float64, which smaller scenes compare with cpu_reference, and nothing is kept.
 class References {
 public:
     explicit References(DiskCache cache = DiskCache{}) : cache_(std::move(cache)) {}
@@ -72,19 +75,27 @@ public:
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
     /// Whether rounding errors mean anything after `steps` steps: the difference between cpu_reference and
-    /// cpu_parallel in float64, which sum forces in different orders. Beyond 1e-9 they do not.
+    /// cpu_parallel in float64, which sum forces in different orders. Beyond 1e-9 they do not. Not known of
+    /// large scenes.
     Chaos chaos(const Scene& scene, int steps);
 
     /// Trajectories computed so far rather than found.
     int computed() const { return computed_; }
 
+    /// Whether references of the scene are of cpu_parallel.
+    static bool is_large(const Scene& scene);
+
 private:
+    State computed(const Scene& scene, int steps, const std::string& specification);
     const State& run(const Scene& scene, int steps, const std::string& specification);
 
     DiskCache cache_;
     std::map<std::string, State> latest_;
     int computed_ = 0;
 };
+
+/// The backend that References::after() takes float64 from.
+inline const std::string reference_backend = "cpu_reference";
 
 /// ||a - b|| / ||b|| of two lists of vectors; 0 if both vanish, infinite if only b does.
 double relative_difference(const std::vector<glm::dvec3>& a, const std::vector<glm::dvec3>& b);

@@ -62,10 +62,19 @@ void print_aligned(const std::vector<Row>& rows, std::ostream& out, std::size_t 
     }
 }
 
+bool is_median(const nlohmann::json& row) {
+    const bool only = row.at("run_type") == "iteration" && row.at("repetitions") == 1;
+    return only || row.value("aggregate_name", "") == "median";
+}
+
+std::string contender_name(const nlohmann::json& row) {
+    const std::string name = row.at("name");
+    return name.substr(0, name.find("/iterations:"));
+}
+
 std::string contender(const nlohmann::json& row) {
-    // SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], which Google Benchmark continues with /iterations:N...
-    const std::string scene = row.at("scene"), name = row.at("name");
-    std::string text = name.substr(scene.size() + 1, name.find("/iterations:") - scene.size() - 1);
+    const std::string scene = row.at("scene");
+    std::string text = contender_name(row).substr(scene.size() + 1);
     std::replace(text.begin(), text.end(), '/', ' ');
     return text;
 }
@@ -171,9 +180,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
     std::vector<std::string> scenes;
     std::map<std::string, std::vector<nlohmann::json>> medians;
     for (const auto& row : result.at("benchmarks")) {
-        // One repetition has no aggregates; its only row is its median.
-        const bool only = row.at("run_type") == "iteration" && row.at("repetitions") == 1;
-        if (!only && row.value("aggregate_name", "") != "median") continue;
+        if (!is_median(row)) continue;
         const std::string scene = row.at("scene");
         if (!medians.contains(scene)) scenes.push_back(scene);
         medians[scene].push_back(row);

@@ -34,6 +34,13 @@ std::string error_text(const nlohmann::json& value);
 void print_aligned(const std::vector<std::vector<std::string>>& rows, std::ostream& out,
                    std::size_t names = 2);
 
+/// Whether a row of `benchmarks` is the median of its repetitions. One repetition has no aggregates: its only
+/// row is its median.
+bool is_median(const nlohmann::json& row);
+
+/// SCENE/BACKEND/FORMULATION/PRECISION[/TUNING] of a row's name, without what Google Benchmark adds.
+std::string contender_name(const nlohmann::json& row);
+
 /// "gl_fragment_implicit increment float32 mask=none" of a row's name.
 std::string contender(const nlohmann::json& row);
 

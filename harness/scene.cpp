@@ -299,7 +299,7 @@ Scene build(const SceneFile& file_says, const std::string& file, const Limits& l
         throw BadInput(file, "dataset.dims", to_string(labelled.grid.dims), "dims with an active voxel");
     }
     if (active > limits.particles) {
-        throw BadInput(file, "dataset", std::to_string(active) + " active voxels",
+        throw TooLarge(file, "dataset", std::to_string(active) + " active voxels",
                        "at most " + std::to_string(limits.particles) + " on this machine");
     }
 

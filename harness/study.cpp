@@ -4,10 +4,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <ctime>
 #include <iomanip>
 #include <iostream>
 #include <map>
+#include <memory>
 #include <set>
 #include <sstream>
 #include <thread>
@@ -15,6 +17,7 @@
 
 #include "backends/registry.h"
 #include "builtin_study_files.h"  // generated
+#include "harness/auto_choice.h"
 #include "harness/bad_input.h"
 #include "harness/json.h"
 #include "harness/limits.h"
@@ -117,9 +120,29 @@ std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vecto
     return kept;
 }
 
-std::vector<BackendSpec> contenders_of(const Study& study, const StudyScene& scene,
-                                       const StudyOptions& options) {
-    return select(expand_all(scene.backends.empty() ? study.backends : scene.backends), options.backends);
+/// `patterns` with what the rules take for `scene` in the place of "auto". Adds each choice to `choices`.
+std::vector<std::string> with_choices(std::vector<std::string> patterns, const Scene& scene,
+                                      nlohmann::json& choices) {
+    for (std::string& pattern : patterns) {
+        if (!asks_for_auto(pattern)) continue;
+        Playback playback(scene);
+        const AutoChoice choice = choose_backend(pattern, scene.problem, [&](const Backend& backend) {
+            return playback.unsupported(backend).empty();
+        });
+        nlohmann::json row = row_identity(scene.name, choice.spec);
+        row["pattern"] = pattern;
+        row["reason"] = choice.reason;
+        choices.push_back(std::move(row));
+        pattern = choice.spec.text();
+    }
+    return patterns;
+}
+
+std::vector<BackendSpec> contenders_of(const Study& study, const StudyScene& item, const Scene& scene,
+                                       const StudyOptions& options, nlohmann::json& choices) {
+    const auto& patterns = item.backends.empty() ? study.backends : item.backends;
+    return select(expand_all(with_choices(patterns, scene, choices)),
+                  with_choices(options.backends, scene, choices));
 }
 
 /// What --scene leaves of the study's scenes, and what it adds to them.
@@ -147,7 +170,9 @@ std::vector<std::string> read_patterns(const JsonValue& list) {
     for (const JsonValue& item : list.array(1)) {
         patterns.push_back(item.string());
         try {
-            if (expand(patterns.back()).empty() && !matches_left_out(patterns.back())) {
+            if (asks_for_auto(patterns.back())) {
+                check_auto(patterns.back());
+            } else if (expand(patterns.back()).empty() && !matches_left_out(patterns.back())) {
                 item.refuse("a glob that matches one of: " + registered_names());
             }
         } catch (const BadSpecification& error) {
@@ -156,6 +181,22 @@ std::vector<std::string> read_patterns(const JsonValue& list) {
     }
     return patterns;
 }
+
+std::string join(const std::vector<std::string>& words) {
+    std::string text;
+    for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+    return text;
+}
+
+template <class Value>
+std::vector<std::string> names_of(const std::vector<Value>& values) {
+    std::vector<std::string> names;
+    for (const Value value : values) names.push_back(to_string(value));
+    return names;
+}
+
+/// Nothing takes less seconds than the one or makes more updates a second than the other.
+constexpr double smallest_target = 1e-12, largest_target = 1e18;
 
 int read_count(JsonObject& object, const std::string& key, int most, int otherwise) {
     const auto value = object.find(key);
@@ -173,7 +214,38 @@ std::vector<double> read_time_steps(const JsonValue& list) {
     return fractions;
 }
 
+/// What a fastest study aims at.
+std::vector<Target> read_targets(const JsonValue& list) {
+    std::vector<Target> targets;
+    for (const JsonValue& item : list.array()) {
+        JsonObject object = item.object();
+        Target target;
+        target.scene = object.require("scene").string();
+        target.formulation = object.require("formulation").one_of(names_of(every_formulation));
+        target.precision = "float32";
+        if (const auto precision = object.find("precision"))
+            target.precision =
+                precision->one_of(names_of(std::vector{Precision::float32, Precision::float64}));
+        if (const auto backends = object.find("backends")) target.backends = backends->string();
+        int quantities = 0;
+        for (const Quantity quantity : all_quantities()) {
+            const auto value = object.find(to_string(quantity));
+            if (!value) continue;
+            ++quantities;
+            target.quantity = quantity;
+            target.value = value->number(smallest_target, largest_target);
+        }
+        if (quantities != 1) item.refuse("one of " + join(names_of(all_quantities())));
+        if (target.quantity == Quantity::speed_ratio)
+            target.over = object.require("over", "a glob of backends").string();
+        object.finish();
+        targets.push_back(std::move(target));
+    }
+    return targets;
+}
+
 const std::map<std::string, StudyKind> study_kinds = {{"timing", StudyKind::timing},
+                                                      {"fastest", StudyKind::fastest},
                                                       {"pareto", StudyKind::pareto},
                                                       {"stability", StudyKind::stability},
                                                       {"stress", StudyKind::stress}};
@@ -202,13 +274,43 @@ std::vector<StudyScene> read_suites(const JsonValue& list) {
     return suites;
 }
 
-/// A stress study brings its own scenes: what stands for them all is one that every backend takes.
-Scene scene_of(const Study& study, const StudyScene& item) {
-    if (study.kind != StudyKind::stress) return load_scene(item.scene);
-    Scene scene = load_scene("box@2");
-    scene.name = item.scene;
-    return scene;
+/// The contenders of a scene that is not at hand: without what the rules would take.
+std::vector<BackendSpec> known_contenders(const Study& study, const StudyScene& item,
+                                          const StudyOptions& options) {
+    const auto known = [](std::vector<std::string> patterns) {
+        patterns.erase(std::remove_if(patterns.begin(), patterns.end(), asks_for_auto), patterns.end());
+        return patterns;
+    };
+    return select(expand_all(known(item.backends.empty() ? study.backends : item.backends)),
+                  known(options.backends));
 }
+
+/// The scenes of a study, which are kept, up to a quarter of the machine's memory, as each is asked for
+/// twice.
+class Scenes {
+public:
+    std::shared_ptr<const Scene> of(const Study& study, const StudyScene& item) {
+        if (study.kind == StudyKind::stress) return std::make_shared<const Scene>(stands_for_all(item));
+        if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
+        auto scene = std::make_shared<const Scene>(load_scene(item.scene));
+        if (particles_ + scene->problem.particle_count() <= Limits::of_this_machine().particles / 4) {
+            particles_ += scene->problem.particle_count();
+            kept_[item.scene] = scene;
+        }
+        return scene;
+    }
+
+private:
+    /// A stress study brings its own scenes: what stands for them is one that every backend takes.
+    static Scene stands_for_all(const StudyScene& item) {
+        Scene scene = load_scene("box@2");
+        scene.name = item.scene;
+        return scene;
+    }
+
+    std::map<std::string, std::shared_ptr<const Scene>> kept_;
+    std::uint64_t particles_ = 0;
+};
 
 /// float64 that errors are taken against, each computed once.
 struct AllReferences {
@@ -223,7 +325,12 @@ SceneResult measure_scene(const Study& study, const StudyScene& item, const Scen
     if (contenders.empty()) return {};
     switch (study.kind) {
         case StudyKind::timing:
-            return measure(scene, contenders, {item.steps, study.repetitions, study.total_error},
+        case StudyKind::fastest:
+            return measure(scene, contenders,
+                           {.steps = item.steps,
+                            .repetitions = study.repetitions,
+                            .total_error = study.total_error,
+                            .rewind = item.rewind},
                            references.of_scenes, on_repetition);
         case StudyKind::pareto:
             return measure_pareto(scene, contenders, {study.time_steps, item.steps, study.repetitions},
@@ -336,6 +443,9 @@ Study load_study(const std::string& argument) {
     if (const auto kind = root.find("kind")) study.kind = read_choice(*kind, study_kinds);
     if (study.kind == StudyKind::timing) {
         if (const auto total = root.find("total_error")) study.total_error = total->boolean();
+    } else if (study.kind == StudyKind::fastest) {
+        study.total_error = false;
+        if (const auto targets = root.find("targets")) study.targets = read_targets(*targets);
     } else if (study.kind == StudyKind::pareto) {
         study.time_steps = read_time_steps(root.require("time_steps", "fractions of the stable time step"));
     }
@@ -360,6 +470,8 @@ Study load_study(const std::string& argument) {
         if (const auto backends = object.find("backends")) scene.backends = read_patterns(*backends);
         if (study.kind == StudyKind::stability) {
             if (const auto map = object.find("map")) scene.map = map->boolean();
+        } else if (study.kind == StudyKind::fastest) {
+            if (const auto rewind = object.find("rewind")) scene.rewind = rewind->boolean();
         }
         object.finish();
         study.scenes.push_back(std::move(scene));
@@ -376,11 +488,24 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     study.repetitions = options.repetitions.value_or(study.repetitions);
     if (options.out) check_writable(*options.out, "--out", ".json");
     // Every scene is read before the first is timed: a mistake in the last one costs no hour.
+    Scenes scenes;
+    std::map<std::string, std::string> too_large;
     for (const StudyScene& scene : study.scenes) {
-        const Scene loaded = scene_of(study, scene);
+        std::shared_ptr<const Scene> loaded;
+        try {
+            loaded = scenes.of(study, scene);
+        } catch (const TooLarge& refusal) {
+            if (!options.scenes.empty()) throw;
+            too_large[scene.scene] = refusal.what();
+            continue;
+        }
         if (study.kind == StudyKind::pareto)
-            check_pareto(loaded, {study.time_steps, scene.steps, study.repetitions});
-        if (contenders_of(study, scene, options).empty()) {
+            check_pareto(*loaded, {study.time_steps, scene.steps, study.repetitions});
+        if (!scene.rewind && !loaded->edits.empty())
+            throw BadInput("study " + study.name, "rewind of " + scene.scene, "false",
+                           "true: its edits are made from the start");
+        nlohmann::json ignored;
+        if (contenders_of(study, scene, *loaded, options, ignored).empty()) {
             const std::string known = "a glob that matches one of: " + registered_names();
             if (!options.backends.empty())
                 throw BadInput("command line", "--backend", options.backends.front(), known);
@@ -396,6 +521,9 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
                              {"failed", nlohmann::json::array()}};
     switch (study.kind) {
         case StudyKind::timing:
+            break;
+        case StudyKind::fastest:
+            result["fastest"] = nlohmann::json::array();
             break;
         case StudyKind::pareto:
             result["pareto"] = nlohmann::json::array();
@@ -417,10 +545,28 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
     AllReferences references;
     bool has_context = false;
     std::size_t number = 0;
+    const auto publish = [&] {
+        note_devices(context);
+        context["limits"] = limits.json();
+        result["context"]["voxspring"] = context;
+        if (study.kind == StudyKind::fastest) result["fastest"] = fastest_of(result, study.targets);
+        if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
+    };
     for (const StudyScene& item : study.scenes) {
         ++number;
-        const Scene scene = scene_of(study, item);
-        const auto specs = contenders_of(study, item, options);
+        if (const auto refusal = too_large.find(item.scene); refusal != too_large.end()) {
+            for (const BackendSpec& spec : known_contenders(study, item, options)) {
+                result["skipped"].push_back(row_identity(item.scene, spec));
+                result["skipped"].back()["reason"] = refusal->second;
+            }
+            publish();
+            continue;
+        }
+        const auto loaded = scenes.of(study, item);
+        const Scene& scene = *loaded;
+        nlohmann::json choices = nlohmann::json::array();
+        const auto specs = contenders_of(study, item, scene, options, choices);
+        for (auto& choice : choices) result["auto"].push_back(std::move(choice));
         const std::string heading = "[" + std::to_string(number) + "/" + std::to_string(study.scenes.size()) +
                                     "] " + scene.name + " ";
 
@@ -430,15 +576,18 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
             progress.show(heading + spec.label());
             nlohmann::json row = row_identity(scene.name, spec);
             try {
+                const auto begin = std::chrono::steady_clock::now();
                 auto backend = spec.make();
+                const std::chrono::duration<double> construction = std::chrono::steady_clock::now() - begin;
                 const Capabilities capabilities = backend->capabilities();
                 row["reason"] = other_card(context["backends"], capabilities.uuid);
                 if (row["reason"] == "") row["reason"] = playback.unsupported(*backend);
                 if (row["reason"] == "") {
                     context["backends"][spec.entry->name] = describe(capabilities);
                     std::optional<DeviceLimits> device_limits;
-                    if (study.kind == StudyKind::timing) device_limits = limits.of(spec, capabilities);
-                    contenders.push_back({spec, std::move(backend), device_limits});
+                    if (study.kind == StudyKind::timing || study.kind == StudyKind::fastest)
+                        device_limits = limits.of(spec, capabilities);
+                    contenders.push_back({spec, std::move(backend), device_limits, construction.count()});
                 } else {
                     result["skipped"].push_back(row);
                 }
@@ -461,10 +610,7 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         for (auto& [list, rows] : measured.lists) {
             for (auto& row : rows) result[list].push_back(std::move(row));
         }
-        note_devices(context);
-        context["limits"] = limits.json();
-        result["context"]["voxspring"] = context;
-        if (options.out) write_atomically(*options.out, result.dump(2) + "\n");
+        publish();
     }
     return result;
 }

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "harness/fastest.h"
 #include "harness/stress.h"
 
 namespace voxspring {
@@ -15,6 +16,7 @@ namespace voxspring {
 /// What a study measures.
 enum class StudyKind : std::uint8_t {
     timing,     ///< the time of a step, with its errors (measure.h)
+    fastest,    ///< the same, and for each dataset the fastest strategy against what was aimed at (fastest.h)
     pareto,     ///< run time to a fixed end time against error, over time steps (pareto.h)
     stability,  ///< up to which time step backends are stable (stability_study.h)
     stress,     ///< what backends do at the ends of what can be simulated (stress.h)
@@ -27,11 +29,13 @@ struct StudyScene {
     std::vector<std::string> backends;  ///< backend patterns; empty: the study's
     bool map = false;                   ///< of a stability study: with a map of damping against time step
     StressLengths lengths = StressLengths::full;  ///< of a stress study
+    bool rewind = true;                           ///< of a fastest study: see Batch
 };
 
 /// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
 /// registered backend whose name matches and that has these options, with them; `formulation=*` and
-/// `precision=*` stand for each that the backend has.
+/// `precision=*` stand for each that the backend has. `auto[:key=value,...]` is what `--backend auto` takes
+/// for the scene (auto_choice.h).
 struct Study {
     std::string name;
     std::string description;
@@ -40,6 +44,7 @@ struct Study {
     int steps = 0;                   ///< for scenes that the command line adds
     bool total_error = true;         ///< of a timing study: take errors against float64 refined in time
     std::vector<double> time_steps;  ///< of a pareto study: fractions of the stable one, descending
+    std::vector<Target> targets;     ///< of a fastest study
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
 };
@@ -64,8 +69,8 @@ struct StudyOptions {
 };
 
 /// Runs the study and returns the result (results/schema.json). With `out` the file is replaced after
-/// every scene, so that a study which is cut short leaves what it finished. Throws BadInput before
-/// anything has run.
+/// every scene, so that a study which is cut short leaves what it finished. A scene of the study's own that
+/// this machine has too little memory for is skipped. Throws BadInput before anything has run.
 nlohmann::json run_study(Study study, const StudyOptions& options);
 
 }  // namespace voxspring

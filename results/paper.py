@@ -3,8 +3,8 @@
 
 Usage: paper.py [--check]
 
-A table stands between `<!-- NAME -->` and `<!-- /NAME -->`; its figures come from nvidia-h200/STUDY.json, medians over
-the repetitions. --check changes nothing and exits with 1 if the page is not what the results say.
+A table stands between `<!-- NAME -->` and `<!-- /NAME -->`; its figures come from nvidia-h200/STUDY.json, those of
+`fastest` from the fastest.json of every machine that has one, medians over the repetitions. --check changes nothing and exits with 1 if the page is not what the results say.
 """
 
 import json
@@ -188,7 +188,53 @@ def stability():
                   for kind, entry in ranges.items()])
 
 
-TABLES = {"limits": lambda: limits("table1"), "table1": lambda: steps("table1"), "figure7": lambda: steps("figure7"),
+def quantity(target, value):
+    kind = target["quantity"]
+    if kind in ("seconds_per_step", "ready_seconds"):
+        return f"{three_digits(value * 1e6)} us" if value < 1e-2 else f"{three_digits(value)} s"
+    if kind == "fraction_of_limit":
+        return f"{percent(value)} of the limit"
+    if kind == "speed_ratio":
+        return f"{value:.2f} of the speed of `{target['over']}`"
+    return f"{three_digits(value * 1e-9)} G {kind.split('_')[0]}s/s"
+
+
+def judged(target):
+    """What became of a target of a block of `fastest`."""
+    asked = f"`{target['backends']}` {quantity(target, target['value'])}"
+    if target["met"] is None:
+        return f"{asked}: not measured"
+    return (f"{asked}: {'met' if target['met'] else 'missed'}, {quantity(target, target['measured'])}, "
+            f"{percent(target['reached'])}")
+
+
+def fastest():
+    """For each machine the fastest strategy of each dataset, and what became of the targets."""
+    parts = []
+    for path in sorted(HERE.glob("*/fastest.json")):
+        if path.parent.name == "local":
+            continue
+        result = json.loads(path.read_text())
+        context = result["context"]["voxspring"]
+        rows = []
+        for block in result["fastest"]:
+            paper, times = block["paper"], block["auto"]["times_fastest"]
+            rows.append([f"{block['scene']} {block['formulation']} {block['precision']}", contender(block),
+                         microseconds(block["seconds_per_step"] * 1e6),
+                         three_digits(block["particle_updates_per_second"] * 1e-9),
+                         three_digits(block["spring_updates_per_second"] * 1e-9),
+                         f"{percent(block['fraction_of_limit'])} ({block['limited_by']})", f"{block['error_max']:.1e}",
+                         f"{paper['ratio']:.2f} ({contender(paper)})" if paper else "-",
+                         f"{times:.2f}" if times else "not measured", three_digits(block["ready_seconds"] * 1e3),
+                         "; ".join(map(judged, block["targets"])) or "-"])
+        header = ["dataset", "fastest", "us a step", "G particles/s", "G springs/s", "of limit", "error", "x the paper's best",
+                  "x auto", "ready (ms)", "targets"]
+        parts.append(f"{context['gpu'] or context['cpu']}; commit {context['commit']}"
+                     f"{'' if context['clean'] else ' (not clean)'}.\n\n" + table(header, rows))
+    return "\n\n".join(parts)
+
+
+TABLES = {"fastest": fastest, "limits": lambda: limits("table1"), "table1": lambda: steps("table1"), "figure7": lambda: steps("figure7"),
           "figure8": scaling, "edits": edits, "tuning": tuning, "formulations": formulations, "stress": stress,
           "stability": stability}
 

@@ -1,27 +1,33 @@
-// One invocation a texel: whether its particle is where a run may take it. BY_INCREMENTS as in particle.glsl.
+// Whether particles are where a run may take them: one invocation a texel or, with STORAGE_BUFFERS, strides
+// over the words of compute.glsl. BY_INCREMENTS as in motion.glsl.
 #include "neighbours.h"
 
 layout(local_size_x = 64) in;
 
+// `other`: by increments the increment, else the position before.
+#ifdef STORAGE_BUFFERS
+layout(std430, binding = 0) restrict readonly buffer Words { vec4 words[]; };
+#ifdef BY_INCREMENTS
+layout(std430, binding = 2) restrict readonly buffer Increments { float increments[]; };
+#else
+layout(std430, binding = 1) restrict readonly buffer Other { vec4 other[]; };
+#endif
+#else
 layout(binding = 0) uniform sampler2D position;
-// With BY_INCREMENTS the increment, else the position before.
 layout(binding = 1) uniform sampler2D other;
+#endif
 
 // The first look that failed.
-layout(std430, binding = 0) buffer Found { uint found; };
+layout(std430, binding = 3) buffer Found { uint found; };
 
 uniform int look;
 uniform float inverse_largest;  // 1 / the largest increment
 
 const uint infinite = 0x7F800000u;  // bits of infinity, and the exponent of whatever is not finite
 
-void main() {
-    ivec2 size = textureSize(position, 0);
-    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
-    if (texel.x >= size.x) return;
-    vec4 here = texelFetch(position, texel, 0);
+void check(vec4 here, vec3 moved) {
     if ((floatBitsToUint(here.w) & ACTIVE_BIT) == 0u) return;
-    precise vec3 increment = texelFetch(other, texel, 0).xyz;
+    precise vec3 increment = moved;
 #ifndef BY_INCREMENTS
     increment = here.xyz - increment;
 #endif
@@ -31,4 +37,23 @@ void main() {
     bool fast = floatBitsToUint(dot(share, share)) > floatBitsToUint(1.0);
     bool finite = all(lessThan(floatBitsToUint(here.xyz) & infinite, uvec3(infinite)));
     if ((fast || !finite) && uint(look) < found) atomicMin(found, uint(look));
+}
+
+void main() {
+#ifdef STORAGE_BUFFERS
+    int count = words.length();
+    for (int n = int(gl_GlobalInvocationID.x); n < count; n += int(gl_NumWorkGroups.x * gl_WorkGroupSize.x)) {
+#ifdef BY_INCREMENTS
+        int pitch = increments.length() / 3;
+        check(words[n], vec3(increments[n], increments[n + pitch], increments[n + 2 * pitch]));
+#else
+        check(words[n], other[n].xyz);
+#endif
+    }
+#else
+    ivec2 size = textureSize(position, 0);
+    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+    if (texel.x >= size.x) return;
+    check(texelFetch(position, texel, 0), texelFetch(other, texel, 0).xyz);
+#endif
 }

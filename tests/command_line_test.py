@@ -8,6 +8,7 @@ import json
 import math
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -42,7 +43,8 @@ class List(unittest.TestCase):
     def test_names_every_backend_with_what_it_runs_on_or_why_not(self):
         listed = json.loads(voxspring("list", "--json").stdout)
         backends = {b["name"]: b for b in listed["backends"]}
-        for name in ("cpu_reference", "cpu_parallel", "gl_fragment_implicit", "gl_fragment_explicit"):
+        for name in ("cpu_reference", "cpu_parallel", "gl_fragment_implicit", "gl_fragment_explicit",
+                     "gl_compute_implicit", "gl_compute_explicit"):
             self.assertIn(name, backends)
         for backend in backends.values():
             self.assertTrue(backend["device"] if backend["available"] else backend["reason"])
@@ -66,7 +68,7 @@ class Limits(unittest.TestCase):
         for device in limits.values():
             validator.validate(device)
         self.assertEqual({(family, device["device"]) for family, device in limits.items()},
-                         {(b["api"].split()[0], b["device"]) for b in backends if b["available"]})
+                         {(re.split(r" \d", b["api"])[0], b["device"]) for b in backends if b["available"]})
         text = voxspring("limits").stdout
         for family, device in limits.items():
             self.assertIn(f"limits of {family}: ", text)
@@ -129,6 +131,16 @@ class Run(InTemporaryFolder):
         self.assertEqual(voxspring("--help").returncode, 0)
         self.assertEqual(list(self.folder.iterdir()), [])
 
+    def test_auto_says_what_it_takes_and_why(self):
+        result = voxspring("run", "box@6", "--backend", "auto:formulation=position", "--steps", 3)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        said, ran = result.stdout.splitlines()
+        self.assertRegex(said, r"^auto: \w+.*, a full lattice of 216 voxels: ")
+        self.assertIn(" on " + said.split(": ")[1].split(",")[0].split(":")[0] + "/position/float32", ran)
+        self.assert_refused(voxspring("run", "box@6", "--backend", "auto:mask=none"), "auto", "mask", "formulation")
+        self.assert_refused(voxspring("run", "box@6", "--backend", "auto:precision=half"), "half", "float64")
+        self.assert_refused(voxspring("study", "smoke", "--backend", "auto:mask=none"), "auto", "mask", "formulation")
+
     def test_divergence_is_a_failure(self):
         scene = self.folder / "unstable.json"
         scene.write_text(json.dumps({
@@ -154,6 +166,17 @@ class Study(InTemporaryFolder):
         self.assertFalse(schema.is_valid(pareto | {"kind": "timing"}))
         self.assertFalse(schema.is_valid({key: value for key, value in pareto.items() if key != "time_steps"}))
         self.assertFalse(schema.is_valid({"backends": ["*"], "scenes": [{"scene": "box", "step": 3}]}))
+        target = {"scene": "box", "formulation": "position", "seconds_per_step": 1e-6}
+        fastest = {"kind": "fastest", "backends": ["auto"], "targets": [target],
+                   "scenes": [{"scene": "box", "rewind": False}]}
+        self.assertTrue(schema.is_valid(fastest))
+        self.assertFalse(schema.is_valid(fastest | {"kind": "timing"}))
+        for change in ({"fraction_of_limit": 0.5}, {"over": "gl_*"}, {"seconds_per_step": 0}, {"formulation": "verlet"}):
+            self.assertFalse(schema.is_valid(fastest | {"targets": [target | change]}), change)
+        target.pop("seconds_per_step")
+        self.assertFalse(schema.is_valid(fastest))
+        self.assertFalse(schema.is_valid(fastest | {"targets": [target | {"speed_ratio": 0.95}]}))
+        self.assertTrue(schema.is_valid(fastest | {"targets": [target | {"speed_ratio": 0.95, "over": "cuda_*"}]}))
 
     def run_smoke(self, *arguments):
         out = self.folder / "smoke.json"
@@ -268,6 +291,34 @@ class Study(InTemporaryFolder):
         self.assertEqual(drawn.returncode, 2)
         self.assertIn("study.json", drawn.stderr)
 
+    def test_the_fastest_is_held_against_the_papers_and_targets(self):
+        target = {"scene": "box@8", "formulation": "increment"}
+        table, result = self.run_study({
+            "kind": "fastest", "backends": ["cpu_*", "gl_*"], "steps": 5, "repetitions": 2,
+            "scenes": [{"scene": "box@8", "backends": ["cpu_*", "gl_*", "auto"]},
+                       {"scene": "heart@20x17x15", "rewind": False}],
+            "targets": [target | {"seconds_per_step": 100}, target | {"backends": "cpu_*", "fraction_of_limit": 1e9},
+                        target | {"backends": "vulkan_*", "ready_seconds": 1}]})
+        blocks = {(block["scene"], block["formulation"], block["precision"]): block for block in result["fastest"]}
+        medians = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median"]
+        self.assertEqual(set(blocks), {(row["scene"], row["formulation"], row["precision"]) for row in medians})
+        for (scene, formulation, precision), block in blocks.items():
+            rows = [row for row in medians
+                    if (row["scene"], row["formulation"], row["precision"]) == (scene, formulation, precision)]
+            best = min(rows, key=lambda row: row["real_time"])
+            self.assertTrue(best["name"].startswith(block["name"] + "/iterations:"), block["name"])
+            self.assertAlmostEqual(block["seconds_per_step"], 1e-6 * best["real_time"])
+            self.assertGreater(block["ready_seconds"], 0)
+            paper = [row["real_time"] for row in rows if row["backend"].startswith("gl_fragment_")]
+            self.assertEqual(block["paper"] is not None, bool(paper))
+            if paper:
+                self.assertAlmostEqual(block["paper"]["ratio"], min(paper) / best["real_time"])
+        self.assertEqual([target["met"] for target in blocks["box@8", "increment", "float32"]["targets"]],
+                         [True, False, None])
+        self.assertEqual([choice["scene"] for choice in result["auto"]], ["box@8"])
+        for word in ("x paper's", "auto takes", "met: ", "missed: ", "not measured"):
+            self.assertIn(word, table)
+
     def test_stress_is_measured_and_gated(self):
         table, result = self.run_study({"kind": "stress", "backends": ["cpu_*"],
                                         "suites": [{"lengths": "shortest", "backends": ["cpu_parallel"]}]})
@@ -304,6 +355,19 @@ class Study(InTemporaryFolder):
         self.assert_refused(voxspring("study", "smoke", "--out", self.folder / "result.xml"), "result.xml", ".json")
         self.assertEqual(voxspring("study", "smoke", "--repetitions", "0").returncode, 2)
         self.assertEqual(list(self.folder.iterdir()), [])
+
+    def test_skips_what_this_machine_has_no_memory_for(self):
+        study = self.folder / "study.json"
+        study.write_text(json.dumps({"backends": ["cpu_parallel"], "steps": 2, "repetitions": 1,
+                                     "scenes": [{"scene": "box@4"}, {"scene": "box@100000x1000x1000"}]}))
+        out = self.folder / "result.json"
+        ran = voxspring("study", study, "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        result = json.loads(out.read_text())
+        self.assertEqual({row["scene"] for row in result["benchmarks"]}, {"box@4"})
+        self.assertEqual({row["scene"] for row in result["skipped"]}, {"box@100000x1000x1000"})
+        self.assertIn("on this machine", ran.stdout)
+        self.assert_refused(voxspring("study", study, "--scene", "box@100000x1000x1000"), "on this machine")
 
     def test_a_finished_result_is_not_lost_to_a_refusal(self):
         out = self.folder / "smoke.json"

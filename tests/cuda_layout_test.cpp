@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "backends/registry.h"
+#include "cuda/delta_lists.h"
 #include "cuda/layout.h"
 #include "harness/verify.h"
 #include "tests/support.h"
@@ -71,6 +72,9 @@ std::map<std::string, Problem> lattices() {
     problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
     problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
     problems["corners"] = lattice(solid({9, 8, 7}), CORNER_BITS);
+    // Particles with all neighbours on either side of a row, and nobody in its middle.
+    problems["sparse_edges"] = lattice(random_grid({21, 9, 10}, 0.95, 8), EDGE_BITS);
+    problems["sparse_corners"] = lattice(random_grid({21, 9, 10}, 0.95, 9), CORNER_BITS);
     problems["all_groups"] = lattice(random_grid({21, 9, 10}, 0.8, 3), NEIGHBOUR_BITS);
     problems["all_groups"].group_stiffness = {1.0, 0.5, 0.25};
     problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS);
@@ -109,8 +113,10 @@ struct HostFetch {
         return {word.position, std::uint32_t(word.bits)};
     }
     std::uint32_t entry(const std::uint32_t* p) const {
-        return checked(lists->neighbour, p - lists->neighbour.data());
+        return lists == nullptr ? *p : checked(lists->neighbour, p - lists->neighbour.data());
     }
+    FourDeltas entry(const FourDeltas* p) const { return *p; }
+    Slice entry(const Slice* p) const { return *p; }
     SpringConstants<Real> entry(const SpringConstants<Real>* p) const {
         return lists == nullptr ? *p : checked(lists->constants, p - lists->constants.data());
     }
@@ -124,7 +130,7 @@ struct Variant {
     static constexpr Formulation formulation = f;
     static constexpr bool split = f == Formulation::compensated;
     /// Everything compiled in and asked for.
-    using AllTerms = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_own_rests, true>;
+    using AllTerms = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_own_rests | term_own_springs, true>;
     /// What a scene of the paper's two groups needs: `terms`.
     template <std::uint32_t terms>
     using Needed = KernelTerms<f, FACE_BITS | EDGE_BITS, terms, false>;
@@ -185,6 +191,9 @@ public:
     }
 
 protected:
+    void write_bits(std::uint32_t particle, std::uint32_t bits) {
+        packed_.current[placement_.at(particle)].bits = bits;
+    }
     void attach(Motion<Real>& motion) const {
         motion.load = load_.empty() ? nullptr : load_.data();
         motion.inverse_masses = inverse_masses_.empty() ? nullptr : inverse_masses_.data();
@@ -362,6 +371,75 @@ private:
     ExplicitStep<Real> step_;
 };
 
+/// All threads of a kernel by delta-compressed list.
+template <class V>
+class DeltaSimulation final : public Simulation<V> {
+public:
+    using typename Simulation<V>::Real;
+    using typename Simulation<V>::Current;
+
+    /// `pairs`: a thread steps two particles. `interior`: with a way without masks.
+    DeltaSimulation(const Problem& problem, const State& start, bool pairs = false, bool interior = false)
+        : Simulation<V>(problem, start, place_guarded(problem),
+                        problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
+          needed_(has_common_terms(problem)),
+          pairs_(pairs),
+          interior_(interior && problem.springs.empty()),
+          compliance_(pack_compliance<Real>(problem, place_guarded(problem))),
+          lists_(compress_lists(problem)),
+          own_(problem, place_guarded(problem), V::formulation, lists_.slices),
+          step_(make_delta_step<Real>(problem, place_guarded(problem), V::formulation)) {
+        measure<Real>(step_.rest_length, V::formulation);
+        step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
+        step_.slices = lists_.slices.data();
+        step_.lists = lists_.lists.data();
+        this->attach(step_.motion);
+        this->poison();
+    }
+
+    /// As the backend does it, between steps.
+    void edit(const Problem& edited, const SpringEdit& edit) {
+        for (const SpringEdit::Touched& touched : edit.touched)
+            this->write_bits(touched.particle, touched.mask);
+        own_.change(edited, edit, lists_.slices);
+        needed_ = needed_ && own_.empty();
+        interior_ = interior_ && own_.empty();
+    }
+
+private:
+    void step_once(const Current& current, const Output<Real>& output) override {
+        std::vector<SpringConstants<Real>> constants(own_.constants().begin(), own_.constants().end());
+        measure(constants, V::formulation);
+        step_.own_neighbour = own_.empty() ? nullptr : own_.neighbour().data();
+        step_.own_constants = constants.data();
+        step_.own_rest = own_.own_rest().data();
+        const auto step_all = [&]<class Terms>(Terms) {
+            // Some threads of the last block have no particle.
+            for (int i = 0; i < step_.particles + 7; i += pairs_ ? 2 : 1) {
+                if (pairs_) {
+                    step_two_by_deltas<Terms>(step_, i, current, output);
+                } else {
+                    step_by_deltas<Terms>(step_, i, current, output);
+                }
+            }
+        };
+        constexpr std::uint32_t terms = term_damping | term_gravity | term_interior;
+        if (interior_ && step_.group_bits == EDGE_BITS) {
+            step_all(KernelTerms<V::formulation, EDGE_BITS, terms, false>{});
+        } else if (interior_ && step_.group_bits == CORNER_BITS) {
+            step_all(KernelTerms<V::formulation, CORNER_BITS, terms, false>{});
+        } else {
+            with_terms<V>(needed_, interior_, step_all);
+        }
+    }
+
+    bool needed_, pairs_, interior_;
+    std::vector<Real> compliance_;
+    DeltaLists lists_;
+    OwnLists<Real> own_;
+    DeltaStep<Real> step_;
+};
+
 /// All threads of both scatter kernels.
 template <class V>
 class ScatterSimulation final : public Simulation<V> {
@@ -478,6 +556,34 @@ TYPED_TEST(KernelBodies, ExplicitBySprings) {
     }
 }
 
+// Where both can run, to the bit what implicit addressing and lists with a counter a group give.
+TYPED_TEST(KernelBodies, ExplicitByDeltas) {
+    using Real = typename TypeParam::Real;
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        DeltaSimulation<TypeParam> simulation(problem, start);
+        this->expect_reference(problem, start, simulation);
+        for (const auto& [pairs, interior] : {std::pair(true, false), {false, true}, {true, true}}) {
+            DeltaSimulation<TypeParam> other(problem, start, pairs, interior);
+            other.step(5);
+            EXPECT_EQ(other.download().displacement, simulation.download().displacement)
+                << (pairs ? "in pairs" : "") << (interior ? " without masks" : "");
+        }
+        if (!problem.springs.empty()) continue;
+        ImplicitSimulation<TypeParam> implicit(problem, start, BlockShape{8, 8, 4});
+        implicit.step(5);
+        EXPECT_EQ(simulation.download().displacement, implicit.download().displacement);
+        if (!beyond_groups(problem).empty()) continue;
+        ExplicitSimulation<TypeParam> by_groups(
+            problem, start, list_by_groups<Real>(problem, ListLayout::vertical, TypeParam::formulation));
+        by_groups.step(5);
+        EXPECT_EQ(simulation.download().displacement, by_groups.download().displacement);
+    }
+}
+
 TYPED_TEST(KernelBodies, Scatter) {
     auto problems = lattices();
     problems.merge(networks());
@@ -510,6 +616,7 @@ TYPED_TEST(KernelBodies, RestStaysRestToTheBit) {
     expect_rest(ExplicitSimulation<TypeParam>(
         problem, rest,
         list_by_springs<typename TypeParam::Real>(problem, ListLayout::vertical, TypeParam::formulation)));
+    expect_rest(DeltaSimulation<TypeParam>(problem, rest));
     expect_rest(ScatterSimulation<TypeParam>(problem, rest));
 }
 
@@ -630,6 +737,65 @@ TEST(NeighbourLists, IndicesOfLargeLatticesDoNotWrap) {
     EXPECT_EQ(vertical.at(particles - 1, 25), 26ULL * particles - 1);
     EXPECT_EQ(list_size(particles, 26, ListLayout::vertical), 26ULL * particles);
     EXPECT_EQ(list_size(particles, 26, ListLayout::concatenated), 26ULL * particles);
+}
+
+/// The list of a particle.
+const RowDeltas& list_of(const DeltaLists& compressed, std::uint32_t particle) {
+    const Slice& slice = compressed.slices[particle / slice_particles];
+    return compressed.lists[std::size_t(slice.list + rank(slice.starts, particle % slice_particles))];
+}
+
+TEST(DeltaLists, LeadToEveryNeighbour) {
+    for (const auto& [name, problem] : lattices()) {
+        SCOPED_TRACE(name);
+        const DeltaLists compressed = compress_lists(problem);
+        const Placement placement = place_guarded(problem);
+        const std::vector<std::uint32_t> particle = particle_of_voxel(problem.lattice);
+        for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+            const RowDeltas& list = list_of(compressed, i);
+            for (const Direction& direction : directions()) {
+                const glm::ivec3 o = direction.offset;
+                const int row = row_number(o.y, o.z);
+                int delta = o.x;
+                if (row < row_count) {
+                    delta += list.rows[row / 4].row[row % 4];
+                    if (o.x > 0) delta -= int(list.gaps >> row & 1U);
+                }
+                // Read whether it is there or not.
+                const auto word = std::ptrdiff_t(placement.at(i)) + delta;
+                ASSERT_GE(word, 0);
+                ASSERT_LT(word, std::ptrdiff_t(placement.words));
+                if ((problem.lattice.mask[i] >> direction.bit & 1U) == 0) continue;
+                const auto voxel =
+                    std::ptrdiff_t(problem.lattice.voxel[i]) + problem.lattice.stride(direction);
+                ASSERT_EQ(std::int64_t(i) + delta, std::int64_t(particle[std::size_t(voxel)]))
+                    << "particle " << i << ", direction " << direction.bit;
+            }
+        }
+    }
+}
+
+TEST(DeltaLists, AreSharedByRuns) {
+    // A box has one for all but its first and last slice and row, from where deltas would lead out of it.
+    EXPECT_LE(compress_lists(lattice(solid({50, 40, 30}))).lists.size(), 8U);
+    // One more or less where a row ends and the next one begins.
+    const Problem ball = lattice(make_grid({41, 41, 41}, [](int x, int y, int z) {
+        return (x - 20) * (x - 20) + (y - 20) * (y - 20) + (z - 20) * (z - 20) < 400;
+    }));
+    std::size_t rows = 0;
+    for (std::size_t i = 0; i < ball.particle_count(); ++i)
+        rows += i == 0 || ball.lattice.voxel[i] != ball.lattice.voxel[i - 1] + 1 ? 1 : 0;
+    EXPECT_LE(compress_lists(ball).lists.size(), rows);
+}
+
+// Cuts change masks; lists made after them lead to the same neighbours.
+TEST(DeltaLists, DoNotDependOnLatticeSprings) {
+    Problem problem = lattices().at("dense");
+    const DeltaLists before = compress_lists(problem);
+    SpringEditor(problem).cut(Plane{problem.rest_position[problem.particle_count() / 2], {1, 0.2, -0.1}});
+    const DeltaLists after = compress_lists(problem);
+    EXPECT_EQ(before.slices, after.slices);
+    EXPECT_EQ(before.lists, after.lists);
 }
 
 TEST(SpringArrays, HoldEachSpringOnceAndByDirection) {
@@ -787,6 +953,63 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                 }
             }
         }
+    }
+}
+
+TYPED_TEST(KernelBodies, EditedDeltaListsStepLikeThoseOfTheEditedProblem) {
+    auto problems = lattices();
+    problems.merge(networks());
+    for (const auto& [name, problem] : problems) {
+        for (const bool beyond : {false, true}) {
+            SCOPED_TRACE(name + (beyond ? " beyond the lattice" : ""));
+            Problem edited = problem;
+            const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
+            const State start = random_state(problem, 0.05, 7);
+            // The problem that was built so steps its particles in pairs.
+            DeltaSimulation<TypeParam> played(problem, start), built(edited, start, true, true);
+            Problem now = problem;
+            for (const SpringEdit& edit : edits) {
+                apply(now, edit);
+                played.edit(now, edit);
+            }
+            played.step(3);
+            built.step(3);
+            EXPECT_EQ(played.download().displacement, built.download().displacement);
+            EXPECT_EQ(played.download().increment, built.download().increment);
+        }
+    }
+}
+
+// What the device is sent is what changed.
+TEST(OwnLists, ChangesAreAllThatChanged) {
+    const Problem problem = lattice(solid({40, 12, 11}));
+    Problem edited = problem;
+    const std::vector<SpringEdit> edits = edit_everything(edited, true);
+    std::vector<Slice> slices = compress_lists(problem).slices;
+    OwnLists<float> own(problem, place_guarded(problem), Formulation::increment, slices);
+    EXPECT_TRUE(own.empty());
+    std::vector<Slice> sent_slices = slices;
+    std::vector<std::uint32_t> sent;
+    Problem now = problem;
+    for (const SpringEdit& edit : edits) {
+        apply(now, edit);
+        const auto changes = own.change(now, edit, slices);
+        sent.resize(own.neighbour().size());
+        for (const EditedSlice& changed : changes.slices) sent_slices[changed.number] = changed.slice;
+        const NeighbourLists<float>& columns = changes.columns.lists;
+        for (std::size_t n = 0; n < columns.neighbour.size(); ++n)
+            sent[columns.shape.at(changes.columns.particle[n / slice_particles],
+                                  std::uint32_t(n % slice_particles))] = columns.neighbour[n];
+        EXPECT_EQ(columns.neighbour.size(), changes.columns.particle.size() * slice_particles);
+        EXPECT_EQ(columns.own_rest.size(), columns.neighbour.size());
+        EXPECT_EQ(sent_slices, slices);
+    }
+    EXPECT_FALSE(own.empty());
+    // Columns that a slice has left behind are nobody's.
+    for (const Slice& slice : slices) {
+        const std::size_t begin = std::size_t(slice.own_begin) * slice_particles;
+        for (std::size_t n = 0; n < std::size_t(slice.own_slots) * slice_particles; ++n)
+            ASSERT_EQ(sent[begin + n], own.neighbour()[begin + n]);
     }
 }
 

@@ -1,5 +1,5 @@
-// What only the OpenGL backends can be asked: that the stencil mask masks, that it and the skipped terms
-// change no bit, that nothing is written beside the particles, and how their failures read.
+// What only the OpenGL backends can be asked: that the stencil mask masks, that it, the skipped terms and
+// tuning change no bit, that nothing is written beside the particles, and how their failures read.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -56,11 +56,14 @@ protected:
     const bool lists = spec.entry->name == "gl_fragment_explicit";
 };
 
-std::vector<std::string> every_fragment_backend() {
+const std::vector<std::string> fragment_backends = {"gl_fragment_implicit", "gl_fragment_explicit"};
+const std::vector<std::string> compute_backends = {"gl_compute_implicit", "gl_compute_explicit"};
+
+std::vector<std::string> in_every_formulation(const std::vector<std::string>& backends) {
     std::vector<std::string> specs;
-    for (const char* name : {"gl_fragment_implicit", "gl_fragment_explicit"}) {
+    for (const std::string& name : backends) {
         for (const Formulation formulation : all_formulations)
-            specs.push_back(name + (":formulation=" + to_string(formulation)));
+            specs.push_back(name + ":formulation=" + to_string(formulation));
     }
     return specs;
 }
@@ -72,7 +75,8 @@ std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
     return name;
 }
 
-INSTANTIATE_TEST_SUITE_P(, GlFragment, ::testing::ValuesIn(every_fragment_backend()), test_name);
+INSTANTIATE_TEST_SUITE_P(, GlFragment, ::testing::ValuesIn(in_every_formulation(fragment_backends)),
+                         test_name);
 
 /// Two thirds full, every term in use.
 Problem problem_with_everything() {
@@ -139,7 +143,8 @@ TEST_P(GlFragment, MaskChangesNoBit) {
     }
 }
 
-TEST_P(GlFragment, SkippedTermsChangeNoBit) {
+/// Scenes that lack one term each, and some that lack most.
+std::vector<std::pair<std::string, Problem>> scenes_to_skip_in() {
     std::vector<std::pair<std::string, Problem>> cases;
     const auto add = [&](const char* name, Problem problem) { cases.emplace_back(name, std::move(problem)); };
     add("nothing to skip", problem_with_everything());
@@ -170,15 +175,59 @@ TEST_P(GlFragment, SkippedTermsChangeNoBit) {
     problem = problem_with_everything();
     for (double& length : problem.rest_length) length *= 0.97;
     add("stressed at rest", problem);
-    for (const auto& [name, scene] : cases) {
+    return cases;
+}
+
+/// What `terms=needed` leaves out changes no bit, and the reference is followed.
+void expect_skipping_changes_no_bit(const std::string& specification) {
+    const auto skipping = BackendSpec::parse(specification + ",terms=needed").make();
+    const auto with_all = BackendSpec::parse(specification + ",terms=all").make();
+    const auto oracle = BackendSpec::parse("cpu_reference").make();
+    for (const auto& [name, scene] : scenes_to_skip_in()) {
         SCOPED_TRACE(name);
-        const State needed = after(*make(GetParam() + ",terms=needed"), scene, 20);
-        expect_same_bits(needed, after(*make(GetParam() + ",terms=all"), scene, 20));
-        const State reference = after(*BackendSpec::parse("cpu_reference").make(), scene, 20);
-        const Comparison comparison = compare(scene, needed, reference, Precision::float32, 20);
+        const State needed = after(*skipping, scene, 20);
+        expect_same_bits(needed, after(*with_all, scene, 20));
+        const Comparison comparison =
+            compare(scene, needed, after(*oracle, scene, 20), Precision::float32, 20);
         EXPECT_TRUE(comparison.passed()) << comparison.reason;
     }
 }
+
+TEST_P(GlFragment, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
+
+/// That an edit waits for the steps before it, and the steps after it for the edit.
+void expect_edits_in_order(const std::string& specification) {
+    // Enough steps and edits in flight that one out of order would show.
+    Problem problem = make_lattice_problem(solid({24, 24, 24}), FACE_BITS | EDGE_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.time_step = 0.2;
+    pin_base(problem);
+    Problem edited = problem;
+    SpringEditor editor(edited);
+    std::vector<SpringEdit> edits;
+    for (int n = 0; n < 4; ++n) {
+        const Plane plane{{11.5, 0, 6.0 * n}, {1, 0, 0.3}};
+        edits.push_back(editor.cut(plane));
+        edits.push_back(editor.suture(plane, 1.5));
+    }
+    const auto play = [&](bool waits) {
+        const auto backend = BackendSpec::parse(specification).make();
+        Problem now = problem;
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        for (const SpringEdit& edit : edits) {
+            backend->step(3);
+            if (waits) backend->synchronize();
+            apply(now, edit);
+            backend->edit(now, edit);
+            if (waits) backend->synchronize();
+        }
+        backend->step(3);
+        return backend->download();
+    };
+    expect_same_bits(play(false), play(true));
+}
+
+TEST_P(GlFragment, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
 
 /// Index of each texel that holds no particle, by its bits.
 std::vector<std::size_t> guards(const std::vector<glm::vec4>& texels) {
@@ -473,6 +522,146 @@ TEST_F(Gl, ExplicitFollowsTheReferenceBeyondTheGrid) {
                 expect_same_bits(after(*make(base + tuning), problem, steps), state);
         }
     }
+}
+
+// --- Compute shaders -----------------------------------------------------------------------------------
+
+/// Each of the compute backends in each formulation.
+class GlCompute : public Gl, public ::testing::WithParamInterface<std::string> {
+protected:
+    static std::unique_ptr<Backend> make(const std::string& specification) {
+        return BackendSpec::parse(specification).make();
+    }
+    const BackendSpec spec = BackendSpec::parse(GetParam());
+    const Formulation formulation = spec.options.formulation;
+    const bool lists = spec.entry->name == "gl_compute_explicit";
+};
+
+INSTANTIATE_TEST_SUITE_P(, GlCompute, ::testing::ValuesIn(in_every_formulation(compute_backends)), test_name);
+
+TEST_P(GlCompute, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
+
+TEST_P(GlCompute, HowItIsTunedChangesNoBit) {
+    const Problem problem = problem_with_everything();
+    const State state = after(*make(GetParam()), problem, 20);
+    for (const auto& [key, values] : spec.entry->tuning) {
+        for (std::size_t v = 1; v < values.size(); ++v) {
+            SCOPED_TRACE(key + "=" + values[v]);
+            expect_same_bits(after(*make(GetParam() + "," + key + "=" + values[v]), problem, 20), state);
+        }
+    }
+}
+
+TEST_P(GlCompute, CountedStepIsAStep) {
+    const Problem problem = problem_with_everything();
+    const auto counted = make(GetParam());
+    counted->upload(problem, random_state(problem, 0.05, 3));
+    counted->step(4);
+    const WorkCount work = counted->count_work();
+    EXPECT_GT(work.at("work_groups"), 0u);
+    const auto invocations = work.find("compute_shader_invocations");
+    if (invocations != work.end()) {
+        EXPECT_GE(invocations->second, problem.particle_count());
+    }
+    expect_same_bits(counted->download(), after(*make(GetParam()), problem, 5));
+}
+
+TEST_P(GlCompute, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
+
+TEST_P(GlCompute, LosesNoMoreThanItsFormulationDoes) {
+    Problem problem = make_lattice_problem(solid({12, 12, 12}), FACE_BITS | EDGE_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.time_step = 0.25;  // whose square is a float
+    pin_base(problem);
+    const int steps = 300;
+    const auto run = [&](const std::string& specification) {
+        const auto backend = make(specification);
+        backend->upload(problem, state_at_rest(problem));
+        backend->step(steps);
+        return backend->download();
+    };
+    const Comparison comparison =
+        compare(problem, run(GetParam()), run("cpu_reference"), Precision::float32, steps);
+    EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    // Measured on llvmpipe: 1.3e-4, 1.4e-4, 5.4e-6, 4.2e-7, 5.4e-8.
+    const double most[] = {5e-4, 5e-4, 1.7e-5, 1.5e-6, 1.7e-7};
+    EXPECT_LE(comparison.relative_l2, most[std::size_t(formulation)]);
+}
+
+TEST_P(GlCompute, EstimatesItsBytes) {
+    const Problem box = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
+    const auto bytes = [&](const Problem& problem, const std::string& tuning) {
+        return spec.entry->bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
+    };
+    // Two words of 16 bytes; by increments 12 more; twice that for low parts. Lists of 18 neighbours.
+    const std::uint64_t increments = by_increments(formulation) ? 12 : 0;
+    const std::uint64_t parts = formulation == Formulation::compensated ? 2 : 1;
+    const std::uint64_t expected =
+        box.particle_count() * (parts * (2 * 16 + increments) + (lists ? 18 * 4 : 0));
+    const std::uint64_t plain = bytes(box, "");
+    EXPECT_GE(plain, expected);
+    // Guard words: two slices and a bit.
+    EXPECT_LE(double(plain), 1.08 * double(expected));
+    EXPECT_GT(bytes(box, ",terms=all"), plain);
+    EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
+    if (!lists) return;
+    // What each of up to 18 springs is like and, on displacements, how it lies at rest.
+    Problem sutured = box;
+    sutured.springs.push_back({0, 77, 1, 3});
+    EXPECT_EQ(bytes(sutured, "") - plain,
+              box.particle_count() * 18 * (on_positions(formulation) ? 8 : 8 + 16));
+}
+
+TEST_F(Gl, PositionsBeyondAStorageBufferAreRefused) {
+    const gl::Context context;
+    const GLint64 most = context.max_storage_block_size();
+    const auto backend = BackendSpec::parse("gl_compute_implicit").make();
+    Problem problem;
+    // As many slices of 1024 voxels as fit, and the guard words, a slice and a row on either side, beside
+    // them.
+    const int slices = int(std::min<GLint64>(most / 16 / 1024, 1 << 20));
+    problem.lattice.dims = {32, 32, slices - 4};
+    EXPECT_THAT(backend->unsupported(problem), IsEmpty());
+    problem.lattice.dims = {1024, 1024, slices / 1024};
+    EXPECT_THAT(backend->unsupported(problem),
+                AllOf(HasSubstr("positions of "), HasSubstr("exceed the " + std::to_string(most))));
+}
+
+TEST_F(Gl, ListsBeyondAStorageBufferAreRefused) {
+    const gl::Context context;
+    const auto backend = BackendSpec::parse("gl_compute_explicit").make();
+    // One particle with as many springs as make every particle's list too long.
+    const Problem problem = star(30000);
+    const std::string why = backend->unsupported(problem);
+    EXPECT_THAT(why, AllOf(HasSubstr("neighbour lists of "),
+                           HasSubstr("exceed the " + std::to_string(context.max_storage_block_size()))));
+    if (software_) {
+        EXPECT_THAT(backend->unsupported(star(1000)), IsEmpty());
+    }
+}
+
+TEST_F(Gl, TilesBeyondSharedMemoryAreRefused) {
+    const gl::Context context;
+    const auto backend =
+        BackendSpec::parse("gl_compute_implicit:formulation=compensated,tile=shared,block=128x1x1").make();
+    // Three rows of three slices of 130 particles, six numbers each.
+    const int needed = 130 * 9 * 6 * 4;
+    if (context.max_shared_memory() >= needed) {
+        EXPECT_THAT(backend->unsupported(plain_problem()), IsEmpty());
+    } else {
+        EXPECT_THAT(
+            backend->unsupported(plain_problem()),
+            AllOf(HasSubstr(std::to_string(needed)), HasSubstr(std::to_string(context.max_shared_memory()))));
+    }
+}
+
+TEST_F(Gl, OnlyWorkGroupsWithAnActiveVoxelAreDispatched) {
+    const Problem corners = make_lattice_problem(
+        make_grid({128, 16, 16}, [](int x, int y, int z) { return (x < 3 || x > 120) && y < 3 && z < 2; }),
+        FACE_BITS);
+    const auto backend = BackendSpec::parse("gl_compute_implicit:block=32x4x2").make();
+    backend->upload(corners, state_at_rest(corners));
+    EXPECT_EQ(backend->count_work().at("work_groups"), 2u);
 }
 
 TEST_F(Gl, ErrorsSurfaceAtTheNextCheck) {

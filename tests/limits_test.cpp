@@ -268,6 +268,13 @@ TEST_F(Gl, StepWorkOfExplicit) {
     EXPECT_WORK(work_of("gl_fragment_explicit", sutured), 6 * 64 + 24 * 12 + 2 * 16, 6 * 12 + 24 * 24, 1);
 }
 
+TEST_F(Gl, StepWorkOfCompute) {
+    EXPECT_EQ(work_of("gl_compute_implicit", plate()),
+              cuda::implicit_work<float>(plate(), Formulation::increment));
+    EXPECT_EQ(work_of("gl_compute_implicit:formulation=position", loaded_plate_of_two_materials()),
+              cuda::implicit_work<float>(loaded_plate_of_two_materials(), Formulation::position));
+}
+
 // --- What devices reach ---------------------------------------------------------------------------------
 
 void expect_rate(double rate) {
@@ -351,8 +358,24 @@ TEST_F(Gl, LimitsArePositiveAndRepeat) {
     EXPECT_EQ(first.cache_bytes, 0) << "OpenGL does not tell";
 }
 
-TEST_F(Gl, MeasuringLimitsChangesNoStep) {
-    const BackendSpec spec = BackendSpec::parse("gl_fragment_implicit");
+TEST_F(Gl, LimitsOfComputeArePositiveAndRepeat) {
+    const BackendSpec spec = BackendSpec::parse("gl_compute_implicit");
+    const DeviceLimits first = undisturbed(spec);
+    const DeviceLimits second = undisturbed(spec);
+    expect_rate(first.copy_bytes_per_second);
+    expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
+    expect_rate(first.launch_seconds);
+    expect_rate(first.float32_operations_per_second);
+    EXPECT_FALSE(first.compute_shader_float32_operations_per_second) << "it is the one above";
+    // Each API's own programs, each under its own name.
+    EXPECT_EQ(spec.make()->capabilities().api, "OpenGL compute 4.5 core");
+}
+
+class GlNamed : public Gl, public ::testing::WithParamInterface<const char*> {};
+INSTANTIATE_TEST_SUITE_P(, GlNamed, ::testing::Values("gl_fragment_implicit", "gl_compute_implicit"));
+
+TEST_P(GlNamed, MeasuringLimitsChangesNoStep) {
+    const BackendSpec spec = BackendSpec::parse(GetParam());
     Problem problem = plate();
     problem.time_step = 0.1;
     const State state = random_state(problem, 0.1, 1);

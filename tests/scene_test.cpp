@@ -79,8 +79,8 @@ TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
         names.push_back(scene.name);
         EXPECT_EQ(load_scene(scene.name).description, scene.description);
     }
-    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart", "poke", "scalpel_1",
-                                               "scalpel_10", "scalpel_100"}));
+    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart", "incision", "poke",
+                                               "scalpel_1", "scalpel_10", "scalpel_100"}));
 }
 
 TEST(Scene, PokeMovesOnlyTheCorner) {
@@ -365,7 +365,7 @@ TEST(Scene, BadArgumentsAreRefused) {
     };
     EXPECT_EQ(
         refused("bax"),
-        "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart, poke, "
+        "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart, incision, poke, "
         "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
     for (const std::string suffix :
          {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"}) {

@@ -389,6 +389,22 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
     write(R"({"kind": "pareto", "time_steps": [0.5], "backends": ["cpu_*:formulation=*,precision=*"],
               "scenes": [{"scene": "box"}]})");
     EXPECT_EQ(refusal(), "accepted");
+    write(R"({"kind": "fastest", "backends": ["auto:formulation=position"],
+              "scenes": [{"scene": "box", "rewind": false}],
+              "targets": [{"scene": "box", "formulation": "position", "speed_ratio": 2, "over": "gl_*"}]})");
+    EXPECT_EQ(refusal(), "accepted");
+    write(R"({"backends": ["auto:mask=none"], "scenes": [{"scene": "box"}]})");
+    EXPECT_THAT(refusal(), ::testing::AllOf(HasSubstr("backends[0]"), HasSubstr("mask")));
+    write(R"({"backends": ["*"], "scenes": [{"scene": "box", "rewind": false}]})");
+    EXPECT_THAT(refusal(), HasSubstr("scenes[0].rewind"));
+    for (const char* target :
+         {R"("seconds_per_step": 1, "fraction_of_limit": 0.5)", R"("backends": "*")", R"("speed_ratio": 2)",
+          R"("seconds_per_step": 0)", R"("seconds_per_step": 1, "over": "gl_*")"}) {
+        write(R"({"kind": "fastest", "backends": ["*"], "scenes": [{"scene": "box"}],
+                  "targets": [{"scene": "box", "formulation": "position", )" +
+              std::string(target) + "}]}");
+        EXPECT_THAT(refusal(), HasSubstr("targets[0]")) << target;
+    }
     write(R"({"backends": ["*"], "scenes": [{"scene": "box", "map": true}]})");
     EXPECT_THAT(refusal(), HasSubstr("scenes[0].map"));
     write(R"({"kind": "stability", "backends": ["*"], "scenes": [{"scene": "box", "map": true}]})");
@@ -470,8 +486,8 @@ TEST(Study, WorkIsThatOfAStepAfterTheBatch) {
 TEST(BuiltinStudies, AllLoad) {
     std::vector<std::string> names;
     for (const auto& study : builtin_studies()) names.push_back(study.name);
-    EXPECT_THAT(names, ::testing::IsSupersetOf({"default", "figure7", "figure8", "pareto", "skips", "smoke",
-                                                "table1", "tuning"}));
+    EXPECT_THAT(names, ::testing::IsSupersetOf({"default", "fastest", "figure7", "figure8", "pareto", "skips",
+                                                "smoke", "table1", "tuning"}));
 }
 
 }  // namespace

@@ -8,6 +8,8 @@
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu_parallel/kernel.cpp"
 #include <hwy/foreach_target.h>
+// After it: what is compiled for every target.
+#include <hwy/cache_control.h>
 
 #include "backends/simd/lanes-inl.h"
 
@@ -274,8 +276,31 @@ HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdif
     }
 }
 
+/// Fetch what a block meets first: its neighbours farthest ahead and what it overwrites. The processor's own
+/// prefetchers lose track of this many streams: without, one core of an AMD EPYC took 1.37 times as long for
+/// a step of the box of 128^3.
+template <Formulation formulation, class T>
+HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
+    const auto fetch = [&](const auto& from, std::ptrdiff_t i) HWY_ATTR {
+        for (const auto* const part : from) hwy::Prefetch(part + i);
+    };
+    fetch(task.at, block.first + task.farthest);
+    fetch(task.next, block.first);
+    if constexpr (by_increments(formulation)) fetch(task.increment, block.first);
+    if constexpr (formulation == Formulation::compensated) {
+        fetch(task.at_low, block.first + task.farthest);
+        fetch(task.next_low, block.first);
+        fetch(task.increment_low, block.first);
+    }
+}
+
 template <Formulation formulation, class L, class T>
-HWY_FLATTEN void run_task(const Task<T>& task) {
+HWY_FLATTEN void run_task(const Task<T>& shared) {
+    // A copy that nothing points to: a store to the state cannot change it, so that it stays in registers.
+    const Task<T> task = shared;
+    // Blocks from one that is fetched to its use: long enough for memory, short enough for the first cache.
+    // From 16 to 64 on there is no difference.
+    constexpr std::ptrdiff_t ahead = 24;
     const auto each_lane = [](auto run) HWY_ATTR {
         for (std::ptrdiff_t lane = 0; lane < block_size<T>; lane += std::ptrdiff_t(L::count())) run(lane);
     };
@@ -287,6 +312,7 @@ HWY_FLATTEN void run_task(const Task<T>& task) {
         const std::uint8_t action =
             task.action != nullptr ? task.action[block->tile] : std::uint8_t(tile_steps);
         if ((action & tile_steps) != 0) {
+            if (task.end - block > ahead) prefetch<formulation>(task, block[ahead]);
             if (block->whole) {
                 each_lane([&](std::ptrdiff_t lane)
                               HWY_ATTR { step_particles<formulation, true, L>(task, *block, lane); });

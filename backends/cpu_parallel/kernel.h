@@ -64,6 +64,7 @@ struct Task {
     const T* compliance;                           ///< one a particle; null: a stiffness a direction
     std::array<const Opposites<T>*, 2> opposites;  ///< of even and of odd slices
     std::size_t opposites_count;
+    std::ptrdiff_t farthest;          ///< the largest of their strides: what no block before has read
     const Block *lead, *begin, *end;  ///< densities alone are needed of [lead, begin)
     const std::uint8_t* action;       ///< TileAction of each tile; null: all step, and `lively` is not kept
     /// Of each tile that steps: whether that changed a bit of it or, with a `slow` above 0, whether a

@@ -129,6 +129,20 @@ EGLContext create_context(EGLDisplay display) {
     return context;
 }
 
+// GL_KHR_shader_subgroup, which libepoxy 1.5.10 does not know.
+constexpr GLenum subgroup_supported_stages = 0x9533;
+constexpr GLenum subgroup_supported_features = 0x9534;
+constexpr GLint subgroup_feature_vote = 0x00000002;
+
+bool offers_subgroup_vote() {
+    if (!epoxy_has_gl_extension("GL_KHR_shader_subgroup")) return false;
+    GLint stages = 0;
+    GLint features = 0;
+    glGetIntegerv(subgroup_supported_stages, &stages);
+    glGetIntegerv(subgroup_supported_features, &features);
+    return (stages & GL_COMPUTE_SHADER_BIT) != 0 && (features & subgroup_feature_vote) != 0;
+}
+
 std::string text(GLenum name) { return reinterpret_cast<const char*>(glGetString(name)); }
 
 }  // namespace
@@ -165,6 +179,10 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     errors_->attach();
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &max_texture_size_);
     glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &max_array_texture_layers_);
+    glGetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &max_storage_block_size_);
+    glGetIntegerv(GL_MAX_COMPUTE_SHARED_MEMORY_SIZE, &max_shared_memory_);
+    glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &max_texture_buffer_size_);
+    has_subgroup_vote_ = offers_subgroup_vote();
     has_pipeline_statistics_ = epoxy_has_gl_extension("GL_ARB_pipeline_statistics_query");
     capabilities_ = {.api = "OpenGL 4.5 core",
                      .device = text(GL_RENDERER) + (card.software ? ", software" : ""),

@@ -35,7 +35,12 @@ public:
     const Capabilities& capabilities() const { return capabilities_; }
     int max_texture_size() const { return max_texture_size_; }
     int max_array_texture_layers() const { return max_array_texture_layers_; }
+    GLint64 max_storage_block_size() const { return max_storage_block_size_; }
+    int max_shared_memory() const { return max_shared_memory_; }
+    int max_texture_buffer_size() const { return max_texture_buffer_size_; }
     bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
+    /// Whether compute shaders have subgroups that vote.
+    bool has_subgroup_vote() const { return has_subgroup_vote_; }
 
 private:
     struct Destroy {
@@ -48,7 +53,11 @@ private:
     Capabilities capabilities_;
     GLint max_texture_size_ = 0;
     GLint max_array_texture_layers_ = 0;
+    GLint64 max_storage_block_size_ = 0;
+    GLint max_shared_memory_ = 0;
+    GLint max_texture_buffer_size_ = 0;
     bool has_pipeline_statistics_ = false;
+    bool has_subgroup_vote_ = false;
 };
 
 }  // namespace voxspring::gl

@@ -19,9 +19,6 @@ constexpr GLuint material_unit = 5;
 /// Directions that a list entry can tell apart.
 constexpr std::size_t direction_codes = std::size_t(1) << (32 - LISTED_INDEX_BITS);
 
-/// In found_ until a look fails; else the number of the first that did, from 1.
-constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
-
 constexpr float nan = std::numeric_limits<float>::quiet_NaN();
 /// What a texel without a particle holds.
 const glm::vec4 guard(nan, nan, nan, 0);
@@ -46,42 +43,6 @@ glm::vec3 stored(Formulation formulation, const Problem& problem, const State& s
     return glm::vec3(place);
 }
 
-bool needs_loads(const Problem& problem, bool all_terms) { return all_terms || !problem.load.empty(); }
-bool needs_materials(const Problem& problem, bool all_terms) { return all_terms || problem.has_materials(); }
-
-Defines formulation_defines(Formulation formulation) {
-    Defines defines;
-    if (on_positions(formulation)) defines["ON_POSITIONS"] = "";
-    if (by_increments(formulation)) defines["BY_INCREMENTS"] = "";
-    if (formulation == Formulation::paper) defines["PAPER"] = "";
-    if (formulation == Formulation::compensated) defines["COMPENSATED"] = "";
-    return defines;
-}
-
-/// Whether springs of the lattice are stressed at rest.
-bool has_deficits(const Problem& problem) {
-    return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
-        return (problem.group_bits >> direction.bit & 1u) != 0 &&
-               rest_spring(problem, direction).deficit != 0;
-    });
-}
-
-Defines terms(const Problem& problem, bool all) {
-    Defines defines;
-    const auto add = [&](const char* name, bool needed) {
-        if (all || needed) defines[name] = "";
-    };
-    add("DAMPING", problem.damping != 0);
-    add("GRAVITY", problem.has_gravity());
-    add("PINS", !problem.pinned.empty());
-    add("LOADS", needs_loads(problem, all));
-    add("MATERIALS", needs_materials(problem, all));
-    add("FACES", (problem.group_bits & FACE_BITS) != 0);
-    add("EDGES", (problem.group_bits & EDGE_BITS) != 0);
-    add("CORNERS", (problem.group_bits & CORNER_BITS) != 0);
-    return defines;
-}
-
 /// Floating-point operations on one end of a spring, as GLSL may fuse them.
 std::uint64_t pull_operations(Formulation formulation) {
     // Offset from the neighbour 3, its square 3, larger() and root 1 each, force and sum 3.
@@ -104,18 +65,15 @@ std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damp
 }  // namespace
 
 FragmentBackend::FragmentBackend(const Options& options, std::string fragment_shader)
-    : formulation_(options.formulation),
+    : GlBackend(options),
       masked_(options.tuning.at("mask") == "stencil"),
-      all_terms_(options.tuning.at("terms") == "all"),
       fragment_shader_(std::move(fragment_shader)),
-      no_vertices_(make_vertex_array(context_)),
-      begin_(make_query(context_)),
-      end_(make_query(context_)) {
+      no_vertices_(make_vertex_array(context())) {
     glBindVertexArray(no_vertices_.get());
 }
 
 void FragmentBackend::upload(const Problem& problem, const State& state) {
-    context_.make_current();
+    context().make_current();
     problem_ = &problem;
     // The old textures go before the new ones come: a large problem fits once, not twice.
     frames_.clear();
@@ -129,32 +87,30 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     make_particle_textures(problem, layout);
     make_program(problem);
     texel_ = std::move(layout.texel);
-    steps_ = 0;
-    watch_ = next_watch_;
-    if (watch_.every > 0) make_watch();
+    rewind();
 
     glViewport(0, 0, size_.x, size_.y);
     glFinish();
-    context_.check("uploading");
+    context().check("uploading");
 }
 
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
     if (masked_) make_stencil(layout);
-    frames_.resize(frame_count_of(formulation_));
+    frames_.resize(frame_count_of(formulation()));
     // The last frame is all guard; its particles' texels are written before they are read.
     current_ = frames_.size() - 2;
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y), guard);
     for (std::size_t f = frames_.size(); f-- > 0;) {
         Frame& frame = frames_[f];
-        frame.framebuffer = make_framebuffer(context_);
+        frame.framebuffer = make_framebuffer(context());
         const GLuint framebuffer = frame.framebuffer.get();
         std::vector<GLenum> attachments;
-        for (std::size_t target = 0; target < target_count_of(formulation_); ++target) {
+        for (std::size_t target = 0; target < target_count_of(formulation()); ++target) {
             for (std::size_t i = 0; f <= current_ && i < layout.texel.size(); ++i) {
                 const float w = target == 0 ? std::bit_cast<float>(layout.bits[i]) : 0;
-                image[layout.texel[i]] = {stored(formulation_, problem, state, i, current_ - f, target), w};
+                image[layout.texel[i]] = {stored(formulation(), problem, state, i, current_ - f, target), w};
             }
-            frame.targets.push_back(make_texture(context_, rgba32f, size_, image.data()));
+            frame.targets.push_back(make_texture(context(), rgba32f, size_, image.data()));
             attachments.push_back(GLenum(GL_COLOR_ATTACHMENT0 + target));
             glNamedFramebufferTexture(framebuffer, attachments.back(), frame.targets.back().get(), 0);
         }
@@ -172,7 +128,7 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
 void FragmentBackend::make_stencil(const Layout& layout) {
     std::vector<std::uint8_t> mask(std::size_t(size_.x) * std::size_t(size_.y), 0);
     for (const std::uint32_t texel : layout.texel) mask[texel] = 1;
-    stencil_ = make_texture(context_, stencil8, size_, mask.data());
+    stencil_ = make_texture(context(), stencil8, size_, mask.data());
     glEnable(GL_STENCIL_TEST);
     glStencilFunc(GL_EQUAL, 1, 0xFF);
     glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
@@ -180,15 +136,15 @@ void FragmentBackend::make_stencil(const Layout& layout) {
 
 void FragmentBackend::make_particle_textures(const Problem& problem, const Layout& layout) {
     const auto texels = std::size_t(size_.x) * std::size_t(size_.y);
-    if (needs_loads(problem, all_terms_)) {
+    if (needs_loads(problem, all_terms())) {
         std::vector<glm::vec4> image(texels, glm::vec4(0));
         for (std::size_t i = 0; i < problem.load.size(); ++i) {
             image[layout.texel[i]] = {glm::vec3(problem.load[i]), 0};
         }
-        load_ = make_texture(context_, rgba32f, size_, image.data());
+        load_ = make_texture(context(), rgba32f, size_, image.data());
         glBindTextureUnit(load_unit, load_.get());
     }
-    if (needs_materials(problem, all_terms_)) {
+    if (needs_materials(problem, all_terms())) {
         std::vector<glm::vec2> image(texels, glm::vec2(0));
         for (std::size_t i = 0; i < layout.texel.size(); ++i) {
             const Material& material = problem.material_of(i);
@@ -196,19 +152,17 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
             const double compliance = problem.has_materials() ? 1 / material.stiffness : 1;
             image[layout.texel[i]] = {float(compliance), float(1 / material.mass)};
         }
-        material_ = make_texture(context_, rg32f, size_, image.data());
+        material_ = make_texture(context(), rg32f, size_, image.data());
         glBindTextureUnit(material_unit, material_.get());
     }
 }
 
 void FragmentBackend::make_program(const Problem& problem) {
-    Defines defines = terms(problem, all_terms_);
-    defines.merge(formulation_defines(formulation_));
-    if (by_increments(formulation_) && (all_terms_ || has_deficits(problem))) defines["DEFICITS"] = "";
+    Defines defines = term_defines(problem, formulation(), all_terms());
     defines.merge(specialise(problem));
     const Source fragment = load_source(fragment_shader_, defines);
     if (fragment.text != fragment_text_) {
-        program_ = Program(context_, load_source("full_screen.vert", {}), fragment);
+        program_ = Program(context(), load_source("full_screen.vert", {}), fragment);
         fragment_text_ = fragment.text;
         glUseProgram(program_.get());
     }
@@ -216,29 +170,12 @@ void FragmentBackend::make_program(const Problem& problem) {
     for (const Direction& direction : directions())
         deficit[std::size_t(direction.bit)] = float(rest_spring(problem, direction).deficit);
     program_.set("rest_deficit", deficit);
-    program_.set("spacing", glm::vec3(problem.lattice.spacing));
-    program_.set("damping", float(problem.damping));
-    program_.set("retained", float(1 - problem.damping));
-    program_.set("doubled", float(2 - problem.damping));
-    program_.set("gravity", glm::vec3(problem.gravity));
-    program_.set("inverse_mass", float(1 / problem.materials[0].mass));
-    program_.set("time_step_squared", float(problem.time_step * problem.time_step));
-    program_.set("shortest_squared", float(problem.shortest_squared()));
+    set_motion(program_, problem);
     set_uniforms(program_, problem);
 }
 
-void FragmentBackend::make_watch() {
-    if (watch_program_.get() == 0) {
-        watch_program_ = Program(context_, load_source("watch.comp", formulation_defines(formulation_)));
-        found_ = make_buffer(context_);
-        glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
-    }
-    watch_program_.set("inverse_largest", float(1 / watch_.largest_increment));
-    glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
-}
-
 void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
-    context_.make_current();
+    context().make_current();
     problem_ = &edited;
     if (edit.empty()) return;
     if (has_room(edited, edit)) {
@@ -257,11 +194,11 @@ void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
 void FragmentBackend::write(const TexelEdit& edit) {
     const Defines defines = bind_lists();
     if (edit_program_.get() == 0 || defines != edit_defines_) {
-        edit_program_ = Program(context_, load_source("edit.comp", defines));
+        edit_program_ = Program(context(), load_source("edit.comp", defines));
         edit_defines_ = defines;
     }
     const auto send = [&](GLuint binding, const auto& values) {
-        if (edit_buffers_[binding].get() == 0) edit_buffers_[binding] = make_buffer(context_);
+        if (edit_buffers_[binding].get() == 0) edit_buffers_[binding] = make_buffer(context());
         const GLuint buffer = edit_buffers_[binding].get();
         // One element at least: an empty buffer cannot be bound.
         const std::size_t bytes = std::max<std::size_t>(values.size(), 1) * sizeof(values[0]);
@@ -287,22 +224,17 @@ void FragmentBackend::write(const TexelEdit& edit) {
     glUseProgram(program_.get());
 }
 
-void FragmentBackend::step(int count) {
-    context_.make_current();
-    for (int n = 0; n < count; ++n) {
-        bind_state();
-        current_ = (current_ + 1) % frames_.size();
-        glBindFramebuffer(GL_FRAMEBUFFER, frame(0).framebuffer.get());
-        glDrawArrays(GL_TRIANGLES, 0, 3);
-        ++steps_;
-        if (watch_.every > 0 && steps_ % watch_.every == 0) look();
-    }
+void FragmentBackend::enqueue_step() {
+    bind_state();
+    current_ = (current_ + 1) % frames_.size();
+    glBindFramebuffer(GL_FRAMEBUFFER, frame(0).framebuffer.get());
+    glDrawArrays(GL_TRIANGLES, 0, 3);
 }
 
 void FragmentBackend::bind_state() const {
     std::array<GLuint, 4> textures{};
     std::size_t count = 0;
-    if (by_increments(formulation_)) {
+    if (by_increments(formulation())) {
         for (const Texture& target : frame(0).targets) textures[count++] = target.get();
     } else {
         for (const std::size_t age : {0, 1}) textures[count++] = frame(age).targets[0].get();
@@ -310,46 +242,24 @@ void FragmentBackend::bind_state() const {
     glBindTextures(state_unit, GLsizei(count), textures.data());
 }
 
-void FragmentBackend::look() {
+void FragmentBackend::enqueue_look() {
     constexpr int group = 64;  // as in shaders/watch.comp
     bind_state();
-    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, found_.get());
-    watch_program_.set("look", int(steps_ / watch_.every));
-    glUseProgram(watch_program_.get());
     glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
-    glUseProgram(program_.get());
-}
-
-std::optional<Departure> FragmentBackend::departure() {
-    if (watch_.every == 0) return std::nullopt;
-    context_.make_current();
-    GLuint look = never_found;
-    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-    glGetNamedBufferSubData(found_.get(), 0, sizeof(look), &look);
-    context_.check("watching");
-    if (look == never_found) return std::nullopt;
-    const std::int64_t found = std::int64_t(look) * watch_.every;
-    return Departure{found - watch_.every, found};
-}
-
-void FragmentBackend::synchronize() {
-    context_.make_current();
-    glFinish();
-    context_.check("stepping");
 }
 
 State FragmentBackend::download() {
-    const bool increments = by_increments(formulation_);
+    const bool increments = by_increments(formulation());
     const std::vector<glm::vec4> now = texels(0);
     const std::vector<glm::vec4> other = increments ? texels(0, 1) : texels(1);
     State state = state_at_rest(*problem_);
     for (std::size_t i = 0; i < texel_.size(); ++i) {
         const glm::dvec3 place(now[texel_[i]]);
         const glm::dvec3 motion(other[texel_[i]]);
-        state.displacement[i] = on_positions(formulation_) ? place - problem_->rest_position[i] : place;
+        state.displacement[i] = on_positions(formulation()) ? place - problem_->rest_position[i] : place;
         state.increment[i] = increments ? motion : place - motion;
     }
-    if (formulation_ == Formulation::compensated) {
+    if (formulation() == Formulation::compensated) {
         const std::vector<glm::vec4> low = texels(0, 2);
         const std::vector<glm::vec4> motion_low = texels(0, 3);
         for (std::size_t i = 0; i < texel_.size(); ++i) {
@@ -365,12 +275,12 @@ std::vector<glm::vec4> FragmentBackend::texels(std::size_t age, std::size_t targ
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y));
     glGetTextureImage(frame(age).targets[target].get(), 0, rgba32f.external, rgba32f.type,
                       GLsizei(image.size() * sizeof(glm::vec4)), image.data());
-    context_.check("downloading");
+    context().check("downloading");
     return image;
 }
 
 WorkCount FragmentBackend::count_work() {
-    context_.make_current();
+    context().make_current();
     struct Counter {
         const char* name;
         GLenum target;
@@ -378,10 +288,10 @@ WorkCount FragmentBackend::count_work() {
     };
     std::vector<Counter> counters;
     const auto add = [&](const char* name, GLenum target) {
-        counters.push_back({name, target, make_query(context_)});
+        counters.push_back({name, target, make_query(context())});
     };
     add("samples_passed", GL_SAMPLES_PASSED);
-    if (context_.has_pipeline_statistics()) {
+    if (context().has_pipeline_statistics()) {
         add("fragment_shader_invocations", GL_FRAGMENT_SHADER_INVOCATIONS_ARB);
     }
     for (const Counter& counter : counters) glBeginQuery(counter.target, counter.query.get());
@@ -393,43 +303,29 @@ WorkCount FragmentBackend::count_work() {
         glGetQueryObjectui64v(counter.query.get(), GL_QUERY_RESULT, &value);
         work[counter.name] = value;
     }
-    context_.check("counting work");
+    context().check("counting work");
     return work;
 }
 
 DeviceLimits FragmentBackend::measure_limits() {
-    context_.make_current();
-    return gl::measure_limits(context_);
+    context().make_current();
+    return gl::measure_limits(context());
 }
 
 StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t unmasked) const {
     const std::uint64_t particles = problem.particle_count();
-    const bool loads = needs_loads(problem, all_terms_);
-    const bool materials = needs_materials(problem, all_terms_);
-    const std::uint64_t vectors = motion_operations(formulation_, all_terms_ || problem.has_gravity(),
-                                                    all_terms_ || problem.damping != 0) +
+    const bool loads = needs_loads(problem, all_terms());
+    const bool materials = needs_materials(problem, all_terms());
+    const std::uint64_t vectors = motion_operations(formulation(), all_terms() || problem.has_gravity(),
+                                                    all_terms() || problem.damping != 0) +
                                   (loads ? 1 : 0);
     // Two frames of one target are read and one is written, or one of several targets read and one written.
     const std::uint64_t texels_moved =
-        by_increments(formulation_) ? 2 * target_count_of(formulation_) : frame_count_of(formulation_);
+        by_increments(formulation()) ? 2 * target_count_of(formulation()) : frame_count_of(formulation());
     return {.bytes = (masked_ ? particles : unmasked) * texels_moved * std::uint64_t(rgba32f.bytes) +
                      particles * std::uint64_t((loads ? rgba32f.bytes : 0) + (materials ? rg32f.bytes : 0)),
-            .operations =
-                particles * 3 * vectors + 2 * count_springs(problem).total() * pull_operations(formulation_)};
-}
-
-void FragmentBackend::mark(Mark which) {
-    context_.make_current();
-    glQueryCounter((which == Mark::begin ? begin_ : end_).get(), GL_TIMESTAMP);
-}
-
-double FragmentBackend::seconds_between_marks() const {
-    context_.make_current();
-    GLuint64 begin = 0;
-    GLuint64 end = 0;
-    glGetQueryObjectui64v(begin_.get(), GL_QUERY_RESULT, &begin);
-    glGetQueryObjectui64v(end_.get(), GL_QUERY_RESULT, &end);
-    return 1e-9 * double(end - begin);
+            .operations = particles * 3 * vectors +
+                          2 * count_springs(problem).total() * pull_operations(formulation())};
 }
 
 glm::vec4 at_rest(const RestSpring& rest) { return {glm::vec3(rest.offset), float(rest.deficit)}; }

@@ -1,6 +1,5 @@
 // What the backends that step by drawing share (Mosegaard and Sorensen 2005): particles in texels, one
-// fragment a particle and step, ping-pong over frames, the stencil buffer as mask, the watch on the run, and
-// the stopwatch.
+// fragment a particle and step, ping-pong over frames, and the stencil buffer as mask.
 //
 // A frame is what one step writes, as one texture or several of the same size, its targets. By formulation:
 //
@@ -18,26 +17,18 @@
 #include <cstdint>
 #include <glm/vec2.hpp>
 #include <glm/vec4.hpp>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "backends/gl/context.h"
-#include "backends/gl/handles.h"
-#include "backends/gl/program.h"
-#include "backends/registry.h"
+#include "backends/gl/gl_backend.h"
 
 namespace voxspring::gl {
 
-class FragmentBackend : public Backend {
+class FragmentBackend : public GlBackend {
 public:
-    Capabilities capabilities() const final { return context_.capabilities(); }
+    Capabilities capabilities() const final { return context().capabilities(); }
     void upload(const Problem& problem, const State& state) final;
     void edit(const Problem& edited, const SpringEdit& edit) final;
-    void step(int count) final;
-    void watch(const Watch& watch) final { next_watch_ = watch; }
-    std::optional<Departure> departure() final;
-    void synchronize() final;
     State download() final;
     /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
@@ -93,17 +84,13 @@ protected:
     }
 
     static constexpr GLuint first_own_unit = 6;
-    const Context& context() const { return context_; }
-    Formulation formulation() const { return formulation_; }
     /// Of one fragment a particle or, without a mask, `unmasked` in all, and the arithmetic of the springs.
     /// What a fragment reads of its springs is its own backend's to add.
     StepWork fragment_work(const Problem& problem, std::uint64_t unmasked) const;
-    /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
-    bool all_terms() const { return all_terms_; }
 
 private:
-    void mark(Mark which) final;
-    double seconds_between_marks() const final;
+    void enqueue_step() final;
+    void enqueue_look() final;
 
     struct Frame {
         std::vector<Texture> targets;
@@ -114,23 +101,17 @@ private:
     void make_stencil(const Layout& layout);
     void make_particle_textures(const Problem& problem, const Layout& layout);
     void make_program(const Problem& problem);
-    void make_watch();
     void write(const TexelEdit& edit);
     /// Binds the state to the texture units from 0 on.
     void bind_state() const;
-    void look();
     const Frame& frame(std::size_t age) const {
         return frames_[(current_ + frames_.size() - age) % frames_.size()];
     }
 
-    Context context_;
-    Formulation formulation_;
     bool masked_;
-    bool all_terms_;
     std::string fragment_shader_;
 
     VertexArray no_vertices_;  // core profile draws nothing without one, even where it is empty
-    Query begin_, end_;
     std::vector<Frame> frames_;
     Texture stencil_;
     Texture load_, material_;
@@ -139,16 +120,11 @@ private:
     Program edit_program_;
     Defines edit_defines_;                // that edit_program_ was made with
     std::array<Buffer, 4> edit_buffers_;  // shaders/edit.comp's, made with the first edit
-    Program watch_program_;               // made with the first upload that is watched
-    Buffer found_;                        // shaders/watch.comp's
 
     const Problem* problem_ = nullptr;
     glm::ivec2 size_{0};
     std::vector<std::uint32_t> texel_;
     std::size_t current_ = 0;
-    std::int64_t steps_ = 0;  // since upload()
-    Watch watch_;             // of this run
-    Watch next_watch_;        // of the next one
 };
 
 /// How a spring lies at rest, as the shaders have it: X_i - X_j, and the rest deficit in w.

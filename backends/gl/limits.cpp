@@ -51,7 +51,7 @@ public:
             glDrawArrays(GL_TRIANGLES, 0, 3);
         }
     }
-    GLuint texture() const { return textures_[0].get(); }
+    const Texture& texture() const { return textures_[0]; }
 
 private:
     glm::ivec2 size_;
@@ -80,6 +80,40 @@ double operations_per_second(const Program& program, Dispatch dispatch) {
     return double(arithmetic_size.x) * arithmetic_size.y * rounds * operations_a_round / seconds_of_rounds;
 }
 
+/// Of compute shaders; 16 x 16 invocations a work group.
+double compute_operations_per_second(const Context& context, const Texture& target) {
+    const Program program(context, load_source("limits_arithmetic.glsl", {{"COMPUTE", ""}}));
+    glBindImageTexture(0, target.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
+    return operations_per_second(program, [&] {
+        glUseProgram(program.get());
+        glDispatchCompute(arithmetic_size.x / work_group, arithmetic_size.y / work_group, 1);
+    });
+}
+
+/// Three storage buffers of `words` words that dispatches of `groups` work groups step through, as those of a
+/// ComputeBackend.
+double seconds_a_dispatch(const Context& context, std::size_t words, GLuint groups, const char* shader) {
+    std::array<Buffer, 3> buffers;
+    for (Buffer& buffer : buffers) {
+        buffer = make_buffer(context);
+        glNamedBufferStorage(buffer.get(), GLsizeiptr(words * std::size_t(rgba32f.bytes)), nullptr, 0);
+        glClearNamedBufferData(buffer.get(), rgba32f.internal, rgba32f.external, rgba32f.type, nullptr);
+    }
+    const Program program(context, load_source(shader, {}));
+    glUseProgram(program.get());
+    return least_seconds([&](int count) {
+        return seconds([&] {
+            for (std::size_t n = 0; n < std::size_t(count); ++n) {
+                const GLuint order[] = {buffers[n % 3].get(), buffers[(n + 1) % 3].get(),
+                                        buffers[(n + 2) % 3].get()};
+                glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, 0, 3, order);
+                glDispatchCompute(groups, 1, 1);
+                glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
+            }
+        });
+    });
+}
+
 }  // namespace
 
 DeviceLimits measure_limits(const Context& context) {
@@ -92,12 +126,23 @@ DeviceLimits measure_limits(const Context& context) {
     const Program fragment = fragment_program(context, "limits_arithmetic.glsl");
     limits.float32_operations_per_second = operations_per_second(fragment, [&] { frames.draw(fragment, 1); });
 
-    const Program compute(context, load_source("limits_arithmetic.glsl", {{"COMPUTE", ""}}));
-    glBindImageTexture(0, frames.texture(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
-    limits.compute_shader_float32_operations_per_second = operations_per_second(compute, [&] {
-        glUseProgram(compute.get());
-        glDispatchCompute(arithmetic_size.x / work_group, arithmetic_size.y / work_group, 1);
-    });
+    limits.compute_shader_float32_operations_per_second =
+        compute_operations_per_second(context, frames.texture());
+    context.check("measuring limits");
+    return limits;
+}
+
+DeviceLimits measure_compute_limits(const Context& context) {
+    DeviceLimits limits;
+    constexpr std::size_t words = std::size_t(copy_size.x) * std::size_t(copy_size.y);
+    constexpr std::size_t copy_group = 256;  // as in limits_copy.comp
+    constexpr std::size_t launch_group = 32;
+    limits.copy_bytes_per_second =
+        3.0 * double(words) * rgba32f.bytes /
+        seconds_a_dispatch(context, words, GLuint(words / copy_group), "limits_copy.comp");
+    limits.launch_seconds = seconds_a_dispatch(context, launch_group, 1, "limits_launch.comp");
+    const Texture target = make_texture(context, rgba32f, arithmetic_size, nullptr);
+    limits.float32_operations_per_second = compute_operations_per_second(context, target);
     context.check("measuring limits");
     return limits;
 }

@@ -6,6 +6,10 @@
 
 namespace voxspring::gl {
 
+/// In dispatches, a barrier after each, that a ComputeBackend steps by. `context` is current; program and
+/// buffers bound are others afterwards.
+DeviceLimits measure_compute_limits(const Context& context);
+
 /// In the draws that a FragmentBackend steps by. `context` is current and has a vertex array bound; programs,
 /// framebuffers and textures bound are others afterwards.
 DeviceLimits measure_limits(const Context& context);

@@ -152,8 +152,18 @@ void Program::set(const char* name, std::span<const float> values) const {
     glProgramUniform1fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), values.data());
 }
 
+void Program::set(const char* name, std::span<const glm::vec4> values) const {
+    static_assert(sizeof(glm::vec4) == 4 * sizeof(float));
+    if (values.empty()) return;
+    glProgramUniform4fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), &values[0].x);
+}
+
 void Program::set(const char* name, int value) const {
     glProgramUniform1i(get(), glGetUniformLocation(get(), name), value);
+}
+
+void Program::set(const char* name, glm::ivec3 value) const {
+    glProgramUniform3i(get(), glGetUniformLocation(get(), name), value.x, value.y, value.z);
 }
 
 }  // namespace voxspring::gl

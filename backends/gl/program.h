@@ -2,6 +2,7 @@
 #pragma once
 
 #include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
 #include <map>
 #include <span>
 #include <string>
@@ -45,7 +46,9 @@ public:
     void set(const char* name, float value) const;
     void set(const char* name, glm::vec3 value) const;
     void set(const char* name, std::span<const float> values) const;
+    void set(const char* name, std::span<const glm::vec4> values) const;
     void set(const char* name, int value) const;
+    void set(const char* name, glm::ivec3 value) const;
 
 private:
     void link(std::span<const Handle<Object::shader>> stages, const std::string& failure) const;

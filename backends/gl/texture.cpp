@@ -50,4 +50,12 @@ Texture make_array_texture(const Context& context, const TexelFormat& format, gl
     return texture;
 }
 
+Texture make_buffer_texture(const Context& context, const TexelFormat& format, GLuint buffer) {
+    GLuint name = 0;
+    glCreateTextures(GL_TEXTURE_BUFFER, 1, &name);
+    Texture texture(context, name);
+    glTextureBuffer(name, format.internal, buffer);
+    return texture;
+}
+
 }  // namespace voxspring::gl

@@ -30,6 +30,9 @@ bool fits(const TexelFormat& format, glm::ivec2 size, int layers = 0);
 /// A 2D texture, row by row from `texels`, or left undefined where that is null.
 Texture make_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, const void* texels);
 
+/// What a shader reads of `buffer` by index, as texels.
+Texture make_buffer_texture(const Context& context, const TexelFormat& format, GLuint buffer);
+
 /// A 2D array texture, layer by layer from `texels`.
 Texture make_array_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, int layers,
                            const void* texels);

@@ -1,4 +1,5 @@
-// The spring force of spring.h by way of the inverse root that GPUs have in hardware, for C++ and CUDA.
+// The spring force of spring.h by way of the inverse root that GPUs have in hardware, for C++, CUDA and, in
+// float32, GLSL.
 //
 // k (l - |d|) / |d| with r = 1/sqrt(|d|^2) is k (l - |d|^2 r) r: no IEEE root, no division. r is
 // approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured with the
@@ -7,11 +8,28 @@
 // rest length off by about one unit in the last place.
 //
 // In host code r is exact to rounding, so that tests run the same source without a device.
-#pragma once
+#ifndef VOXSPRING_INVERSE_ROOT_H
+#define VOXSPRING_INVERSE_ROOT_H
 
 #include <cmath>
 
-#include "backends/physics/portable.h"
+#include "portable.h"
+
+#ifdef VOXSPRING_GLSL
+// What these are is said below.
+float inverse_root(float squared) { return inversesqrt(squared); }
+float rounded_product(float a, float b) {
+    precise float product = a * b;
+    return product;
+}
+float squared_length(float x, float y, float z, float shortest_squared) {
+    return fma(x, x, fma(y, y, fma(z, z, shortest_squared)));
+}
+float fast_reciprocal(float value) { return 1.0 / value; }
+float fast_series_stiffness(float compliance_a, float compliance_b) {
+    return 2.0 / (compliance_a + compliance_b);
+}
+#else
 
 namespace voxspring {
 
@@ -73,18 +91,6 @@ VOXSPRING_HOST_DEVICE inline double squared_length(double x, double y, double z,
     return larger(std::fma(x, x, std::fma(y, y, z * z)), shortest_squared);
 }
 
-/// A length from its square, as inverse_root() measures it.
-template <class Real>
-VOXSPRING_HOST_DEVICE Real measured_length(Real squared) {
-    return rounded_product(squared, inverse_root(squared));
-}
-
-/// (l - |d|) / |d|: the force density of a spring of stiffness 1. `rest_length` comes from measured_length().
-template <class Real>
-VOXSPRING_HOST_DEVICE Real unit_force_density(Real squared, Real rest_length, Real inverse) {
-    return (rest_length - rounded_product(squared, inverse)) * inverse;
-}
-
 /// One step of a third-order iteration for 1 / value: 20 good bits of `reciprocal` become 53.
 VOXSPRING_HOST_DEVICE inline double refined_reciprocal(double value, double reciprocal) {
     const double error = std::fma(-value, reciprocal, 1.0);
@@ -112,42 +118,6 @@ VOXSPRING_HOST_DEVICE inline double fast_reciprocal(double value) {
 #endif
 }
 
-/// strain_density() of stiffness 1 from |d|^2, the rest length l and `deficit` = l^2 - |d|^2: deficit / ((l +
-/// |d|) |d|). The deficit carries what is small, so the root's relative error is one of the force, at rest
-/// none.
-template <class Real>
-VOXSPRING_HOST_DEVICE Real unit_strain_density(Real squared, Real rest_length, Real deficit) {
-    const Real inverse = inverse_root(squared);
-    return deficit * inverse * fast_reciprocal(std::fma(squared, inverse, rest_length));
-}
-
-/// The same as deficit / (|d|^2 + l |d|), which in float32 saves a multiplication where the hardware has a
-/// root.
-VOXSPRING_HOST_DEVICE inline float lean_strain_density(float squared, float rest_length, float deficit) {
-#ifdef __CUDA_ARCH__
-    float length;
-    asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(length) : "f"(squared));
-#else
-    const float length = std::sqrt(squared);
-#endif
-    return deficit * fast_reciprocal(std::fma(rest_length, length, squared));
-}
-
-VOXSPRING_HOST_DEVICE inline double lean_strain_density(double squared, double rest_length, double deficit) {
-    return unit_strain_density(squared, rest_length, deficit);
-}
-
-/// The same with one Newton step on the root and on the reciprocal.
-template <class Real>
-VOXSPRING_HOST_DEVICE Real refined_strain_density(Real squared, Real rest_length, Real deficit) {
-    Real inverse = inverse_root(squared);
-    inverse = std::fma(inverse * Real(0.5), std::fma(-(squared * inverse), inverse, Real(1)), inverse);
-    const Real sum = std::fma(squared, inverse, rest_length);
-    Real reciprocal = fast_reciprocal(sum);
-    reciprocal = std::fma(reciprocal, std::fma(-sum, reciprocal, Real(1)), reciprocal);
-    return deficit * inverse * reciprocal;
-}
-
 /// series_stiffness() without an IEEE division.
 VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
 #ifdef __CUDA_ARCH__
@@ -162,3 +132,62 @@ VOXSPRING_HOST_DEVICE inline double fast_series_stiffness(double compliance_a, d
 }
 
 }  // namespace voxspring
+#endif
+
+#ifndef VOXSPRING_GLSL
+namespace voxspring {
+#endif
+
+/// A length from its square, as inverse_root() measures it.
+SHARED_SCALAR(Real)
+measured_length(Real squared) { return rounded_product(squared, inverse_root(squared)); }
+
+/// (l - |d|) / |d|: the force density of a spring of stiffness 1. `rest_length` comes from measured_length().
+SHARED_SCALAR(Real)
+unit_force_density(Real squared, Real rest_length, Real inverse) {
+    PRECISE Real density = (rest_length - rounded_product(squared, inverse)) * inverse;
+    return density;
+}
+
+/// strain_density() of stiffness 1 from |d|^2, the rest length l and `deficit` = l^2 - |d|^2: deficit / ((l +
+/// |d|) |d|). The deficit carries what is small, so the root's relative error is one of the force, at rest
+/// none.
+SHARED_SCALAR(Real)
+unit_strain_density(Real squared, Real rest_length, Real deficit) {
+    PRECISE Real inverse = inverse_root(squared);
+    PRECISE Real density = deficit * inverse * fast_reciprocal(fma(squared, inverse, rest_length));
+    return density;
+}
+
+/// The same with one Newton step on the root and on the reciprocal.
+SHARED_SCALAR(Real)
+refined_strain_density(Real squared, Real rest_length, Real deficit) {
+    PRECISE Real inverse = inverse_root(squared);
+    inverse = fma(inverse * Real(0.5), fma(-(squared * inverse), inverse, Real(1)), inverse);
+    PRECISE Real sum = fma(squared, inverse, rest_length);
+    PRECISE Real reciprocal = fast_reciprocal(sum);
+    reciprocal = fma(reciprocal, fma(-sum, reciprocal, Real(1)), reciprocal);
+    PRECISE Real density = deficit * inverse * reciprocal;
+    return density;
+}
+
+#ifndef VOXSPRING_GLSL
+/// unit_strain_density() as deficit / (|d|^2 + l |d|), which in float32 saves a multiplication where the
+/// hardware has a root.
+VOXSPRING_HOST_DEVICE inline float lean_strain_density(float squared, float rest_length, float deficit) {
+#ifdef __CUDA_ARCH__
+    float length;
+    asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(length) : "f"(squared));
+#else
+    const float length = std::sqrt(squared);
+#endif
+    return deficit * fast_reciprocal(std::fma(rest_length, length, squared));
+}
+
+VOXSPRING_HOST_DEVICE inline double lean_strain_density(double squared, double rest_length, double deficit) {
+    return unit_strain_density(squared, rest_length, deficit);
+}
+
+}  // namespace voxspring
+#endif
+#endif

@@ -51,6 +51,7 @@
 
 namespace voxspring {
 
+using std::fma;
 using std::sqrt;
 
 /// The larger of two numbers; `b` when `a` is NaN, like GLSL's max on every driver tried.

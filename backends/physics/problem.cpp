@@ -5,6 +5,7 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "backends/physics/neighbours.h"
@@ -86,8 +87,16 @@ RestSpring rest_spring(const Problem& problem, const Spring& spring) {
 
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice) {
     std::vector<std::uint32_t> particle(lattice.voxel_count(), no_particle);
-    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) particle[lattice.voxel[i]] = std::uint32_t(i);
+#pragma omp parallel for
+    for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(lattice.voxel.size()); ++i)
+        particle[lattice.voxel[std::size_t(i)]] = std::uint32_t(i);
     return particle;
+}
+
+LatticeSprings::LatticeSprings(const Problem& problem)
+    : problem_(&problem), particle_(particle_of_voxel(problem.lattice)) {
+    for (const Direction& direction : directions())
+        stride_[std::size_t(direction.bit)] = problem.lattice.stride(direction);
 }
 
 namespace {
@@ -95,14 +104,10 @@ namespace {
 /// Calls visit(first, second, direction) for each spring of the lattice, in the order of list_springs().
 template <class Visit>
 void visit_lattice_springs(const Problem& problem, Visit visit) {
-    const auto particle = particle_of_voxel(problem.lattice);
+    const LatticeSprings springs(problem);
     for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
-        for (const Direction& direction : directions()) {
-            const std::ptrdiff_t stride = problem.lattice.stride(direction);
-            if ((direction.bit & 1) == 0 || (problem.lattice.mask[i] >> direction.bit & 1u) == 0) continue;
-            visit(std::uint32_t(i), particle[std::size_t(std::ptrdiff_t(problem.lattice.voxel[i]) + stride)],
-                  direction);
-        }
+        springs.of(
+            i, [&](std::uint32_t j, const Direction& direction) { visit(std::uint32_t(i), j, direction); });
     }
 }
 
@@ -145,17 +150,26 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
             glm::length(glm::dvec3(direction.offset) * grid.spacing);
     }
 
-    const std::size_t active =
-        grid.label.size() - std::size_t(std::count(grid.label.begin(), grid.label.end(), std::uint8_t(0)));
-    problem.rest_position.reserve(active);
-    lattice.voxel.reserve(active);
-    lattice.mask.reserve(active);
-    const bool several = std::any_of(grid.label.begin(), grid.label.end(), [](auto l) { return l > 1; });
-    if (several) problem.material.reserve(active);
-
     const glm::ivec3 dims = grid.dims;
-    std::uint32_t voxel = 0;
+    const std::size_t slice = std::size_t(dims.x) * std::size_t(dims.y);
+    // Where the particles of each slice begin, so that slices are filled side by side.
+    std::vector<std::size_t> begin(std::size_t(dims.z) + 1);
+    bool several = false;
+#pragma omp parallel for reduction(|| : several)
     for (int z = 0; z < dims.z; ++z) {
+        const auto label = grid.label.begin() + std::ptrdiff_t(slice) * z;
+        begin[std::size_t(z) + 1] = slice - std::size_t(std::count(label, label + std::ptrdiff_t(slice), 0));
+        several = several || std::any_of(label, label + std::ptrdiff_t(slice), [](auto l) { return l > 1; });
+    }
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    problem.rest_position.resize(begin.back());
+    lattice.voxel.resize(begin.back());
+    lattice.mask.resize(begin.back());
+    if (several) problem.material.resize(begin.back());
+#pragma omp parallel for schedule(dynamic)
+    for (int z = 0; z < dims.z; ++z) {
+        std::size_t i = begin[std::size_t(z)];
+        std::size_t voxel = slice * std::size_t(z);
         for (int y = 0; y < dims.y; ++y) {
             for (int x = 0; x < dims.x; ++x, ++voxel) {
                 if (grid.label[voxel] == 0) continue;
@@ -168,10 +182,11 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
                         mask |= 1u << direction.bit;
                     }
                 }
-                problem.rest_position.push_back(glm::dvec3(x, y, z) * grid.spacing);
-                lattice.voxel.push_back(voxel);
-                lattice.mask.push_back(mask & (problem.group_bits | ACTIVE_BIT));
-                if (several) problem.material.push_back(std::uint8_t(grid.label[voxel] - 1));
+                problem.rest_position[i] = glm::dvec3(x, y, z) * grid.spacing;
+                lattice.voxel[i] = std::uint32_t(voxel);
+                lattice.mask[i] = mask & (problem.group_bits | ACTIVE_BIT);
+                if (several) problem.material[i] = std::uint8_t(grid.label[voxel] - 1);
+                ++i;
             }
         }
     }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <glm/vec3.hpp>
@@ -124,6 +125,30 @@ std::vector<RestSpring> list_rest_springs(const Problem& problem);
 /// For each voxel the particle in it, or `no_particle`.
 inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
+
+/// The springs of a lattice without a list of them, which at 10^8 particles no memory holds.
+class LatticeSprings {
+public:
+    explicit LatticeSprings(const Problem& problem);
+
+    /// Calls visit(j, direction) for each spring between particle i and a later one j, in the order of
+    /// list_springs().
+    template <class Visit>
+    void of(std::size_t i, Visit visit) const {
+        const Lattice& lattice = problem_->lattice;
+        for (std::uint32_t bits = lattice.mask[i] & later_bits; bits != 0; bits &= bits - 1) {
+            const auto bit = std::size_t(std::countr_zero(bits));
+            visit(particle_[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + stride_[bit])], directions()[bit]);
+        }
+    }
+
+private:
+    static constexpr std::uint32_t later_bits = 0x02AAAAAA;  // the odd bits of neighbours.h
+
+    const Problem* problem_;
+    std::vector<std::uint32_t> particle_;
+    std::array<std::ptrdiff_t, neighbour_count> stride_{};
+};
 
 /// The moving part of a simulation, in float64 and canonical order, so that a backend which keeps
 /// displacements loses nothing on the way out.

@@ -30,6 +30,22 @@ public:
         check(cudaLaunchKernel(kernel_, grid, block, pointers.data(), shared_bytes, stream.get()));
     }
 
+    /// All blocks at once, which may wait for each other (a cooperative launch).
+    template <class... Arguments>
+    void launch_together(const Stream& stream, dim3 grid, dim3 block, const Arguments&... arguments) const {
+        std::array<void*, sizeof...(Arguments)> pointers{const_cast<Arguments*>(&arguments)...};
+        cudaLaunchAttribute together{};
+        together.id = cudaLaunchAttributeCooperative;
+        together.val.cooperative = 1;
+        cudaLaunchConfig_t config{};
+        config.gridDim = grid;
+        config.blockDim = block;
+        config.stream = stream.get();
+        config.attrs = &together;
+        config.numAttrs = 1;
+        check(cudaLaunchKernelExC(&config, kernel_, pointers.data()));
+    }
+
 private:
     Library library_;
     const void* kernel_ = nullptr;  // a cudaKernel_t, which launches like a function's address

@@ -55,6 +55,12 @@ VOXSPRING_HOST_DEVICE void write_slot(const EditedRows<Real>& rows, std::size_t 
     if (rows.own_rest != nullptr) own_rest[at] = rows.own_rest[n];
 }
 
+/// A slice as an edit leaves it.
+struct alignas(16) EditedSlice {
+    std::uint32_t number;
+    Slice slice;
+};
+
 /// A spring of the spring array, taken away (stiffness 0), put back or added.
 template <class Real>
 struct EditedSpring {

@@ -33,6 +33,14 @@ __device__ inline SpringConstants<double> list_entry_through_l1(const SpringCons
     const double2 v = __ldg(reinterpret_cast<const double2*>(p));
     return {v.x, v.y};
 }
+__device__ inline FourDeltas list_entry_through_l1(const FourDeltas* p) {
+    const int4 v = __ldg(reinterpret_cast<const int4*>(p));
+    return {{v.x, v.y, v.z, v.w}};
+}
+__device__ inline Slice list_entry_through_l1(const Slice* p) {
+    const uint4 v = __ldg(reinterpret_cast<const uint4*>(p));
+    return {int(v.x), v.y, v.z, v.w};
+}
 
 /// Global memory past L1 (ld.global.cg): the nearest thing today to the uncached loads of 2008.
 template <class Real>

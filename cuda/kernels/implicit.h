@@ -39,52 +39,103 @@ VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
     return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing;
 }
 
-/// Force of all springs of `self`. `neighbour(dx, dy, dz)` is the point at that offset and
+/// unit_pull() of a lattice spring from `here` to its neighbour `there` at (dx, dy, dz), which is mask bit
+/// `bit`.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step,
+                                              const Point<Real, Terms::split>& here,
+                                              const Point<Real, Terms::split>& there, int bit, int dx, int dy,
+                                              int dz) {
+    const SpringRest<Real> rest{
+        {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},
+        step.deficit[bit / 2]};
+    return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
+}
+
+/// Sums of unit pulls, one a spring group; of pulls where springs carry their own stiffness.
+template <class Real>
+struct GroupSums {
+    Vector<Real> face{0, 0, 0}, edge{0, 0, 0}, corner{0, 0, 0};
+};
+
+/// Neighbours that a sum takes: all.
+struct EveryNeighbour {
+    static VOXSPRING_HOST_DEVICE constexpr bool has(int, int, int) { return true; }
+};
+
+/// Adds the springs of `self` to `Chosen` neighbours. `neighbour(dx, dy, dz)` is the point at that offset and
 /// `compliance(dx, dy, dz)` the compliance. Both are called for absent neighbours too, so that a fetch waits
 /// for no mask; what they give is then dropped by selection, and a NaN in an inactive voxel stays there.
-/// `whole`: `self` has every neighbour of the groups that are compiled in.
-template <class Terms, bool whole, class Real, class Neighbour, class Compliance>
-VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step,
-                                                  const Self<Real, Terms::split>& self, Neighbour neighbour,
-                                                  Compliance compliance) {
-    Vector<Real> force{0, 0, 0};
-    Vector<Real> group{0, 0, 0};
+/// `whole`: no neighbour of the groups that are compiled in is to be dropped.
+template <class Terms, bool whole, class Chosen, class Real, class Neighbour, class Compliance>
+VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Self<Real, Terms::split>& self,
+                                       Neighbour neighbour, Compliance compliance, GroupSums<Real>& sums) {
     const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
     [[maybe_unused]] const Real own_compliance = materials ? compliance(0, 0, 0) : Real(0);
     // All fetches of a group come before the first use: with few warps an SM, as on a small lattice, a step
     // is as long as the memory latencies that a thread waits for one after another.
 #define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
-    const Point<Real, Terms::split> neighbour##bit = neighbour(dx, dy, dz);
-#define ADD_SPRING(bit, dx, dy, dz)                                                                        \
-    {                                                                                                      \
-        const SpringRest<Real> rest{                                                                       \
-            {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},          \
-            step.deficit[(bit) / 2]};                                                                      \
-        Pull<Real> pull = unit_pull<Terms>(self.point - neighbour##bit, rest, step.rest_length[(bit) / 2], \
-                                           step.motion.shortest_squared);                                  \
-        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
-        if (whole || (self.bits >> (bit)&1U) != 0) group = fused(pull.offset, pull.density, group);        \
+    [[maybe_unused]] const auto neighbour##bit = Chosen::has(dx, dy, dz) ? neighbour(dx, dy, dz) : self.point;
+#define ADD_SPRING(group, bit, dx, dy, dz)                                                            \
+    if constexpr (Chosen::has(dx, dy, dz)) {                                                          \
+        Pull<Real> pull = lattice_pull<Terms>(step, self.point, neighbour##bit, bit, dx, dy, dz);     \
+        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz)); \
+        if (whole || (self.bits >> (bit)&1U) != 0)                                                    \
+            sums.group = fused(pull.offset, pull.density, sums.group);                                \
     }
+#define ADD_FACE(bit, dx, dy, dz) ADD_SPRING(face, bit, dx, dy, dz)
+#define ADD_EDGE(bit, dx, dy, dz) ADD_SPRING(edge, bit, dx, dy, dz)
+#define ADD_CORNER(bit, dx, dy, dz) ADD_SPRING(corner, bit, dx, dy, dz)
     if (Terms::has_group(FACE_BITS, step.group_bits)) {
         FACE_NEIGHBOURS(FETCH_NEIGHBOUR)
-        FACE_NEIGHBOURS(ADD_SPRING)
-        force = materials ? group : group * step.stiffness[0];
-        group = {0, 0, 0};
+        FACE_NEIGHBOURS(ADD_FACE)
     }
     if (Terms::has_group(EDGE_BITS, step.group_bits)) {
         EDGE_NEIGHBOURS(FETCH_NEIGHBOUR)
-        EDGE_NEIGHBOURS(ADD_SPRING)
-        force = force + (materials ? group : group * step.stiffness[1]);
-        group = {0, 0, 0};
+        EDGE_NEIGHBOURS(ADD_EDGE)
     }
     if (Terms::has_group(CORNER_BITS, step.group_bits)) {
         CORNER_NEIGHBOURS(FETCH_NEIGHBOUR)
-        CORNER_NEIGHBOURS(ADD_SPRING)
-        force = force + (materials ? group : group * step.stiffness[2]);
+        CORNER_NEIGHBOURS(ADD_CORNER)
     }
 #undef FETCH_NEIGHBOUR
 #undef ADD_SPRING
+#undef ADD_FACE
+#undef ADD_EDGE
+#undef ADD_CORNER
+}
+
+/// The force of all springs in the sums.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Vector<Real> force_of(const ImplicitStep<Real>& step, const GroupSums<Real>& sums) {
+    const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
+    Vector<Real> force{0, 0, 0};
+    if (Terms::has_group(FACE_BITS, step.group_bits))
+        force = materials ? sums.face : sums.face * step.stiffness[0];
+    if (Terms::has_group(EDGE_BITS, step.group_bits))
+        force = force + (materials ? sums.edge : sums.edge * step.stiffness[1]);
+    if (Terms::has_group(CORNER_BITS, step.group_bits))
+        force = force + (materials ? sums.corner : sums.corner * step.stiffness[2]);
     return force;
+}
+
+/// Force of all springs of `self`.
+template <class Terms, bool whole, class Real, class Neighbour, class Compliance>
+VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step,
+                                                  const Self<Real, Terms::split>& self, Neighbour neighbour,
+                                                  Compliance compliance) {
+    GroupSums<Real> sums;
+    add_springs<Terms, whole, EveryNeighbour>(step, self, neighbour, compliance, sums);
+    return force_of<Terms>(step, sums);
+}
+
+/// Whether all threads that go this way together say so.
+VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
+#ifdef __CUDA_ARCH__
+    return __all_sync(__activemask(), int(yes)) != 0;
+#else
+    return yes;
+#endif
 }
 
 /// Whether the particles of all threads that go this way together, with `bits` here, are whole.
@@ -93,12 +144,7 @@ VOXSPRING_HOST_DEVICE bool all_whole(std::uint32_t bits) {
     if constexpr (!Terms::compiled(term_interior)) {
         return false;
     } else {
-        const bool whole = (bits & Terms::groups) == Terms::groups;
-#ifdef __CUDA_ARCH__
-        return __all_sync(__activemask(), int(whole)) != 0;
-#else
-        return whole;
-#endif
+        return all_say((bits & Terms::groups) == Terms::groups);
     }
 }
 

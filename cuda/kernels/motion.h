@@ -151,11 +151,18 @@ VOXSPRING_HOST_DEVICE Before<Real> load_before(const Output<Real>& output, int i
     }
 }
 
-/// Moves the particle of word `index` on by one step under `force`, unless it is pinned.
+/// A particle after a step.
+template <class Real, bool split>
+struct Moved {
+    Point<Real, split> point;
+    Before<Real> before;  ///< of the next step
+};
+
+/// The particle of word `index` one step on under `force`, or where it was if it is pinned.
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE void advance(const Motion<Real>& motion, const Output<Real>& output, int index,
-                                   const Self<Real, Terms::split>& self, const Before<Real>& before,
-                                   Vector<Real> force) {
+VOXSPRING_HOST_DEVICE Moved<Real, Terms::split> moved(const Motion<Real>& motion, int index,
+                                                      const Self<Real, Terms::split>& self,
+                                                      const Before<Real>& before, Vector<Real> force) {
     const bool pinned = Terms::template has<term_pins>(true) && (self.bits & PINNED_BIT) != 0;
     if (Terms::template has<term_loads>(motion.load != nullptr)) force = force + motion.load[index];
     const Real inverse_mass = Terms::template has<term_materials>(motion.inverse_masses != nullptr)
@@ -180,17 +187,13 @@ VOXSPRING_HOST_DEVICE void advance(const Motion<Real>& motion, const Output<Real
             Vector<Real> v = split_high(before.high, before.low, change, none);
             Vector<Real> v_low = split_low(before.high, before.low, change, none);
             if (pinned) v = v_low = none;
-            store_axes(output.increment + index, output.pitch, v);
-            store_axes(output.increment_low + index, output.pitch, v_low);
             const Vector<Real> u = split_high(at, self.point.low, v, v_low);
             const Vector<Real> u_low = split_low(at, self.point.low, v, v_low);
-            store(output.next + index, Particle<Real>{pinned ? at : u, self.bits});
-            store(output.next_low + index, Particle<Real>{pinned ? self.point.low : u_low, 0});
+            return {{pinned ? at : u, pinned ? self.point.low : u_low}, {v, v_low}};
         } else {
             Vector<Real> v = before.high + change;
             if (pinned) v = {0, 0, 0};
-            store_axes(output.increment + index, output.pitch, v);
-            store(output.next + index, Particle<Real>{pinned ? at : at + v, self.bits});
+            return {{pinned ? at : at + v}, {v, {}}};
         }
     } else {
         Vector<Real> next;
@@ -200,7 +203,21 @@ VOXSPRING_HOST_DEVICE void advance(const Motion<Real>& motion, const Output<Real
         } else {
             next = next_position(at, before.high, force, inverse_mass, gravity, retained, squared);
         }
-        store(output.next + index, Particle<Real>{pinned ? at : next, self.bits});
+        return {{pinned ? at : next}, {at, {}}};
+    }
+}
+
+/// Moves the particle of word `index` on by one step under `force`.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE void advance(const Motion<Real>& motion, const Output<Real>& output, int index,
+                                   const Self<Real, Terms::split>& self, const Before<Real>& before,
+                                   Vector<Real> force) {
+    const Moved<Real, Terms::split> next = moved<Terms>(motion, index, self, before, force);
+    if constexpr (Terms::increments) store_axes(output.increment + index, output.pitch, next.before.high);
+    store(output.next + index, Particle<Real>{next.point.high, self.bits});
+    if constexpr (Terms::split) {
+        store_axes(output.increment_low + index, output.pitch, next.before.low);
+        store(output.next_low + index, Particle<Real>{next.point.low, 0});
     }
 }
 

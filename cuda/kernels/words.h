@@ -78,6 +78,21 @@ struct alignas(8) SpringEnds {
     bool operator==(const SpringEnds&) const = default;
 };
 
+/// What the particles of a slice have in common (delta.h).
+struct alignas(16) Slice {
+    std::int32_t list;        ///< of the particle before the slice; -1: there is none
+    std::uint32_t starts;     ///< bit l: particle l has the list behind that of the particle before it
+    std::uint32_t own_begin;  ///< where its springs beyond the lattice begin, in slots of a slice
+    std::uint32_t own_slots;  ///< slots a particle; 0: no particle of the slice has such a spring
+    bool operator==(const Slice&) const = default;
+};
+
+/// Four rows of a list of deltas (delta.h).
+struct alignas(16) FourDeltas {
+    std::int32_t row[4];
+    bool operator==(const FourDeltas&) const = default;
+};
+
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
     int x, y, z, unused;

@@ -1,0 +1,312 @@
+#include "backends/gl/compute_backend.h"
+
+#include <algorithm>
+#include <chrono>
+#include <numeric>
+#include <sstream>
+#include <utility>
+
+#include "backends/gl/limits.h"
+#include "backends/gl/texture.h"
+
+namespace voxspring::gl {
+namespace {
+
+// Storage buffers, as in shaders/compute.glsl.
+enum Binding : GLuint {
+    words,
+    next_words,
+    increments,
+    words_low,
+    next_words_low,
+    increments_low,
+    loads,
+    inverse_masses
+};
+
+/// Work groups of 64 invocations that stride over `count` things, as shaders/watch.comp, measure.comp and
+/// edit_*.comp do.
+GLuint striding_groups(std::size_t count) {
+    constexpr std::size_t group = 64;
+    constexpr std::size_t most = 65535;  // that every driver takes
+    return GLuint(std::min((count + group - 1) / group, most));
+}
+
+/// `values`, or `count` times `neutral` where a problem without them is to have them all the same.
+template <class T>
+std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count, const T& neutral) {
+    if (values.empty() && needed) values.assign(count, neutral);
+    return values;
+}
+
+}  // namespace
+
+void StorageBuffer::upload(const Context& context, std::span<const std::byte> values) {
+    if (values.empty()) {
+        *this = {};
+        return;
+    }
+    if (buffer_.get() == 0 || bytes_ != values.size()) {
+        buffer_ = {};  // the old one goes first
+        buffer_ = make_buffer(context);
+        bytes_ = values.size();
+        glNamedBufferStorage(get(), GLsizeiptr(bytes_), values.data(), GL_DYNAMIC_STORAGE_BIT);
+        context.check("allocating a storage buffer");
+        return;
+    }
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);  // after the steps that still write it
+    glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
+}
+
+void StorageBuffer::download(std::span<std::byte> values) const {
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    if (!values.empty()) glGetNamedBufferSubData(get(), 0, GLsizeiptr(values.size()), values.data());
+}
+
+ComputeBackend::ComputeBackend(const Options& options, std::string shader)
+    : GlBackend(options),
+      shader_(std::move(shader)),
+      through_textures_(options.tuning.at("fetch") == "texture"),
+      barrier_(GL_SHADER_STORAGE_BARRIER_BIT | (through_textures_ ? GL_TEXTURE_FETCH_BARRIER_BIT : 0U)) {
+    constexpr GLint storage_blocks = 13;
+    GLint most = 0;
+    glGetIntegerv(GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS, &most);
+    if (most < storage_blocks)
+        throw Unavailable("a compute shader may have " + std::to_string(most) + " storage buffers, not " +
+                          std::to_string(storage_blocks));
+}
+
+Capabilities ComputeBackend::capabilities() const {
+    Capabilities capabilities = context().capabilities();
+    capabilities.api = "OpenGL compute 4.5 core";
+    return capabilities;
+}
+
+std::string ComputeBackend::too_large(const char* what, std::uint64_t bytes) const {
+    const auto most = std::uint64_t(context().max_storage_block_size());
+    if (bytes <= most) return {};
+    std::ostringstream reason;
+    reason << what << " of " << bytes << " bytes exceed the " << most
+           << " that the driver allows one storage buffer";
+    return reason.str();
+}
+
+std::string ComputeBackend::unsupported(const Problem& problem) const {
+    if (std::string why = refused(problem); !why.empty()) return why;
+    const cuda::Placement placement = place(problem);
+    if (std::string why = too_large("positions", placement.words * sizeof(cuda::Word<float>)); !why.empty())
+        return why;
+    const auto texels = std::uint64_t(context().max_texture_buffer_size());
+    if (through_textures_ && placement.words > texels)
+        return std::to_string(placement.words) + " texels of positions exceed the " + std::to_string(texels) +
+               " that the driver allows one texture buffer";
+    return {};
+}
+
+void ComputeBackend::upload(const Problem& problem, const State& state) {
+    context().make_current();
+    problem_ = &problem;
+    compile_seconds_ = 0;
+    layout_ = lay_out(problem);
+    const cuda::Placement& placement = layout_.placement;
+    {
+        const cuda::PackedState<float> packed =
+            cuda::pack<float>(problem, state, placement, layout_.bits, formulation());
+        current_ = 0;
+        const bool split = formulation() == Formulation::compensated;
+        words_[0].upload(context(), packed.current);
+        // By increments a step writes every particle's word here before any reads it.
+        words_[1].upload(context(), by_increments(formulation()) ? packed.current : packed.previous);
+        for (StorageBuffer& low : low_) low.upload(context(), packed.current_low);
+        increment_.upload(context(), packed.increment);
+        increment_low_.upload(context(), packed.increment_low);
+        for (std::size_t i = 0; through_textures_ && i < 2; ++i) {
+            word_texture_[i] = make_buffer_texture(context(), rgba32f, words_[i].get());
+            if (split) low_texture_[i] = make_buffer_texture(context(), rgba32f, low_[i].get());
+        }
+    }
+    load_.upload(context(),
+                 or_neutral(cuda::pack_load<float>(problem, placement), needs_loads(problem, all_terms()),
+                            placement.words, cuda::Vector<float>{0, 0, 0}));
+    inverse_mass_.upload(context(), or_neutral(cuda::pack_inverse_masses<float>(problem, placement),
+                                               needs_materials(problem, all_terms()), placement.words,
+                                               float(1 / problem.materials[0].mass)));
+    make_program(problem);
+    rewind({{"STORAGE_BUFFERS", ""}});
+    bind();
+    glFinish();
+    context().check("uploading");
+}
+
+void ComputeBackend::make_program(const Problem& problem) {
+    Defines defines = term_defines(problem, formulation(), all_terms());
+    defines.merge(specialise(problem));
+    if (through_textures_) defines["TEXTURE"] = "";
+    const Source source = load_source(shader_, defines);
+    const auto known = programs_.find(source.text);
+    if (known == programs_.end()) {
+        constexpr std::size_t most = 16;
+        if (programs_.size() == most) programs_.clear();
+        const auto begin = std::chrono::steady_clock::now();
+        program_ = &(programs_[source.text] = Program(context(), source));
+        compile_seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    } else {
+        program_ = &known->second;
+    }
+    set_motion(*program_, problem);
+    program_->set("pitch", int(cuda::increment_pitch(layout_.placement)));
+    set_uniforms(*program_, problem);
+}
+
+void ComputeBackend::bind() const {
+    glUseProgram(program_->get());
+    increment_.bind(increments);
+    increment_low_.bind(increments_low);
+    load_.bind(loads);
+    inverse_mass_.bind(inverse_masses);
+    bind_own();
+}
+
+void ComputeBackend::bind_words() const {
+    const std::size_t next = 1 - current_;
+    if (through_textures_) {
+        const std::array textures = {word_texture_[current_].get(), low_texture_[current_].get()};
+        glBindTextures(0, GLsizei(textures.size()), textures.data());
+    }
+    const std::array buffers = {words_[current_].get(), words_[next].get()};
+    glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words, GLsizei(buffers.size()), buffers.data());
+    if (formulation() != Formulation::compensated) return;
+    const std::array low = {low_[current_].get(), low_[next].get()};
+    glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words_low, GLsizei(low.size()), low.data());
+}
+
+void ComputeBackend::enqueue_step() {
+    bind_words();
+    glDispatchCompute(GLuint(layout_.groups.x), GLuint(layout_.groups.y), GLuint(layout_.groups.z));
+    glMemoryBarrier(barrier_);
+    current_ = 1 - current_;
+}
+
+void ComputeBackend::enqueue_look() {
+    const std::array buffers = {words_[current_].get(), words_[1 - current_].get()};
+    glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words, GLsizei(buffers.size()), buffers.data());
+    glDispatchCompute(striding_groups(layout_.placement.words), 1, 1);
+}
+
+State ComputeBackend::download() {
+    synchronize();
+    cuda::PackedState<float> packed;
+    const auto out = [&]<class T>(std::vector<T>& values, const StorageBuffer& buffer) {
+        values.resize(buffer.bytes() / sizeof(T));
+        buffer.download(values);
+    };
+    out(packed.current, words_[current_]);
+    if (!by_increments(formulation())) out(packed.previous, words_[1 - current_]);
+    out(packed.current_low, low_[current_]);
+    out(packed.increment, increment_);
+    out(packed.increment_low, increment_low_);
+    context().check("downloading");
+    return cuda::unpack<float>(*problem_, packed, layout_.placement, formulation());
+}
+
+void ComputeBackend::measure(const StorageBuffer& squares, std::size_t count, int stride, int offset) {
+    if (measure_program_.get() == 0) measure_program_ = Program(context(), load_source("measure.comp", {}));
+    squares.bind(0);
+    measure_program_.set("count", int(count));
+    measure_program_.set("stride", stride);
+    measure_program_.set("offset", offset);
+    glUseProgram(measure_program_.get());
+    glDispatchCompute(striding_groups(count), 1, 1);
+    glMemoryBarrier(barrier_);
+}
+
+void ComputeBackend::measure(std::span<float> squares) {
+    std::vector<float> lengths(squares.begin(), squares.end());
+    StorageBuffer buffer;
+    buffer.upload(context(), lengths);
+    measure(buffer, lengths.size(), 1, 0);
+    buffer.download(lengths);
+    std::copy(lengths.begin(), lengths.end(), squares.begin());
+}
+
+glm::ivec3 ComputeBackend::rows_of_groups(int groups) {
+    constexpr int most = 65535;  // along an axis, of every driver
+    const int rows = std::max((groups + most - 1) / most, 1);
+    return {(groups + rows - 1) / rows, rows, 1};
+}
+
+void ComputeBackend::follow(const Problem& edited) {
+    context().make_current();
+    problem_ = &edited;
+}
+
+void ComputeBackend::lay_out_anew() {
+    layout_ = lay_out(*problem_);
+    make_program(*problem_);
+    bind();
+    std::vector<std::uint32_t> all(problem_->particle_count());
+    std::iota(all.begin(), all.end(), 0U);
+    write_bits(all, layout_.bits);
+}
+
+void ComputeBackend::dispatch_edit(const Program& program, std::size_t count) {
+    glUseProgram(program.get());
+    // The barrier after the last step keeps the edit from overtaking it, this one the next step the edit.
+    glDispatchCompute(striding_groups(count), 1, 1);
+    glMemoryBarrier(barrier_);
+    bind();
+}
+
+void ComputeBackend::write_bits(std::span<const std::uint32_t> particles,
+                                std::span<const std::uint32_t> bits) {
+    if (particles.empty()) return;
+    if (bits_program_.get() == 0) bits_program_ = Program(context(), load_source("edit_bits.comp", {}));
+    std::vector<std::uint32_t> edited;
+    edited.reserve(2 * particles.size());
+    for (std::size_t n = 0; n < particles.size(); ++n) {
+        edited.push_back(std::uint32_t(layout_.placement.at(particles[n])));
+        edited.push_back(bits[n]);
+    }
+    edited_.upload(context(), edited);
+    words_[current_].bind(0);
+    edited_.bind(1);
+    bits_program_.set("count", int(particles.size()));
+    dispatch_edit(bits_program_, particles.size());
+}
+
+WorkCount ComputeBackend::count_work() {
+    context().make_current();
+    const glm::ivec3 g = layout_.groups;
+    WorkCount work{{"work_groups", std::uint64_t(g.x) * std::uint64_t(g.y) * std::uint64_t(g.z)}};
+    if (!context().has_pipeline_statistics()) {
+        step(1);
+        return work;
+    }
+    const Query query = make_query(context());
+    glBeginQuery(GL_COMPUTE_SHADER_INVOCATIONS_ARB, query.get());
+    step(1);
+    glEndQuery(GL_COMPUTE_SHADER_INVOCATIONS_ARB);
+    GLuint64 invocations = 0;
+    glGetQueryObjectui64v(query.get(), GL_QUERY_RESULT, &invocations);
+    work["compute_shader_invocations"] = invocations;
+    context().check("counting work");
+    return work;
+}
+
+DeviceLimits ComputeBackend::measure_limits() {
+    context().make_current();
+    return measure_compute_limits(context());
+}
+
+std::uint64_t compute_bytes(const Problem& problem, const Options& options,
+                            const cuda::Placement& placement) {
+    const bool all = options.tuning.at("terms") == "all";
+    const bool split = options.formulation == Formulation::compensated;
+    const std::uint64_t axes = 3 * cuda::increment_pitch(placement) * sizeof(float);
+    return placement.words * ((split ? 4 : 2) * sizeof(cuda::Word<float>) +
+                              (needs_loads(problem, all) ? sizeof(cuda::Vector<float>) : 0) +
+                              (needs_materials(problem, all) ? sizeof(float) : 0)) +
+           (by_increments(options.formulation) ? axes : 0) + (split ? axes : 0);
+}
+
+}  // namespace voxspring::gl

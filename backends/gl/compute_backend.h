@@ -1,0 +1,124 @@
+// What the backends that step by compute shaders share: the state in storage buffers, one dispatch a step and
+// the barrier after it, and edits of particles' bits (README.md).
+#pragma once
+
+#include <array>
+#include <glm/vec3.hpp>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "backends/gl/gl_backend.h"
+#include "cuda/layout.h"
+
+namespace voxspring::gl {
+
+/// An array in device memory for shaders to read and write.
+class StorageBuffer {
+public:
+    /// Replaces what it held, if anything; nothing if `values` are empty.
+    template <class T>
+    void upload(const Context& context, const std::vector<T>& values) {
+        upload(context, std::as_bytes(std::span(values)));
+    }
+    /// The first values.size() of them, once everything enqueued has run.
+    template <class T>
+    void download(std::vector<T>& values) const {
+        download(std::as_writable_bytes(std::span(values)));
+    }
+    GLuint get() const { return buffer_.get(); }
+    std::size_t bytes() const { return bytes_; }
+    void bind(GLuint binding) const { glBindBufferBase(GL_SHADER_STORAGE_BUFFER, binding, get()); }
+
+private:
+    void upload(const Context& context, std::span<const std::byte> values);
+    void download(std::span<std::byte> values) const;
+
+    Buffer buffer_;
+    std::size_t bytes_ = 0;
+};
+
+class ComputeBackend : public GlBackend {
+public:
+    Capabilities capabilities() const final;
+    std::string unsupported(const Problem& problem) const final;
+    void upload(const Problem& problem, const State& state) final;
+    State download() final;
+    /// "work_groups", and "compute_shader_invocations" where the driver counts them.
+    WorkCount count_work() final;
+    DeviceLimits measure_limits() final;
+    double compile_seconds() const final { return compile_seconds_; }
+
+protected:
+    /// Where the particles of a problem go, and what a step dispatches.
+    struct Layout {
+        cuda::Placement placement;
+        std::vector<std::uint32_t> bits;  ///< one a particle
+        glm::ivec3 groups{0};             ///< of invocations
+    };
+
+    /// `shader`: the file in shaders/.
+    ComputeBackend(const Options& options, std::string shader);
+
+    /// Empty, or why a problem cannot be run that has no more words than a storage buffer holds.
+    virtual std::string refused(const Problem& problem) const = 0;
+    virtual cuda::Placement place(const Problem& problem) const = 0;
+    /// Creates what the shader reads beyond shaders/compute.glsl.
+    virtual Layout lay_out(const Problem& problem) = 0;
+    /// Binds it, from first_own_binding on.
+    virtual void bind_own() const = 0;
+    /// What specialises the shader beyond the terms that all have.
+    virtual Defines specialise(const Problem& problem) const = 0;
+    virtual void set_uniforms(const Program& program, const Problem& problem) = 0;
+
+    static constexpr GLuint first_own_binding = 8;
+    /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h).
+    void measure(std::span<float> squares);
+    /// The same in place of numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all.
+    void measure(const StorageBuffer& squares, std::size_t count, int stride, int offset);
+    /// Work groups in rows of no more than every driver takes; there may be some more than asked for.
+    static glm::ivec3 rows_of_groups(int groups);
+    /// Goes on with `edited`, whose springs the caller sees to.
+    void follow(const Problem& edited);
+    /// Lays out anew what the problem followed now has, for the particles where they are.
+    void lay_out_anew();
+    /// Runs an edit's program of 64 invocations a work group, which stride over `count` things, between the
+    /// steps before and after. Leaves what it bound bound no longer.
+    void dispatch_edit(const Program& program, std::size_t count);
+    /// Gives particles new bits, which every step copies on from the words that it reads.
+    void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);
+    /// Empty, or why a storage buffer cannot have so many bytes.
+    std::string too_large(const char* what, std::uint64_t bytes) const;
+
+private:
+    void enqueue_step() final;
+    void enqueue_look() final;
+
+    void make_program(const Problem& problem);
+    /// What stays bound from step to step.
+    void bind() const;
+    void bind_words() const;
+
+    std::string shader_;
+    bool through_textures_;
+    GLbitfield barrier_;
+
+    std::array<StorageBuffer, 2> words_, low_;
+    std::array<Texture, 2> word_texture_, low_texture_;
+    StorageBuffer increment_, increment_low_, load_, inverse_mass_;
+    std::map<std::string, Program> programs_;  // by their text: an edit may go back to the one before
+    const Program* program_ = nullptr;
+    double compile_seconds_ = 0;
+    Program measure_program_, bits_program_;
+    StorageBuffer edited_;
+
+    const Problem* problem_ = nullptr;
+    Layout layout_;
+    std::size_t current_ = 0;  // of words_: x(t)
+};
+
+/// Bytes of what ComputeBackend itself keeps.
+std::uint64_t compute_bytes(const Problem& problem, const Options& options, const cuda::Placement& placement);
+
+}  // namespace voxspring::gl

@@ -1,0 +1,137 @@
+#include "backends/gl/gl_backend.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "backends/physics/neighbours.h"
+
+namespace voxspring::gl {
+namespace {
+
+/// In found_ until a look fails; else the number of the first that did, from 1.
+constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
+constexpr GLuint found_binding = 3;  // as in shaders/watch.comp
+
+/// Whether springs of the lattice are stressed at rest.
+bool has_deficits(const Problem& problem) {
+    return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+        return (problem.group_bits >> direction.bit & 1u) != 0 &&
+               rest_spring(problem, direction).deficit != 0;
+    });
+}
+
+}  // namespace
+
+GlBackend::GlBackend(const Options& options)
+    : formulation_(options.formulation),
+      all_terms_(options.tuning.at("terms") == "all"),
+      begin_(make_query(context_)),
+      end_(make_query(context_)) {}
+
+void GlBackend::rewind(const Defines& more) {
+    steps_ = 0;
+    watch_ = next_watch_;
+    if (watch_.every == 0) return;
+    if (watch_program_.get() == 0) {
+        Defines defines = formulation_defines(formulation_);
+        defines.insert(more.begin(), more.end());
+        watch_program_ = Program(context_, load_source("watch.comp", defines));
+        found_ = make_buffer(context_);
+        glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
+    }
+    watch_program_.set("inverse_largest", float(1 / watch_.largest_increment));
+    glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
+}
+
+void GlBackend::step(int count) {
+    context_.make_current();
+    for (int n = 0; n < count; ++n) {
+        enqueue_step();
+        ++steps_;
+        if (watch_.every > 0 && steps_ % watch_.every == 0) look();
+    }
+}
+
+void GlBackend::look() {
+    GLint stepping = 0;
+    glGetIntegerv(GL_CURRENT_PROGRAM, &stepping);
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, found_binding, found_.get());
+    watch_program_.set("look", int(steps_ / watch_.every));
+    glUseProgram(watch_program_.get());
+    enqueue_look();
+    glUseProgram(GLuint(stepping));
+}
+
+std::optional<Departure> GlBackend::departure() {
+    if (watch_.every == 0) return std::nullopt;
+    context_.make_current();
+    GLuint look = never_found;
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    glGetNamedBufferSubData(found_.get(), 0, sizeof(look), &look);
+    context_.check("watching");
+    if (look == never_found) return std::nullopt;
+    const std::int64_t found = std::int64_t(look) * watch_.every;
+    return Departure{found - watch_.every, found};
+}
+
+void GlBackend::synchronize() {
+    context_.make_current();
+    glFinish();
+    context_.check("stepping");
+}
+
+void GlBackend::mark(Mark which) {
+    context_.make_current();
+    glQueryCounter((which == Mark::begin ? begin_ : end_).get(), GL_TIMESTAMP);
+}
+
+double GlBackend::seconds_between_marks() const {
+    context_.make_current();
+    GLuint64 begin = 0;
+    GLuint64 end = 0;
+    glGetQueryObjectui64v(begin_.get(), GL_QUERY_RESULT, &begin);
+    glGetQueryObjectui64v(end_.get(), GL_QUERY_RESULT, &end);
+    return 1e-9 * double(end - begin);
+}
+
+Defines formulation_defines(Formulation formulation) {
+    Defines defines;
+    if (on_positions(formulation)) defines["ON_POSITIONS"] = "";
+    if (by_increments(formulation)) defines["BY_INCREMENTS"] = "";
+    if (formulation == Formulation::paper) defines["PAPER"] = "";
+    if (formulation == Formulation::compensated) defines["COMPENSATED"] = "";
+    return defines;
+}
+
+Defines term_defines(const Problem& problem, Formulation formulation, bool all) {
+    Defines defines = formulation_defines(formulation);
+    const auto add = [&](const char* name, bool needed) {
+        if (all || needed) defines[name] = "";
+    };
+    add("DAMPING", problem.damping != 0);
+    add("GRAVITY", problem.has_gravity());
+    add("PINS", !problem.pinned.empty());
+    add("LOADS", needs_loads(problem, all));
+    add("MATERIALS", needs_materials(problem, all));
+    add("FACES", (problem.group_bits & FACE_BITS) != 0);
+    add("EDGES", (problem.group_bits & EDGE_BITS) != 0);
+    add("CORNERS", (problem.group_bits & CORNER_BITS) != 0);
+    if (by_increments(formulation)) add("DEFICITS", has_deficits(problem));
+    return defines;
+}
+
+bool needs_loads(const Problem& problem, bool all_terms) { return all_terms || !problem.load.empty(); }
+bool needs_materials(const Problem& problem, bool all_terms) { return all_terms || problem.has_materials(); }
+
+void set_motion(const Program& program, const Problem& problem) {
+    program.set("spacing", glm::vec3(problem.lattice.spacing));
+    program.set("damping", float(problem.damping));
+    program.set("retained", float(1 - problem.damping));
+    program.set("doubled", float(2 - problem.damping));
+    program.set("gravity", glm::vec3(problem.gravity));
+    program.set("inverse_mass", float(1 / problem.materials[0].mass));
+    program.set("time_step_squared", float(problem.time_step * problem.time_step));
+    program.set("shortest_squared", float(problem.shortest_squared()));
+}
+
+}  // namespace voxspring::gl

@@ -1,0 +1,65 @@
+// What every OpenGL backend has: a context, the stopwatch, the watch on the run, and how a problem's terms
+// specialise its shaders.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "backends/gl/context.h"
+#include "backends/gl/handles.h"
+#include "backends/gl/program.h"
+#include "backends/registry.h"
+
+namespace voxspring::gl {
+
+class GlBackend : public Backend {
+public:
+    void step(int count) final;
+    void watch(const Watch& watch) final { next_watch_ = watch; }
+    std::optional<Departure> departure() final;
+    void synchronize() final;
+
+protected:
+    explicit GlBackend(const Options& options);
+
+    const Context& context() const { return context_; }
+    Formulation formulation() const { return formulation_; }
+    /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
+    bool all_terms() const { return all_terms_; }
+
+    /// Stands at step 0, watched from here on as watch() last said. `more`: what specialises
+    /// shaders/watch.comp beyond the formulation.
+    void rewind(const Defines& more = {});
+
+private:
+    /// Enqueues one step.
+    virtual void enqueue_step() = 0;
+    /// Binds the state for shaders/watch.comp, which is in use, and dispatches it.
+    virtual void enqueue_look() = 0;
+
+    void mark(Mark which) final;
+    double seconds_between_marks() const final;
+    void look();
+
+    Context context_;
+    Formulation formulation_;
+    bool all_terms_;
+    Query begin_, end_;
+    Program watch_program_;   // made with the first upload that is watched
+    Buffer found_;            // shaders/watch.comp's
+    std::int64_t steps_ = 0;  // since upload()
+    Watch watch_;             // of this run
+    Watch next_watch_;        // of the next one
+};
+
+/// The macros of shaders/motion.glsl that say which formulation it is.
+Defines formulation_defines(Formulation formulation);
+/// Those of the terms that `problem` needs, of its spring groups and of rest deficits; with `all`,
+/// everything.
+Defines term_defines(const Problem& problem, Formulation formulation, bool all);
+bool needs_loads(const Problem& problem, bool all_terms);
+bool needs_materials(const Problem& problem, bool all_terms);
+/// The uniforms of shaders/motion.glsl, and `inverse_mass`.
+void set_motion(const Program& program, const Problem& problem);
+
+}  // namespace voxspring::gl

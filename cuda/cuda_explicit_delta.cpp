@@ -1,0 +1,210 @@
+// Neighbour lists compressed to what changes along a run of particles.
+#include <memory>
+
+#include "cuda/delta_lists.h"
+#include "cuda/measure.h"
+#include "cuda/particles.h"
+#include "cuda/tuning.h"
+#include "cuda/work.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr int most_threads = 256;
+
+/// Columns of springs beyond the lattice that `used` of them get room for: a quarter more, for edits.
+std::size_t roomy(std::size_t used) { return used == 0 ? 0 : used + used / 4 + 256; }
+
+template <class Real>
+std::size_t column_bytes(Formulation formulation) {
+    return slice_particles * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
+                              (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>)));
+}
+
+template <class Real>
+std::uint64_t delta_bytes(const Problem& problem, Formulation formulation) {
+    const Placement placement = place_guarded(problem);
+    DeltaLists lists = compress_lists(problem);
+    const OwnLists<Real> own(problem, placement, formulation, lists.slices);
+    return particle_bytes<Real>(problem, placement, formulation) +
+           (problem.has_materials() ? placement.words * sizeof(Real) : 0) +
+           lists.slices.size() * sizeof(Slice) + lists.lists.size() * sizeof(RowDeltas) +
+           roomy(own.columns()) * column_bytes<Real>(formulation);
+}
+
+template <class Real>
+class DeltaBackend final : public ParticleBackend<Real, DeltaStep<Real>> {
+public:
+    DeltaBackend(const KernelFamily& family, const Options& options)
+        : ParticleBackend<Real, DeltaStep<Real>>(family),
+          block_(unsigned(std::stoul(options.tuning.at("block")))),
+          registers_(options.tuning.at("registers")),
+          interior_(options.tuning.at("interior") == "vote"),
+          pairs_(options.tuning.at("particles") == "2") {}
+
+    void upload(const Problem& problem, const State& state) override {
+        this->synchronize();
+        this->start_compiling();
+        const Placement placement = place_guarded(problem);
+        DeltaLists lists = compress_lists(problem);
+        slices_ = std::move(lists.slices);
+        lists_on_device_.upload(lists.lists, this->stream());
+        compliance_.upload(pack_compliance<Real>(problem, placement), this->stream());
+
+        typename DeltaBackend::Launch launch;
+        launch.block = dim3(block_);
+        launch.grid = dim3(blocks_for(threads_for(problem), block_));
+        launch.step = make_delta_step<Real>(problem, placement, this->formulation());
+        launch.step.lists = lists_on_device_.data();
+        launch.step.compliance = compliance_.data();
+        if (!by_increments(this->formulation()))
+            measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
+        lay_out_own(problem, launch);
+        const std::vector<std::uint32_t> without_lattice =
+            problem.lattice.mask.empty() ? state_bits(problem) : std::vector<std::uint32_t>{};
+        this->start(problem, state, placement,
+                    problem.lattice.mask.empty() ? without_lattice : problem.lattice.mask, launch);
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        std::vector<std::uint32_t> particles, masks;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            particles.push_back(touched.particle);
+            masks.push_back(touched.mask);
+        }
+        this->write_particle_bits(particles, masks);
+        if (own_.empty() && edited.springs.empty()) return;
+        const auto changes = own_.change(edited, edit, slices_);
+        if (own_.columns() > neighbour_.size() / slice_particles) {
+            this->synchronize();
+            typename DeltaBackend::Launch launch = this->launch();
+            lay_out_own(edited, launch);
+            this->resume(launch);
+            return;
+        }
+        const std::size_t columns = changes.columns.particle.size();
+        write_rows(edited_columns_.send(changes.columns, !by_increments(this->formulation()), this->stream()),
+                   columns, changes.columns.lists.shape, static_cast<Word<Real>*>(nullptr), neighbour_.data(),
+                   constants_.data(), own_rest_.data(), this->stream());
+        write_slices(edited_slices_.send(std::span<const EditedSlice>(changes.slices), this->stream()),
+                     changes.slices.size(), slices_on_device_.data(), this->stream());
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        return delta_work<Real>(problem, this->formulation());
+    }
+
+private:
+    /// Makes and uploads the slices and their springs beyond the lattice, and chooses the kernel.
+    void lay_out_own(const Problem& problem, typename DeltaBackend::Launch& launch) {
+        own_ = OwnLists<Real>(problem, place_guarded(problem), this->formulation(), slices_);
+        slices_on_device_.upload(slices_, this->stream());
+        neighbour_.upload(own_.neighbour(), this->stream());
+        constants_.upload(own_.constants(), this->stream());
+        own_rest_.upload(own_.own_rest(), this->stream());
+        if (!by_increments(this->formulation())) measure_rest_lengths(constants_, this->stream());
+        if (!own_.empty()) {
+            const std::size_t size = roomy(own_.columns()) * slice_particles;
+            neighbour_.grow(size, this->stream());
+            constants_.grow(size, this->stream());
+            if (own_rest_.size() > 0) own_rest_.grow(size, this->stream());
+        }
+        launch.step.slices = slices_on_device_.data();
+        launch.step.own_neighbour = neighbour_.data();
+        launch.step.own_constants = constants_.data();
+        launch.step.own_rest = own_rest_.data();
+        launch.kernel = this->kernel(source(problem));
+    }
+
+    /// A thread steps one particle, or two that follow one another.
+    std::size_t threads_for(const Problem& problem) const {
+        return pairs_ ? (problem.particle_count() + 1) / 2 : problem.particle_count();
+    }
+
+    KernelSource source(const Problem& problem) const {
+        const std::uint32_t terms = (interior_ ? term_interior : 0) | (own_.empty() ? 0 : term_own_springs);
+        KernelSource source =
+            this->family().source("delta.cu", problem, most_threads,
+                                  this->blocks_with(registers_for(problem), most_threads), terms);
+        if (pairs_) source.macros["PAIRS"] = "1";
+        return source;
+    }
+
+    int registers_for(const Problem& problem) const {
+        if (registers_ != "auto") return std::stoi(registers_);
+        constexpr int many = 64;
+        const std::size_t at_once = std::size_t(this->device().multiprocessors()) * most_threads *
+                                    std::size_t(this->blocks_with(many, most_threads));
+        // All threads run at once: room for more of them is of no use.
+        if (threads_for(problem) <= at_once) return many;
+        switch (this->formulation()) {
+            case Formulation::paper:
+            case Formulation::position:
+            case Formulation::displacement:
+                return 40;
+            case Formulation::increment:
+                return 48;
+            case Formulation::compensated:
+                break;
+        }
+        return many;
+    }
+
+    std::string refused(const Problem& problem) const override {
+        return too_many_words<Real>(place_guarded(problem).words, this->device(), this->family().fetch);
+    }
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return delta_bytes<Real>(problem, this->formulation());
+    }
+    std::uint64_t bytes_held() const override {
+        return this->particle_bytes_held() + slices_on_device_.bytes() + lists_on_device_.bytes() +
+               compliance_.bytes() + neighbour_.bytes() + constants_.bytes() + own_rest_.bytes() +
+               edited_columns_.bytes() + edited_slices_.bytes();
+    }
+
+    const unsigned block_;
+    const std::string registers_;
+    const bool interior_;
+    const bool pairs_;
+    std::vector<Slice> slices_;
+    OwnLists<Real> own_;
+    Buffer<Slice> slices_on_device_;
+    Buffer<RowDeltas> lists_on_device_;
+    Buffer<Real> compliance_;
+    Buffer<std::uint32_t> neighbour_;
+    Buffer<SpringConstants<Real>> constants_;
+    Buffer<SpringRest<Real>> own_rest_;
+    StagedRows<Real> edited_columns_;
+    Staging<EditedSlice> edited_slices_;
+};
+
+const Registered entry({
+    .name = "cuda_explicit_delta",
+    .summary = "One thread a particle, neighbours by delta-compressed lists that runs of particles share, "
+               "springs of any topology beyond them by slices.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = every_formulation,
+    .tuning = tuning({{"block", {"128", "64", "256"}},
+                      // Of a thread in float32, half of those in float64.
+                      {"registers", {"auto", "32", "40", "48", "64", "80"}},
+                      // Whether a warp whose particles all have all neighbours goes a way without masks.
+                      {"interior", {"vote", "mask"}},
+                      // Of a thread.
+                      {"particles", {"1", "2"}}}),
+    .make = [](const Options& options) -> std::unique_ptr<Backend> {
+        const KernelFamily family(options, Fetch::through_l1);
+        if (options.precision == Precision::float32)
+            return std::make_unique<DeltaBackend<float>>(family, options);
+        return std::make_unique<DeltaBackend<double>>(family, options);
+    },
+    .bytes =
+        [](const Problem& problem, const Options& options) {
+            return options.precision == Precision::float32
+                       ? delta_bytes<float>(problem, options.formulation)
+                       : delta_bytes<double>(problem, options.formulation);
+        },
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

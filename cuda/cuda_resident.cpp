@@ -1,0 +1,193 @@
+// One cooperative launch for thousands of steps: a block's particles stay in registers and shared memory,
+// what crosses its border goes through L2.
+#include <algorithm>
+#include <memory>
+
+#include "cuda/measure.h"
+#include "cuda/particles.h"
+#include "cuda/resident_layout.h"
+#include "cuda/tuning.h"
+#include "cuda/work.h"
+
+namespace voxspring::cuda {
+namespace {
+
+/// ResidentStep's tables on the device.
+class ResidentTables {
+public:
+    void upload(const ResidentLayout& layout, ResidentStep& step, const Stream& stream) {
+        const auto send = [&](auto& buffer, const auto& values, auto& pointer) {
+            buffer.upload(values, stream);
+            pointer = buffer.data();
+        };
+        send(particle_, layout.particle, step.particle);
+        send(published_, layout.published, step.published);
+        send(polled_, layout.polled, step.polled);
+        send(polled_word_, layout.polled_word, step.polled_word);
+        send(own_slot_, layout.own_slot, step.own_slot);
+        send(slot_, layout.slot, step.slot);
+        send(polled_slot_, layout.polled_slot, step.polled_slot);
+        send(border_, layout.border, step.border);
+        exchange_.resize(std::size_t(2) * layout.published_count);
+        exchange_.fill_with_zeros(stream);
+        begun_.resize(1);
+        begun_.fill_with_zeros(stream);
+        step.exchange = exchange_.data();
+        step.begun = begun_.data();
+        step.lane_count = layout.lane_count();
+        step.published_count = layout.published_count;
+    }
+    std::uint64_t bytes() const {
+        return particle_.bytes() + published_.bytes() + polled_.bytes() + polled_word_.bytes() +
+               own_slot_.bytes() + slot_.bytes() + polled_slot_.bytes() + border_.bytes() +
+               exchange_.bytes() + begun_.bytes();
+    }
+
+private:
+    Buffer<std::uint32_t> particle_, published_, polled_, polled_word_, begun_;
+    Buffer<std::uint16_t> own_slot_, slot_, polled_slot_;
+    Buffer<std::uint8_t> border_;
+    Buffer<TaggedPoint> exchange_;
+};
+
+/// What the tables take where every particle is published and every lane has one.
+std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
+    return particle_bytes<float>(problem, place_compact(problem), options.formulation) +
+           problem.particle_count() * (2 * sizeof(TaggedPoint) + 2 * sizeof(std::uint32_t) +
+                                       (1 + neighbour_bits) * sizeof(std::uint16_t));
+}
+
+Partition partition_of(const std::string& tuned) {
+    if (tuned == "rows") return Partition::rows;
+    return tuned == "bisection" ? Partition::bisection : Partition::automatic;
+}
+
+class ResidentBackend final : public ParticleBackend<float, ResidentStep> {
+public:
+    explicit ResidentBackend(const Options& options)
+        : ParticleBackend(KernelFamily(options, Fetch::past_l1)),
+          options_(options),
+          partition_(partition_of(options.tuning.at("partition"))),
+          pollers_(std::stoi(options.tuning.at("pollers"))) {}
+
+    void upload(const Problem& problem, const State& state) override {
+        synchronize();
+        start_compiling();
+        tag_ = launches_ = 0;
+        start(problem, state, place_compact(problem), problem.lattice.mask, lay_out(problem));
+    }
+
+    /// Every table anew: which particles a block steps stays, but not what its neighbours are.
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        follow(edited);
+        if (edit.empty()) return;
+        synchronize();
+        Launch launch = lay_out(edited);
+        launch.step.motion = this->launch().step.motion;
+        tag_ = launches_ = 0;
+        resume(launch);
+        std::vector<std::uint32_t> particles, masks;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            particles.push_back(touched.particle);
+            masks.push_back(touched.mask);
+        }
+        write_particle_bits(particles, masks);
+    }
+
+    /// That of an implicit step without its memory: the state leaves registers at the end of a launch alone.
+    StepWork step_work(const Problem& problem) const override {
+        StepWork work = implicit_work<float>(problem, formulation());
+        work.bytes = 0;
+        work.launches = 0;
+        work.exchanges = 1;
+        return work;
+    }
+
+private:
+    Launch lay_out(const Problem& problem) {
+        const std::string& overlap = options_.tuning.at("overlap");
+        ResidentLayout layout =
+            lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap != "off");
+        // Where hardly a warp has its border on one side, waiting for one's own block as well costs more than
+        // overlapping gains (cuda/README.md).
+        if (overlap == "auto" && (layout.border_kinds >> mixed_border & 1U) != 0) {
+            layout = lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, false);
+        }
+        if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
+
+        Launch launch;
+        static_cast<ImplicitStep<float>&>(launch.step) =
+            make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation());
+        if (!by_increments(formulation())) measure_rest_lengths<float>(launch.step.rest_length, stream());
+        tables_.upload(layout, launch.step, stream());
+        launch.grid = dim3(unsigned(layout.blocks));
+        launch.block = dim3(unsigned(layout.lanes + layout.pollers));
+        KernelSource source = family().source("resident.cu", problem, int(launch.block.x), 1);
+        source.macros["LANES"] = std::to_string(layout.lanes);
+        source.macros["POLLERS"] = std::to_string(layout.pollers);
+        source.macros["ROUNDS"] = std::to_string(layout.rounds);
+        source.macros["SLOTS"] = std::to_string(layout.slots);
+        source.macros["BORDERS"] = std::to_string(layout.border_kinds);
+        const bool stressed = std::any_of(std::begin(launch.step.deficit), std::end(launch.step.deficit),
+                                          [](float deficit) { return deficit != 0; });
+        source.macros["MASKED"] = stressed ? "1" : "0";
+        launch.kernel = kernel(source);
+        return launch;
+    }
+
+    void enqueue_steps(int count) override {
+        // A launch takes as long as some ten steps: with looks, often enough to find a fault early, and
+        // seldom enough to cost 1% at most.
+        const int longest = watched() ? 1024 : 1 << 16;
+        while (count > 0) {
+            const int steps = std::min(count, longest);
+            launch_words_together(*launch().kernel, launch().grid, launch().block, launch().step, steps, tag_,
+                                  ++launches_);
+            tag_ += std::uint32_t(steps);
+            count -= steps;
+            stepped(steps);
+        }
+    }
+
+    std::string refused(const Problem& problem) const override {
+        if (problem.particle_count() == 0) return "there is no particle to reside";
+        if (problem.lattice.voxel_count() == 0)
+            return "resident blocks are made of a regular grid and the network lies on none";
+        if (!problem.springs.empty())
+            return "resident blocks have no place for springs between particles that are no grid neighbours";
+        if (problem.has_materials())
+            return "resident blocks have one stiffness a spring group, and the scene has several materials";
+        const auto most = std::size_t(device().multiprocessors()) * most_resident_lanes;
+        if (problem.particle_count() > most)
+            return std::to_string(problem.particle_count()) + " particles exceed the " +
+                   std::to_string(most) + " that " + std::to_string(device().multiprocessors()) +
+                   " multiprocessors hold";
+        return {};
+    }
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return resident_bytes(problem, options_);
+    }
+    std::uint64_t bytes_held() const override { return particle_bytes_held() + tables_.bytes(); }
+
+    const Options options_;
+    const Partition partition_;
+    const int pollers_;
+    ResidentTables tables_;
+    std::uint32_t tag_ = 0;       ///< of the latest point published
+    std::uint32_t launches_ = 0;  ///< since the tables were uploaded
+};
+
+const Registered entry({
+    .name = "cuda_resident",
+    .summary = "One launch for thousands of steps, particles in registers, borders through L2.",
+    .formulations = {Formulation::increment, Formulation::position, Formulation::displacement,
+                     Formulation::paper},
+    .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},
+                      {"overlap", {"auto", "on", "off"}},
+                      {"pollers", {"256", "128", "512"}}}),
+    .make = [](const Options& options) { return std::make_unique<ResidentBackend>(options); },
+    .bytes = resident_bytes,
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

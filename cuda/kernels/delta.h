@@ -1,0 +1,249 @@
+// Explicit addressing by delta-compressed lists. The body of the kernel; cuda/README.md draws the layout.
+//
+// Particles are in canonical order, without their grid. The neighbours of a particle lie in nine rows of
+// voxels, and particles of a row follow one another in that order as well. So a list says how much further
+// on, in particles, each of the other eight rows goes on, and a particle's mask which of the neighbours it
+// has a spring to. The deltas seldom change along a row: all particles of a run share one list, and where the
+// next list begins is a bit a particle. Springs beyond the lattice have lists of their own, by slices.
+#pragma once
+
+#ifndef __CUDACC_RTC__
+#include <bit>
+#endif
+
+#include "cuda/kernels/implicit.h"
+
+namespace voxspring::cuda {
+
+/// Particles of a slice, those that a warp steps.
+inline constexpr int slice_particles = 32;
+
+/// The rows about a particle's own by (dy, dz), those of its faces first.
+inline constexpr int row_count = 8;
+// clang-format off
+#define NEIGHBOUR_ROWS(X) \
+    X(0, -1, 0) X(1, 1, 0) X(2, 0, -1) X(3, 0, 1) X(4, -1, -1) X(5, 1, 1) X(6, 1, -1) X(7, -1, 1)
+// clang-format on
+
+/// The number of row (dy, dz), or row_count of a particle's own.
+VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
+    int number = row_count;
+#define ROW(row, y, z) \
+    if (dy == (y) && dz == (z)) number = row;
+    NEIGHBOUR_ROWS(ROW)
+#undef ROW
+    return number;
+}
+
+/// What to add to the index of a particle of a run for that of its neighbour in the middle of each row; the
+/// neighbours before and behind that one are one less and one more.
+struct alignas(16) RowDeltas {
+    FourDeltas rows[2];
+    /// Bit r: there is nobody in the middle of row r but somebody on either side, so that who is behind has
+    /// the index of the middle.
+    std::uint32_t gaps;
+    std::uint32_t unused[3];
+    bool operator==(const RowDeltas&) const = default;
+};
+
+/// Everything a step needs besides positions: what an implicit step has but for the grid, and the lists.
+template <class Real>
+struct DeltaStep : ImplicitStep<Real> {
+    int particles;  ///< particle i is word first + i
+    const Slice* slices;
+    const RowDeltas* lists;
+    // Springs beyond the lattice; null: there are none. Slot s of particle l of a slice is element (own_begin
+    // + s) slice_particles + l. An unused slot names its own particle and has no stiffness.
+    const std::uint32_t* own_neighbour;
+    const SpringConstants<Real>* own_constants;
+    const SpringRest<Real>* own_rest;  ///< null on positions
+    bool operator==(const DeltaStep&) const = default;
+};
+
+/// Slots of springs beyond the lattice come, and are read, in multiples of this.
+inline constexpr int own_chunk = 2;
+
+/// How many of bits 0 to `lane` are set.
+VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
+    const std::uint32_t counted = bits & 0xFFFFFFFFU >> (31U - lane);
+#ifdef __CUDA_ARCH__
+    return __popc(counted);
+#else
+    return std::popcount(counted);
+#endif
+}
+
+/// A list as a particle holds it: what its words are to its own.
+struct ListedDeltas {
+    FourDeltas near, far;
+    /// From the particle to the middle of row (dy, dz).
+    VOXSPRING_HOST_DEVICE int operator()(int dy, int dz) const {
+        const int row = row_number(dy, dz);
+        return row == row_count ? 0 : row < 4 ? near.row[row] : far.row[row - 4];
+    }
+};
+
+/// The list of a particle, number `lane` of its slice.
+template <class Real>
+VOXSPRING_HOST_DEVICE const RowDeltas* list_of(const DeltaStep<Real>& step, const Slice& slice,
+                                               std::uint32_t lane) {
+    return step.lists + slice.list + rank(slice.starts, lane);
+}
+template <class Current>
+VOXSPRING_HOST_DEVICE ListedDeltas read_deltas(const RowDeltas* list, const Current& current) {
+    return {current.entry(&list->rows[0]), current.entry(&list->rows[1])};
+}
+
+/// Whether the particles of all threads that go this way together, with `bits` here, have all neighbours and
+/// no gap among them: who has springs to both sides of a row, but none to its middle, may well have one.
+template <class Terms>
+VOXSPRING_HOST_DEVICE bool all_whole_without_gaps(std::uint32_t bits) {
+    constexpr bool faces = (Terms::groups & FACE_BITS) != 0, edges = (Terms::groups & EDGE_BITS) != 0,
+                   corners = (Terms::groups & CORNER_BITS) != 0;
+    if constexpr ((edges && !faces) || (corners && !edges)) {
+        return false;
+    } else {
+        return all_whole<Terms>(bits);
+    }
+}
+
+/// The force of the lattice springs of the particle of word `index`, whose list is `list`.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, const RowDeltas* list, int index,
+                                                const Self<Real, Terms::split>& self,
+                                                const Current& current) {
+    const ListedDeltas delta = read_deltas(list, current);
+    if (all_whole_without_gaps<Terms>(self.bits)) {
+        return implicit_force<Terms, true>(
+            step, self, [&](int dx, int dy, int dz) { return current.point(index + delta(dy, dz), dx); },
+            [&](int dx, int dy, int dz) { return step.compliance[index + delta(dy, dz) + dx]; });
+    }
+    const std::uint32_t gaps = current.entry(&list->gaps);
+    // What the neighbour is dx on from: nearer by one who is missing in between.
+    const auto row = [&](int dx, int dy, int dz) {
+        const int number = row_number(dy, dz);
+        return index + delta(dy, dz) - (dx > 0 && number < row_count ? int(gaps >> number & 1U) : 0);
+    };
+    return implicit_force<Terms, false>(
+        step, self, [&](int dx, int dy, int dz) { return current.point(row(dx, dy, dz), dx); },
+        [&](int dx, int dy, int dz) { return step.compliance[row(dx, dy, dz) + dx]; });
+}
+
+/// The forces of the lattice springs of two particles, those of words `index` and index + 1, which have one
+/// list without gaps. What is a neighbour of both is read once, and the spring between them evaluated once.
+template <class Terms, bool whole, class Real, class Current>
+VOXSPRING_HOST_DEVICE void listed_forces(Vector<Real> (&force)[2], const DeltaStep<Real>& step,
+                                         const ListedDeltas& delta, int index,
+                                         const Self<Real, Terms::split> (&self)[2], const Current& current) {
+    const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
+    Vector<Real> group[2] = {{0, 0, 0}, {0, 0, 0}};
+    const Pull<Real> between = lattice_pull<Terms>(step, self[0].point, self[1].point, 1, 1, 0, 0);
+    const auto pull_of = [&](int p, int bit, int dx, int dy, int dz) {
+        const bool own_row = dy == 0 && dz == 0;
+        if (own_row && p == 0 && dx == 1) return between;
+        if (own_row && p == 1 && dx == -1) return Pull<Real>{between.offset * Real(-1), between.density};
+        return lattice_pull<Terms>(step, self[p].point, current.point(index + delta(dy, dz), p + dx), bit, dx,
+                                   dy, dz);
+    };
+#define ADD_SPRING(bit, dx, dy, dz)                                                                          \
+    for (int p = 0; p < 2; ++p) {                                                                            \
+        Pull<Real> pull = pull_of(p, bit, dx, dy, dz);                                                       \
+        if (materials)                                                                                       \
+            pull.density *= fast_series_stiffness(step.compliance[index + p],                                \
+                                                  step.compliance[index + delta(dy, dz) + p + (dx)]);        \
+        if (whole || (self[p].bits >> (bit)&1U) != 0) group[p] = fused(pull.offset, pull.density, group[p]); \
+    }
+    const auto finish_group = [&](int g) {
+        for (int p = 0; p < 2; ++p) {
+            force[p] = force[p] + (materials ? group[p] : group[p] * step.stiffness[g]);
+            group[p] = {0, 0, 0};
+        }
+    };
+    if (Terms::has_group(FACE_BITS, step.group_bits)) {
+        FACE_NEIGHBOURS(ADD_SPRING)
+        finish_group(0);
+    }
+    if (Terms::has_group(EDGE_BITS, step.group_bits)) {
+        EDGE_NEIGHBOURS(ADD_SPRING)
+        finish_group(1);
+    }
+    if (Terms::has_group(CORNER_BITS, step.group_bits)) {
+        CORNER_NEIGHBOURS(ADD_SPRING)
+        finish_group(2);
+    }
+#undef ADD_SPRING
+}
+
+/// Adds the forces of its springs beyond the lattice.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE Vector<Real> with_own_springs(Vector<Real> force, const DeltaStep<Real>& step,
+                                                    const Slice& slice, std::uint32_t lane,
+                                                    const Self<Real, Terms::split>& self,
+                                                    const Current& current) {
+    for (std::uint32_t slot = 0; slot < slice.own_slots; slot += own_chunk) {
+        const std::size_t at = (std::size_t(slice.own_begin) + slot) * slice_particles + lane;
+        Point<Real, Terms::split> other[own_chunk];
+        for (int s = 0; s < own_chunk; ++s)
+            other[s] = current.point(int(current.entry(step.own_neighbour + at + s * slice_particles)), 0);
+        for (int s = 0; s < own_chunk; ++s) {
+            const std::size_t element = at + std::size_t(s) * slice_particles;
+            const SpringConstants<Real> constants = current.entry(step.own_constants + element);
+            SpringRest<Real> rest{};
+            if constexpr (!Terms::positions) rest = step.own_rest[element];
+            const Pull<Real> pull = unit_pull<Terms>(self.point - other[s], rest, constants.rest_length,
+                                                     step.motion.shortest_squared);
+            force = fused(pull.offset, pull.density * constants.stiffness, force);
+        }
+    }
+    return force;
+}
+
+/// Steps particle i.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE void step_by_deltas(const DeltaStep<Real>& step, int i, const Current& current,
+                                          const Output<Real>& output) {
+    if (i >= step.particles) return;
+    const auto lane = std::uint32_t(i % slice_particles);
+    const int index = step.first + i;
+    const Slice slice = current.entry(step.slices + i / slice_particles);
+    const Self<Real, Terms::split> self = current.self(index);
+    const Before<Real> before = load_before<Terms>(output, index);
+    Vector<Real> force = listed_force<Terms>(step, list_of(step, slice, lane), index, self, current);
+    if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
+        force = with_own_springs<Terms>(force, step, slice, lane, self, current);
+    advance<Terms>(step.motion, output, index, self, before, force);
+}
+
+/// Steps particles i, which is even, and i + 1.
+template <class Terms, class Real, class Current>
+VOXSPRING_HOST_DEVICE void step_two_by_deltas(const DeltaStep<Real>& step, int i, const Current& current,
+                                              const Output<Real>& output) {
+    if (i >= step.particles) return;
+    const auto lane = std::uint32_t(i % slice_particles);
+    const int index = step.first + i;
+    const Slice slice = current.entry(step.slices + i / slice_particles);
+    // Behind the last particle there is a word without bits.
+    const Self<Real, Terms::split> self[2] = {current.self(index), current.self(index + 1)};
+    const Before<Real> before[2] = {load_before<Terms>(output, index), load_before<Terms>(output, index + 1)};
+    const RowDeltas* list = list_of(step, slice, lane);
+    const bool one_list = (slice.starts >> (lane + 1) & 1U) == 0;
+    Vector<Real> force[2] = {{0, 0, 0}, {0, 0, 0}};
+    if (all_whole_without_gaps<Terms>(one_list ? self[0].bits & self[1].bits : 0)) {
+        listed_forces<Terms, true>(force, step, read_deltas(list, current), index, self, current);
+    } else if (all_say(one_list && current.entry(&list->gaps) == 0)) {
+        listed_forces<Terms, false>(force, step, read_deltas(list, current), index, self, current);
+    } else {
+        // Not a loop, which would put both into local memory.
+        force[0] = listed_force<Terms>(step, list, index, self[0], current);
+        force[1] = listed_force<Terms>(step, one_list ? list : list + 1, index + 1, self[1], current);
+    }
+    for (int p = 0; p < 2; ++p) {
+        if (i + p >= step.particles) return;
+        if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
+            force[p] =
+                with_own_springs<Terms>(force[p], step, slice, lane + std::uint32_t(p), self[p], current);
+        advance<Terms>(step.motion, output, index + p, self[p], before[p], force[p]);
+    }
+}
+
+}  // namespace voxspring::cuda

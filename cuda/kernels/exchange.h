@@ -1,0 +1,48 @@
+// Points on their way from block to block of one launch, through L2: each in a word of 16 bytes whose last
+// four are a tag. Words are read and written whole, so that the tag says whether the point is there and no
+// barrier is needed. Device code alone.
+#pragma once
+
+#include "cuda/kernels/words.h"
+
+namespace voxspring::cuda {
+
+struct alignas(16) TaggedPoint {
+    Vector<float> point;
+    std::uint32_t tag;
+};
+
+#ifdef __CUDACC__
+__device__ inline void publish(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
+    asm volatile(
+        "{\n"
+        " .reg .b64 low, high;\n"
+        " .reg .b128 word;\n"
+        " mov.b64 low, {%1, %2};\n"
+        " mov.b64 high, {%3, %4};\n"
+        " mov.b128 word, {low, high};\n"
+        " st.relaxed.gpu.global.b128 [%0], word;\n"
+        "}" ::"l"(to),
+        "f"(point.x), "f"(point.y), "f"(point.z), "r"(tag)
+        : "memory");
+}
+
+__device__ inline TaggedPoint look_up(const TaggedPoint* from) {
+    TaggedPoint found;
+    asm volatile(
+        "{\n"
+        " .reg .b64 low, high;\n"
+        " .reg .b128 word;\n"
+        " ld.relaxed.gpu.global.b128 word, [%4];\n"
+        " mov.b128 {low, high}, word;\n"
+        " mov.b64 {%0, %1}, low;\n"
+        " mov.b64 {%2, %3}, high;\n"
+        "}"
+        : "=f"(found.point.x), "=f"(found.point.y), "=f"(found.point.z), "=r"(found.tag)
+        : "l"(from)
+        : "memory");
+    return found;
+}
+#endif
+
+}  // namespace voxspring::cuda

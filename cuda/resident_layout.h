@@ -1,0 +1,48 @@
+// Which block of the resident kernel (kernels/resident.cu) steps which particles, and where in shared memory
+// they and what they reach lie. Built on the host and without a device.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "backends/physics/problem.h"
+#include "cuda/kernels/resident.h"
+
+namespace voxspring::cuda {
+
+/// How particles are dealt out to blocks: in equal numbers by halving the body along its longest side again
+/// and again, or in whole rows of 32 voxels, a warp each, which keeps every neighbour along x within the
+/// warp.
+enum class Partition : std::uint8_t { automatic, bisection, rows };
+
+/// Most of a block that the kernel is made for.
+inline constexpr int most_resident_lanes = 512;
+inline constexpr int most_resident_rounds = 4;
+inline constexpr int most_resident_slots = 2048;  ///< 48 KiB of points
+
+/// The tables of ResidentStep.
+struct ResidentLayout {
+    int blocks = 0;
+    int lanes = 0;  ///< of a block: whole warps
+    int pollers = 0;
+    int rounds = 0;  ///< polls of a poller
+    int slots = 0;   ///< points in shared memory
+    std::uint32_t border_kinds = 0;
+    std::uint32_t published_count = 0;
+    std::vector<std::uint32_t> particle, published, polled, polled_word;
+    std::vector<std::uint16_t> own_slot, slot, polled_slot;
+    std::vector<std::uint8_t> border;
+
+    std::uint32_t lane_count() const { return std::uint32_t(blocks) * std::uint32_t(lanes); }
+};
+
+/// `problem` has a lattice and no springs beyond it. At most `blocks` blocks. `overlap`: springs within a
+/// block are added while points from beyond its border are on their way, where a whole warp can.
+ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
+                                bool overlap);
+
+/// Empty, or what of the layout exceeds what the kernel is made for.
+std::string too_much_for_a_block(const ResidentLayout& layout);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,186 @@
+#include "harness/auto_choice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "harness/result.h"
+
+namespace voxspring {
+namespace {
+
+constexpr double any_number = std::numeric_limits<double>::infinity();
+constexpr double any_occupancy = 2;
+
+/// OpenGL on the processor says so in its device's name (Capabilities).
+bool is_software(const std::string& device) { return device.ends_with(", software"); }
+
+std::string count_text(std::uint64_t count) {
+    if (count < 1000000) return std::to_string(count);
+    return std::to_string(std::llround(double(count) * 1e-6)) + " million";
+}
+
+std::string said(const Rule& rule, const Workload& workload) {
+    return rule.backend + (rule.tuning.empty() ? "" : ":" + rule.tuning) + ", " + describe(workload) + ": " +
+           rule.reason;
+}
+
+/// "auto:a=b,c=d" with keys that leave the choice open.
+void check_options(const std::string& text) {
+    const auto colon = text.find(':');
+    if (colon == std::string::npos) return;
+    std::istringstream rest(text.substr(colon + 1));
+    for (std::string item; std::getline(rest, item, ',');) {
+        const std::string key = item.substr(0, item.find('='));
+        if (key != "formulation" && key != "precision")
+            throw BadSpecification("backend auto has no parameter '" + key +
+                                   "'; known: precision, formulation");
+    }
+}
+
+std::string options_of(const std::string& text) {
+    const auto colon = text.find(':');
+    return colon == std::string::npos ? "" : text.substr(colon + 1);
+}
+
+}  // namespace
+
+// Which figures a rule rests on stands beside it: results/nvidia-h200 and results/amd-epyc, microseconds a
+// step. fastest_test holds the rules against every results/*/fastest.json: what they take is within 10% of
+// the fastest. After a new measurement change the bounds here until it does. Beside a rule without a figure:
+// no committed result has its backend yet.
+const std::vector<Rule>& rules() {
+    // Bounds that more than one rule shares.
+    constexpr double most_resident = 2e5;  // what registers and shared memory of one card hold
+    constexpr double sparse = 0.5;         // occupancy under which lists are shorter than a lattice
+    constexpr double least_marched = 1e6;  // particles from which on columns fill a card
+    constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
+    static const std::vector<Rule> list = {
+        {"cuda_resident", "", 0, most_resident, 0, any_occupancy,
+         "state stays on the chip from step to step"},
+        {"cuda_march", "", least_marched, any_number, 0, any_occupancy,
+         "each thread marches along a column and reads a particle once"},
+        {"cuda_explicit_delta", "", 0, any_number, 0, sparse, "compressed lists of active particles alone"},
+        // table1.json: the heart 2.69 against 3.39 of cuda_implicit_cached, the box of 32^3 2.61
+        // against 2.46.
+        {"cuda_explicit_cached_grid", "", fits_one_wave, 1e5, 0, sparse, "lists of active particles alone"},
+        // figure8.json: the box of 8^3 1.81 against 2.12 of cuda_implicit_cached:fetch=l1, 16^3 2.04 against
+        // 2.30, 32^3 2.57 against 2.42.
+        {"cuda_explicit_cached_grid", "fetch=l1", 0, fits_one_wave, 0, any_occupancy,
+         "a step is hardly more than a launch, and lists compute no address"},
+        // figure8.json: fastest from 32^3 (2.42) to 256^3 (288 against 332 of cuda_implicit_shared).
+        {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy,
+         "a lattice needs no lists, and L1 holds what neighbours share"},
+        // tuning.json: 543 on the box of 256^3 against 1028 of cuda_explicit_cached; both take any springs.
+        {"cuda_explicit_device", "fetch=l1", 0, any_number, 0, any_occupancy,
+         "lists, which take springs beyond the lattice"},
+        {"gl_compute_explicit", "", 0, any_number, 0, sparse, "lists of active particles alone"},
+        {"gl_compute_implicit", "", 0, any_number, 0, any_occupancy, "a lattice needs no lists"},
+        // table1.json: 34.4 against 47.0 of gl_fragment_explicit, the heart 34.6 against 51.9.
+        {"gl_fragment_implicit", "", 0, any_number, 0, any_occupancy,
+         "a lattice needs no lists, and the stencil mask skips what is empty"},
+        {"gl_fragment_explicit", "", 0, any_number, 0, any_occupancy,
+         "lists, which take springs beyond the lattice"},
+        // amd-epyc/fastest.json: several times the speed of OpenGL on the same processor.
+        {"cpu_parallel", "", 0, any_number, 0, any_occupancy, "every core and its registers"},
+        {"cpu_reference", "", 0, any_number, 0, any_occupancy,
+         "lists, which take springs beyond the lattice"}};
+    return list;
+}
+
+Workload workload_of(const Problem& problem) {
+    return {problem.lattice.voxel_count(), problem.particle_count()};
+}
+
+bool holds(const Rule& rule, const Workload& workload) {
+    const auto particles = double(workload.particles);
+    // A network of springs without a lattice is as sparse as can be.
+    const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
+    return particles >= rule.least_particles && particles < rule.most_particles &&
+           occupancy >= rule.least_occupancy && occupancy < rule.most_occupancy;
+}
+
+std::string describe(const Workload& workload) {
+    if (workload.voxels == 0) return count_text(workload.particles) + " particles without a lattice";
+    if (workload.voxels == workload.particles)
+        return "a full lattice of " + count_text(workload.voxels) + " voxels";
+    return count_text(workload.particles) + " particles in " +
+           std::to_string(std::lround(100 * workload.occupancy())) + "% of " + count_text(workload.voxels) +
+           " voxels";
+}
+
+bool asks_for_auto(const std::string& text) { return text == "auto" || text.starts_with("auto:"); }
+
+void check_auto(const std::string& text) {
+    check_options(text);
+    // cpu_parallel has every formulation and precision that there is.
+    const std::string options = options_of(text);
+    if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
+}
+
+AutoChoice choose_backend(const std::string& text, const Problem& problem,
+                          const std::function<bool(const Backend&)>& accepts) {
+    check_auto(text);
+    const Workload workload = workload_of(problem);
+    const std::string options = options_of(text);
+    for (const Rule& rule : rules()) {
+        if (!holds(rule, workload) || registry().count(rule.backend) == 0) continue;
+        const std::string both = options + (options.empty() || rule.tuning.empty() ? "" : ",") + rule.tuning;
+        try {
+            BackendSpec spec = BackendSpec::parse(rule.backend + (both.empty() ? "" : ":" + both));
+            auto backend = spec.make();
+            if (rule.backend.starts_with("gl_") && is_software(backend->capabilities().device)) continue;
+            if (!accepts(*backend)) continue;
+            return {std::move(spec), std::move(backend), said(rule, workload)};
+        } catch (const BadSpecification&) {
+            // It does not have this formulation or precision.
+        } catch (const Unavailable&) {
+            // Its device is not here.
+        }
+    }
+    throw Unavailable("no backend of this build takes the scene on a device of this machine");
+}
+
+nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nlohmann::json>& rows) {
+    const nlohmann::json& first = rows.front();
+    const std::string scene = first.at("scene"), formulation = first.at("formulation"),
+                      precision = first.at("precision");
+    const Workload workload{first.at("voxels"), first.at("particles")};
+    // A backend that has no row of this kind anywhere does not have the formulation or the precision.
+    std::set<std::string> known, refused;
+    for (const char* list : {"benchmarks", "skipped", "failed"}) {
+        for (const auto& row : result.at(list)) {
+            if (row.at("formulation") != formulation || row.at("precision") != precision) continue;
+            known.insert(row.at("backend"));
+            if (row.contains("reason") && row.at("scene") == scene) refused.insert(row.at("backend"));
+        }
+    }
+    const auto& backends = result.at("context").at("voxspring").at("backends");
+    nlohmann::json choice = {{"name", nullptr}, {"reason", "no rule holds"}, {"times_fastest", nullptr}};
+    for (const Rule& rule : rules()) {
+        if (!holds(rule, workload) || !known.contains(rule.backend) || refused.contains(rule.backend) ||
+            !backends.contains(rule.backend) ||
+            (rule.backend.starts_with("gl_") && is_software(backends.at(rule.backend).at("device"))))
+            continue;
+        choice["reason"] = said(rule, workload);
+        const std::string name = scene + "/" + rule.backend + "/" + formulation + "/" + precision +
+                                 (rule.tuning.empty() ? "" : "/" + rule.tuning);
+        double fastest = any_number, chosen = any_number;
+        for (const auto& row : rows) {
+            const double time = row.at("real_time");
+            fastest = std::min(fastest, time);
+            if (contender_name(row) == name) chosen = std::min(chosen, time);
+        }
+        if (std::isfinite(chosen)) {
+            choice["name"] = name;
+            choice["times_fastest"] = chosen / fastest;
+        }
+        break;
+    }
+    return choice;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,120 @@
+// What an invocation does for its particle however it finds the neighbours: pull, integrate, write. The
+// arithmetic is that of the CUDA kernels (cuda/kernels/motion.h).
+//
+// A word has a particle's x or u in xyz and its bits in w (neighbours.h). A step reads words and writes next
+// words, which held those of t - dt; increments lie in arrays of their own, which it overwrites in place: x
+// of all words, then y, then z, `pitch` apart.
+#include "inverse_root.h"
+#include "motion.glsl"
+
+#ifdef TEXTURE
+layout(binding = 0) uniform samplerBuffer words;
+layout(binding = 1) uniform samplerBuffer words_low;
+#define WORD(index) texelFetch(words, index)
+#define WORD_LOW(index) texelFetch(words_low, index)
+#else
+layout(std430, binding = 0) restrict readonly buffer Words { vec4 words[]; };
+layout(std430, binding = 3) restrict readonly buffer WordsLow { vec4 words_low[]; };
+#define WORD(index) words[index]
+#define WORD_LOW(index) words_low[index]
+#endif
+layout(std430, binding = 1) restrict buffer NextWords { vec4 next_words[]; };
+layout(std430, binding = 2) restrict buffer Increments { float increments[]; };
+layout(std430, binding = 4) restrict writeonly buffer NextWordsLow { vec4 next_words_low[]; };
+layout(std430, binding = 5) restrict buffer IncrementsLow { float increments_low[]; };
+// Force on each word's particle: three numbers a word.
+layout(std430, binding = 6) restrict readonly buffer Loads { float loads[]; };
+layout(std430, binding = 7) restrict readonly buffer InverseMasses { float inverse_masses[]; };
+
+uniform int pitch;
+#ifdef MATERIALS
+#define INVERSE_MASS(index) inverse_masses[index]
+#else
+uniform float inverse_mass;
+#define INVERSE_MASS(index) inverse_mass
+#endif
+
+// Where a particle is, as its neighbours see it.
+struct Point {
+    vec3 high;
+    vec3 low;
+};
+
+Point point_of(int index) {
+#ifdef COMPENSATED
+    return Point(WORD(index).xyz, WORD_LOW(index).xyz);
+#else
+    return Point(WORD(index).xyz, vec3(0));
+#endif
+}
+
+vec3 between(Point from, Point to) {
+    precise vec3 relative = from.high - to.high;
+#ifdef COMPENSATED
+    relative += from.low - to.low;
+#endif
+    return relative;
+}
+
+// The force of a spring of stiffness 1 is xyz times w. `relative` is x_i - x_j or u_i - u_j, `rest` X_j - X_i
+// and the rest deficit (spring.h), `rest_length` as measured_length() gives it or, by increments, as it is.
+vec4 unit_pull(vec3 relative, vec4 rest, float rest_length) {
+#ifdef ON_POSITIONS
+    precise vec3 offset = relative;
+#else
+    // Less what is zero folds away, which plus zero would not.
+    precise vec3 offset = relative - rest.xyz;
+#endif
+    precise float squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
+#ifdef BY_INCREMENTS
+    precise vec3 sum = offset - rest.xyz;
+    precise float deficit = fma(-relative.x, sum.x, fma(-relative.y, sum.y, fma(-relative.z, sum.z, rest.w)));
+    precise float density = unit_strain_density(squared, rest_length, deficit);
+#else
+    precise float density = unit_force_density(squared, rest_length, inverse_root(squared));
+#endif
+    return vec4(offset, density);
+}
+
+// xyz times w added to `sum`.
+vec3 with_pull(vec4 pull, vec3 sum) {
+    precise vec3 more =
+        vec3(fma(pull.x, pull.w, sum.x), fma(pull.y, pull.w, sum.y), fma(pull.z, pull.w, sum.z));
+    return more;
+}
+
+vec3 before_of(int index) {
+#ifdef BY_INCREMENTS
+    return vec3(increments[index], increments[index + pitch], increments[index + 2 * pitch]);
+#else
+    return next_words[index].xyz;
+#endif
+}
+
+// Writes the particle's state at t + dt, under the sum of its spring forces at t. `before` is
+// before_of(index).
+void advance(int index, Point here, uint bits, vec3 before, vec3 spring_force_sum) {
+    precise vec3 force = spring_force_sum;
+#ifdef LOADS
+    force += vec3(loads[3 * index], loads[3 * index + 1], loads[3 * index + 2]);
+#endif
+    vec3 before_low = vec3(0);
+#ifdef COMPENSATED
+    before_low =
+        vec3(increments_low[index], increments_low[index + pitch], increments_low[index + 2 * pitch]);
+#endif
+    Motion after =
+        moved(Motion(here.high, before, here.low, before_low), force, INVERSE_MASS(index), is_pinned(bits));
+    next_words[index] = vec4(after.here, uintBitsToFloat(bits));
+#ifdef BY_INCREMENTS
+    increments[index] = after.before.x;
+    increments[index + pitch] = after.before.y;
+    increments[index + 2 * pitch] = after.before.z;
+#endif
+#ifdef COMPENSATED
+    next_words_low[index] = vec4(after.here_low, 0);
+    increments_low[index] = after.before_low.x;
+    increments_low[index + pitch] = after.before_low.y;
+    increments_low[index + 2 * pitch] = after.before_low.z;
+#endif
+}

@@ -1,0 +1,252 @@
+// The tables of the resident kernel, and its body run on the host through them.
+#include "cuda/resident_layout.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <random>
+#include <set>
+#include <tuple>
+
+#include "cuda/layout.h"
+#include "tests/support.h"
+
+namespace voxspring::cuda {
+namespace {
+
+VoxelGrid body(glm::ivec3 dims, double active, unsigned seed) {
+    VoxelGrid grid{dims, glm::dvec3(1), {}};
+    std::mt19937 generator(seed);
+    grid.label.resize(std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z));
+    for (std::uint8_t& label : grid.label)
+        label = std::generate_canonical<double, 32>(generator) < active ? 1 : 0;
+    return grid;
+}
+
+struct Case {
+    const char* name;
+    glm::ivec3 dims;
+    double active;
+    int blocks, pollers;
+    Partition partition;
+    bool overlap;
+};
+
+class Resident : public ::testing::TestWithParam<Case> {
+protected:
+    Resident()
+        : problem_(make_lattice_problem(body(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS)),
+          layout_(lay_out_resident(problem_, GetParam().blocks, GetParam().pollers, GetParam().partition,
+                                   GetParam().overlap)) {}
+
+    std::size_t lane_of(std::size_t block, std::size_t lane) const {
+        return block * std::size_t(layout_.lanes) + lane;
+    }
+
+    /// Which particle each slot of a block has, or fails the test where one has two.
+    std::map<int, std::uint32_t> slots_of(std::size_t block) const {
+        std::map<int, std::uint32_t> particle;
+        const auto has = [&](int slot, std::uint32_t i) {
+            EXPECT_LT(slot, layout_.slots);
+            EXPECT_TRUE(particle.emplace(slot, i).second) << "slot " << slot << " twice";
+        };
+        for (std::size_t lane = 0; lane < std::size_t(layout_.lanes); ++lane) {
+            const std::uint32_t i = layout_.particle[lane_of(block, lane)];
+            if (i != resident_none) has(layout_.own_slot[lane_of(block, lane)], i);
+        }
+        for (std::size_t n = 0; n < layout_.polled.size(); ++n) {
+            const auto pollers = std::size_t(layout_.pollers);
+            if (n / pollers % std::size_t(layout_.blocks) != block || layout_.polled[n] == resident_none)
+                continue;
+            has(layout_.polled_slot[n], layout_.polled_word[n]);
+        }
+        return particle;
+    }
+
+    const Problem problem_;
+    const ResidentLayout layout_;
+};
+
+TEST_P(Resident, EveryParticleHasOneLane) {
+    std::vector<int> lanes(problem_.particle_count());
+    for (const std::uint32_t i : layout_.particle) {
+        if (i != resident_none) ++lanes[i];
+    }
+    EXPECT_EQ(std::count(lanes.begin(), lanes.end(), 1), std::ptrdiff_t(lanes.size()));
+    EXPECT_LE(layout_.blocks, GetParam().blocks);
+    EXPECT_EQ(layout_.lanes % 32, 0);
+}
+
+TEST_P(Resident, EverySlotHoldsTheNeighbourOfItsDirection) {
+    const auto particle = particle_of_voxel(problem_.lattice);
+    for (std::size_t block = 0; block < std::size_t(layout_.blocks); ++block) {
+        const auto slots = slots_of(block);
+        for (std::size_t lane = 0; lane < std::size_t(layout_.lanes); ++lane) {
+            const std::size_t at = lane_of(block, lane);
+            const std::uint32_t i = layout_.particle[at];
+            // An idle lane writes where nobody reads.
+            if (i == resident_none) {
+                EXPECT_FALSE(slots.contains(layout_.own_slot[at]));
+                continue;
+            }
+            for (const Direction& direction : directions()) {
+                const int slot = layout_.slot[std::size_t(direction.bit) * layout_.lane_count() + at];
+                if ((problem_.lattice.mask[i] >> direction.bit & 1U) == 0) {
+                    EXPECT_EQ(slot, layout_.own_slot[at]);
+                    continue;
+                }
+                const auto voxel =
+                    std::ptrdiff_t(problem_.lattice.voxel[i]) + problem_.lattice.stride(direction);
+                ASSERT_TRUE(slots.contains(slot));
+                EXPECT_EQ(slots.at(slot), particle[std::size_t(voxel)]);
+            }
+        }
+    }
+}
+
+TEST_P(Resident, EveryPollNamesThePointThatItsOwnerPublishes) {
+    std::map<std::uint32_t, std::uint32_t> publisher;
+    for (std::size_t at = 0; at < layout_.published.size(); ++at) {
+        if (layout_.published[at] == resident_none) continue;
+        EXPECT_LT(layout_.published[at], layout_.published_count);
+        EXPECT_TRUE(publisher.emplace(layout_.published[at], layout_.particle[at]).second);
+    }
+    EXPECT_EQ(publisher.size(), layout_.published_count);
+    std::set<std::uint32_t> polled;
+    for (std::size_t n = 0; n < layout_.polled.size(); ++n) {
+        if (layout_.polled[n] == resident_none) continue;
+        EXPECT_EQ(publisher.at(layout_.polled[n]), layout_.polled_word[n]);
+        polled.insert(layout_.polled[n]);
+    }
+    EXPECT_EQ(polled.size(), layout_.published_count) << "published in vain";
+}
+
+TEST_P(Resident, WhatIsAddedEarlyIsWithinTheBlock) {
+    for (std::size_t at = 0; at < layout_.particle.size(); ++at) {
+        const int border = layout_.border[at / 32];
+        EXPECT_NE(layout_.border_kinds >> border & 1U, 0U);
+        if (!GetParam().overlap) {
+            EXPECT_EQ(border, mixed_border);
+        }
+        if (border == mixed_border || layout_.particle[at] == resident_none) continue;
+        const int y = border / 3 - 1, z = border % 3 - 1;
+        const auto slots = slots_of(at / std::size_t(layout_.lanes));
+        std::set<std::uint32_t> own;
+        for (std::size_t lane = 0; lane < std::size_t(layout_.lanes); ++lane)
+            own.insert(layout_.particle[at / std::size_t(layout_.lanes) * std::size_t(layout_.lanes) + lane]);
+        for (const Direction& direction : directions()) {
+            if ((problem_.lattice.mask[layout_.particle[at]] >> direction.bit & 1U) == 0) continue;
+            const bool across = (y != 0 && direction.offset.y == y) || (z != 0 && direction.offset.z == z);
+            const std::uint32_t j =
+                slots.at(layout_.slot[std::size_t(direction.bit) * layout_.lane_count() + at]);
+            EXPECT_EQ(own.contains(j), !across);
+        }
+    }
+}
+
+// A warp finds the neighbours in one direction in as many different banks as its own points are in.
+TEST_P(Resident, PointsOfAWarpAreInFewBanksTwice) {
+    std::size_t taken = 0, warps = 0;
+    for (std::size_t first = 0; first < layout_.particle.size(); first += 32) {
+        std::array<std::size_t, 32> banks{};
+        std::size_t most = 0;
+        for (std::size_t at = first; at < first + 32; ++at) {
+            if (layout_.particle[at] != resident_none)
+                most = std::max(most, ++banks[layout_.own_slot[at] % 32U]);
+        }
+        taken += most;
+        warps += most > 0 ? 1 : 0;
+    }
+    // In rows there is no conflict; a random body, which has no order to use, meets two on average at most.
+    const bool rows = GetParam().partition == Partition::rows;
+    EXPECT_LE(taken, (rows ? 1 : 3) * warps);
+}
+
+template <class Neighbour>
+Vector<float> force(const ImplicitStep<float>& step, const Self<float, false>& self, Neighbour neighbour) {
+    using Terms = KernelTerms<Formulation::increment, NEIGHBOUR_BITS, 0, false>;
+    return implicit_force<Terms, false>(step, self, neighbour, [](int, int, int) { return 0.0F; });
+}
+
+template <class Border, class Neighbour>
+Vector<float> force_in_two(const ImplicitStep<float>& step, const Self<float, false>& self,
+                           Neighbour neighbour) {
+    using Terms = KernelTerms<Formulation::increment, NEIGHBOUR_BITS, 0, false>;
+    const auto compliance = [](int, int, int) { return 0.0F; };
+    GroupSums<float> sums;
+    add_springs<Terms, true, Except<Border>>(step, self, neighbour, compliance, sums);
+    add_springs<Terms, true, Border>(step, self, neighbour, compliance, sums);
+    return force_of<Terms>(step, sums);
+}
+
+// Without a mask, since an absent neighbour is the particle itself, which pulls with no force.
+TEST_P(Resident, SlotsGiveTheForcesOfTheGrid) {
+    const auto particle = particle_of_voxel(problem_.lattice);
+    const State state = voxspring::testing::random_state(problem_, 0.1, 3);
+    const auto point = [&](std::uint32_t i) -> Point<float, false> {
+        const glm::dvec3 u = state.displacement[i];
+        return {{float(u.x), float(u.y), float(u.z)}};
+    };
+    const auto step =
+        make_implicit_step<float>(problem_, place_on_grid(problem_.lattice), Formulation::increment);
+    for (std::size_t block = 0; block < std::size_t(layout_.blocks); ++block) {
+        const auto slots = slots_of(block);
+        for (std::size_t lane = 0; lane < std::size_t(layout_.lanes); ++lane) {
+            const std::size_t at = lane_of(block, lane);
+            const std::uint32_t i = layout_.particle[at];
+            if (i == resident_none) continue;
+            const Self<float, false> self{point(i), problem_.lattice.mask[i]};
+            const auto by_slot = [&](int dx, int dy, int dz) {
+                return point(
+                    slots.at(layout_.slot[std::size_t(bit_of(dx, dy, dz)) * layout_.lane_count() + at]));
+            };
+            const auto by_grid = [&](int dx, int dy, int dz) {
+                if ((self.bits >> bit_of(dx, dy, dz) & 1U) == 0) return self.point;
+                const auto& lattice = problem_.lattice;
+                const std::ptrdiff_t stride =
+                    (std::ptrdiff_t(dz) * lattice.dims.y + dy) * lattice.dims.x + dx;
+                return point(particle[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + stride)]);
+            };
+            const Vector<float> expected = force(step, self, by_grid);
+            EXPECT_EQ(force_in_two<EveryNeighbour>(step, self, by_slot), expected);
+            // In two sums: up to 26 roundings of a sum of terms of up to 1 each, at half an ulp of 26.
+            const Vector<float> in_two = force_in_two<Across<1, -1>>(step, self, by_slot);
+            const float tolerance = 26 * 26 * 6e-8F;
+            EXPECT_NEAR(in_two.x, expected.x, tolerance);
+            EXPECT_NEAR(in_two.y, expected.y, tolerance);
+            EXPECT_NEAR(in_two.z, expected.z, tolerance);
+        }
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Bodies, Resident,
+    ::testing::Values(Case{"box_in_rows", {32, 8, 8}, 1, 8, 256, Partition::rows, true},
+                      Case{"long_box_in_rows", {64, 8, 4}, 1, 7, 64, Partition::automatic, true},
+                      Case{"box_by_bisection", {12, 11, 10}, 1, 6, 256, Partition::bisection, false},
+                      Case{"sparse", {14, 13, 12}, 0.4, 9, 32, Partition::automatic, true},
+                      Case{"sparse_in_rows", {40, 6, 5}, 0.3, 4, 128, Partition::rows, true},
+                      Case{"more_blocks_than_particles", {2, 2, 1}, 1, 9, 32, Partition::bisection, true}),
+    [](const auto& tested) { return std::string(tested.param.name); });
+
+TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
+    const Problem problem = make_lattice_problem(body({32, 32, 32}, 1, 1), FACE_BITS | EDGE_BITS);
+    const ResidentLayout layout = lay_out_resident(problem, 132, 256, Partition::automatic, true);
+    EXPECT_EQ(layout.blocks, 128);
+    EXPECT_EQ(layout.lanes, 256);
+    EXPECT_EQ(layout.border_kinds >> mixed_border & 1U, 0U);
+    EXPECT_EQ(too_much_for_a_block(layout), "");
+}
+
+TEST(ResidentLayout, SaysWhatIsTooMuch) {
+    const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
+    const ResidentLayout one = lay_out_resident(problem, 1, 256, Partition::automatic, true);
+    EXPECT_EQ(too_much_for_a_block(one), "2048 particles exceed the 512 that a resident block may have");
+    const ResidentLayout few = lay_out_resident(problem, 4, 32, Partition::automatic, true);
+    EXPECT_NE(too_much_for_a_block(few).find("neighbours in other blocks exceed the 128"), std::string::npos)
+        << too_much_for_a_block(few);
+}
+
+}  // namespace
+}  // namespace voxspring::cuda
