@@ -150,6 +150,8 @@ private:
             return "implicit addressing has no place for springs between particles that are no grid "
                    "neighbours";
         if ((problem.group_bits & CORNER_BITS) != 0) return "corner springs are beyond the march's stencil";
+        if (!has_inverse_lengths(problem, precision, formulation_))
+            return "forces in units of rest lengths need some that are not zero";
         if (problem.has_materials()) return "the march is for one material";
         if (!problem.load.empty()) return "the march has no place for loads";
         const auto needed = std::size_t(shape.shared_bytes(sizeof(Real)));

@@ -391,6 +391,16 @@ std::uint64_t most_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
     return items * sizeof(MarchItem) + planes * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);
 }
 
+bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation) {
+    if (by_increments(formulation)) return true;
+    const double smallest = precision == Precision::float32 ? double(std::numeric_limits<float>::min())
+                                                            : std::numeric_limits<double>::min();
+    return std::all_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+        return (problem.group_bits >> direction.bit & 1U) == 0 ||
+               squared_rest_length(problem, direction) >= smallest;
+    });
+}
+
 bool equal_edges(const Problem& problem, Formulation formulation) {
     if ((problem.group_bits & EDGE_BITS) == 0) return false;
     const double first = pull_of_class(problem, 3, formulation);

@@ -53,6 +53,9 @@ MarchPlan plan_march(const Problem& problem, const MarchShape& shape, int slots)
 /// Bytes of a plan, at most.
 std::uint64_t most_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
+/// Whether no rest length is so short that its inverse, in which forces are unless by increments, is none.
+bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);
+
 /// Whether all edge springs pull alike, so that forces are in units of theirs.
 bool equal_edges(const Problem& problem, Formulation formulation);
 /// The kernel's argument, with squares of rest lengths unless by increments (what inverse_root() takes) and

@@ -383,6 +383,15 @@ TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {
     EXPECT_EQ(left, whole - 1);
 }
 
+TEST(MarchStep, NeedsRestLengthsButByIncrements) {
+    Problem problem = lattice(solid({3, 3, 3}));
+    EXPECT_TRUE(has_inverse_lengths(problem, Precision::float32, Formulation::position));
+    problem.rest_length.fill(1e-20);
+    EXPECT_FALSE(has_inverse_lengths(problem, Precision::float32, Formulation::position));
+    EXPECT_TRUE(has_inverse_lengths(problem, Precision::float64, Formulation::displacement));
+    EXPECT_TRUE(has_inverse_lengths(problem, Precision::float32, Formulation::increment));
+}
+
 TEST(MarchPlan, FillsTheDevice) {
     constexpr MarchShape shape{2, 8, 1, 2, 3, 2};  // 16 x 16
     // Three tiles on four slots: in four parts each, three rounds of 64 planes, rather than one of 256.
