@@ -111,7 +111,8 @@ public:
             masks_[lattice_->voxel[std::size_t(n)]] = lattice_->mask[std::size_t(n)];
     }
 
-    /// Runs of planes of each tile that hold a particle.
+    /// Runs of planes of each tile that hold a particle, cut where for long the same warps are whole: a plane
+    /// of pins would otherwise leave masks to all above it.
     std::vector<MarchItem> runs() const {
         const std::ptrdiff_t tiles = std::ptrdiff_t(tiles_x_) * tiles_y_;
         std::vector<std::vector<MarchItem>> of_tile(std::size_t(tiles), std::vector<MarchItem>{});
@@ -125,6 +126,9 @@ public:
                 if (active) of_tile[std::size_t(t)].back().end = z + 1;
                 open = active;
             }
+            std::vector<MarchItem> cut;
+            for (const MarchItem& run : of_tile[std::size_t(t)]) cut_by_wholeness(run, cut);
+            of_tile[std::size_t(t)] = std::move(cut);
         }
         std::vector<MarchItem> all;
         for (const auto& items : of_tile) all.insert(all.end(), items.begin(), items.end());
@@ -165,6 +169,30 @@ public:
     }
 
 private:
+    void cut_by_wholeness(const MarchItem& run, std::vector<MarchItem>& items) const {
+        // What an item costs beside its planes is three planes' time, and masks cost an eighth.
+        constexpr int long_enough = 32;
+        std::vector<MarchItem> stretches;
+        for (int z = run.begin; z < run.end; ++z) {
+            MarchItem plane{run.x, run.y, z, z + 1, 0, 0};
+            judge(plane);
+            if (stretches.empty() || stretches.back().whole != plane.whole) {
+                stretches.push_back(plane);
+            } else {
+                stretches.back().end = z + 1;
+            }
+        }
+        const auto is_long = [](const MarchItem& stretch) {
+            return stretch.end - stretch.begin >= long_enough;
+        };
+        for (std::size_t n = 0; n < stretches.size(); ++n) {
+            if (n > 0 && !is_long(stretches[n]) && !is_long(stretches[n - 1])) {
+                items.back().end = stretches[n].end;
+            } else {
+                items.push_back(stretches[n]);
+            }
+        }
+    }
     std::uint32_t mask_at(int x, int y, int z) const {
         const glm::ivec3 dims = lattice_->dims;
         if (x >= dims.x || y >= dims.y) return 0;

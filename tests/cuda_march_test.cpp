@@ -73,6 +73,7 @@ std::map<std::string, Problem> lattices() {
     problems["soft_edges"].group_stiffness = {1.0, 0, 0};
     problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}));
     problems["pinned"] = pinned(lattice(random_grid({12, 11, 10}, 0.9, 5)));
+    problems["pinned_box"] = pinned(lattice(solid({18, 12, 36})));
     problems["cut"] = cut(lattice(solid({20, 10, 8})));
     problems["heavy"] = lattice(solid({6, 5, 4}));
     problems["heavy"].materials = {{3.0, 1.0}};
@@ -390,6 +391,18 @@ TEST(MarchStep, NeedsRestLengthsButByIncrements) {
     EXPECT_FALSE(has_inverse_lengths(problem, Precision::float32, Formulation::position));
     EXPECT_TRUE(has_inverse_lengths(problem, Precision::float64, Formulation::displacement));
     EXPECT_TRUE(has_inverse_lengths(problem, Precision::float32, Formulation::increment));
+}
+
+TEST(MarchPlan, LeavesMasksToPlanesOfPins) {
+    constexpr MarchShape shape{2, 8, 1, 1, 3, 2};  // 16 x 8
+    const Problem box = pinned(lattice(solid({16, 24, 40})));
+    // The middle one of three tiles: all but the pinned plane.
+    for (const MarchItem& item : plan_march(box, shape, 1).items) {
+        if (item.y == shape.height()) {
+            EXPECT_EQ(item.whole, item.begin == 0 ? 0U : 1U);
+            EXPECT_EQ(item.end, item.begin == 0 ? 1 : 40);
+        }
+    }
 }
 
 TEST(MarchPlan, FillsTheDevice) {
