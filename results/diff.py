@@ -10,12 +10,14 @@ it is at its default. Exit code: 0 nothing is worse, 1 something is (slower, err
 
 The verdict on time takes all repetitions, 9 at least. With a threshold t a row is slower if Mann-Whitney's U tells the
 two files apart, at a false discovery rate of 1% over all rows, the ratio of medians is beyond 1 + t, and its 95%
-bootstrap interval is beyond 1; beyond 1 + 3n where the noise n exceeds t. The noise of a row is its spread, the larger
-relative interquartile range of the two files, or the upper quartile of the spreads on its device if that is more: load
-comes and goes, and spares some rows. Faster likewise. A row that is neither, but whose interval reaches beyond the
-threshold, is too noisy to tell; the rest is the same. results/README.md says how often that is wrong. Errors are of
-one state and have no statistics: one grew if it is more than --error-factor times what it was, or than what float64
-is uncertain by if that is more.
+bootstrap interval is beyond 1. Where the noise n exceeds t, the interval has to be beyond 1 + 3n, and where n exceeds
+20% no row is slower. The noise of a row is its spread, the larger relative interquartile range of the two files, or the
+upper quartile of the spreads on its device if that is more: load comes and goes, and spares some rows. Faster likewise.
+A row that is neither, but whose interval reaches beyond the threshold, is too noisy to tell; the rest is the same.
+results/README.md says how often that is wrong.
+
+Errors are of one state and have no statistics: one grew if it is more than --error-factor times what it was, or than
+what float64 is uncertain by if that is more.
 """
 
 import argparse
@@ -41,13 +43,16 @@ PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("da
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty"}
 STRESS_ERRORS = ("relative", "spacings")  # units; growth, energies and counts have gates alone
 
+CLOCK = "real_time"
 MINIMUM_REPETITIONS = 9
 FALSE_DISCOVERIES = 0.01
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 SEED = 1
-# Of the noise, where that exceeds the threshold: load moves a whole run farther than its repetitions differ.
+# Of the noise, where that exceeds the threshold: load moves a whole run farther than its repetitions differ; and, where
+# they differ by more than a fifth, by nobody knows how much.
 NOISE_FACTOR = 3
+HIGHEST_NOISE = 0.2
 # A few roundings of float64, which another order of the same sums makes.
 FLOAT64_NOISE = 1e-15
 
@@ -142,7 +147,7 @@ class Result:
                     entry.floors[key] = self.get(row, at, floor, float, None) if floor else None
         if not self.get(row, at, "passed", bool, True) or self.get(row, at, "diverged", bool, False):
             entry.failure = self.get(row, at, "reason", str, "beyond its gate")
-        key = "fraction_of_limit" if across else "real_time" if list_name == "benchmarks" else "seconds"
+        key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else "seconds"
         time = self.get(row, at, key, float, None)
         entry.timed = key in row
         if list_name == "benchmarks":
@@ -221,13 +226,13 @@ def complete_times(rows, result):
 def judge_time(time, threshold):
     low, high = time["interval"]
     def beyond(ratio, near_end):
-        return (time["q"] < FALSE_DISCOVERIES and ratio > 1 + threshold
+        return (time["q"] < FALSE_DISCOVERIES and ratio > 1 + threshold and time["noise"] <= HIGHEST_NOISE
                 and near_end > (1 + NOISE_FACTOR * time["noise"] if time["noise"] > threshold else 1))
     if beyond(time["ratio"], low):
         return "slower"
     if beyond(1 / time["ratio"], 1 / high):
         return "faster"
-    return "too noisy to tell" if max(high, 1 / low) > 1 + threshold else "same"
+    return "too noisy to tell" if max(high, 1 / low) > 1 + threshold or time["noise"] > HIGHEST_NOISE else "same"
 
 
 def grown(old, new, factor):
@@ -310,6 +315,10 @@ def judge_state(a, b, row, differ, options):
 def devices(old, new, options):
     """Notes on what the two files ran on; refuses two devices unless that is asked for."""
     backends = [{identity[1] for identity, _ in result.rows} for result in (old, new)]
+    tried = [of | {identity[1] for identity in result.unmeasured["failed"]} for of, result in zip(backends, (old, new))]
+    if not tried[0] & tried[1]:
+        refuse(f"{new.path}: rows: {', '.join(sorted(tried[1])) or 'none'}: expected a backend that {old.path} has: "
+               f"{', '.join(sorted(tried[0])) or 'none'}")
     cards = False
     for backend in sorted(backends[0] & backends[1]):
         (before, card), (after, other_card) = old.device(backend), new.device(backend)
@@ -351,9 +360,10 @@ def document(old, new, renamed, options):
               "study": result.context.get("study", {}).get("name")} for result in (old, new)]
     return {"version": 1, "old": about[0], "new": about[1],
             "time": "times_limit" if options.across_devices else "seconds_per_step",
-            "rule": {"threshold": options.threshold, "noise_factor": NOISE_FACTOR, "error_factor": options.error_factor,
-                     "minimum_repetitions": MINIMUM_REPETITIONS, "false_discoveries": FALSE_DISCOVERIES,
-                     "confidence": CONFIDENCE, "resamples": RESAMPLES, "seed": SEED},
+            "rule": {"threshold": options.threshold, "noise_factor": NOISE_FACTOR, "highest_noise": HIGHEST_NOISE,
+                     "error_factor": options.error_factor, "minimum_repetitions": MINIMUM_REPETITIONS,
+                     "false_discoveries": FALSE_DISCOVERIES, "confidence": CONFIDENCE, "resamples": RESAMPLES,
+                     "seed": SEED},
             "notes": notes, "counts": {verdict: counts[verdict] for verdict in VERDICTS if counts[verdict]},
             "worse": any(counts[verdict] for verdict in WORSE), "rows": rows}
 

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """How often diff.py is wrong: runs one build in pairs and judges each pair, as it is and with the new one changed.
 
-Usage: diff_rates.py [--pairs 20] [--threshold 0.05] FOLDER VOXSPRING study STUDY [OPTION...]
+Usage: diff_rates.py [--pairs 20] [--threshold 0.05] [--cpu-clock] FOLDER VOXSPRING study STUDY [OPTION...]
 
-FOLDER takes the results, NN-old.json and NN-new.json; what is there already is not run again.
+FOLDER takes the results, NN-old.json and NN-new.json; what is there already is not run again. --cpu-clock judges
+processor time, which other programs do not stop, instead of time: for one thread (OMP_NUM_THREADS=1).
 """
 
 import argparse
@@ -30,8 +31,10 @@ def main():
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--threshold", type=diff.number_above(0), default=0.05)
+    parser.add_argument("--cpu-clock", dest="clock", action="store_const", const="cpu_time", default=diff.CLOCK)
     parser.add_argument("command", nargs=argparse.REMAINDER)
     options = parser.parse_args()
+    diff.CLOCK = options.clock
     options.error_factor, options.across_devices = 1.5, False
     options.folder.mkdir(parents=True, exist_ok=True)
     pairs = [[options.folder / f"{pair:02}-{side}.json" for side in ("old", "new")] for pair in range(options.pairs)]
@@ -42,8 +45,9 @@ def main():
 
     changes = {"as they are": (1, 1), "new 1.1 times as slow": (1.1, 1), "new 1.1 times as fast": (1 / 1.1, 1),
                "new with twice the error": (1, 2)}
-    for rule, threshold, factor in (("the rule", options.threshold, diff.NOISE_FACTOR), ("U alone", 1e-9, 0)):
-        options.threshold, diff.NOISE_FACTOR = threshold, factor
+    for rule, threshold, factor, highest in (("the rule", options.threshold, diff.NOISE_FACTOR, diff.HIGHEST_NOISE),
+                                             ("U and interval alone", 1e-9, 0, float("inf"))):
+        options.threshold, diff.NOISE_FACTOR, diff.HIGHEST_NOISE = threshold, factor, highest
         for change, factors in changes.items():
             judged = [verdicts(*pair, options, *factors) for pair in pairs]
             counts = collections.Counter(sum(judged, []))

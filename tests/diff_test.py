@@ -197,6 +197,9 @@ class Diff(unittest.TestCase):
         old, new = result(PLAIN), result(PLAIN, seed=2, device="Other card")
         self.assert_refused(["new.json: context.voxspring.backends.a.device: \"Other card\": expected \"Card\"",
                              "--across-devices"], old, new)
+        other = result([("z", 10, {})])
+        for option in ([], ["--across-devices"]):
+            self.assert_refused(["new.json: rows: z: expected a backend that", "a, b, c"], old, other, *option)
         twice = copy.deepcopy(new)  # as fast as its limits are
         for row in twice["benchmarks"]:
             row["real_time"] /= 2
