@@ -10,11 +10,11 @@ it is at its default. Exit code: 0 nothing is worse, 1 something is (slower, err
 
 The verdict on time takes all repetitions, 9 at least. With a threshold t a row is slower if Mann-Whitney's U tells the
 two files apart, at a false discovery rate of 1% over all rows, the ratio of medians is beyond 1 + t, and its 95%
-bootstrap interval is beyond 1. Where the noise n exceeds t, the interval has to be beyond 1 + 3n, and where n exceeds
-20% no row is slower. The noise of a row is its spread, the larger relative interquartile range of the two files, or the
-upper quartile of the spreads on its device if that is more: load comes and goes, and spares some rows. Faster likewise.
-A row that is neither, but whose interval reaches beyond the threshold, is too noisy to tell; the rest is the same.
-results/README.md says how often that is wrong.
+bootstrap interval is beyond 1. Where the noise n exceeds 0.8 t, the interval has to be beyond 1 + 3n; where n exceeds
+20%, no row is slower. The noise of a row is its spread, the larger relative interquartile range of the two files, or
+the upper quartile of the spreads on its device if that is more: load comes and goes, and spares some rows. Faster
+likewise. A row that is neither, but whose interval reaches beyond the threshold, is too noisy to tell; the rest is the
+same. results/README.md says how often that is wrong.
 
 Errors are of one state and have no statistics: one grew if it is more than --error-factor times what it was, or than
 what float64 is uncertain by if that is more.
@@ -49,9 +49,10 @@ FALSE_DISCOVERIES = 0.01
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 SEED = 1
-# Of the noise, where that exceeds the threshold: load moves a whole run farther than its repetitions differ; and, where
-# they differ by more than a fifth, by nobody knows how much.
+# A whole run moves farther than its repetitions differ: by this many times their noise, where that exceeds this part of
+# the threshold (results/README.md has the figures), and where they differ by a fifth, by nobody knows how much.
 NOISE_FACTOR = 3
+CALM = 0.8
 HIGHEST_NOISE = 0.2
 # A few roundings of float64, which another order of the same sums makes.
 FLOAT64_NOISE = 1e-15
@@ -227,7 +228,7 @@ def judge_time(time, threshold):
     low, high = time["interval"]
     def beyond(ratio, near_end):
         return (time["q"] < FALSE_DISCOVERIES and ratio > 1 + threshold and time["noise"] <= HIGHEST_NOISE
-                and near_end > (1 + NOISE_FACTOR * time["noise"] if time["noise"] > threshold else 1))
+                and near_end > (1 + NOISE_FACTOR * time["noise"] if time["noise"] > CALM * threshold else 1))
     if beyond(time["ratio"], low):
         return "slower"
     if beyond(1 / time["ratio"], 1 / high):
@@ -360,10 +361,10 @@ def document(old, new, renamed, options):
               "study": result.context.get("study", {}).get("name")} for result in (old, new)]
     return {"version": 1, "old": about[0], "new": about[1],
             "time": "times_limit" if options.across_devices else "seconds_per_step",
-            "rule": {"threshold": options.threshold, "noise_factor": NOISE_FACTOR, "highest_noise": HIGHEST_NOISE,
-                     "error_factor": options.error_factor, "minimum_repetitions": MINIMUM_REPETITIONS,
-                     "false_discoveries": FALSE_DISCOVERIES, "confidence": CONFIDENCE, "resamples": RESAMPLES,
-                     "seed": SEED},
+            "rule": {"threshold": options.threshold, "noise_factor": NOISE_FACTOR, "calm": CALM,
+                     "highest_noise": HIGHEST_NOISE, "error_factor": options.error_factor,
+                     "minimum_repetitions": MINIMUM_REPETITIONS, "false_discoveries": FALSE_DISCOVERIES,
+                     "confidence": CONFIDENCE, "resamples": RESAMPLES, "seed": SEED},
             "notes": notes, "counts": {verdict: counts[verdict] for verdict in VERDICTS if counts[verdict]},
             "worse": any(counts[verdict] for verdict in WORSE), "rows": rows}
 
