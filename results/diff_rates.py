@@ -16,14 +16,14 @@ import sys
 import diff
 
 
-def verdicts(old, new, options, slow_down=1, error_growth=1):
-    """Of all rows of a pair of files, with the times and errors of the new one multiplied."""
+def compared(old, new, options, slow_down=1, error_growth=1):
+    """The rows of a pair of files, with the times and errors of the new one multiplied."""
     results = [diff.Result(path, False) for path in (old, new)]
     for rows in results[1].rows.values():
         for row in rows:
             row.times = [slow_down * time for time in row.times]
             row.errors = {key: value and error_growth * value for key, value in row.errors.items()}
-    return [row["verdict"] for row in diff.pair(*results, options)]
+    return diff.pair(*results, options)
 
 
 def main():
@@ -34,7 +34,7 @@ def main():
     parser.add_argument("--cpu-clock", dest="clock", action="store_const", const="cpu_time", default=diff.CLOCK)
     parser.add_argument("command", nargs=argparse.REMAINDER)
     options = parser.parse_args()
-    diff.CLOCK = options.clock
+    diff.CLOCK, base = options.clock, options.threshold
     options.error_factor, options.across_devices = 1.5, False
     options.folder.mkdir(parents=True, exist_ok=True)
     pairs = [[options.folder / f"{pair:02}-{side}.json" for side in ("old", "new")] for pair in range(options.pairs)]
@@ -49,11 +49,15 @@ def main():
                                              ("U and interval alone", 1e-9, 0, float("inf"))):
         options.threshold, diff.NOISE_FACTOR, diff.HIGHEST_NOISE = threshold, factor, highest
         for change, factors in changes.items():
-            judged = [verdicts(*pair, options, *factors) for pair in pairs]
-            counts = collections.Counter(sum(judged, []))
-            failing = sum(any(verdict in diff.WORSE for verdict in of_pair) for of_pair in judged)
-            print(f"{rule}, {change}: {failing} of {len(pairs)} pairs worse; of {sum(counts.values())} rows "
-                  + ", ".join(f"{counts[verdict]} {verdict}" for verdict in diff.VERDICTS if counts[verdict]))
+            judged = [compared(*pair, options, *factors) for pair in pairs]
+            failing = sum(any(row["verdict"] in diff.WORSE for row in rows) for rows in judged)
+            print(f"{rule}, {change}: {failing} of {len(pairs)} pairs worse")
+            rows = sum(judged, [])
+            calm = [row for row in rows if row["time"] and row["time"]["noise"] <= diff.CALM * base]
+            for name, of in (("rows", rows), ("rows of little noise", calm)):
+                counts = collections.Counter(row["verdict"] for row in of)
+                print(f"    {len(of)} {name}: "
+                      + ", ".join(f"{counts[verdict]} {verdict}" for verdict in diff.VERDICTS if counts[verdict]))
 
 
 if __name__ == "__main__":

@@ -122,6 +122,31 @@ class Diff(unittest.TestCase):
             self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, noise=noise))
         self.assert_first("slower", result(PLAIN), changed(time=40, noise=0.1))
 
+    def test_the_rule(self):
+        for verdict, ratio, low, high, noise, q in (
+                ("slower", 1.1, 1.08, 1.12, 0.04, 0.009), ("too noisy to tell", 1.1, 1.08, 1.12, 0.041, 0.009),
+                ("too noisy to tell", 1.1, 1.08, 1.12, 0.04, 0.011),
+                ("too noisy to tell", 1.1, 0.99, 1.12, 0.04, 0.009),
+                ("too noisy to tell", 1.049, 1.03, 1.06, 0.04, 0.009), ("same", 1.04, 1.03, 1.049, 0.04, 0.009),
+                ("slower", 1.7, 1.61, 1.8, 0.2, 0.009), ("too noisy to tell", 1.7, 1.59, 1.8, 0.2, 0.009),
+                ("too noisy to tell", 9, 8, 10, 0.21, 0.009)):
+            for word, ends in ((verdict, (ratio, low, high)),
+                               (verdict.replace("slower", "faster"), (1 / ratio, 1 / high, 1 / low))):
+                time = {"ratio": ends[0], "interval": ends[1:], "noise": noise, "q": q}
+                self.assertEqual(diff.judge_time(time, 0.05), word, time)
+
+    def test_rates(self):
+        for pair in range(2):
+            for side, time in (("old", 10), ("new", 10 + 10 * pair)):
+                rows = [(name, time, {}) for name in "abcdef"]
+                (self.folder / f"{pair:02}-{side}.json").write_text(json.dumps(result(rows, seed=pair + time)))
+        said = subprocess.run([sys.executable, "results/diff_rates.py", "--pairs", "2", self.folder, "false"],
+                              capture_output=True, text=True)
+        self.assertEqual(said.returncode, 0, said.stderr)
+        for change, worse, verdicts in (("as they are", 1, "6 slower, 6 same"), ("new 1.1 times as slow", 2, "12 slower"),
+                                        ("new with twice the error", 2, "12 error grew")):
+            self.assertIn(f"the rule, {change}: {worse} of 2 pairs worse\n    12 rows: {verdicts}\n", said.stdout)
+
     def test_load_that_spares_a_row_is_noise_of_its_device(self):
         loaded = result([("a", 12, {})] + [(name, 10, {"noise": 0.2}) for name in "bcdef"], seed=2)
         self.assertEqual(set(self.judge(result(PLAIN), loaded)[2].values()), {"too noisy to tell"})
@@ -197,6 +222,10 @@ class Diff(unittest.TestCase):
         old, new = result(PLAIN), result(PLAIN, seed=2, device="Other card")
         self.assert_refused(["new.json: context.voxspring.backends.a.device: \"Other card\": expected \"Card\"",
                              "--across-devices"], old, new)
+        card = changed()
+        self.assertEqual(self.judge(old, card)[1]["notes"], [])
+        card["context"]["voxspring"]["backends"]["b"]["uuid"] = "GPU-2"
+        self.assertEqual(self.judge(old, card)[1]["notes"], ["the card is another one of the same model"])
         other = result([("z", 10, {})])
         for option in ([], ["--across-devices"]):
             self.assert_refused(["new.json: rows: z: expected a backend that", "a, b, c"], old, other, *option)
