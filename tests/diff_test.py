@@ -1,0 +1,317 @@
+"""results/diff.py: verdicts, exit codes and output, on results made here and on the committed ones.
+
+The current directory is the source tree.
+"""
+
+import contextlib
+import copy
+import io
+import json
+import os
+import pathlib
+import random
+import subprocess
+import sys
+import tempfile
+import unittest
+from unittest import mock
+
+import jsonschema
+
+sys.path.insert(0, "results")
+import diff  # noqa: E402
+
+SCHEMA = json.loads(pathlib.Path("results/diff.schema.json").read_text())
+VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
+COMMITTED = sorted(path for path in pathlib.Path("results").glob("*/*.json"))
+
+
+def identity(backend, scene="box@8", tuning="block=128"):
+    return {"name": f"{scene}/{backend}/increment/float32", "scene": scene, "backend": backend,
+            "formulation": "increment", "precision": "float32", "tuning": tuning}
+
+
+def result(rows=(), seed=1, device="Card", **lists):
+    """A result with rows (backend, microseconds, further fields), 9 repetitions with 1% noise unless these say so."""
+    generator = random.Random(seed)
+    benchmarks = []
+    for backend, time, fields in rows:
+        fields = {"error_relative_l2": 1e-6, "error_max": 1e-7, "divergence": 1e-15, "steps": 100} | fields
+        noise, count = fields.pop("noise", 0.01), fields.pop("count", 9)
+        for _ in range(count):
+            step = time * (1 + generator.gauss(0, noise))
+            benchmarks.append(identity(backend) | {"run_type": "iteration", "real_time": step, "time_unit": "us",
+                                                   "fraction_of_limit": 0.1 / step} | fields)
+        benchmarks.append(identity(backend) | {"run_type": "aggregate", "real_time": 1e6 * seed})
+    backends = {row[0]: {"device": device, "uuid": "GPU-1"} for row in rows}
+    return {"context": {"date": "2026", "num_cpus": 2, "voxspring": {"commit": "1", "clean": True, "backends": backends,
+                                                                      "study": {"name": "s"}}},
+            "benchmarks": benchmarks, "verification": [], "failed": [], "skipped": []} | lists
+
+
+PLAIN = [(name, 10, {}) for name in "abcdef"]
+
+
+def changed(**fields):
+    """PLAIN, the first row's time or fields changed, in another run."""
+    return result([("a", fields.pop("time", 10), fields)] + PLAIN[1:], seed=2)
+
+
+class Diff(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def run_diff(self, old, new, *options):
+        """(exit code, standard output, standard error); old and new are results, texts or paths."""
+        paths = []
+        for name, content in (("old.json", old), ("new.json", new)):
+            paths.append(content if isinstance(content, pathlib.Path) else self.folder / name)
+            if paths[-1] is not content:
+                paths[-1].write_text(content if isinstance(content, str) else json.dumps(content))
+        out, err = io.StringIO(), io.StringIO()
+        with mock.patch.object(sys, "argv", ["diff.py", *map(str, paths), *options]), \
+                contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            try:
+                code = diff.main()
+            except SystemExit as exit_:
+                code = exit_.code
+        return code, out.getvalue(), err.getvalue()
+
+    def judge(self, old, new, *options):
+        """(exit code, the document, the verdict of each backend)"""
+        code, out, err = self.run_diff(old, new, "--json", *options)
+        self.assertIn(code, (0, 1), err)
+        found = json.loads(out)
+        VALIDATOR.validate(found)
+        self.assertEqual(code, int(found["worse"]))
+        self.assertEqual(sum(found["counts"].values()), len(found["rows"]))
+        return code, found, {row["backend"]: row["verdict"] for row in found["rows"]}
+
+    def assert_first(self, verdict, old, new, *options):
+        """The verdict on a; the others are the same, so the exit code is that of this verdict alone."""
+        code, found, verdicts = self.judge(old, new, *options)
+        self.assertEqual(verdicts.pop("a"), verdict)
+        self.assertEqual(set(verdicts.values()), {"same"})
+        self.assertEqual(code, int(verdict in diff.WORSE))
+        return next(row for row in found["rows"] if row["backend"] == "a")
+
+    def assert_refused(self, words, old, new, *options):
+        code, out, err = self.run_diff(old, new, *options)
+        self.assertEqual((code, out), (2, ""), err)
+        for word in words:
+            self.assertIn(word, err)
+        self.assertNotIn("Traceback", err)
+
+    def test_time(self):
+        self.assert_first("same", result(PLAIN), changed())
+        row = self.assert_first("slower", result(PLAIN), changed(time=11))
+        self.assertAlmostEqual(row["time"]["old"], 10e-6, delta=2e-7)
+        self.assertLess(row["time"]["interval"][0], 1.1)
+        self.assertGreater(row["time"]["interval"][1], row["time"]["ratio"])
+        self.assert_first("faster", result(PLAIN), changed(time=9))
+        self.assert_first("same", result(PLAIN), changed(time=10.2))
+        self.assert_first("slower", result(PLAIN), changed(time=11), "--threshold", "0.03")
+        self.assert_first("same", result(PLAIN), changed(time=11), "--threshold", "0.2")
+
+    def test_nothing_is_said_of_few_or_noisy_repetitions(self):
+        row = self.assert_first("too few repetitions", result(PLAIN), changed(time=20, count=8))
+        self.assertEqual((row["repetitions"], row["time"]), ([9, 8], None))
+        for noise in (0.1, 0.3):
+            self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, noise=noise))
+        self.assert_first("slower", result(PLAIN), changed(time=40, noise=0.1))
+
+    def test_the_rule(self):
+        for verdict, ratio, low, high, noise, q in (
+                ("slower", 1.1, 1.08, 1.12, 0.04, 0.009), ("too noisy to tell", 1.1, 1.08, 1.12, 0.041, 0.009),
+                ("too noisy to tell", 1.1, 1.08, 1.12, 0.04, 0.011),
+                ("too noisy to tell", 1.1, 0.99, 1.12, 0.04, 0.009),
+                ("too noisy to tell", 1.049, 1.03, 1.06, 0.04, 0.009), ("same", 1.04, 1.03, 1.049, 0.04, 0.009),
+                ("slower", 1.7, 1.61, 1.8, 0.2, 0.009), ("too noisy to tell", 1.7, 1.59, 1.8, 0.2, 0.009),
+                ("too noisy to tell", 9, 8, 10, 0.21, 0.009)):
+            for word, ends in ((verdict, (ratio, low, high)),
+                               (verdict.replace("slower", "faster"), (1 / ratio, 1 / high, 1 / low))):
+                time = {"ratio": ends[0], "interval": ends[1:], "noise": noise, "q": q}
+                self.assertEqual(diff.judge_time(time, 0.05), word, time)
+
+    def test_rates(self):
+        for pair in range(2):
+            for side, time in (("old", 10), ("new", 10 + 10 * pair)):
+                rows = [(name, time, {}) for name in "abcdef"]
+                (self.folder / f"{pair:02}-{side}.json").write_text(json.dumps(result(rows, seed=pair + time)))
+        said = subprocess.run([sys.executable, "results/diff_rates.py", "--pairs", "2", self.folder, "false"],
+                              capture_output=True, text=True)
+        self.assertEqual(said.returncode, 0, said.stderr)
+        for change, worse, verdicts in (("as they are", 1, "6 slower, 6 same"), ("new 1.1 times as slow", 2, "12 slower"),
+                                        ("new with twice the error", 2, "12 error grew")):
+            self.assertIn(f"the rule, {change}: {worse} of 2 pairs worse\n    12 rows: {verdicts}\n", said.stdout)
+
+    def test_load_that_spares_a_row_is_noise_of_its_device(self):
+        loaded = result([("a", 12, {})] + [(name, 10, {"noise": 0.2}) for name in "bcdef"], seed=2)
+        self.assertEqual(set(self.judge(result(PLAIN), loaded)[2].values()), {"too noisy to tell"})
+
+    def test_false_discoveries_are_controlled(self):
+        names = [f"b{index}" for index in range(300)]
+        old, new = (result([(name, 10, {"noise": 0.04}) for name in names], seed=seed) for seed in (3, 4))
+        found = self.judge(old, new, "--threshold", "1e-9")[1]
+        self.assertTrue(any(row["time"]["p"] < diff.FALSE_DISCOVERIES for row in found["rows"]))
+        self.assertFalse(any(row["time"]["q"] < diff.FALSE_DISCOVERIES for row in found["rows"]))
+
+    def test_a_shift_of_all_rows_is_pointed_out(self):
+        found = self.judge(result(PLAIN), result([(name, 11, {}) for name in "abcdef"], seed=2))[1]
+        self.assertEqual(found["counts"], {"slower": 6})
+        self.assertTrue(any("all 6 rows on Card moved together" in note for note in found["notes"]), found["notes"])
+
+    def test_errors(self):
+        for key in ("error_relative_l2", "error_max"):
+            row = self.assert_first("error grew", result(PLAIN), changed(**{key: 2.2e-6}))
+            self.assertIn(key, row["detail"])
+        both = self.assert_first("error grew", result(PLAIN), changed(time=11, error_max=1e-6))
+        self.assertIn("slower", both["detail"])
+        self.assert_first("same", result(PLAIN), changed(error_relative_l2=1.2e-6))
+        self.assert_first("same", result(PLAIN), changed(error_relative_l2=2e-6), "--error-factor", "3")
+        self.assert_first("same", result(PLAIN), changed(error_relative_l2=2e-6, divergence=1.5e-6))
+        self.assert_first("same", result(PLAIN), changed(error_relative_l2=2, chaotic=True))
+        total = [("a", 10, {"total_error_relative_l2": 1e-4, "total_error_uncertainty": 1e-9})] + PLAIN[1:]
+        self.assert_first("error grew", result(total), changed(total_error_relative_l2=2e-4))
+        self.assert_first("same", result(total), changed(total_error_relative_l2=None))
+        self.assert_first("same", result(total), changed())
+        self.assert_first("too few repetitions", result(PLAIN), changed(count=3))
+        self.assert_first("error grew", result(PLAIN), changed(count=3, error_max=1e-6))
+
+    def test_rows_of_one_file(self):
+        failed, skipped = ([identity("a") | {"reason": reason}] for reason in ("diverged", "no driver"))
+        old, rest = result(PLAIN), PLAIN[1:]
+        self.assertEqual(self.assert_first("now fails", old, result(rest, failed=failed))["detail"], "diverged")
+        self.assertIn("no driver", self.assert_first("gone", old, result(rest, skipped=skipped))["detail"])
+        self.assert_first("gone", old, result(rest))
+        self.assert_first("new", result(rest), old)
+        self.assertEqual(self.assert_first("new", result(rest, failed=failed), old)["detail"], "failed before")
+        self.assert_first("now fails", result(rest), result(rest, failed=failed))
+        self.assert_first("still fails", result(rest, failed=failed), result(rest, failed=failed))
+        self.assertIn("steps 100 -> 50", self.assert_first("not comparable", old, changed(steps=50))["detail"])
+
+    def test_a_tuning_parameter_that_one_file_lacks(self):
+        old, new = result(PLAIN), changed(tuning="block=128,root=hardware")
+        self.assert_first("same", old, new)
+        self.assert_first("same", new, old)
+        for row in new["benchmarks"]:
+            if row["tuning"] != "block=128":
+                row["name"] += "/root=hardware"
+        self.assertEqual(self.judge(old, new)[1]["counts"], {"new": 1, "gone": 1, "same": 5})
+        self.assertEqual(self.judge(old, changed(tuning="block=64"))[1]["counts"], {"new": 1, "gone": 1, "same": 5})
+
+    def test_other_kinds_of_studies(self):
+        lists = {"pareto": {"fraction_of_stable": 0.5, "seconds": 1.0, "error_relative_l2": 1e-6, "diverged": False},
+                 "stability": {"damping": 0.1, "start": {"kind": "random"}, "ratio": 1.0, "passed": True},
+                 "stress": {"part": 1, "measurement": "rope", "steps": 5, "detail": "", "unit": "relative",
+                            "gate_is": "at most", "measured": 1e-6, "passed": True}}
+        for name, row in lists.items():
+            row |= identity("a")
+            for key, verdict in {"error_relative_l2": "error grew", "measured": "error grew", "passed": "now fails",
+                                 "diverged": "now fails"}.items():
+                if key in row:
+                    new = row | {key: not row[key] if isinstance(row[key], bool) else 2 * row[key]}
+                    self.assertEqual(self.judge(result(**{name: [row]}), result(**{name: [new]}))[2], {"a": verdict})
+            other = {"pareto": "fraction_of_stable", "stability": "damping", "stress": "steps"}[name]
+            apart = self.judge(result(**{name: [row]}), result(**{name: [row, row | {other: 7}]}))[1]["counts"]
+            self.assertEqual(apart, {"new": 1, "too few repetitions" if name == "pareto" else "same": 1})
+
+    def test_two_devices(self):
+        old, new = result(PLAIN), result(PLAIN, seed=2, device="Other card")
+        self.assert_refused(["new.json: context.voxspring.backends.a.device: \"Other card\": expected \"Card\"",
+                             "--across-devices"], old, new)
+        card = changed()
+        self.assertEqual(self.judge(old, card)[1]["notes"], [])
+        card["context"]["voxspring"]["backends"]["b"]["uuid"] = "GPU-2"
+        self.assertEqual(self.judge(old, card)[1]["notes"], ["the card is another one of the same model"])
+        other = result([("z", 10, {})])
+        for option in ([], ["--across-devices"]):
+            self.assert_refused(["new.json: rows: z: expected a backend that", "a, b, c"], old, other, *option)
+        twice = copy.deepcopy(new)  # as fast as its limits are
+        for row in twice["benchmarks"]:
+            row["real_time"] /= 2
+        found = self.judge(old, twice, "--across-devices")[1]
+        self.assertEqual((found["counts"], found["time"]), ({"same": 6}, "times_limit"))
+        for row in new["benchmarks"]:
+            row["fraction_of_limit"] = row.get("fraction_of_limit", 0) / (1.1 if row["backend"] == "a" else 1)
+        self.assert_first("slower", old, new, "--across-devices")
+        for row in new["benchmarks"]:
+            row["fraction_of_limit"] = None
+        self.assertEqual(self.judge(old, new, "--across-devices")[1]["counts"], {"not comparable": 6})
+        cores = [result(PLAIN), result(PLAIN)]
+        for count, of in enumerate(cores):
+            of["context"]["num_cpus"] = 2 + count
+            for backend in of["context"]["voxspring"]["backends"].values():
+                backend["uuid"] = ""
+        self.assert_refused(["2 logical processors", "3 logical processors"], *cores)
+
+    def test_bad_input(self):
+        good = result(PLAIN)
+        self.assert_refused(["missing.json", "No such file"], good, self.folder / "missing.json")
+        self.assert_refused(["new.json", "Expecting value"], good, "?")
+        self.assert_refused(["new.json", "the document", "[1]", "an object"], good, [1])
+        for words, key, value in ((["benchmarks", "{}", "an array"], "benchmarks", {}),
+                                  (["context", "null", "an object"], "context", None),
+                                  (["failed[0]", "3", "an object"], "failed", [3]),
+                                  (["skipped[0].scene", "(missing)", "a string"], "skipped", [{"backend": "a"}])):
+            self.assert_refused(["new.json", *words], good, good | {key: value})
+        self.assert_refused(["expected rows in any of"], good, result())
+        for key, value in (("real_time", 0), ("real_time", -1), ("real_time", "1"), ("real_time", True), ("backend", 3),
+                           ("real_time", float("nan")), ("error_max", -1), ("chaotic", 1), ("divergence", [])):
+            new = copy.deepcopy(good)
+            new["benchmarks"][3][key] = value
+            self.assert_refused([f"new.json: benchmarks[3].{key}: {json.dumps(value)}: expected"], good, new)
+        for option in ("--threshold=-1", "--threshold=x", "--threshold=nan", "--error-factor=1"):
+            self.assert_refused([*option.split("="), "expected a number above"], good, good, option)
+        self.assertEqual(self.run_diff(good, good, "--markdown", "--json")[0], 2)
+
+    def test_tables(self):
+        new = changed(time=11)
+        code, text, _ = self.run_diff(result(PLAIN), new)
+        self.assertEqual(code, 1)
+        for word in ("slower", "10 us", "11", "old.json (s, commit 1)", "1 slower, 5 same"):
+            self.assertIn(word, text)
+        self.assertEqual(text.count("increment float32"), 1)
+        self.assertEqual(self.run_diff(result(PLAIN), new, "--all")[1].count("increment float32"), 6)
+        for row in new["benchmarks"]:
+            row["scene"] = row["scene"] + "|[red]"
+        new["failed"] = [identity("z") | {"reason": "two\nlines"}]
+        self.assertIn("box@8|[red]", self.run_diff(result(PLAIN), new)[1])
+        text = self.run_diff(result(PLAIN), new, "--markdown")[1]
+        table = [line for line in text.splitlines() if line.startswith("|")]
+        self.assertEqual(len(table), 2 + 6 + 6 + 1)
+        self.assertEqual({line.replace("\\|", "").count("|") for line in table}, {9})
+
+    def test_says_the_same_again(self):
+        first, second = (self.run_diff(result(PLAIN), changed(time=10.4), "--json") for _ in range(2))
+        self.assertEqual(first, second)
+
+    def test_committed_results(self):
+        self.assertGreater(len(COMMITTED), 10)
+        for path in COMMITTED:
+            with self.subTest(path):
+                found = self.judge(path, path)[1]
+                self.assertLessEqual(set(found["counts"]),
+                                     {"same", "too few repetitions", "still fails", "too noisy to tell"})
+        older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json") for name in ("figure7", "formulations"))
+        found = self.judge(older, newer)[1]
+        self.assertEqual(found["counts"]["not comparable"], 24, "position, 1000 and 10000 steps")
+        self.assertTrue(any("24 contenders" in note for note in found["notes"]), found["notes"])
+
+    def test_missing_packages(self):
+        for package, refused in (("scipy", True), ("rich", False)):
+            (self.folder / f"{package}.py").write_text(f"raise ImportError('No module named {package}')")
+            command = [sys.executable, "results/diff.py", COMMITTED[0], COMMITTED[0]]
+            environment = os.environ | {"PYTHONPATH": str(self.folder)}
+            said = subprocess.run(command, env=environment, capture_output=True, text=True)
+            self.assertEqual(said.returncode, 2, said.stderr)
+            self.assertIn(f"install Debian's python3-{package}, or with pip {package}", said.stderr)
+            code = subprocess.run(command + ["--markdown"], env=environment, capture_output=True).returncode
+            self.assertEqual(code, 2 if refused else 0)
+            (self.folder / f"{package}.py").unlink()
+
+
+if __name__ == "__main__":
+    unittest.main()
