@@ -105,14 +105,8 @@ public:
 
 private:
     Launch lay_out(const Problem& problem) {
-        const std::string& overlap = options_.tuning.at("overlap");
-        ResidentLayout layout =
-            lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap != "off");
-        // Where hardly a warp has its border on one side, waiting for one's own block as well costs more than
-        // overlapping gains (cuda/README.md).
-        if (overlap == "auto" && (layout.border_kinds >> mixed_border & 1U) != 0) {
-            layout = lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, false);
-        }
+        const ResidentLayout layout = lay_out_resident(problem, device().multiprocessors(), pollers_,
+                                                       partition_, options_.tuning.at("overlap") == "on");
         if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
 
         Launch launch;
@@ -183,7 +177,7 @@ const Registered entry({
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement,
                      Formulation::paper},
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},
-                      {"overlap", {"auto", "on", "off"}},
+                      {"overlap", {"off", "on"}},
                       {"pollers", {"256", "128", "512"}}}),
     .make = [](const Options& options) { return std::make_unique<ResidentBackend>(options); },
     .bytes = resident_bytes,
