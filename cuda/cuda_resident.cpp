@@ -105,13 +105,16 @@ public:
 
 private:
     Launch lay_out(const Problem& problem) {
-        const ResidentLayout layout = lay_out_resident(problem, device().multiprocessors(), pollers_,
-                                                       partition_, options_.tuning.at("overlap") == "on");
-        if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
-
         Launch launch;
         static_cast<ImplicitStep<float>&>(launch.step) =
             make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation());
+        const bool stressed = std::any_of(std::begin(launch.step.deficit), std::end(launch.step.deficit),
+                                          [](float deficit) { return deficit != 0; });
+        // Masks are not mirrored.
+        const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
+        const ResidentLayout layout =
+            lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap);
+        if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
         if (!by_increments(formulation())) measure_rest_lengths<float>(launch.step.rest_length, stream());
         tables_.upload(layout, launch.step, stream());
         launch.grid = dim3(unsigned(layout.blocks));
@@ -122,8 +125,6 @@ private:
         source.macros["ROUNDS"] = std::to_string(layout.rounds);
         source.macros["SLOTS"] = std::to_string(layout.slots);
         source.macros["BORDERS"] = std::to_string(layout.border_kinds);
-        const bool stressed = std::any_of(std::begin(launch.step.deficit), std::end(launch.step.deficit),
-                                          [](float deficit) { return deficit != 0; });
         source.macros["MASKED"] = stressed ? "1" : "0";
         launch.kernel = kernel(source);
         return launch;

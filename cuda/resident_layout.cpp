@@ -159,7 +159,7 @@ public:
         for (std::ptrdiff_t b = 0; b < std::ptrdiff_t(blocks_.size()); ++b)
             slots[std::size_t(b)] = place(std::size_t(b));
         out_.slots = int(rounded_up(*std::max_element(slots.begin(), slots.end()), warp));
-        for (const std::uint8_t border : out_.border) out_.border_kinds |= 1U << border;
+        for (const std::uint8_t border : out_.border) out_.border_kinds |= 1U << (border & border_kind_bits);
         return std::move(out_);
     }
 
@@ -273,21 +273,28 @@ private:
         const std::size_t size = slots.size() + (idle.empty() ? 0 : 1);
         for (const std::size_t lane : idle) out_.own_slot[first + lane] = std::uint16_t(slots.size());
 
+        for (std::size_t row = 0; row < std::size_t(out_.lanes) / warp; ++row)
+            out_.border[first / warp + row] = std::uint8_t(border_of(b, row * warp));
         for (std::size_t lane = 0; lane < std::size_t(out_.lanes); ++lane) {
             for (std::size_t bit = 0; bit < neighbour_bits; ++bit)
                 out_.slot[bit * out_.lane_count() + first + lane] = out_.own_slot[first + lane];
             if (lane >= lanes.size() || lanes[lane] == resident_none) continue;
+            const int border = out_.border[(first + lane) / warp];
             visit_neighbours(lanes[lane], [&](const Direction& direction, std::uint32_t j) {
-                out_.slot[std::size_t(direction.bit) * out_.lane_count() + first + lane] =
-                    std::uint16_t(slot_of.at(j));
+                const auto bit = std::size_t(mirrored(direction, border));
+                out_.slot[bit * out_.lane_count() + first + lane] = std::uint16_t(slot_of.at(j));
             });
         }
-        for (std::size_t row = 0; row < std::size_t(out_.lanes) / warp; ++row)
-            out_.border[first / warp + row] = std::uint8_t(border_of(b, row * warp));
         return size;
     }
 
-    // The kind of border of the warp whose lanes begin at `first`.
+    // What a warp with this border calls a direction.
+    static int mirrored(const Direction& direction, int border) {
+        const glm::ivec3 o = direction.offset;
+        return bit_of(o.x, (border & mirrored_y) != 0 ? -o.y : o.y, (border & mirrored_z) != 0 ? -o.z : o.z);
+    }
+
+    // The border of the warp whose lanes begin at `first`.
     int border_of(std::size_t b, std::size_t first) const {
         if (!overlap_) return mixed_border;
         const std::vector<std::uint32_t>& lanes = blocks_[b];
@@ -305,7 +312,9 @@ private:
                     const glm::ivec3 o = direction.offset;
                     if ((y != 0 && o.y == y) || (z != 0 && o.z == z)) across |= 1U << direction.bit;
                 }
-                if ((within & across) == 0 && (beyond & ~across) == 0) return 3 * (y + 1) + z + 1;
+                if ((within & across) != 0 || (beyond & ~across) != 0) continue;
+                return (y != 0 ? 2 : 0) + (z != 0 ? 1 : 0) + (y < 0 ? mirrored_y : 0) +
+                       (z < 0 ? mirrored_z : 0);
             }
         }
         return mixed_border;

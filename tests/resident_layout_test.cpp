@@ -44,6 +44,14 @@ protected:
         return block * std::size_t(layout_.lanes) + lane;
     }
 
+    /// The slot where a lane finds its neighbour in `direction`.
+    int slot_of(std::size_t at, const Direction& direction) const {
+        glm::ivec3 o = direction.offset;
+        if ((layout_.border[at / 32] & mirrored_y) != 0) o.y = -o.y;
+        if ((layout_.border[at / 32] & mirrored_z) != 0) o.z = -o.z;
+        return layout_.slot[std::size_t(bit_of(o.x, o.y, o.z)) * layout_.lane_count() + at];
+    }
+
     /// Which particle each slot of a block has, or fails the test where one has two.
     std::map<int, std::uint32_t> slots_of(std::size_t block) const {
         std::map<int, std::uint32_t> particle;
@@ -91,7 +99,7 @@ TEST_P(Resident, EverySlotHoldsTheNeighbourOfItsDirection) {
                 continue;
             }
             for (const Direction& direction : directions()) {
-                const int slot = layout_.slot[std::size_t(direction.bit) * layout_.lane_count() + at];
+                const int slot = slot_of(at, direction);
                 if ((problem_.lattice.mask[i] >> direction.bit & 1U) == 0) {
                     EXPECT_EQ(slot, layout_.own_slot[at]);
                     continue;
@@ -123,24 +131,24 @@ TEST_P(Resident, EveryPollNamesThePointThatItsOwnerPublishes) {
 }
 
 TEST_P(Resident, WhatIsAddedEarlyIsWithinTheBlock) {
-    for (std::size_t at = 0; at < layout_.particle.size(); ++at) {
-        const int border = layout_.border[at / 32];
-        EXPECT_NE(layout_.border_kinds >> border & 1U, 0U);
-        if (!GetParam().overlap) {
-            EXPECT_EQ(border, mixed_border);
-        }
-        if (border == mixed_border || layout_.particle[at] == resident_none) continue;
-        const int y = border / 3 - 1, z = border % 3 - 1;
-        const auto slots = slots_of(at / std::size_t(layout_.lanes));
-        std::set<std::uint32_t> own;
-        for (std::size_t lane = 0; lane < std::size_t(layout_.lanes); ++lane)
-            own.insert(layout_.particle[at / std::size_t(layout_.lanes) * std::size_t(layout_.lanes) + lane]);
-        for (const Direction& direction : directions()) {
-            if ((problem_.lattice.mask[layout_.particle[at]] >> direction.bit & 1U) == 0) continue;
-            const bool across = (y != 0 && direction.offset.y == y) || (z != 0 && direction.offset.z == z);
-            const std::uint32_t j =
-                slots.at(layout_.slot[std::size_t(direction.bit) * layout_.lane_count() + at]);
-            EXPECT_EQ(own.contains(j), !across);
+    for (std::size_t block = 0; block < std::size_t(layout_.blocks); ++block) {
+        const auto slots = slots_of(block);
+        const auto first = layout_.particle.begin() + std::ptrdiff_t(lane_of(block, 0));
+        const std::set<std::uint32_t> own(first, first + layout_.lanes);
+        for (std::size_t at = lane_of(block, 0); at < lane_of(block + 1, 0); ++at) {
+            const int border = layout_.border[at / 32], kind = border & border_kind_bits;
+            EXPECT_NE(layout_.border_kinds >> kind & 1U, 0U);
+            if (!GetParam().overlap) {
+                EXPECT_EQ(border, mixed_border);
+            }
+            if (kind == mixed_border || layout_.particle[at] == resident_none) continue;
+            for (const Direction& direction : directions()) {
+                if ((problem_.lattice.mask[layout_.particle[at]] >> direction.bit & 1U) == 0) continue;
+                const int y = (border & mirrored_y) != 0 ? -1 : 1, z = (border & mirrored_z) != 0 ? -1 : 1;
+                const bool across =
+                    (kind / 2 != 0 && direction.offset.y == y) || (kind % 2 != 0 && direction.offset.z == z);
+                EXPECT_EQ(own.contains(slots.at(slot_of(at, direction))), !across);
+            }
         }
     }
 }
@@ -170,13 +178,13 @@ Vector<float> force(const ImplicitStep<float>& step, const Self<float, false>& s
 }
 
 template <class Border, class Neighbour>
-Vector<float> force_in_two(const ImplicitStep<float>& step, const Self<float, false>& self,
-                           Neighbour neighbour) {
+Vector<float> force_in_two(const ImplicitStep<float>& step, const Vector<float>& spacing,
+                           const Self<float, false>& self, Neighbour neighbour) {
     using Terms = KernelTerms<Formulation::increment, NEIGHBOUR_BITS, 0, false>;
     const auto compliance = [](int, int, int) { return 0.0F; };
     GroupSums<float> sums;
-    add_springs<Terms, true, Except<Border>>(step, self, neighbour, compliance, sums);
-    add_springs<Terms, true, Border>(step, self, neighbour, compliance, sums);
+    add_springs<Terms, true, Except<Border>>(step, spacing, self, neighbour, compliance, sums);
+    add_springs<Terms, true, Border>(step, spacing, self, neighbour, compliance, sums);
     return force_of<Terms>(step, sums);
 }
 
@@ -209,9 +217,16 @@ TEST_P(Resident, SlotsGiveTheForcesOfTheGrid) {
                 return point(particle[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + stride)]);
             };
             const Vector<float> expected = force(step, self, by_grid);
-            EXPECT_EQ(force_in_two<EveryNeighbour>(step, self, by_slot), expected);
-            // In two sums: up to 26 roundings of a sum of terms of up to 1 each, at half an ulp of 26.
-            const Vector<float> in_two = force_in_two<Across<1, -1>>(step, self, by_slot);
+            const int border = layout_.border[at / 32];
+            Vector<float> spacing = step.spacing;
+            if ((border & mirrored_y) != 0) spacing.y = -spacing.y;
+            if ((border & mirrored_z) != 0) spacing.z = -spacing.z;
+            if ((border & (mirrored_y | mirrored_z)) == 0) {
+                EXPECT_EQ(force_in_two<EveryNeighbour>(step, spacing, self, by_slot), expected);
+            }
+            // In two sums and in another order: up to 26 roundings of a sum of terms of up to 1 each, at half
+            // an ulp of 26.
+            const Vector<float> in_two = force_in_two<Across<true, true>>(step, spacing, self, by_slot);
             const float tolerance = 26 * 26 * 6e-8F;
             EXPECT_NEAR(in_two.x, expected.x, tolerance);
             EXPECT_NEAR(in_two.y, expected.y, tolerance);
@@ -236,6 +251,12 @@ TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
     EXPECT_EQ(layout.blocks, 128);
     EXPECT_EQ(layout.lanes, 256);
     EXPECT_EQ(layout.border_kinds >> mixed_border & 1U, 0U);
+    for (std::size_t block = 0; block < 128; ++block) {
+        std::set<int> kinds;
+        for (std::size_t row = 0; row < 8; ++row)
+            kinds.insert(layout.border[8 * block + row] & border_kind_bits);
+        EXPECT_LE(kinds.size(), 2U) << "code of one block";
+    }
     EXPECT_EQ(too_much_for_a_block(layout), "");
 }
 

@@ -137,13 +137,14 @@ VOXSPRING_HOST_DEVICE void listed_forces(Vector<Real> (&force)[2], const DeltaSt
                                          const Self<Real, Terms::split> (&self)[2], const Current& current) {
     const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
     Vector<Real> group[2] = {{0, 0, 0}, {0, 0, 0}};
-    const Pull<Real> between = lattice_pull<Terms>(step, self[0].point, self[1].point, 1, 1, 0, 0);
+    const Pull<Real> between =
+        lattice_pull<Terms>(step, step.spacing, self[0].point, self[1].point, 1, 1, 0, 0);
     const auto pull_of = [&](int p, int bit, int dx, int dy, int dz) {
         const bool own_row = dy == 0 && dz == 0;
         if (own_row && p == 0 && dx == 1) return between;
         if (own_row && p == 1 && dx == -1) return Pull<Real>{between.offset * Real(-1), between.density};
-        return lattice_pull<Terms>(step, self[p].point, current.point(index + delta(dy, dz), p + dx), bit, dx,
-                                   dy, dz);
+        return lattice_pull<Terms>(step, step.spacing, self[p].point,
+                                   current.point(index + delta(dy, dz), p + dx), bit, dx, dy, dz);
     };
 #define ADD_SPRING(bit, dx, dy, dz)                                                                          \
     for (int p = 0; p < 2; ++p) {                                                                            \

@@ -40,15 +40,14 @@ VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
 }
 
 /// unit_pull() of a lattice spring from `here` to its neighbour `there` at (dx, dy, dz), which is mask bit
-/// `bit`.
+/// `bit`. `spacing`: the step's, or that of a mirrored lattice (kernels/resident.h).
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step,
+VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                               const Point<Real, Terms::split>& here,
                                               const Point<Real, Terms::split>& there, int bit, int dx, int dy,
                                               int dz) {
-    const SpringRest<Real> rest{
-        {spaced(dx, step.spacing.x), spaced(dy, step.spacing.y), spaced(dz, step.spacing.z)},
-        step.deficit[bit / 2]};
+    const SpringRest<Real> rest{{spaced(dx, spacing.x), spaced(dy, spacing.y), spaced(dz, spacing.z)},
+                                step.deficit[bit / 2]};
     return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
 }
 
@@ -68,20 +67,21 @@ struct EveryNeighbour {
 /// for no mask; what they give is then dropped by selection, and a NaN in an inactive voxel stays there.
 /// `whole`: no neighbour of the groups that are compiled in is to be dropped.
 template <class Terms, bool whole, class Chosen, class Real, class Neighbour, class Compliance>
-VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Self<Real, Terms::split>& self,
-                                       Neighbour neighbour, Compliance compliance, GroupSums<Real>& sums) {
+VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
+                                       const Self<Real, Terms::split>& self, Neighbour neighbour,
+                                       Compliance compliance, GroupSums<Real>& sums) {
     const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
     [[maybe_unused]] const Real own_compliance = materials ? compliance(0, 0, 0) : Real(0);
     // All fetches of a group come before the first use: with few warps an SM, as on a small lattice, a step
     // is as long as the memory latencies that a thread waits for one after another.
 #define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
     [[maybe_unused]] const auto neighbour##bit = Chosen::has(dx, dy, dz) ? neighbour(dx, dy, dz) : self.point;
-#define ADD_SPRING(group, bit, dx, dy, dz)                                                            \
-    if constexpr (Chosen::has(dx, dy, dz)) {                                                          \
-        Pull<Real> pull = lattice_pull<Terms>(step, self.point, neighbour##bit, bit, dx, dy, dz);     \
-        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz)); \
-        if (whole || (self.bits >> (bit)&1U) != 0)                                                    \
-            sums.group = fused(pull.offset, pull.density, sums.group);                                \
+#define ADD_SPRING(group, bit, dx, dy, dz)                                                                 \
+    if constexpr (Chosen::has(dx, dy, dz)) {                                                               \
+        Pull<Real> pull = lattice_pull<Terms>(step, spacing, self.point, neighbour##bit, bit, dx, dy, dz); \
+        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
+        if (whole || (self.bits >> (bit)&1U) != 0)                                                         \
+            sums.group = fused(pull.offset, pull.density, sums.group);                                     \
     }
 #define ADD_FACE(bit, dx, dy, dz) ADD_SPRING(face, bit, dx, dy, dz)
 #define ADD_EDGE(bit, dx, dy, dz) ADD_SPRING(edge, bit, dx, dy, dz)
@@ -125,7 +125,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
                                                   const Self<Real, Terms::split>& self, Neighbour neighbour,
                                                   Compliance compliance) {
     GroupSums<Real> sums;
-    add_springs<Terms, whole, EveryNeighbour>(step, self, neighbour, compliance, sums);
+    add_springs<Terms, whole, EveryNeighbour>(step, step.spacing, self, neighbour, compliance, sums);
     return force_of<Terms>(step, sums);
 }
 

@@ -40,6 +40,7 @@ struct Lane {
     int word;
     int own_slot;
     int slot[neighbour_bits];
+    Vector<float> spacing;   ///< of the lattice as the warp is mirrored
     TaggedPoint* published;  ///< null: nobody else's neighbour
 };
 
@@ -62,9 +63,10 @@ __device__ void advance_lane(const ResidentStep& step, Lane& lane, std::uint32_t
     constexpr bool whole = MASKED == 0;
     GroupSums<float> sums;
     const SlotNeighbours neighbours{lane, half};
-    add_springs<Terms, whole, Except<Border>, float>(step, lane.self, neighbours, NoCompliance{}, sums);
+    add_springs<Terms, whole, Except<Border>, float>(step, lane.spacing, lane.self, neighbours,
+                                                     NoCompliance{}, sums);
     if (!first) border_is_here();
-    add_springs<Terms, whole, Border, float>(step, lane.self, neighbours, NoCompliance{}, sums);
+    add_springs<Terms, whole, Border, float>(step, lane.spacing, lane.self, neighbours, NoCompliance{}, sums);
     const Moved<float, false> next =
         moved<Terms>(step.motion, lane.word, lane.self, lane.before, force_of<Terms, float>(step, sums));
     lane.self.point = next.point;
@@ -90,7 +92,7 @@ __device__ void run_lane_of(int border, const ResidentStep& step, Lane& lane, in
             if constexpr (kind == mixed_border) {
                 run_lane<EveryNeighbour>(step, lane, count, tag);
             } else {
-                run_lane<Across<kind / 3 - 1, kind % 3 - 1>>(step, lane, count, tag);
+                run_lane<Across<kind / 2 != 0, kind % 2 != 0>>(step, lane, count, tag);
             }
             return;
         }
@@ -151,7 +153,11 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         }
         put(0, lane.own_slot, lane.self.point.high);
         __syncthreads();
-        run_lane_of<0>(step.border[at / 32], step, lane, count, tag);
+        const int border = step.border[at / 32];
+        lane.spacing = step.spacing;
+        if ((border & mirrored_y) != 0) lane.spacing.y = -lane.spacing.y;
+        if ((border & mirrored_z) != 0) lane.spacing.z = -lane.spacing.z;
+        run_lane_of<0>(border & border_kind_bits, step, lane, count, tag);
         if (!lane.active) return;
         all_have_begun(step, launches);
         store(words + lane.word, Particle<float>{lane.self.point.high, lane.self.bits});

@@ -7,12 +7,12 @@
 
 namespace voxspring::cuda {
 
-/// Directions across which a warp's neighbours are other blocks': none of them, those with dy == y where y is
-/// not 0, and those with dz == z likewise.
-template <int y, int z>
+/// Directions across which a warp's neighbours are other blocks': those with dy == 1 if `y`, and those with
+/// dz == 1 if `z`.
+template <bool y, bool z>
 struct Across {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int dy, int dz) {
-        return (y != 0 && dy == y) || (z != 0 && dz == z);
+        return (y && dy == 1) || (z && dz == 1);
     }
 };
 template <class Directions>
@@ -22,9 +22,15 @@ struct Except {
     }
 };
 
-/// How a warp's springs are split: 3 (y + 1) + z + 1 of Across, or mixed: all wait for the border.
-inline constexpr int mixed_border = 9;
-inline constexpr int border_kinds = 10;
+/// How a warp's springs are split: 2 y + z of Across, or mixed: all wait for the border.
+inline constexpr int mixed_border = 4;
+inline constexpr int border_kinds = 5;
+/// A warp whose border lies at -1 is mirrored: what its tables call (dx, dy, dz) is (dx, -dy, dz), or
+/// (dx, dy, -dz), or both. So the warps of a block share the code of few kinds, which the instruction cache
+/// holds.
+inline constexpr int border_kind_bits = 7;
+inline constexpr int mirrored_y = 8;
+inline constexpr int mirrored_z = 16;
 
 /// Mask bits of neighbours.
 inline constexpr int neighbour_bits = 26;
@@ -39,7 +45,7 @@ struct ResidentStep : ImplicitStep<float> {
     const std::uint32_t* published;  ///< index in `exchange`, for particles that other blocks reach
     const std::uint16_t* own_slot;
     const std::uint16_t* slot;   ///< of the neighbour of each mask bit, `lane_count` apart; absent: its own
-    const std::uint8_t* border;  ///< kind of border, one a warp
+    const std::uint8_t* border;  ///< kind of border and how it is mirrored, one a warp
     // One a poll, poller_rounds x blocks x pollers:
     const std::uint32_t* polled;       ///< index in `exchange`
     const std::uint32_t* polled_word;  ///< word of that particle
