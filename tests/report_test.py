@@ -5,9 +5,12 @@ build/report-venv, which `./run test` installs; where either is missing all of t
 """
 
 import copy
+import itertools
 import json
+import math
 import pathlib
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -37,9 +40,9 @@ def missing():
     return "" if PYTHON.exists() else f"there is no {PYTHON}: run ./run report"
 
 
-def report(*arguments, python=(PYTHON,)):
-    return subprocess.run([*python, "-W", "error", REPORT, *map(str, arguments)], capture_output=True, text=True,
-                          timeout=120)
+def report(*arguments, python=(PYTHON,), largest_file=resource.RLIM_INFINITY):
+    return subprocess.run([*python, "-W", "error", REPORT, *map(str, arguments)], capture_output=True, text=True, timeout=120,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file)))
 
 
 def medians(study):
@@ -103,8 +106,17 @@ class Input(InTemporaryFolder):
         self.assertEqual(self.out.read_text(), "the old page")
         self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
 
-    def test_a_folder_that_is_not_there_to_write_to(self):
-        self.assert_refused(report(H200 / "table1.json", "--out", self.folder / "no/report.html"), "--out", "No such file")
+    def test_where_nothing_can_be_written(self):
+        results = H200 / "table1.json"
+        self.assert_refused(report(results, "--out", self.folder / "no/report.html"), "--out", "No such file")
+        folder = self.folder / "folder.html"
+        folder.mkdir()
+        self.assert_refused(report(results, "--out", folder), "--out", "Is a directory")
+        # As on a disk that is full: after 100 kB no file can grow.
+        self.out.write_text("the old page")
+        self.assert_refused(report(results, "--out", self.out, largest_file=100_000), "--out", "File too large")
+        self.assertEqual(self.out.read_text(), "the old page")
+        self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
 
     def test_a_missing_package_is_named(self):
         # -S: without the folders that packages are installed to.
@@ -163,10 +175,36 @@ class Browser:
             "Promise.all(views.map(({view}) => view.runAsync())).then(() => arguments[0]())")
 
 
-def relative_luminance(colour):
+def linear_rgb(colour):
     channels = [int(colour[i:i + 2], 16) / 255 for i in (1, 3, 5)]
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+
+
+def relative_luminance(colour):
+    return sum(weight * c for weight, c in zip((0.2126, 0.7152, 0.0722), linear_rgb(colour)))
+
+
+def product(matrix, vector):
+    return [sum(a * b for a, b in zip(row, vector)) for row in matrix]
+
+
+# How eyes without one kind of cone see linear RGB: Machado, Oliveira and Fernandes (2009), Table 1, severity 1.
+VISIONS = {
+    "all cones": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+# From linear RGB to cones and from their cube roots to Oklab (Ottosson 2020), where equal distances look equally far.
+CONES = [[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
+         [0.0883024619, 0.2817188376, 0.6299787005]]
+OKLAB = [[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
+         [0.0259040371, 0.7827717662, -0.8086757660]]
+
+
+def seen(colour, vision):
+    rgb = [min(1, max(0, c)) for c in product(VISIONS[vision], linear_rgb(colour))]
+    return product(OKLAB, [cone ** (1 / 3) for cone in product(CONES, rgb)])
 
 
 def contrast(one, other):
@@ -250,11 +288,12 @@ class Page(unittest.TestCase):
 
     def test_the_answer_is_what_the_files_say(self):
         self.browser.open(self.path)
-        # The largest box is in the studies figure8 and tuning; the later file stands for what both have.
+        # Where several files have a row, the latest stands.
         latest = {}
-        for study in ("figure8", "tuning"):
-            for row in medians(study):
-                if row["scene"] == "box@256":
+        files = [json.loads(path.read_text()) for path in H200.glob("*.json")]
+        for result in sorted(files, key=lambda result: result["context"]["date"]):
+            for row in result["benchmarks"]:
+                if row.get("aggregate_name") == "median" and row["scene"] == "box@256":
                     latest[row["name"].split("/iterations:")[0]] = row
         best = min(latest.values(), key=lambda row: row["real_time"])
         text = self.script("return document.querySelector('.answer tr[data-scene=\"box@256\"]').innerText")
@@ -300,8 +339,8 @@ class Page(unittest.TestCase):
         self.script("scene.value = ''; scene.dispatchEvent(new Event('change', {bubbles: true}))")
 
         self.driver_click("#all")
-        self.assertEqual(self.script("return document.querySelectorAll('section[data-figure] .empty:not([hidden])').length"),
-                         len(FIGURES))
+        empty = self.script("return document.querySelectorAll('section[data-figure] .empty:not([hidden])').length")
+        self.assertEqual(empty, len(FIGURES))
         self.driver_click("#all")
         self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
         self.assert_quiet()
@@ -347,8 +386,8 @@ class Page(unittest.TestCase):
         self.browser.emulate(1440, "dark", "print")
         self.assertEqual(self.script("return getComputedStyle(document.body).backgroundColor"), "rgb(255, 255, 255)")
         self.assertNotEqual(dark, "rgb(255, 255, 255)")
-        self.assertEqual(self.script("return getComputedStyle(document.querySelector('#figure7-0 .mark-text.role-mark text')).fill"),
-                         self.script("return getComputedStyle(document.body).color"))
+        self.assertEqual(self.script("return getComputedStyle(document.querySelector('#figure7-0 .mark-text.role-mark text'))"
+                                     ".fill"), self.script("return getComputedStyle(document.body).color"))
 
     def test_colours_stand_out_from_the_page(self):
         for scheme in SCHEMES:
@@ -368,7 +407,12 @@ class Page(unittest.TestCase):
             for region in ("--bounded", "--heating", "--diverged"):
                 self.assertGreaterEqual(contrast("#111111", colours[region]), 4.5)
             backends = [colour for name, colour in colours.items() if name.startswith("--backend-")]
-            self.assertEqual(len(set(backends)), 12)
+            self.assertEqual(len(backends), 16)
+            # 0.02 is about what can be told apart side by side; marks are small and apart.
+            for vision in VISIONS:
+                for one, other in itertools.combinations(backends, 2):
+                    with self.subTest(scheme=scheme, vision=vision, colours=(one, other)):
+                        self.assertGreater(math.dist(seen(one, vision), seen(other, vision)), 0.06)
 
 
 class Parts(InTemporaryFolder):
@@ -385,8 +429,8 @@ class Parts(InTemporaryFolder):
         self.assertEqual((made.returncode, made.stdout), (0, f"{self.out}\n"), made.stderr)
         text = self.out.read_text()
         title = re.search(r'<section data-figure="history"><h2>(.*?)</h2>', text)[1]
-        self.assertRegex(title, r"heart \(figure7, NVIDIA H200\): cuda_scatter position changed most, from .* \(1\.25 times\)")
-        self.assertIn("0123456 01-02", text)
+        self.assertRegex(title, r"cuda_scatter position on heart \(figure7\), from 6\.66.* to .*, 1\.25 times")
+        self.assertIn("0123456 01-02 03:04", text)
         # One file has no history.
         report(H200 / "figure7.json", "--out", self.out)
         self.assertNotIn('data-figure="history"', self.out.read_text())
@@ -399,7 +443,8 @@ class Parts(InTemporaryFolder):
             return {"name": row["name"].split("/iterations:")[0], "seconds_per_step": row["real_time"] * 1e-6}
         target = {"quantity": "seconds_per_step", "value": 1e-9, "backends": "cuda_*", "name": None,
                   "measured": best["real_time"] * 1e-6, "reached": 0.1, "met": False}
-        result["fastest"] = [{**winner(best), **{key: best[key] for key in ("scene", "backend", "formulation", "precision")},
+        identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
+        result["fastest"] = [{**winner(best), **identity,
                               "paper": {**winner(other), "ratio": 12.34}, "targets": [target]}]
         made = report(self.write("fastest.json", result), "--out", self.out)
         self.assertEqual(made.returncode, 0, made.stderr)

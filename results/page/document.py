@@ -20,6 +20,8 @@ OUTLINES = {"circle": '<circle cx="5" cy="5" r="4.5"/>', "square": '<rect x="1" 
             "cross": '<path d="M3.5 0h3v3.5H10v3H6.5V10h-3V6.5H0v-3h3.5z"/>'}
 # What a rounding error is small beside: the time step's own error on the datasets here is above it.
 SMALL_ERROR = 1e-5
+# Up to so many datasets the headline names each.
+FEW = 3
 
 
 def swatch(shape, colour):
@@ -98,7 +100,8 @@ def fastest_table(charts, entries, papers):
         else:
             ratio = exact["microseconds"] / best["microseconds"]
             other = strategy(exact["contender"]) + remark(
-                f"{ratio:.2f} times as long; {figures.error_text(exact['rounding'])} after {exact['error_steps']} steps")
+                f"{ratio:.2f} times as long; {figures.error_text(exact['rounding'])} after "
+                f"{exact['error_steps']} steps")
         limit = (f"{figures.percent(best['of_limit'])}{small(best['limited_by'] or '')}" if best["of_limit"] else "–")
         paper = papers.get((best["machine"], best["scene"], best["contender"]))
         cells = [strategy(best["contender"]) + (remark(f"{paper:.2f} times as fast as the best of the paper's strategies")
@@ -125,7 +128,8 @@ def error_table(runs):
             row = figures.fastest_within(group, target)
             cells.append("not reached" if row is None else
                          f"<b>{escape(figures.time_text(row['seconds'] * 1e6))}</b>"
-                         + f"<small class=\"remark\">{strategy(row['contender'])}</small>" + small(f"in {row['steps']} steps"))
+                         + f'<small class="remark">{strategy(row["contender"])}</small>'
+                         + small(f"in {row['steps']} steps"))
         rows.append((scene, escape(scene) + small(f"to t = {group[0]['end_time']:.3g}"), cells))
     return cards(["Dataset"] + [f"Error of {figures.error_text(target)}" for target in figures.TARGETS], rows)
 
@@ -134,25 +138,29 @@ def targets_table(result):
     rows = []
     for block in result.lists["fastest"]:
         for target in block["targets"]:
-            if not isinstance(target, dict) or not all(key in target for key in ("quantity", "value", "met")):
-                raise reading.BadInput(f"{result.path}: fastest: targets: {reading.shown(target)}; expected quantity, "
-                                       "value and met")
             measured = target.get("measured")
-            verdict = {True: "met", False: "missed", None: "not measured"}[target["met"]]
+            verdict = "not measured" if target.get("met") is None else "met" if target["met"] else "missed"
             rows.append((block["scene"], escape(f"{block['scene']}, {block['formulation']}"),
                          [escape(target["quantity"].replace("_", " ")), f"{target['value']:.3g}",
                           "–" if measured is None else f"{measured:.3g}", verdict]))
     return cards(["Dataset", "Quantity", "Aim", "Measured", "Verdict"], rows) if rows else ""
 
 
-def headline(found, runs):
-    """The answer in one sentence, and in a few more."""
+def headline(found, runs, drawn):
+    """The answer in one sentence, and in a few more; without any of times or errors the first finding."""
     if found:
         machine, entries = next(iter(found.items()))
         names = [best["backend"] for best, _ in entries]
-        most = max(dict.fromkeys(names), key=names.count)
-        best, group = entries[-1]
-        lead = (f"On the largest, {best['scene']} with {figures.engineering(best['particles'], 'particles')}, a step takes "
+        if len(names) <= FEW:
+            wins = figures.groups([best for best, _ in entries], "backend").items()
+            title = figures.listed(f"{name} is the fastest on {figures.listed(row['scene'] for row in rows)}"
+                                   for (name,), rows in wins)
+        else:
+            most = max(dict.fromkeys(names), key=names.count)
+            title = f"{most} is the fastest on {names.count(most)} of {len(names)} datasets"
+        best, _ = entries[-1]
+        size = figures.engineering(best["particles"], "particles")
+        lead = (f"On {'the largest, ' * (len(entries) > 1)}{best['scene']} with {size}, a step takes "
                 f"{figures.time_text(best['microseconds'])} with {best['contender']}")
         if best["rounding"] is not None:
             lead += f", and rounding costs {figures.error_text(best['rounding'])} after {best['error_steps']} steps"
@@ -160,21 +168,18 @@ def headline(found, runs):
                   if (exact := exact_enough(group))]
         if ratios:
             lead += (f". A rounding error of at most {figures.error_text(SMALL_ERROR)} takes "
-                     f"{figures.between(ratios, lambda ratio: f'{ratio:.2f}')} times as long as the fastest, on the "
-                     f"{len(ratios)} datasets where it was measured")
-        return (f"On {machine}, {most} is the fastest on {names.count(most)} of {len(names)} datasets", lead + ".")
-    if runs:
-        machine = runs[0]["machine"]
-        rows = [row for row in runs if row["machine"] == machine]
-        best = figures.fastest_within(rows, 1e-4)
-        if best:
-            return (f"On {machine}, {best['contender']} is the fastest way to an error of 1e-4 on {best['scene']}", "")
-    return "Results of Voxspring's studies", ""
+                     f"{figures.between(ratios, lambda ratio: f'{ratio:.2f}')} times as long as the fastest, where it was "
+                     "measured")
+        return f"On {machine}, {title}", lead + "."
+    for (machine, scene), rows in figures.groups(runs, "machine", "scene").items():
+        if best := figures.fastest_within(rows, 1e-4):
+            return f"On {machine}, {best['contender']} is the fastest way to an error of 1e-4 on {scene}", ""
+    return drawn[0].title if drawn else "These results hold nothing to show", ""
 
 
-def answer(charts, results, rows, runs):
+def answer(charts, results, rows, runs, drawn):
     found = winners(rows)
-    title, lead = headline(found, runs)
+    title, lead = headline(found, runs, drawn)
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
               if block.get("paper") and block["paper"]["name"] != block["name"]}
@@ -221,7 +226,8 @@ def key(words):
     if "formulation" in words:
         shapes = figures.FORMULATIONS
         coloured = "backend" not in words
-        items += [swatch(shape, f"var(--{name})" if coloured else "var(--soft)") + name for name, shape in shapes.items()]
+        items += [swatch(shape, f"var(--{name})" if coloured else "var(--soft)") + name
+                  for name, shape in shapes.items()]
     if "precision" in words:
         items += ["— float32", "··· float64"]
     if "region" in words:
@@ -234,10 +240,10 @@ def figure_section(figure):
     for result in figure.results:
         files.setdefault(result.origin(), []).append(result.path.name)
     captions = "<br>".join(escape(f"{origin} ({', '.join(names)})") for origin, names in files.items())
-    panels = "".join(f'<figure><h3>{escape(panel.heading)}</h3><div class="chart" id="{figure.name}-{index}"></div></figure>'
-                     for index, panel in enumerate(figure.panels))
-    return (f'<section data-figure="{figure.name}"><h2>{escape(figure.title)}</h2><p class="note">{escape(figure.note)}</p>'
-            f'{key(figure.legend)}<div class="panels">{panels}</div><p class="empty" hidden>Nothing here matches the '
+    panels = "".join(f'<figure><h3>{escape(panel.heading)}</h3><div class="chart" id="{figure.name}-{index}"></div>'
+                     "</figure>" for index, panel in enumerate(figure.panels))
+    return (f'<section data-figure="{figure.name}"><h2>{escape(figure.title)}</h2>'
+            f'<p class="note">{escape(figure.note)}</p>{key(figure.legend)}<div class="panels">{panels}</div><p class="empty" hidden>Nothing here matches the '
             f'filters.</p><p class="caption">{captions}</p><details data-figure="{figure.name}"><summary>The numbers '
             f'behind it: {len(figure.rows)} rows</summary><div class="scroll" tabindex="0" role="region" '
             f'aria-label="Rows of {escape(figure.title)}"></div></details></section>')
@@ -264,7 +270,9 @@ def sources_section(results):
     table = cards(["File", "Machine", "Commit and date", "Rows"], rows)
     failed = [f'<li><code>{escape(row["name"])}</code>: {escape(row["reason"])} ({escape(result.path.name)})</li>'
               for result in results for row in result.lists["failed"]]
-    failures = f'<details><summary>What failed: {len(failed)} rows</summary><ul>{"".join(failed)}</ul></details>' if failed else ""
+    failures = ""
+    if failed:
+        failures = f'<details><summary>What failed: {len(failed)} rows</summary><ul>{"".join(failed)}</ul></details>'
     return f"<section><h2>What this page was made from</h2>{table}{failures}</section>"
 
 
@@ -293,7 +301,7 @@ def page(results, pictures):
     results = sorted(results, key=lambda result: -weight[result.machine])
     charts, drawn = figures.all_figures(results)
     rows, runs = reading.measured(results), figures.latest_runs(results)
-    title, opening = answer(charts, results, rows, runs)
+    title, opening = answer(charts, results, rows, runs, drawn)
     data = json.dumps({"figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
     files = importlib.resources.files(__package__)
     style, script = ((files / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))

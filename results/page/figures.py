@@ -6,6 +6,7 @@ list of backends, and `scene`, one name or empty. Charts take their colours from
 its light, dark and printed scheme.
 """
 
+import math
 import statistics
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ import altair as alt
 from . import reading
 
 # A colour a backend, in the order of names; shapes tell families apart where colours would not.
-COLOURS = 12
+COLOURS = 16
 SHAPES = {"CUDA": "circle", "OpenGL": "square", "CPU": "triangle-up"}
 FORMULATIONS = {"paper": "cross", "position": "triangle-down", "displacement": "square", "increment": "circle",
                 "compensated": "diamond"}
@@ -111,13 +112,11 @@ def fastest(rows):
     return min(rows, key=lambda row: row["microseconds"], default=None)
 
 
-def label(rows):
-    """What tells the rows of a figure apart, beyond what they all share."""
+def labelled(rows):
+    """With what tells the rows of a figure apart, beyond what they all share."""
     common = len({row["formulation"] for row in rows}) == 1
-    for row in rows:
-        words = row["contender"].split(" ")
-        row["label"] = " ".join(words[:1] + words[2:] if common else words)
-    return rows
+    words = [row["contender"].split(" ") for row in rows]
+    return [{**row, "label": " ".join(own[:1] + own[2:] if common else own)} for row, own in zip(rows, words)]
 
 
 def scale(values, **options):
@@ -209,7 +208,7 @@ def datasets(charts, results, rows):
 
 
 def figure7(charts, results, rows):
-    rows = label(reading.latest([row for row in rows if row["study"] == "figure7"], "machine", "scene", "contender"))
+    rows = labelled(reading.latest([row for row in rows if row["study"] == "figure7"], "machine", "scene", "contender"))
     if not rows:
         return None
     findings, panels = [], []
@@ -237,7 +236,7 @@ def figure7(charts, results, rows):
 
 
 def figure8(charts, results, rows):
-    rows = label(reading.latest([row for row in rows if row["study"] == "figure8"], "machine", "scene", "contender"))
+    rows = labelled(reading.latest([row for row in rows if row["study"] == "figure8"], "machine", "scene", "contender"))
     if not rows:
         return None
     findings, panels = [], []
@@ -303,7 +302,7 @@ def front(charts, results, runs):
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
                                    alt.layer(steps, points), alternative, 340))
     most = statistics.mode(on_front) if on_front else ""
-    title = f"{most} makes up {percent(on_front.count(most) / len(on_front))} of the Pareto fronts" if most else ""
+    title = f"the Pareto fronts are {percent(on_front.count(most) / len(on_front))} {most}" if most else ""
     if costs:
         title += f"; an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4"
     return Figure("front", sentence(title), "Every run as a point: the time it takes to the end of the scene against its "
@@ -345,7 +344,8 @@ def curves(charts, results, runs):
         base = source().transform_aggregate(
             middle="median(total)", count="distinct(backend)", groupby=["scene", "formulation", "precision", "fraction"]
         ).encode(
-            x=alt.X("fraction:Q", title="time step, as a fraction of the stable one", scale=alt.Scale(type="log", nice=False),
+            x=alt.X("fraction:Q", title="time step, as a fraction of the stable one",
+                    scale=alt.Scale(type="log", nice=False),
                     axis=alt.Axis(values=fractions, labelExpr="'1/' + format(1 / datum.value, '~r')")),
             y=alt.Y("middle:Q", title="total error (relative L2)", axis=alt.Axis(format="~e"),
                     scale=scale([row["total"] for row in group])),
@@ -390,10 +390,12 @@ def stability_map(charts, results):
             findings.append((result.machine, f"a random start of ±{row['amplitude']:g} spacings stays bounded up to "
                              f"{reach[least]:g} of the limit at damping {least:g}, and up to {most:g} at {enough:g}"))
             base = source().encode(
-                x=alt.X("fraction:O", title="time step / limit at that damping", axis=alt.Axis(labelAngle=0, labelOverlap="greedy")),
+                x=alt.X("fraction:O", title="time step / limit at that damping",
+                        axis=alt.Axis(labelAngle=0, labelOverlap="greedy")),
                 y=alt.Y("damping:O", title="damping", sort="descending"), tooltip=charts.tooltip(MAP))
-            cells_of = base.mark_rect(stroke="var(--page)").encode(color=alt.Color("region:N", legend=None, scale=alt.Scale(
-                domain=list(reading.REGIONS), range=[f"var(--{name})" for name in reading.REGIONS])))
+            colours = alt.Scale(domain=list(reading.REGIONS), range=[f"var(--{name})" for name in reading.REGIONS])
+            cells_of = base.mark_rect(stroke="var(--page)").encode(
+                color=alt.Color("region:N", legend=None, scale=colours))
             letters = base.mark_text(fontSize=11, color="#111").encode(text="letter:N")
             alternative = (f"Map for {row['scene']} on {result.machine}: outcome after {row['steps']} steps for "
                            f"{len(row['damping'])} dampings and {len(row['fraction'])} time steps.")
@@ -417,8 +419,7 @@ def stability(charts, results):
     rows = []
     for result in results:
         for row in result.lists["stability"]:
-            kind = row["start"].get("kind")
-            start = "stretched" if kind == "stretched" else f"±{row['start'].get('amplitude', 0):g}"
+            start = "stretched" if row["start"]["kind"] == "stretched" else f"±{row['start']['amplitude']:g}"
             rows.append({"machine": result.machine, "scene": row["scene"], "backend": row["backend"],
                          "family": reading.family(row["backend"]), "contender": reading.contender(row), "start": start,
                          "kind": f"{start}, λ = {row['damping']:g}", "damping": row["damping"], "ratio": row["ratio"],
@@ -428,7 +429,9 @@ def stability(charts, results):
     rows = reading.latest(rows, "machine", "scene", "contender", "kind")
     small = [abs(row["ratio"] - 1) for row in rows if row["held"]]
     lowest = min(rows, key=lambda row: row["ratio"])
-    findings = [f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%"] if small else []
+    findings = []
+    if small:
+        findings.append(f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%")
     findings.append(f"a start of {lowest['start']} spacings ends at {lowest['ratio']:.2f} of it")
     panels = []
     for (machine,), group in groups(rows, "machine").items():
@@ -499,9 +502,8 @@ def edits(charts, results, rows):
     rows = [row for row in reading.latest(rows, "machine", "scene", "contender") if row["edits"] and row["without_edits"]]
     if not rows:
         return None
-    for row in rows:
-        row["base"] = row["without_edits"] * 1e6
-        row["slower"] = 100 * (row["microseconds"] / row["base"] - 1)
+    rows = [{**row, "base": row["without_edits"] * 1e6,
+             "slower": 100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1)} for row in rows]
     findings, panels = [], []
     for (machine,), group in groups(rows, "machine").items():
         middles = [f"{count} by {statistics.median(row['slower'] for row in of_count):.2g}{SPACE}%"
@@ -538,25 +540,30 @@ HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "da
 
 def history(charts, results, rows):
     """Studies of which one machine has several files; strategies that more than one of them has."""
-    findings, panels, kept = [], [], []
+    largest, panels, kept = {}, [], []
     for (machine, study, scene), group in groups(rows, "machine", "study", "scene").items():
         runs = sorted({(row["date"], row["commit"]) for row in group})
         of_contender = [sorted(found, key=lambda row: row["date"]) for found in groups(group, "contender").values()]
         of_contender = [found for found in of_contender if len({row["date"] for row in found}) > 1]
         if not of_contender:
             continue
-        changes = [(found[-1]["microseconds"] / found[0]["microseconds"], found) for found in of_contender]
-        ratio, found = max(changes, key=lambda change: max(change[0], 1 / change[0]))
-        findings.append(f"{scene} ({study}, {machine}): {found[0]['contender']} changed most, from "
-                        f"{time_text(found[0]['microseconds'])} to {time_text(found[-1]['microseconds'])} ({ratio:.2f} "
-                        "times)")
-        ticks = {date: f"{commit} {date[5:10]}" for date, commit in runs}
+        for found in of_contender:
+            first, last = found[0], found[-1]
+            ratio = last["microseconds"] / first["microseconds"]
+            known = largest.get(machine)
+            if known is None or abs(math.log(ratio)) > abs(math.log(known[0])):
+                largest[machine] = (ratio, f"the largest change is that of {first['contender']} on {scene} ({study}), from "
+                                    f"{time_text(first['microseconds'])} to {time_text(last['microseconds'])}, "
+                                    f"{ratio:.2f} times")
+        ticks = {date: f"{commit} {date[5:16].replace('T', ' ')}" for date, commit in runs}
         for row in sum(of_contender, []):
             kept.append({**row, "run": ticks[row["date"]], "day": row["date"][:16].replace("T", " ")})
+        ends = (min(row["least"] for found in of_contender for row in found),
+                max(row["most"] for found in of_contender for row in found))
         lines = source().encode(
-            x=alt.X("run:N", title="commit and date", sort=list(ticks.values()), axis=alt.Axis(labelAngle=0)),
-            y=alt.Y("microseconds:Q", title="time a step (µs)",
-                    scale=scale([row["microseconds"] for row in sum(of_contender, [])])),
+            x=alt.X("run:N", title="commit and date", sort=list(ticks.values()), axis=alt.Axis(
+                labelAngle=0, labelOverlap="greedy", labelExpr="[slice(datum.value, 0, 7), slice(datum.value, 8)]")),
+            y=alt.Y("microseconds:Q", title="time a step (µs)", scale=scale(ends, domain=ends)),
             color=charts.colour(), detail="contender:N")
         chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_rule(strokeWidth=1.2).encode(
             y="least:Q", y2="most:Q"), lines.mark_point(filled=True, size=45).encode(
@@ -569,8 +576,9 @@ def history(charts, results, rows):
         return None
     several = [result for result in results if any((row["machine"], row["study"], row["date"]) ==
                                                    (result.machine, result.study, result.date) for row in kept)]
-    return Figure("history", sentence("; ".join(findings)), "The same study on the same machine at several commits; the "
-                  "line across a point spans the repetitions.", HISTORY, kept, panels, several)
+    title = by_machine((machine, text) for machine, (_, text) in largest.items())
+    return Figure("history", title, "The same study on the same machine at several commits; the line across a point spans "
+                  "the repetitions.", HISTORY, kept, panels, several)
 
 
 GATE = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),

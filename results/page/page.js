@@ -12,7 +12,7 @@ const config = {
     axis: {labelColor: "var(--soft)", titleColor: "var(--soft)", gridColor: "var(--line)", domainColor: "var(--line)",
            tickColor: "var(--line)", gridOpacity: 0.45, labelFontSize: 11, titleFontSize: 12, titleFontWeight: "normal",
            labelOverlap: "greedy", labelSeparation: 4},
-    axisYQuantitative: {minExtent: 38},
+    axisYQuantitative: {minExtent: 38}, point: {opacity: 1},
     // The table behind a figure says to screen readers what its points are.
     aria: true, mark: {aria: false}, legend: {disable: true},
 };

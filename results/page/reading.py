@@ -10,17 +10,21 @@ import pathlib
 import re
 from dataclasses import dataclass, field
 
+class Positive(float):
+    """In the tables below: a number above zero."""
+
+
 REGIONS = ("bounded", "heating", "diverged")
 # The lists that a file may have, and which keys of a row the page cannot do without.
 REQUIRED = {
     "benchmarks": {"name": str, "run_name": str, "scene": str, "backend": str, "formulation": str, "precision": str,
-                   "real_time": float, "steps": int, "particles": int, "springs": int},
+                   "real_time": Positive, "steps": int, "particles": int, "springs": int},
     "pareto": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "device": str,
-               "fraction_of_stable": float, "end_time": float, "steps": int, "on_front": bool},
+               "fraction_of_stable": Positive, "end_time": float, "steps": int, "on_front": bool},
     "fastest": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str,
-                "seconds_per_step": float, "targets": list},
+                "seconds_per_step": Positive, "targets": list},
     "stability": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "damping": float,
-                  "start": dict, "ratio": float, "passed": bool},
+                  "start": dict, "ratio": Positive, "passed": bool},
     "stability_map": {"name": str, "scene": str, "backend": str, "damping": list, "fraction": list, "region": list,
                       "amplitude": float, "steps": int},
     "stress": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "measurement": str,
@@ -28,7 +32,15 @@ REQUIRED = {
     "failed": {"name": str, "scene": str, "backend": str, "reason": str},
     "skipped": {"name": str, "scene": str, "backend": str, "reason": str},
 }
-WHAT = {str: "text", float: "a number", int: "a whole number", bool: "true or false", list: "a list", dict: "an object"}
+# What older files lack, or is null where it is not known.
+OPTIONAL = {
+    **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
+                     "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
+                     "measured"), float),
+    **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str),
+}
+WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
+        bool: "true or false", list: "a list", dict: "an object"}
 
 
 class BadInput(Exception):
@@ -63,8 +75,9 @@ def shown(value):
 
 
 def is_a(value, kind):
-    if kind is float:
-        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if kind in (float, Positive):
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        return number and (kind is float or value > 0)
     if kind is int:
         return isinstance(value, int) and not isinstance(value, bool)
     return isinstance(value, kind)
@@ -81,6 +94,9 @@ def need(path, where, holder, key, kind):
 
 
 def check_map(path, where, row):
+    for key in ("damping", "fraction"):
+        if not row[key] or not all(is_a(value, float) for value in row[key]):
+            raise BadInput(f"{path}: {where}.{key}: {shown(row[key])}; expected numbers")
     if len(row["region"]) != len(row["damping"]):
         raise BadInput(f"{path}: {where}.region: {len(row['region'])} rows; expected one for each of the "
                        f"{len(row['damping'])} values of damping")
@@ -88,6 +104,21 @@ def check_map(path, where, row):
         if not isinstance(line, list) or len(line) != len(row["fraction"]) or any(r not in REGIONS for r in line):
             raise BadInput(f"{path}: {where}.region: {shown(line)}; expected {len(row['fraction'])} of "
                            f"{', '.join(REGIONS)}")
+
+
+def check_fastest(path, where, row):
+    for index, target in enumerate(row["targets"]):
+        place = f"{where}.targets[{index}]"
+        if not isinstance(target, dict):
+            raise BadInput(f"{path}: {place}: {shown(target)}; expected an object")
+        need(path, place, target, "quantity", str)
+        need(path, place, target, "value", Positive)
+        if target.get("measured") is not None:
+            need(path, place, target, "measured", float)
+    if row.get("paper") is not None:
+        paper = need(path, where, row, "paper", dict)
+        need(path, f"{where}.paper", paper, "name", str)
+        need(path, f"{where}.paper", paper, "ratio", Positive)
 
 
 def read(path):
@@ -112,8 +143,16 @@ def read(path):
                 raise BadInput(f"{path}: {place}: {shown(row)}; expected an object")
             for key, kind in keys.items():
                 need(path, place, row, key, kind)
+            for key, kind in OPTIONAL.items():
+                if row.get(key) is not None:
+                    need(path, place, row, key, kind)
+            if name == "stability":
+                need(path, f"{place}.start", row["start"], "kind", str)
+                need(path, f"{place}.start", row["start"], "amplitude", float)
             if name == "stability_map":
                 check_map(path, place, row)
+            if name == "fastest":
+                check_fastest(path, place, row)
         lists[name] = rows
     driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
     return Result(path, study, machine, driver, need(path, where, about, "commit", str),
