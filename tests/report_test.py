@@ -220,7 +220,9 @@ class Page(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
         cls.path = pathlib.Path(folder.name) / "report.html"
-        made = report("--out", cls.path)
+        # Not results/local, which is the developer's own.
+        made = report(*(folder for folder in sorted(H200.parent.iterdir()) if list(folder.glob("*.json"))
+                        and folder.name != "local"), "--out", cls.path)
         if made.returncode != 0:
             raise AssertionError(made.stderr)
         cls.browser = Browser()
