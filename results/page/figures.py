@@ -1,0 +1,648 @@
+"""The figures of the page: for each its finding in words, its rows and the Vega-Lite charts that show them.
+
+A figure has a panel a machine, or a machine and scene. A panel's chart takes the rows of its figure that match the panel
+(the page hands them over under the name `rows`), less those that the reader's filters hide: the parameters `shown`, a
+list of backends, and `scene`, one name or empty. Charts take their colours from the page's style, so that they follow
+its light, dark and printed scheme.
+"""
+
+import math
+import statistics
+from dataclasses import dataclass
+
+import altair as alt
+
+from . import reading
+
+# A colour a backend, in the order of names; shapes tell families apart where colours would not.
+COLOURS = 16
+SHAPES = {"CUDA": "circle", "OpenGL": "square", "CPU": "triangle-up"}
+FORMULATIONS = {"paper": "cross", "position": "triangle-down", "displacement": "square", "increment": "circle",
+                "compensated": "diamond"}
+# Binds a figure to its unit.
+SPACE = "\N{NO-BREAK SPACE}"
+TARGETS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+
+
+@dataclass
+class Panel:
+    heading: str
+    match: dict  # what the rows of this panel have in common
+    spec: dict
+    step: tuple = None  # (key, pixels): the chart is that high for each value of key among the rows shown
+
+
+@dataclass
+class Figure:
+    name: str
+    title: str
+    note: str
+    columns: list  # of (key, label, digits or None for text)
+    rows: list
+    panels: list
+    results: list
+    legend: str = "backend"
+
+
+def engineering(value, unit):
+    """1234567 and "springs/s" as 1.23 M springs/s."""
+    for factor, prefix in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if abs(value) >= factor:
+            return f"{value / factor:.3g}{SPACE}{prefix} {unit}"
+    return f"{value:.3g} {unit}"
+
+
+def time_text(microseconds):
+    for factor, unit in ((1e6, "s"), (1e3, "ms"), (1, "µs")):
+        if microseconds >= factor:
+            return f"{microseconds / factor:.3g}{SPACE}{unit}"
+    return f"{microseconds * 1e3:.3g}{SPACE}ns"
+
+
+def error_text(error):
+    """2.4e-6, and 1e-5 rather than 1.0e-05."""
+    mantissa, exponent = f"{error:.1e}".split("e")
+    return f"{mantissa.removesuffix('.0')}e{int(exponent)}" if error else "0"
+
+
+def percent(fraction):
+    return f"{100 * fraction:{'.2g' if abs(fraction) < 0.995 else '.0f'}}{SPACE}%"
+
+
+def listed(parts):
+    """a, b and c."""
+    parts = list(parts)
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def between(values, text):
+    """The least and the most of some values, once if they read the same."""
+    ends = list(dict.fromkeys(text(value) for value in (min(values), max(values))))
+    return " to ".join(ends)
+
+
+def sentence(text):
+    return text[:1].upper() + text[1:]
+
+
+def by_machine(findings):
+    """(machine, what was found there) in one sentence, machines with the same finding together."""
+    together = {}
+    for machine, text in findings:
+        together.setdefault(text, []).append(machine)
+    return sentence("; ".join(f"on {listed(dict.fromkeys(machines))} {text}" for text, machines in together.items()))
+
+
+def distinct(rows, key):
+    return list(dict.fromkeys(row[key] for row in rows))
+
+
+def groups(rows, *keys):
+    found = {}
+    for row in rows:
+        found.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return found
+
+
+def backend_order(backends):
+    return sorted(backends, key=lambda name: (list(SHAPES).index(reading.family(name)), name))
+
+
+def fastest(rows):
+    return min(rows, key=lambda row: row["microseconds"], default=None)
+
+
+def labelled(rows):
+    """With what tells the rows of a figure apart, beyond what they all share."""
+    common = len({row["formulation"] for row in rows}) == 1
+    words = [row["contender"].split(" ") for row in rows]
+    return [{**row, "label": " ".join(own[:1] + own[2:] if common else own)} for row, own in zip(rows, words)]
+
+
+def scale(values, **options):
+    """A logarithmic scale where the values span more than a decade."""
+    positive = [value for value in values if value is not None]
+    wide = positive and min(positive) > 0 and max(positive) > 10 * min(positive)
+    return alt.Scale(type="log" if wide else "linear", nice=False if wide else True, **options)
+
+
+class Charts:
+    """Encodings that every figure shares, above all one colour a backend."""
+
+    def __init__(self, backends):
+        self.backends = backend_order(backends)
+        self.colours = {name: f"var(--backend-{index % COLOURS})" for index, name in enumerate(self.backends)}
+
+    def colour(self):
+        return alt.Color("backend:N", legend=None,
+                         scale=alt.Scale(domain=self.backends, range=[self.colours[name] for name in self.backends]))
+
+    @staticmethod
+    def shape(key, shapes):
+        return alt.Shape(f"{key}:N", legend=None, scale=alt.Scale(domain=list(shapes), range=list(shapes.values())))
+
+    def family_shape(self):
+        return self.shape("family", SHAPES)
+
+    @staticmethod
+    def tooltip(columns):
+        return [alt.Tooltip(f"{key}:{'N' if digits is None else 'Q'}", title=text,
+                            format=alt.Undefined if digits is None else f".{digits}~g") for key, text, digits in columns]
+
+    def panel(self, heading, match, chart, alternative, height=None, step=None):
+        """A chart as Vega-Lite, as wide as its panel and filtered; its height is fixed or follows its rows."""
+        chart = chart.add_params(alt.param(name="shown", value=self.backends), alt.param(name="scene", value=""))
+        chart = chart.transform_filter("indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)")
+        chart = chart.properties(width="container", height=height or step[1], description=alternative,
+                                 autosize=alt.AutoSizeParams(type="fit-x", contains="padding"))
+        return Panel(heading, match, chart.to_dict(), step)
+
+
+def source():
+    return alt.Chart(alt.NamedData("rows"))
+
+
+TIME = [("microseconds", "time a step (µs)", 4), ("least", "least (µs)", 4), ("most", "most (µs)", 4)]
+STEP = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
+        ("contender", "strategy", None), *TIME, ("spring_rate", "springs/s", 4), ("of_limit", "of limit", 3),
+        ("limited_by", "limited by", None), ("rounding", "rounding error", 3), ("rounding_max", "worst particle", 3),
+        ("error_steps", "after steps", 6), ("study", "study", None), ("commit", "commit", None)]
+
+
+def used(results, study=None, having=None):
+    return [result for result in results
+            if (study is None or result.study == study) and (having is None or result.lists[having])]
+
+
+def datasets(charts, results, rows):
+    """Every backend at its best on every dataset."""
+    rows = [row for row in rows if not row["edits"]]
+    best = [fastest(group) for group in groups(reading.latest(rows, "machine", "scene", "contender"), "machine", "scene",
+                                               "backend").values()]
+    if not best:
+        return None
+    wins = {}
+    for group in groups(best, "machine", "scene").values():
+        row = fastest(group)
+        wins.setdefault(row["machine"], []).append(row["backend"])
+    findings = []
+    for machine, winners in wins.items():
+        ordered = sorted(set(winners), key=lambda name: (-winners.count(name), name))
+        findings.append((machine, listed(f"{name} wins {winners.count(name)}" for name in ordered)
+                         + f" of {len(winners)} datasets"))
+    panels = []
+    for machine in distinct(best, "machine"):
+        of_machine = [row for row in best if row["machine"] == machine]
+        sizes = {row["scene"]: row["particles"] for row in of_machine}
+        order = sorted(sizes, key=lambda scene: (sizes[scene], reading.natural(scene)))
+        x = alt.X("microseconds:Q", title="time a step (µs)", scale=scale([row["microseconds"] for row in of_machine]))
+        chart = source().encode(y=alt.Y("scene:N", sort=order, title=None, axis=alt.Axis(grid=True)))
+        points = chart.mark_point(filled=True, size=75).encode(
+            x=x, color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(STEP))
+        alternative = (f"Dot plot for {machine}: time a step in microseconds of the best row of each of "
+                       f"{len(distinct(of_machine, 'backend'))} backends on {len(order)} datasets.")
+        panels.append(charts.panel(machine, {"machine": machine}, points, alternative, step=("scene", 30)))
+    return Figure("datasets", by_machine(findings), "Median time a step of each backend with its fastest "
+                  "formulation and tuning, in the latest file that has it. Farther left is faster.", STEP, best, panels,
+                  used(results, having="benchmarks"))
+
+
+def figure7(charts, results, rows):
+    rows = labelled(reading.latest([row for row in rows if row["study"] == "figure7"], "machine", "scene", "contender"))
+    if not rows:
+        return None
+    findings, panels = [], []
+    for (machine, scene), group in groups(rows, "machine", "scene").items():
+        group = sorted(group, key=lambda row: row["microseconds"])
+        first, last = group[0], group[-1]
+        findings.append(f"on {scene} {first['label']} leads with {time_text(first['microseconds'])} a step, "
+                        f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}")
+        y = alt.Y("label:N", sort=alt.EncodingSortField("microseconds", op="min"), title=None,
+                  axis=alt.Axis(labels=False, ticks=False, domain=False, grid=False))
+        x = alt.X("microseconds:Q", title="time a step (µs)", scale=alt.Scale(zero=True))
+        base = source().encode(y=y, tooltip=charts.tooltip(STEP))
+        bars = base.mark_bar(height=11, yOffset=7).encode(x=x, color=charts.colour())
+        spread = base.mark_rule(yOffset=7, strokeWidth=1.5, color="var(--ink)").encode(x="least:Q", x2="most:Q")
+        names = base.mark_text(align="left", baseline="bottom", dy=-1, fontSize=12, color="var(--ink)").encode(
+            x=alt.datum(0), text="label:N")
+        alternative = (f"Bars for {scene} on {machine}: time a step of {len(group)} strategies, from "
+                       f"{first['label']} with {time_text(first['microseconds'])} to {last['label']} with "
+                       f"{time_text(last['microseconds'])}.")
+        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
+                                   alt.layer(bars, spread, names), alternative, step=("label", 36)))
+    return Figure("figure7", sentence("; ".join(findings)), "The paper's Figure 7 with today's bars: the median time a "
+                  "step of every CUDA strategy through each of its fetch paths; the line across a bar's end spans the "
+                  "repetitions.", STEP, rows, panels, used(results, "figure7"))
+
+
+def figure8(charts, results, rows):
+    rows = labelled(reading.latest([row for row in rows if row["study"] == "figure8"], "machine", "scene", "contender"))
+    if not rows:
+        return None
+    findings, panels = [], []
+    for (machine,), group in groups(rows, "machine").items():
+        sizes = sorted({row["particles"] for row in group})
+        ends = []
+        for size in (sizes[0], sizes[-1]):
+            ends.append(fastest(row for row in group if row["particles"] == size))
+        small, large = ends
+        findings.append((machine, f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with "
+                         f"{time_text(large['microseconds'])} a step; {sizes[-1] / sizes[0]:.0f} times fewer take "
+                         f"{large['microseconds'] / small['microseconds']:.0f} times less, "
+                         f"{time_text(small['microseconds'])} with {small['label']}"))
+        lines = source().encode(
+            x=alt.X("particles:Q", title="particles", scale=scale(sizes), axis=alt.Axis(format="~s")),
+            y=alt.Y("microseconds:Q", title="time a step (µs)", scale=scale([row["microseconds"] for row in group])),
+            color=charts.colour(), detail="label:N")
+        chart = alt.layer(lines.mark_line(strokeWidth=1.6),
+                          lines.mark_point(filled=True, size=45).encode(shape=charts.family_shape(),
+                                                                       tooltip=charts.tooltip(STEP)))
+        alternative = (f"Lines for {machine}: time a step of {len(distinct(group, 'label'))} strategies over "
+                       f"{len(sizes)} box sizes from {sizes[0]} to {sizes[-1]} particles, both logarithmic.")
+        panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, 420))
+    return Figure("figure8", by_machine(findings), "The paper's Figure 8: time a step against the size of a full "
+                  "box. Where a line is flat the device is not full; where it rises by a decade a decade, time is "
+                  "proportional to size.", STEP, rows, panels, used(results, "figure8"))
+
+
+def fastest_within(rows, target):
+    """The row that reaches an error soonest, or None."""
+    return min((row for row in rows if row["total"] <= target), key=lambda row: row["seconds"], default=None)
+
+
+RUN = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
+       ("contender", "strategy", None), ("fraction", "of stable step", 4), ("steps", "steps", 6),
+       ("seconds", "run time (s)", 4), ("total", "total error", 3), ("rounding", "rounding error", 3),
+       ("device", "device", None), ("front", "on the front", None)]
+
+
+def front(charts, results, runs):
+    if not runs:
+        return None
+    costs, on_front, panels = [], [], []
+    for (machine, scene), group in groups(runs, "machine", "scene").items():
+        coarse, fine = fastest_within(group, 1e-4), fastest_within(group, 1e-6)
+        if coarse and fine:
+            costs.append(fine["seconds"] / coarse["seconds"])
+        on_front += [row["formulation"] for row in group if row["front"]]
+        points = source().mark_point(filled=True, size=55).encode(
+            x=alt.X("seconds:Q", title=f"run time to t = {group[0]['end_time']:.3g} (s)",
+                    scale=scale([row["seconds"] for row in group])),
+            y=alt.Y("total:Q", title="total error (relative L2)", axis=alt.Axis(format="~e"),
+                    scale=scale([row["total"] for row in group])),
+            color=charts.colour(), shape=charts.shape("formulation", FORMULATIONS),
+            opacity=alt.condition("datum.front", alt.value(1), alt.value(0.3)),
+            tooltip=charts.tooltip(RUN))
+        steps = source().transform_filter("datum.front").mark_line(
+            interpolate="step-after", color="var(--ink)", strokeWidth=1.1).encode(
+                x="seconds:Q", y="total:Q",
+                strokeDash=alt.StrokeDash("device:N", legend=None, sort=distinct(group, "device")))
+        alternative = (f"Scatter plot for {scene} on {machine}: {len(group)} runs, run time against total error, both "
+                       f"logarithmic, with the Pareto front of each device as a line.")
+        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
+                                   alt.layer(steps, points), alternative, 340))
+    most = statistics.mode(on_front) if on_front else ""
+    title = f"the Pareto fronts are {percent(on_front.count(most) / len(on_front))} {most}" if most else ""
+    if costs:
+        title += f"; an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4"
+    return Figure("front", sentence(title), "Every run as a point: the time it takes to the end of the scene against its "
+                  "total error there, of rounding and time step together. Strong points are on the front of their device: "
+                  "nothing there is both faster and at least as exact. The line joins them.", RUN, runs, panels,
+                  used(results, having="pareto"), legend="backend formulation")
+
+
+CURVE = [("scene", "dataset", None), ("formulation", "formulation", None), ("precision", "precision", None),
+         ("fraction", "of stable step", 4), ("middle", "total error, median", 3), ("count", "backends", 3)]
+
+
+def curves(charts, results, runs):
+    if not runs:
+        return None
+    turns = {}
+    for (_, _, formulation, precision), group in groups(runs, "machine", "scene", "formulation", "precision").items():
+        if precision == "float32":
+            middle = {fraction: statistics.median(row["total"] for row in rows)
+                      for (fraction,), rows in groups(group, "fraction").items()}
+            turns.setdefault(formulation, []).append(min(middle, key=middle.get))
+    finest = min(row["fraction"] for row in runs)
+    def step(fraction):
+        return f"1/{1 / fraction:.3g}"
+    pays, grows = [], []
+    for formulation in (name for name in FORMULATIONS if name in turns):
+        fractions = turns[formulation]
+        if max(fractions) == finest:
+            pays.append(formulation)
+        else:
+            ends = dict.fromkeys(step(fraction) for fraction in (max(fractions), min(fractions)))
+            grows.append(f"{formulation} at {' to '.join(ends)}")
+    title = f"In float32 errors are least with {listed(grows)} of the stable step" if grows else ""
+    if pays:
+        title += ("; " if title else "In float32 ") + f"{listed(pays)} gain{'s' * (len(pays) == 1)} down to {step(finest)}"
+    panels = []
+    for (machine, scene), group in groups(runs, "machine", "scene").items():
+        fractions = sorted({row["fraction"] for row in group})
+        base = source().transform_aggregate(
+            middle="median(total)", count="distinct(backend)", groupby=["scene", "formulation", "precision", "fraction"]
+        ).encode(
+            x=alt.X("fraction:Q", title="time step, as a fraction of the stable one",
+                    scale=alt.Scale(type="log", nice=False),
+                    axis=alt.Axis(values=fractions, labelExpr="'1/' + format(1 / datum.value, '~r')")),
+            y=alt.Y("middle:Q", title="total error (relative L2)", axis=alt.Axis(format="~e"),
+                    scale=scale([row["total"] for row in group])),
+            color=alt.Color("formulation:N", legend=None, scale=alt.Scale(
+                domain=list(FORMULATIONS), range=[f"var(--{name})" for name in FORMULATIONS])))
+        lines = base.mark_line(strokeWidth=1.6).encode(strokeDash=alt.StrokeDash(
+            "precision:N", legend=None, scale=alt.Scale(domain=["float32", "float64"], range=[[1, 0], [2, 3]])))
+        points = base.mark_point(filled=True, size=45).encode(shape=charts.shape("formulation", FORMULATIONS),
+                                                              tooltip=charts.tooltip(CURVE))
+        alternative = (f"Lines for {scene} on {machine}: total error against the time step from {step(max(fractions))} to "
+                       f"{step(min(fractions))} of the stable one, a line for each formulation and precision.")
+        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
+                                   alt.layer(lines, points), alternative, 320))
+    return Figure("curves", title, "Total error against the time step, the median over backends, which round alike: solid "
+                  "float32, dotted float64. A line falls with the square of the step as long as the step is what costs, and "
+                  "turns up where rounding takes over.", RUN, runs, panels, used(results, having="pareto"),
+                  legend="formulation precision")
+
+
+MAP = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
+       ("damping", "damping", 4), ("fraction", "of the limit", 4), ("region", "outcome", None)]
+
+
+def stability_map(charts, results):
+    rows, panels, findings = [], [], []
+    for result in results:
+        for row in result.lists["stability_map"]:
+            cells = [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "damping": damping,
+                      "fraction": fraction, "region": region, "letter": region[0], "file": result.path.name,
+                      "date": result.date}
+                     for damping, line in zip(row["damping"], row["region"])
+                     for fraction, region in zip(row["fraction"], line)]
+            rows = [cell for cell in rows if (cell["machine"], cell["scene"]) != (result.machine, row["scene"])] + cells
+            # How far each damping stays bounded, without a gap below.
+            reach = {}
+            for damping, line in zip(row["damping"], row["region"]):
+                below = [fraction for fraction, region in zip(row["fraction"], line) if region != "bounded"]
+                reach[damping] = max((fraction for fraction in row["fraction"] if not below or fraction < min(below)),
+                                     default=0)
+            least, most = min(reach), max(reach.values())
+            enough = min(damping for damping in reach if reach[damping] == most)
+            findings.append((result.machine, f"a random start of ±{row['amplitude']:g} spacings stays bounded up to "
+                             f"{reach[least]:g} of the limit at damping {least:g}, and up to {most:g} at {enough:g}"))
+            base = source().encode(
+                x=alt.X("fraction:O", title="time step / limit at that damping",
+                        axis=alt.Axis(labelAngle=0, labelOverlap="greedy")),
+                y=alt.Y("damping:O", title="damping", sort="descending"), tooltip=charts.tooltip(MAP))
+            colours = alt.Scale(domain=list(reading.REGIONS), range=[f"var(--{name})" for name in reading.REGIONS])
+            cells_of = base.mark_rect(stroke="var(--page)").encode(
+                color=alt.Color("region:N", legend=None, scale=colours))
+            letters = base.mark_text(fontSize=11, color="#111").encode(text="letter:N")
+            alternative = (f"Map for {row['scene']} on {result.machine}: outcome after {row['steps']} steps for "
+                           f"{len(row['damping'])} dampings and {len(row['fraction'])} time steps.")
+            panels = [panel for panel in panels if panel.match != {"machine": result.machine, "scene": row["scene"]}]
+            panels.append(charts.panel(f"{row['scene']}, {result.machine}",
+                                       {"machine": result.machine, "scene": row["scene"]},
+                                       alt.layer(cells_of, letters), alternative, step=("damping", 24)))
+    if not rows:
+        return None
+    return Figure("map", by_machine(findings), "What becomes of a large random start: it stays "
+                  "bounded, heats up (more than 1.1 times the energy of the start) or diverges.", MAP, rows, panels,
+                  used(results, having="stability_map"), legend="region")
+
+
+RATIO = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
+         ("contender", "strategy", None), ("start", "start", None), ("damping", "damping", 4),
+         ("ratio", "measured / theory", 6), ("passed", "passed", None)]
+
+
+def stability(charts, results):
+    rows = []
+    for result in results:
+        for row in result.lists["stability"]:
+            start = "stretched" if row["start"]["kind"] == "stretched" else f"±{row['start']['amplitude']:g}"
+            rows.append({"machine": result.machine, "scene": row["scene"], "backend": row["backend"],
+                         "family": reading.family(row["backend"]), "contender": reading.contender(row), "start": start,
+                         "kind": f"{start}, λ = {row['damping']:g}", "damping": row["damping"], "ratio": row["ratio"],
+                         "held": row.get("tolerance") is not None, "passed": "yes" if row["passed"] else "no"})
+    if not rows:
+        return None
+    rows = reading.latest(rows, "machine", "scene", "contender", "kind")
+    small = [abs(row["ratio"] - 1) for row in rows if row["held"]]
+    lowest = min(rows, key=lambda row: row["ratio"])
+    findings = []
+    if small:
+        findings.append(f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%")
+    findings.append(f"a start of {lowest['start']} spacings ends at {lowest['ratio']:.2f} of it")
+    panels = []
+    for (machine,), group in groups(rows, "machine").items():
+        chart = source().mark_point(filled=True, size=40, opacity=0.75).encode(
+            x=alt.X("ratio:Q", title="measured limit / theory", scale=alt.Scale(zero=False),
+                    axis=alt.Axis(tickCount=6)),
+            y=alt.Y("kind:N", title="start in spacings, damping λ", sort=distinct(group, "kind")),
+            yOffset=alt.YOffset("backend:N", sort=charts.backends),
+            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(RATIO))
+        alternative = (f"Dot plot for {machine}: measured over theoretical limit of the time step, {len(group)} rows by "
+                       f"{len(distinct(group, 'kind'))} starts.")
+        panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, step=("kind", 44)))
+    return Figure("stability", sentence("; ".join(findings)), "The largest stable time step, found by trying, over the one "
+                  "that theory gives for small displacements. A point is a backend, formulation and dataset.", RATIO, rows,
+                  panels, used(results, having="stability"))
+
+
+def roofline(charts, results, rows):
+    rows = [row for row in reading.latest(rows, "machine", "scene", "contender")
+            if row["limit_microseconds"] and row["of_limit"]]
+    if not rows:
+        return None
+    findings, panels = [], []
+    for (machine,), group in groups(rows, "machine").items():
+        within = [row for row in group if row["of_limit"] <= 1]
+        best = max(within or group, key=lambda row: row["of_limit"])
+        middle = statistics.median(row["of_limit"] for row in group)
+        bound = statistics.mode(row["limited_by"] for row in group)
+        share = sum(row["limited_by"] == bound for row in group) / len(group)
+        findings.append((machine, f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on "
+                         f"{best['scene']}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of "
+                         "them"))
+        ends = {key: (min(row[key] for row in group), max(row[key] for row in group))
+                for key in ("limit_microseconds", "microseconds")}
+        points = source().mark_point(filled=True, size=50, opacity=0.85).encode(
+            x=alt.X("limit_microseconds:Q", title="least time a step by the device's limits (µs)",
+                    scale=scale(ends["limit_microseconds"], domain=ends["limit_microseconds"])),
+            y=alt.Y("microseconds:Q", title="measured time a step (µs)",
+                    scale=scale(ends["microseconds"], domain=ends["microseconds"])),
+            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(STEP))
+        lines = []
+        for factor, text in ((1, "the limit"), (10, "ten times as long")):
+            low, high = ends["limit_microseconds"]
+            line = alt.Chart(alt.InlineData(values=[{"x": end, "y": end * factor} for end in (low, high)]))
+            lines.append(line.mark_line(color="var(--soft)", strokeWidth=1, strokeDash=[1, 0] if factor == 1 else [4, 4],
+                                        clip=True).encode(x="x:Q", y="y:Q"))
+            # Named where the line leaves the chart, below it, where no point is.
+            top = min(high, ends["microseconds"][1] / factor)
+            name = alt.Chart(alt.InlineData(values=[{"x": top, "y": top * factor, "text": text}]))
+            lines.append(name.mark_text(align="right", dx=-6, dy=5, baseline="top", color="var(--soft)").encode(
+                x="x:Q", y="y:Q", text="text:N"))
+        alternative = (f"Scatter plot for {machine}: least time a step by the device's measured limits against the "
+                       f"measured time, {len(group)} rows, both logarithmic, with lines at the limit and ten times it.")
+        panels.append(charts.panel(machine, {"machine": machine}, alt.layer(*lines, points), alternative, 420))
+    return Figure("roofline", by_machine(findings), "What the bytes, operations and launches of a step take at least "
+                  "at the rates that the device reached in the same run, against the time it took. A point on the line "
+                  "loses nothing; one below it skips work that the limit counts, or finds in a cache what the limit reads "
+                  "from memory.", STEP, rows, panels, used(results, having="benchmarks"))
+
+
+EDIT = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
+        ("contender", "strategy", None), ("edits", "edits", 4), ("steps", "steps", 6), ("slower", "slower by (%)", 3),
+        ("edit_microseconds", "an edit (µs)", 4), ("microseconds", "a step with edits (µs)", 4),
+        ("base", "a step without (µs)", 4), ("study", "study", None), ("commit", "commit", None)]
+
+
+def edits(charts, results, rows):
+    rows = [row for row in reading.latest(rows, "machine", "scene", "contender") if row["edits"] and row["without_edits"]]
+    if not rows:
+        return None
+    rows = [{**row, "base": row["without_edits"] * 1e6,
+             "slower": 100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1)} for row in rows]
+    findings, panels = [], []
+    for (machine,), group in groups(rows, "machine").items():
+        middles = [f"{count} by {statistics.median(row['slower'] for row in of_count):.2g}{SPACE}%"
+                   for (count,), of_count in sorted(groups(group, "edits").items())]
+        findings.append((machine, f"edits slow {group[0]['steps']} steps down by these medians: " + ", ".join(middles)))
+        for formulation in distinct(group, "formulation"):
+            of_formulation = [row for row in group if row["formulation"] == formulation]
+            counts = sorted({row["edits"] for row in of_formulation})
+            for key, heading, title in (("slower", "slow-down", "slower by (%)"),
+                                        ("edit_microseconds", "latency of an edit", "an edit by itself (µs)")):
+                values = [row[key] for row in of_formulation if row[key] is not None]
+                if not values:
+                    continue
+                lines = source().encode(
+                    x=alt.X("edits:Q", title=f"edits in {group[0]['steps']} steps", scale=scale(counts),
+                            axis=alt.Axis(values=counts)),
+                    y=alt.Y(f"{key}:Q", title=title, scale=scale(values)), color=charts.colour(), detail="contender:N")
+                chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_point(filled=True, size=45).encode(
+                    shape=charts.family_shape(), tooltip=charts.tooltip(EDIT)))
+                alternative = (f"Lines for {machine}, {formulation}: {heading} over {len(counts)} counts of edits for "
+                               f"{len(distinct(of_formulation, 'backend'))} backends.")
+                panels.append(charts.panel(f"{sentence(heading)}, {formulation}, {machine}",
+                                           {"machine": machine, "formulation": formulation}, chart, alternative, 300))
+    files = [result for result in results if any(row.get("edits") for row in result.lists["benchmarks"])]
+    return Figure("edits", by_machine(findings), "Steps with cuts and sutures between them against the same steps "
+                  "without; and one edit by itself, from a device that waits to one that waits again.", EDIT, rows, panels,
+                  files)
+
+
+HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
+           ("backend", "backend", None), ("contender", "strategy", None), ("commit", "commit", None),
+           ("day", "date", None), *TIME, ("rounding", "rounding error", 3)]
+
+
+def history(charts, results, rows):
+    """Studies of which one machine has several files; strategies that more than one of them has."""
+    largest, panels, kept = {}, [], []
+    for (machine, study, scene), group in groups(rows, "machine", "study", "scene").items():
+        runs = sorted({(row["date"], row["commit"]) for row in group})
+        of_contender = [sorted(found, key=lambda row: row["date"]) for found in groups(group, "contender").values()]
+        of_contender = [found for found in of_contender if len({row["date"] for row in found}) > 1]
+        if not of_contender:
+            continue
+        for found in of_contender:
+            first, last = found[0], found[-1]
+            ratio = last["microseconds"] / first["microseconds"]
+            known = largest.get(machine)
+            if known is None or abs(math.log(ratio)) > abs(math.log(known[0])):
+                largest[machine] = (ratio, f"the largest change is that of {first['contender']} on {scene} ({study}), from "
+                                    f"{time_text(first['microseconds'])} to {time_text(last['microseconds'])}, "
+                                    f"{ratio:.2f} times")
+        ticks = {date: f"{commit} {date[5:16].replace('T', ' ')}" for date, commit in runs}
+        for row in sum(of_contender, []):
+            kept.append({**row, "run": ticks[row["date"]], "day": row["date"][:16].replace("T", " ")})
+        ends = (min(row["least"] for found in of_contender for row in found),
+                max(row["most"] for found in of_contender for row in found))
+        lines = source().encode(
+            x=alt.X("run:N", title="commit and date", sort=list(ticks.values()), axis=alt.Axis(
+                labelAngle=0, labelOverlap="greedy", labelExpr="[slice(datum.value, 0, 7), slice(datum.value, 8)]")),
+            y=alt.Y("microseconds:Q", title="time a step (µs)", scale=scale(ends, domain=ends)),
+            color=charts.colour(), detail="contender:N")
+        chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_rule(strokeWidth=1.2).encode(
+            y="least:Q", y2="most:Q"), lines.mark_point(filled=True, size=45).encode(
+                shape=charts.family_shape(), tooltip=charts.tooltip(HISTORY)))
+        alternative = (f"Lines for {scene}, study {study} on {machine}: time a step of {len(of_contender)} strategies in "
+                       f"{len(runs)} runs.")
+        panels.append(charts.panel(f"{scene}, study {study}, {machine}",
+                                   {"machine": machine, "study": study, "scene": scene}, chart, alternative, 300))
+    if not panels:
+        return None
+    several = [result for result in results if any((row["machine"], row["study"], row["date"]) ==
+                                                   (result.machine, result.study, result.date) for row in kept)]
+    title = by_machine((machine, text) for machine, (_, text) in largest.items())
+    return Figure("history", title, "The same study on the same machine at several commits; the line across a point spans "
+                  "the repetitions.", HISTORY, kept, panels, several)
+
+
+GATE = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
+        ("contender", "strategy", None), ("measurement", "measurement", None), ("steps", "steps", 6),
+        ("measured", "measured", 3), ("gate_is", "gate is", None), ("gate", "gate", 3), ("unit", "unit", None),
+        ("detail", "detail", None),
+        ("passed", "passed", None)]
+LEAST_SHARE = 1e-6
+
+
+def stress(charts, results):
+    rows = []
+    # A machine's latest suite stands for it, whole.
+    results = list({result.machine: result for result in results if result.lists["stress"]}.values())
+    for result in results:
+        for row in result.lists["stress"]:
+            gate, value = row.get("gate"), row.get("measured")
+            if gate is None:
+                continue
+            numbers = (value, gate) if row["gate_is"] == "at most" else (gate, value)
+            rows.append({"machine": result.machine, "scene": row["scene"], "backend": row["backend"],
+                         "family": reading.family(row["backend"]), "contender": reading.contender(row),
+                         "measurement": row["measurement"], "steps": row["steps"], "measured": value, "gate": gate,
+                         "gate_is": row["gate_is"], "unit": row.get("unit", ""), "detail": row.get("detail", ""),
+                         # Zero has no place on a logarithmic axis.
+                         "share": max(numbers[0] / numbers[1], LEAST_SHARE) if all(numbers) else None,
+                         "passed": "yes" if row["passed"] else "no"})
+    if not rows:
+        return None
+    missed = [row for row in rows if row["passed"] == "no"]
+    title = f"{len(rows) - len(missed)} of {len(rows)} gates of the stress suite hold"
+    if missed:
+        title += f"; the others are of {listed(backend_order(set(distinct(missed, 'backend'))))}"
+    panels = []
+    for (machine,), group in groups(rows, "machine").items():
+        drawn = [row for row in group if row["share"]]
+        if not drawn:
+            continue
+        chart = source().transform_filter("isValid(datum.share)").mark_point(filled=True, size=40, opacity=0.8).encode(
+            x=alt.X("share:Q", title="measured, as a share of the gate", axis=alt.Axis(format="~e"),
+                    scale=scale([row["share"] for row in drawn] + [1])),
+            y=alt.Y("measurement:N", title=None, sort=distinct(group, "measurement"), axis=alt.Axis(labelLimit=130)),
+            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(GATE))
+        gate = alt.Chart(alt.InlineData(values=[{"share": 1}])).mark_rule(color="var(--ink)").encode(x="share:Q")
+        alternative = (f"Dot plot for {machine}: {len(drawn)} measurements over their gates, with a line where a gate is "
+                       "reached.")
+        panels.append(charts.panel(machine, {"machine": machine}, alt.layer(gate, chart), alternative,
+                                   step=("measurement", 24)))
+    return Figure("stress", title, "Every measurement with a gate, as a share of it: left of the line it holds. What is "
+                  f"less than {error_text(LEAST_SHARE)} of its gate is drawn there; gates and measurements of exactly zero "
+                  "are in the table alone.", GATE, rows, panels, results)
+
+
+def latest_runs(results):
+    return reading.latest(reading.pareto(results), "machine", "scene", "contender", "fraction")
+
+
+def all_figures(results):
+    """The colours of the page, and the figures that these results have something for in its order."""
+    rows, runs = reading.measured(results), latest_runs(results)
+    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "failed")
+    charts = Charts({row["backend"] for result in results for name in lists for row in result.lists[name]})
+    figures = [datasets(charts, results, rows), figure7(charts, results, rows), figure8(charts, results, rows),
+               front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows),
+               stability_map(charts, results), stability(charts, results), edits(charts, results, rows),
+               history(charts, results, rows), stress(charts, results)]
+    return charts, [figure for figure in figures if figure]

@@ -1,0 +1,82 @@
+#!/usr/bin/env python3
+"""Makes one self-contained page of results: which strategy is the fastest on each dataset, what it costs in error, and
+the figures behind that.
+
+Usage: report.py [RESULTS...] -o report.html [--picture FILE.png]...
+
+RESULTS are results of `voxspring study` (schema.json), or folders, which are searched for such files; this folder unless
+some are named. Several files of one study on one machine add its history. The page needs no network. It is written in one
+go, and its path printed: after any error, which names file, key and value and exits with 2, the old one is as it was.
+`./run report` makes it with the packages in requirements.txt.
+"""
+
+import argparse
+import os
+import pathlib
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).resolve().parent
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def refuse(message):
+    print(f"report.py: {message}", file=sys.stderr)
+    sys.exit(2)
+
+
+try:
+    from page import document, reading
+except ModuleNotFoundError as error:
+    refuse(f"the Python package {error.name} is missing: `./run report` installs it, or pip install -r "
+           f"{HERE / 'requirements.txt'}")
+
+
+def read_picture(path):
+    """A picture's name in words, and its bytes."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise reading.BadInput(f"--picture {path}: {error.strerror}") from None
+    if not data.startswith(PNG_SIGNATURE):
+        raise reading.BadInput(f"--picture {path}: begins with {data[:8]!r}; expected a PNG file")
+    return path.stem.replace("_", " "), data
+
+
+def write_whole(path, text):
+    """Writes a file so that it is either all there or as it was."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", errors="replace") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp lets nobody else read it.
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=pathlib.Path, nargs="*", default=[HERE], metavar="RESULTS")
+    parser.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="report.html")
+    parser.add_argument("--picture", type=pathlib.Path, action="append", default=[], metavar="FILE.png",
+                        help="a picture to show; its file's name, _ as spaces, is what it is called")
+    options = parser.parse_args()
+    try:
+        results = reading.read_all(options.results)
+        text = document.page(results, [read_picture(path) for path in options.picture])
+    except reading.BadInput as error:
+        refuse(error)
+    try:
+        write_whole(options.out, text)
+    except OSError as error:
+        refuse(f"--out {options.out}: {error.strerror}")
+    print(options.out)
+
+
+if __name__ == "__main__":
+    main()

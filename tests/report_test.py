@@ -1,0 +1,469 @@
+"""The page that results/report.py makes, as its readers meet it: in a browser, on a phone and on a desk, light and dark.
+
+The current directory is the source tree. Needs chromium and its driver, and the packages of results/requirements.txt in
+build/report-venv, which `./run test` installs; where either is missing all of this is skipped: exit code 77.
+"""
+
+import copy
+import itertools
+import json
+import math
+import pathlib
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ROOT = pathlib.Path.cwd()
+PYTHON = ROOT / "build/report-venv/bin/python"
+REPORT = ROOT / "results/report.py"
+H200 = ROOT / "results/nvidia-h200"
+SKIPPED = 77
+# What the committed results have something for.
+FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "map", "stability", "edits", "stress"]
+WIDTHS = (360, 1440)
+SCHEMES = ("light", "dark")
+
+
+def missing():
+    """Why these tests cannot run here, or nothing."""
+    for program in ("chromium", "chromedriver"):
+        if not shutil.which(program):
+            return f"there is no {program}"
+    try:
+        import selenium  # noqa: F401
+    except ImportError:
+        return "there is no python3-selenium"
+    return "" if PYTHON.exists() else f"there is no {PYTHON}: run ./run report"
+
+
+def report(*arguments, python=(PYTHON,), largest_file=resource.RLIM_INFINITY):
+    return subprocess.run([*python, "-W", "error", REPORT, *map(str, arguments)], capture_output=True, text=True, timeout=120,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file)))
+
+
+def medians(study):
+    rows = json.loads((H200 / f"{study}.json").read_text())["benchmarks"]
+    return [row for row in rows if row.get("aggregate_name") == "median"]
+
+
+class InTemporaryFolder(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.out = self.folder / "report.html"
+
+    def write(self, name, result):
+        path = self.folder / name
+        path.write_text(result if isinstance(result, str) else json.dumps(result))
+        return path
+
+
+class Input(InTemporaryFolder):
+    """What cannot be used is refused by name, and the page that was there stays."""
+
+    def assert_refused(self, result, *words):
+        self.assertEqual(result.returncode, 2, result.stderr)
+        self.assertEqual(result.stdout, "")
+        self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+        for word in words:
+            self.assertIn(str(word), result.stderr)
+
+    def test_broken_files(self):
+        good = json.loads((H200 / "figure7.json").read_text())
+        def changed(change):
+            result = copy.deepcopy(good)
+            change(result)
+            return result
+        cases = {
+            "cut.json": (json.dumps(good)[:1000], ["cut.json"]),
+            "list.json": ([1], ["list.json", "[1]", "result of a study"]),
+            "context.json": ({"benchmarks": []}, ["context", "is missing"]),
+            "commit.json": (changed(lambda r: r["context"]["voxspring"].update(commit=7)),
+                            ["context.voxspring.commit", "7", "expected text"]),
+            "time.json": (changed(lambda r: r["benchmarks"][3].update(real_time="fast")),
+                          ["benchmarks[3].real_time", '"fast"', "expected a number"]),
+            "scene.json": (changed(lambda r: r["benchmarks"][2].pop("scene")), ["benchmarks[2].scene", "is missing"]),
+            "rows.json": (changed(lambda r: r.update(benchmarks={})), ["benchmarks", "{}", "expected a list"]),
+        }
+        self.out.write_text("the old page")
+        for name, (content, words) in cases.items():
+            with self.subTest(name):
+                self.assert_refused(report(self.write(name, content), "--out", self.out), name, *words)
+        region = json.loads((H200 / "stability.json").read_text())
+        region["stability_map"][0]["region"][1][2] = "melted"
+        self.assert_refused(report(self.write("map.json", region), "--out", self.out), "region", "melted", "bounded")
+        self.assert_refused(report(self.folder / "none.json", "--out", self.out), "none.json", "No such file")
+        empty = self.folder / "empty"
+        empty.mkdir()
+        self.assert_refused(report(empty, "--out", self.out), empty, "no .json")
+        picture = self.write("body.png", "GIF89a")
+        self.assert_refused(report(H200 / "table1.json", "--out", self.out, "--picture", picture), "body.png", "PNG")
+        self.assertEqual(self.out.read_text(), "the old page")
+        self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
+
+    def test_where_nothing_can_be_written(self):
+        results = H200 / "table1.json"
+        self.assert_refused(report(results, "--out", self.folder / "no/report.html"), "--out", "No such file")
+        folder = self.folder / "folder.html"
+        folder.mkdir()
+        self.assert_refused(report(results, "--out", folder), "--out", "Is a directory")
+        # As on a disk that is full: after 100 kB no file can grow.
+        self.out.write_text("the old page")
+        self.assert_refused(report(results, "--out", self.out, largest_file=100_000), "--out", "File too large")
+        self.assertEqual(self.out.read_text(), "the old page")
+        self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
+
+    def test_a_missing_package_is_named(self):
+        # -S: without the folders that packages are installed to.
+        result = report(H200 / "table1.json", "--out", self.out, python=(PYTHON, "-S"))
+        self.assert_refused(result, "is missing", "./run report")
+        self.assertFalse(self.out.exists())
+
+    def test_the_same_results_give_the_same_page(self):
+        pages = []
+        for _ in range(2):
+            self.assertEqual(report(H200 / "table1.json", "--out", self.out).returncode, 0)
+            pages.append(self.out.read_bytes())
+        self.assertEqual(*pages)
+
+    def test_nothing_in_the_page_can_end_its_data_early(self):
+        result = json.loads((H200 / "table1.json").read_text())
+        for row in result["benchmarks"]:
+            row["scene"] = row["scene"].replace("heart", "</script><h1 id=evil>")
+            row["name"] = row["name"].replace("heart", "</script><h1 id=evil>")
+        self.assertEqual(report(self.write("evil.json", result), "--out", self.out).returncode, 0)
+        self.assertNotIn("</script><h1 id=evil>", self.out.read_text())
+
+
+class Browser:
+    """Headless chromium, one for all tests."""
+
+    def __init__(self):
+        from selenium import webdriver
+        from selenium.webdriver.chrome.service import Service
+        options = webdriver.ChromeOptions()
+        for option in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+            options.add_argument(option)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+        self.driver = webdriver.Chrome(service=Service(shutil.which("chromedriver")), options=options)
+        self.driver.set_script_timeout(60)
+
+    def emulate(self, width, scheme, media=""):
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+            "width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500})
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {
+            "media": media, "features": [{"name": "prefers-color-scheme", "value": scheme}]})
+
+    def open(self, path, width=1440, scheme="light"):
+        from selenium.webdriver.support.ui import WebDriverWait
+        self.emulate(width, scheme)
+        self.driver.get(path.as_uri())
+        WebDriverWait(self.driver, 60).until(
+            lambda driver: driver.execute_script("return document.documentElement.dataset.drawn") == "yes")
+
+    def script(self, text, *arguments):
+        return self.driver.execute_script(text, *arguments)
+
+    def settle(self):
+        """Waits until every chart has drawn what was last asked of it."""
+        self.driver.execute_async_script(
+            "Promise.all(views.map(({view}) => view.runAsync())).then(() => arguments[0]())")
+
+
+def linear_rgb(colour):
+    channels = [int(colour[i:i + 2], 16) / 255 for i in (1, 3, 5)]
+    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
+
+
+def relative_luminance(colour):
+    return sum(weight * c for weight, c in zip((0.2126, 0.7152, 0.0722), linear_rgb(colour)))
+
+
+def product(matrix, vector):
+    return [sum(a * b for a, b in zip(row, vector)) for row in matrix]
+
+
+# How eyes without one kind of cone see linear RGB: Machado, Oliveira and Fernandes (2009), Table 1, severity 1.
+VISIONS = {
+    "all cones": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+# From linear RGB to cones and from their cube roots to Oklab (Ottosson 2020), where equal distances look equally far.
+CONES = [[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
+         [0.0883024619, 0.2817188376, 0.6299787005]]
+OKLAB = [[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
+         [0.0259040371, 0.7827717662, -0.8086757660]]
+
+
+def seen(colour, vision):
+    rgb = [min(1, max(0, c)) for c in product(VISIONS[vision], linear_rgb(colour))]
+    return product(OKLAB, [cone ** (1 / 3) for cone in product(CONES, rgb)])
+
+
+def contrast(one, other):
+    dark, light = sorted((relative_luminance(one), relative_luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+class Page(unittest.TestCase):
+    """The page of the committed results."""
+
+    @classmethod
+    def setUpClass(cls):
+        folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(folder.cleanup)
+        cls.path = pathlib.Path(folder.name) / "report.html"
+        # Not results/local, which is the developer's own.
+        made = report(*(folder for folder in sorted(H200.parent.iterdir()) if list(folder.glob("*.json"))
+                        and folder.name != "local"), "--out", cls.path)
+        if made.returncode != 0:
+            raise AssertionError(made.stderr)
+        cls.browser = Browser()
+        cls.addClassCleanup(cls.browser.driver.quit)
+        cls.script = cls.browser.script
+
+    def assert_quiet(self):
+        """Neither errors nor warnings in the console, and no request but for the page itself."""
+        self.assertEqual(self.browser.driver.get_log("browser"), [])
+        messages = [json.loads(entry["message"])["message"] for entry in self.browser.driver.get_log("performance")]
+        requested = {message["params"]["request"]["url"] for message in messages
+                     if message["method"] == "Network.requestWillBeSent"}
+        outside = {url for url in requested if not url.startswith(("data:", "blob:", "chrome:", "about:"))}
+        self.assertLessEqual(outside, {self.path.as_uri()})
+
+    def test_every_width_and_scheme(self):
+        axe = next((ROOT / "build/report-venv").rglob("axe.min.js")).read_text()
+        for width in WIDTHS:
+            for scheme in SCHEMES:
+                with self.subTest(width=width, scheme=scheme):
+                    self.browser.open(self.path, width, scheme)
+                    self.assertEqual(self.script("return innerWidth"), width)
+                    self.assertLessEqual(*self.script(
+                        "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"))
+                    # A chart is as wide as its place, not cut off by it.
+                    self.assertEqual(self.script(
+                        "return [...document.querySelectorAll('.chart')].filter((chart) => chart.querySelector('svg')"
+                        ".getBoundingClientRect().width > chart.clientWidth + 1).map((chart) => chart.id)"), [])
+                    self.assert_quiet()
+                    self.script("document.querySelector('details[data-figure=figure7]').open = true")
+                    self.script(axe)
+                    found = self.browser.driver.execute_async_script(
+                        # Without what is drawn in the charts: thousands of marks without text, and text in colours that
+                        # are looked at below.
+                        "document.querySelectorAll('.chart svg').forEach((chart) => chart.replaceChildren());"
+                        "axe.run(document, {resultTypes: ['violations']}).then((result) => arguments[0](result.violations"
+                        ".map((found) => [found.id, found.nodes.slice(0, 3).map((node) => node.html.slice(0, 120))])))")
+                    self.assertEqual(found, [])
+
+    def test_every_figure_has_its_marks(self):
+        self.browser.open(self.path)
+        names = self.script("return [...document.querySelectorAll('section[data-figure]')].map((s) => s.dataset.figure)")
+        self.assertEqual(names, FIGURES)
+        for name in names:
+            with self.subTest(name):
+                counts = self.script(
+                    "return views.filter(({figure}) => figure.name === arguments[0]).map(({figure, panel, element}) => ["
+                    "figure.rows.filter((row) => matches(row, panel.match)).length,"
+                    "element.querySelectorAll('.mark-symbol > path, .mark-rect > path').length,"
+                    "element.parentNode.querySelector('[role=graphics-document]').getAttribute('aria-label')])", name)
+                self.assertGreater(len(counts), 0)
+                for rows, marks, alternative in counts:
+                    self.assertGreater(len(alternative or ""), 40)
+                    # A curve's points are medians over backends; gates and measurements of zero have no place.
+                    if name in ("curves", "stress"):
+                        self.assertGreater(marks, 20)
+                    else:
+                        self.assertEqual(marks, rows)
+                title = self.script("return document.querySelector(`section[data-figure=${arguments[0]}] h2`).innerText",
+                                    name)
+                self.assertRegex(title, r"\d", "a title states its finding")
+                caption = self.script("return document.querySelector(`section[data-figure=${arguments[0]}] .caption`)"
+                                      ".innerText", name)
+                self.assertRegex(caption, r"NVIDIA H200, driver \S+.*, commit [0-9a-f]{7,}, \d{4}-\d\d-\d\d")
+
+    def test_the_answer_is_what_the_files_say(self):
+        self.browser.open(self.path)
+        # Where several files have a row, the latest stands.
+        latest = {}
+        files = [json.loads(path.read_text()) for path in H200.glob("*.json")]
+        for result in sorted(files, key=lambda result: result["context"]["date"]):
+            for row in result["benchmarks"]:
+                if row.get("aggregate_name") == "median" and row["scene"] == "box@256":
+                    latest[row["name"].split("/iterations:")[0]] = row
+        best = min(latest.values(), key=lambda row: row["real_time"])
+        text = self.script("return document.querySelector('.answer tr[data-scene=\"box@256\"]').innerText")
+        self.assertIn(best["backend"], text)
+        self.assertIn(f"{best['real_time']:.3g}", text)
+        lead = self.script("return document.querySelector('.lead').innerText")
+        self.assertIn("box@256", lead)
+        # Figure 7's title names the fastest of both scenes.
+        title = self.script("return document.querySelector('section[data-figure=figure7] h2').innerText")
+        for scene in ("box@32", "heart"):
+            row = min((row for row in medians("figure7") if row["scene"] == scene), key=lambda row: row["real_time"])
+            self.assertIn(f"on {scene} {row['backend']}", title.replace("On", "on"))
+            self.assertIn(f"{row['real_time']:.3g}\N{NO-BREAK SPACE}µs", title)
+
+    def marks(self, figure, backend):
+        return self.script(
+            "const colour = getComputedStyle(document.querySelector(`#filters input[value=${arguments[1]}] + svg`)).fill;"
+            "return [...document.querySelectorAll(`section[data-figure=${arguments[0]}] figure:not([hidden]) .mark-symbol > "
+            "path`)].filter((mark) => getComputedStyle(mark).fill === colour).length", figure, backend)
+
+    def test_filters(self):
+        self.browser.open(self.path)
+        rows = {row["backend"] for row in medians("figure8")}
+        self.assertIn("cuda_scatter", rows)
+        count = sum(row["backend"] == "cuda_scatter" for row in medians("figure8"))
+        self.script("document.querySelector('details[data-figure=figure8]').open = true")
+        self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
+        self.driver_click("#filters input[value=cuda_scatter]")
+        self.assertEqual(self.marks("figure8", "cuda_scatter"), 0)
+        self.assertGreater(self.marks("figure8", "cuda_implicit_cached"), 0)
+        self.assertEqual(self.table("figure8", "backend"), rows - {"cuda_scatter"})
+        self.driver_click("#filters input[value=cuda_scatter]")
+        self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
+
+        self.script("scene.value = 'heart'; scene.dispatchEvent(new Event('change', {bubbles: true}))")
+        self.browser.settle()
+        self.assertEqual(self.script("return [...document.querySelectorAll('section[data-figure=figure7] figure:not([hidden]) "
+                                     "h3')].map((heading) => heading.innerText)"), ["heart, NVIDIA H200"])
+        self.assertFalse(self.script("return document.querySelector('section[data-figure=figure8] .empty').hidden"))
+        self.script("document.querySelector('details[data-figure=datasets]').open = true")
+        self.browser.settle()
+        self.assertEqual(self.table("datasets", "dataset"), {"heart"})
+        self.script("scene.value = ''; scene.dispatchEvent(new Event('change', {bubbles: true}))")
+
+        self.driver_click("#all")
+        empty = self.script("return document.querySelectorAll('section[data-figure] .empty:not([hidden])').length")
+        self.assertEqual(empty, len(FIGURES))
+        self.driver_click("#all")
+        self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
+        self.assert_quiet()
+
+    def driver_click(self, selector):
+        from selenium.webdriver.common.by import By
+        self.browser.driver.find_element(By.CSS_SELECTOR, selector).click()
+        self.browser.settle()
+
+    def table(self, figure, column):
+        """What a column of a figure's table holds."""
+        return set(self.script(
+            "const table = document.querySelector(`details[data-figure=${arguments[0]}] table`);"
+            "const place = [...table.tHead.rows[0].cells].findIndex((cell) => cell.textContent === arguments[1]);"
+            "return [...table.tBodies[0].rows].map((row) => row.cells[place].textContent)", figure, column))
+
+    def test_a_hover_shows_the_row(self):
+        from selenium.webdriver.common.action_chains import ActionChains
+        from selenium.webdriver.common.by import By
+        self.browser.open(self.path)
+        mark = self.browser.driver.find_element(By.CSS_SELECTOR, "#figure7-0 .mark-rect > path")
+        self.script("arguments[0].scrollIntoView({block: 'center'})", mark)
+        ActionChains(self.browser.driver).move_to_element(mark).perform()
+        shown = self.script("const tip = document.getElementById('vg-tooltip-element');"
+                            "return tip && tip.classList.contains('visible') ? tip.innerText : ''")
+        for word in ("strategy", "time a step", "rounding error", "box@32"):
+            self.assertIn(word, shown)
+
+    def test_nothing_can_be_fetched(self):
+        self.browser.open(self.path)
+        blocked = self.browser.driver.execute_async_script(
+            "document.addEventListener('securitypolicyviolation', (event) => arguments[0](event.effectiveDirective));"
+            "fetch('https://example.invalid/').catch(() => {})")
+        self.assertEqual(blocked, "connect-src")
+        self.browser.driver.get_log("browser")
+        # The chart library's own source is full of such words.
+        text = re.sub("<script.*?</script>", "", self.path.read_text(), flags=re.DOTALL)
+        self.assertIsNone(re.search(r"<(script|link|img|iframe)[^>]*(src|href)=[\"'](?!data:)", text))
+
+    def test_print_is_light(self):
+        self.browser.open(self.path, 1440, "dark")
+        dark = self.script("return getComputedStyle(document.body).backgroundColor")
+        self.browser.emulate(1440, "dark", "print")
+        self.assertEqual(self.script("return getComputedStyle(document.body).backgroundColor"), "rgb(255, 255, 255)")
+        self.assertNotEqual(dark, "rgb(255, 255, 255)")
+        self.assertEqual(self.script("return getComputedStyle(document.querySelector('#figure7-0 .mark-text.role-mark text'))"
+                                     ".fill"), self.script("return getComputedStyle(document.body).color"))
+
+    def test_colours_stand_out_from_the_page(self):
+        for scheme in SCHEMES:
+            self.browser.open(self.path, 1440, scheme)
+            names = set(re.findall(r"(--[a-z0-9-]+):", (ROOT / "results/page/page.css").read_text()))
+            colours = dict(self.script(
+                "return arguments[0].map((name) => [name, getComputedStyle(document.documentElement).getPropertyValue(name)"
+                ".trim()])", sorted(names)))
+            for name, colour in colours.items():
+                if name in ("--page", "--raised", "--line", "--bounded", "--heating", "--diverged"):
+                    continue
+                # WCAG 2.2: 4.5 for text, 3 for what a figure is understood by.
+                least = 4.5 if name in ("--ink", "--soft", "--link") else 3
+                with self.subTest(scheme=scheme, name=name):
+                    self.assertGreaterEqual(contrast(colour, colours["--page"]), least)
+            # The letters on the map of stability are always dark.
+            for region in ("--bounded", "--heating", "--diverged"):
+                self.assertGreaterEqual(contrast("#111111", colours[region]), 4.5)
+            backends = [colour for name, colour in colours.items() if name.startswith("--backend-")]
+            self.assertEqual(len(backends), 16)
+            # 0.02 is about what can be told apart side by side; marks are small and apart.
+            for vision in VISIONS:
+                for one, other in itertools.combinations(backends, 2):
+                    with self.subTest(scheme=scheme, vision=vision, colours=(one, other)):
+                        self.assertGreater(math.dist(seen(one, vision), seen(other, vision)), 0.06)
+
+
+class Parts(InTemporaryFolder):
+    """What the committed results have nothing of: several commits, the study fastest, pictures."""
+
+    def test_history_across_commits(self):
+        result = json.loads((H200 / "figure7.json").read_text())
+        result["context"]["date"] = "2027-01-02T03:04:05+00:00"
+        result["context"]["voxspring"]["commit"] = "0123456789ab"
+        for row in result["benchmarks"]:
+            if row["backend"] == "cuda_scatter" and row["scene"] == "heart":
+                row["real_time"] *= 1.25
+        made = report(H200 / "figure7.json", self.write("later.json", result), "--out", self.out)
+        self.assertEqual((made.returncode, made.stdout), (0, f"{self.out}\n"), made.stderr)
+        text = self.out.read_text()
+        title = re.search(r'<section data-figure="history"><h2>(.*?)</h2>', text)[1]
+        self.assertRegex(title, r"cuda_scatter position on heart \(figure7\), from 6\.66.* to .*, 1\.25 times")
+        self.assertIn("0123456 01-02 03:04", text)
+        # One file has no history.
+        report(H200 / "figure7.json", "--out", self.out)
+        self.assertNotIn('data-figure="history"', self.out.read_text())
+
+    def test_the_study_fastest_says_what_was_aimed_at(self):
+        result = json.loads((H200 / "table1.json").read_text())
+        rows = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median" and row["scene"] == "box@32"]
+        best, other = sorted(rows, key=lambda row: row["real_time"])[:2]
+        def winner(row):
+            return {"name": row["name"].split("/iterations:")[0], "seconds_per_step": row["real_time"] * 1e-6}
+        target = {"quantity": "seconds_per_step", "value": 1e-9, "backends": "cuda_*", "name": None,
+                  "measured": best["real_time"] * 1e-6, "reached": 0.1, "met": False}
+        identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
+        result["fastest"] = [{**winner(best), **identity,
+                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target]}]
+        made = report(self.write("fastest.json", result), "--out", self.out)
+        self.assertEqual(made.returncode, 0, made.stderr)
+        text = self.out.read_text()
+        self.assertIn("12.34 times as fast as the best of the paper", text)
+        self.assertIn("missed", text)
+
+    def test_pictures_are_in_the_page(self):
+        picture = self.folder / "deformed_heart.png"
+        picture.write_bytes(b"\x89PNG\r\n\x1a\n")
+        made = report(H200 / "table1.json", "--out", self.out, "--picture", picture)
+        self.assertEqual(made.returncode, 0, made.stderr)
+        self.assertIn('alt="deformed heart" src="data:image/png;base64,iVBORw0KGgo="', self.out.read_text())
+
+
+if __name__ == "__main__":
+    if reason := missing():
+        print(f"skipped: {reason}")
+        sys.exit(SKIPPED)
+    unittest.main()
