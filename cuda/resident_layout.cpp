@@ -305,6 +305,9 @@ private:
                 (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
             });
         }
+        // Where there is nothing the border may be said to be: the more warps of a block are alike the
+        // better.
+        int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {
                 std::uint32_t across = 0;
@@ -313,11 +316,12 @@ private:
                     if ((y != 0 && o.y == y) || (z != 0 && o.z == z)) across |= 1U << direction.bit;
                 }
                 if ((within & across) != 0 || (beyond & ~across) != 0) continue;
-                return (y != 0 ? 2 : 0) + (z != 0 ? 1 : 0) + (y < 0 ? mirrored_y : 0) +
-                       (z < 0 ? mirrored_z : 0);
+                const int kind = (y != 0 ? 2 : 0) + (z != 0 ? 1 : 0);
+                if (best == mixed_border || kind > (best & border_kind_bits))
+                    best = kind + (y < 0 ? mirrored_y : 0) + (z < 0 ? mirrored_z : 0);
             }
         }
-        return mixed_border;
+        return best;
     }
 
     const Problem& problem_;

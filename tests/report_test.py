@@ -295,14 +295,14 @@ class Page(unittest.TestCase):
         files = [json.loads(path.read_text()) for path in H200.glob("*.json")]
         for result in sorted(files, key=lambda result: result["context"]["date"]):
             for row in result["benchmarks"]:
-                if row.get("aggregate_name") == "median" and row["scene"] == "box@256":
+                if row.get("aggregate_name") == "median":
                     latest[row["name"].split("/iterations:")[0]] = row
-        best = min(latest.values(), key=lambda row: row["real_time"])
+        best = min((row for row in latest.values() if row["scene"] == "box@256"), key=lambda row: row["real_time"])
         text = self.script("return document.querySelector('.answer tr[data-scene=\"box@256\"]').innerText")
         self.assertIn(best["backend"], text)
         self.assertIn(f"{best['real_time']:.3g}", text)
         lead = self.script("return document.querySelector('.lead').innerText")
-        self.assertIn("box@256", lead)
+        self.assertIn(max(latest.values(), key=lambda row: row["particles"])["scene"], lead)
         # Figure 7's title names the fastest of both scenes.
         title = self.script("return document.querySelector('section[data-figure=figure7] h2').innerText")
         for scene in ("box@32", "heart"):
