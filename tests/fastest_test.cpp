@@ -207,7 +207,7 @@ TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
         result_of({row_of("a", "cpu_parallel", 90), row_of("a", "gl_fragment_implicit", 80),
                    row_of("b", "cuda_implicit_cached", 80, "fetch=l1")});
     const std::vector<nlohmann::json> rows = {result.at("benchmarks")[0], result.at("benchmarks")[1]};
-    nlohmann::json refused = row_of("a", "cuda_implicit_cached", 0, "fetch=l1");
+    nlohmann::json refused = row_of("a", "cuda_implicit_cached", 1, "fetch=l1");
     refused["reason"] = "too large";
     result["skipped"].push_back(refused);
     EXPECT_EQ(choose_among(result, rows).at("name"), "a/gl_fragment_implicit/position/float32");

@@ -118,17 +118,25 @@ VOXSPRING_HOST_DEVICE inline double fast_reciprocal(double value) {
 #endif
 }
 
-/// series_stiffness() without an IEEE division.
+/// series_stiffness() without an IEEE division. Where neither end is a particle both compliances are zero and
+/// the caller drops what comes of it: an infinity on a device; on a host, whose sanitizers would stop there,
+/// zero.
 VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
 #ifdef __CUDA_ARCH__
     return __fdividef(2.0F, compliance_a + compliance_b);
 #else
-    return 2 / (compliance_a + compliance_b);
+    const float compliance = compliance_a + compliance_b;
+    return compliance == 0 ? 0 : 2 / compliance;
 #endif
 }
 
 VOXSPRING_HOST_DEVICE inline double fast_series_stiffness(double compliance_a, double compliance_b) {
+#ifdef __CUDA_ARCH__
     return 2 * fast_reciprocal(compliance_a + compliance_b);
+#else
+    const double compliance = compliance_a + compliance_b;
+    return compliance == 0 ? 0 : 2 * fast_reciprocal(compliance);
+#endif
 }
 
 }  // namespace voxspring
