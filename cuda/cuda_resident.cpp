@@ -86,12 +86,7 @@ public:
         launch.step.motion = this->launch().step.motion;
         tag_ = launches_ = 0;
         resume(launch);
-        std::vector<std::uint32_t> particles, masks;
-        for (const SpringEdit::Touched& touched : edit.touched) {
-            particles.push_back(touched.particle);
-            masks.push_back(touched.mask);
-        }
-        write_particle_bits(particles, masks);
+        write_masks(edit);
     }
 
     /// That of an implicit step without its memory: the state leaves registers at the end of a launch alone.

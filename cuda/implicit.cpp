@@ -57,12 +57,7 @@ public:
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
         this->follow(edited);
-        std::vector<std::uint32_t> particles, masks;
-        for (const SpringEdit::Touched& touched : edit.touched) {
-            particles.push_back(touched.particle);
-            masks.push_back(touched.mask);
-        }
-        this->write_particle_bits(particles, masks);
+        this->write_masks(edit);
     }
 
     StepWork step_work(const Problem& problem) const override {

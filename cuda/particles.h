@@ -158,6 +158,16 @@ protected:
                    edited.size(), stream());
     }
 
+    /// The same with the masks of what an edit touched.
+    void write_masks(const SpringEdit& edit) {
+        std::vector<std::uint32_t> particles, masks;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            particles.push_back(touched.particle);
+            masks.push_back(touched.mask);
+        }
+        write_particle_bits(particles, masks);
+    }
+
     std::uint64_t particle_bytes_held() const {
         return words_[0].bytes() + words_[1].bytes() + low_[0].bytes() + low_[1].bytes() +
                increment_.bytes() + increment_low_.bytes() + load_.bytes() + inverse_masses_.bytes() +
