@@ -127,8 +127,12 @@ void check_auto(const std::string& text) {
     if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
 }
 
-AutoChoice choose_backend(const std::string& text, const Problem& problem,
-                          const std::function<bool(const Backend&)>& accepts) {
+bool may_be_chosen(const BackendSpec& spec, const Backend& backend) {
+    return !spec.entry->name.starts_with("gl_") || !is_software(backend.capabilities().device);
+}
+
+Chosen choose_by_rules(const std::string& text, const Problem& problem,
+                       const std::function<bool(const BackendSpec&)>& takes) {
     check_auto(text);
     const Workload workload = workload_of(problem);
     const std::string options = options_of(text);
@@ -137,10 +141,7 @@ AutoChoice choose_backend(const std::string& text, const Problem& problem,
         const std::string both = options + (options.empty() || rule.tuning.empty() ? "" : ",") + rule.tuning;
         try {
             BackendSpec spec = BackendSpec::parse(rule.backend + (both.empty() ? "" : ":" + both));
-            auto backend = spec.make();
-            if (rule.backend.starts_with("gl_") && is_software(backend->capabilities().device)) continue;
-            if (!accepts(*backend)) continue;
-            return {std::move(spec), std::move(backend), said(rule, workload)};
+            if (takes(spec)) return {std::move(spec), said(rule, workload)};
         } catch (const BadSpecification&) {
             // It does not have this formulation or precision.
         } catch (const Unavailable&) {
@@ -148,6 +149,16 @@ AutoChoice choose_backend(const std::string& text, const Problem& problem,
         }
     }
     throw Unavailable("no backend of this build takes the scene on a device of this machine");
+}
+
+AutoChoice choose_backend(const std::string& text, const Problem& problem,
+                          const std::function<bool(const Backend&)>& accepts) {
+    std::unique_ptr<Backend> backend;
+    Chosen chosen = choose_by_rules(text, problem, [&](const BackendSpec& spec) {
+        backend = spec.make();
+        return may_be_chosen(spec, *backend) && accepts(*backend);
+    });
+    return {std::move(chosen), std::move(backend)};
 }
 
 nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nlohmann::json>& rows) {

@@ -38,10 +38,12 @@ bool holds(const Rule& rule, const Workload& workload);
 std::string describe(const Workload& workload);
 
 /// What `--backend auto` takes.
-struct AutoChoice {
+struct Chosen {
     BackendSpec spec;
-    std::unique_ptr<Backend> backend;
     std::string reason;  ///< "cuda_march:fetch=l1, a full lattice ...: threads that march along columns ..."
+};
+struct AutoChoice : Chosen {
+    std::unique_ptr<Backend> backend;
 };
 
 /// Whether `text` asks for a choice: "auto" or "auto:...".
@@ -51,6 +53,12 @@ bool asks_for_auto(const std::string& text);
 /// other keys, and Unavailable if no backend of this build takes the scene.
 AutoChoice choose_backend(const std::string& text, const Problem& problem,
                           const std::function<bool(const Backend&)>& accepts);
+/// The same where nothing is to be constructed here: `takes` says of a backend whether it is available, may
+/// be chosen and takes the scene.
+Chosen choose_by_rules(const std::string& text, const Problem& problem,
+                       const std::function<bool(const BackendSpec&)>& takes);
+/// Whether the rules may choose what is constructed here: OpenGL in software never is.
+bool may_be_chosen(const BackendSpec& spec, const Backend& backend);
 /// Checks what follows "auto". Throws BadSpecification.
 void check_auto(const std::string& text);
 

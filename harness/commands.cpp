@@ -139,7 +139,7 @@ void list_limits(bool json, std::ostream& out) {
     for (const auto& [name, entry] : registry()) {
         const BackendSpec spec = BackendSpec::parse(name);
         try {
-            limits.of(spec, spec.make()->capabilities());
+            limits.of(spec.make()->capabilities(), [&] { return spec.make()->measure_limits(); });
         } catch (const std::runtime_error&) {
             // `voxspring list` says why there is no such device.
         }

@@ -34,12 +34,13 @@ nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& li
 
 }  // namespace
 
-std::optional<DeviceLimits> MeasuredLimits::of(const BackendSpec& spec, const Capabilities& capabilities) {
+std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
+                                               const std::function<DeviceLimits()>& measure) {
     const std::string family = family_of(capabilities);
     if (const auto known = limits_.find(family); known != limits_.end()) return known->second;
     std::optional<DeviceLimits> limits;
     try {
-        limits = spec.make()->measure_limits();
+        limits = measure();
         json_[family] = describe(capabilities, *limits);
     } catch (const std::runtime_error& error) {
         json_[family] = error.what();

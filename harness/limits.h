@@ -1,13 +1,14 @@
 // What the devices of this machine can do at best, and what fraction of it a row reached.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <ostream>
 #include <string>
 
-#include "backends/registry.h"
+#include "backends/backend.h"
 
 namespace voxspring {
 
@@ -15,9 +16,10 @@ namespace voxspring {
 /// "CPU".
 class MeasuredLimits {
 public:
-    /// Those of the device that `spec` runs on, which `capabilities` describe; nothing where measuring them
-    /// failed. A family is measured once, on a backend of its own.
-    std::optional<DeviceLimits> of(const BackendSpec& spec, const Capabilities& capabilities);
+    /// Those of the device that `capabilities` describe, which `measure` measures on a backend of its own;
+    /// nothing where that failed. A family is measured once.
+    std::optional<DeviceLimits> of(const Capabilities& capabilities,
+                                   const std::function<DeviceLimits()>& measure);
 
     /// By family: api, device and every limit that applies, or the reason why there are none.
     const nlohmann::json& json() const { return json_; }

@@ -5,10 +5,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <ctime>
+#include <numeric>
 #include <sstream>
 #include <string>
 #include <utility>
 
+#include "harness/bad_input.h"
 #include "harness/divergence.h"
 #include "harness/errors.h"
 #include "harness/limits.h"
@@ -17,26 +20,17 @@
 namespace voxspring {
 namespace {
 
-/// One contender while Google Benchmark calls it in whatever order it likes.
-struct Run {
-    Contender* contender;
-    std::string name;
-    int repetitions_left = 0;
-    std::string failure = {};                   ///< empty: none so far
-    std::optional<Comparison> comparison = {};  ///< of the state after the last timed batch
-    nlohmann::json errors = {};                 ///< the fields of that state
-    WorkCount work = {};
-    std::vector<double> without_edits =
-        {};                      ///< seconds a step of the same batch without edits, one a repetition
-    double upload_seconds = 0;   ///< of the first upload, without compiling
-    double compile_seconds = 0;  ///< before the first step, of no time that is measured
-    nlohmann::json edits = {};   ///< what edits cost, as rows say it; null where a scene has none
-};
-
 using Clock = std::chrono::steady_clock;
 
 double seconds_since(Clock::time_point begin) {
     return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+/// Of this thread, what Google Benchmark calls cpu_time.
+double cpu_seconds_of_thread() {
+    timespec time{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
 }
 
 /// Steps from the state that the last batch of `batch` left back to the last rewind().
@@ -44,93 +38,82 @@ int steps_in_all(const Batch& batch) {
     return batch.rewind ? batch.steps : batch.steps * (1 + batch.repetitions);
 }
 
-std::string describe(const std::exception& error) { return error.what(); }
+/// What is timed of a backend, in its process.
+class TimingTask : public Task {
+public:
+    TimingTask(BackendSpec spec, const Scene& scene, const Batch& batch, SharedState& shared)
+        : spec_(std::move(spec)),
+          scene_(scene),
+          batch_(batch),
+          shared_(shared),
+          watch_(watch_of(scene, steps_in_all(batch))),
+          playback_(scene) {}
 
-/// Reads the state that `steps` steps since the last rewind() have left; a run that diverged fails.
-State read(Backend& backend, Playback& playback, const Watch& watch, int steps) {
-    State state = backend.download();
-    if (const auto departure = find_departure(backend, playback, watch, state, steps))
-        throw std::runtime_error(describe(*departure, watch));
-    return state;
-}
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post&) override {
+        const std::string what = question.at("do");
+        if (what == "warm up") return warm_up(backend, question.at("batches"));
+        if (what == "repeat") return repeat(backend, question.at("last"));
+        if (what == "edits") return edits(backend);
+        const StepWork work = backend.step_work(scene_.problem);
+        return {{"bytes", work.bytes},
+                {"operations", work.operations},
+                {"launches", work.launches},
+                {"exchanges", work.exchanges}};
+    }
 
-/// Uploads and advances once, so that shaders are compiled and clocks are up before anything is timed. The
-/// work is that of the step after the batch: right after an upload a backend knows of nothing that rests.
-void warm_up(Run& run, Playback& playback, const Watch& watch, const Batch& batch) {
-    try {
-        Backend& backend = *run.contender->backend;
-        backend.watch(watch);
+private:
+    /// Reads the state that has been reached; a run that diverged fails.
+    nlohmann::json read(Backend& backend, int steps) {
+        const State state = backend.download();
+        if (const auto departure = find_departure(backend, playback_, watch_, state, steps))
+            throw std::runtime_error(describe(*departure, watch_));
+        return shared_.put(state);
+    }
+
+    /// Uploads and advances, so that shaders are compiled and clocks are up before anything is timed; by one
+    /// batch, and where batches go on from each other by those that were timed before. The work is that of
+    /// the step after the batch: right after an upload a backend knows of nothing that rests.
+    nlohmann::json warm_up(Backend& backend, int batches) {
+        backend.watch(watch_);
         const auto begin = Clock::now();
-        playback.rewind(backend);
-        run.compile_seconds = backend.compile_seconds();
-        run.upload_seconds = std::max(0.0, seconds_since(begin) - run.compile_seconds);
-        playback.run(backend, batch.steps);
+        playback_.rewind(backend);
+        const double compile_seconds = backend.compile_seconds();
+        const double upload_seconds = std::max(0.0, seconds_since(begin) - compile_seconds);
+        for (int i = 0; i < batches; ++i) playback_.run(backend, batch_.steps);
         backend.synchronize();
-        if (backend.departure()) read(backend, playback, watch, batch.steps);
+        if (backend.departure()) (void)read(backend, batches * batch_.steps);
         // Counting takes a step, which only a rewind takes back.
-        if (batch.rewind) run.work = backend.count_work();
-    } catch (const std::exception& error) {
-        run.failure = describe(error);
+        const WorkCount work = batch_.rewind ? backend.count_work() : WorkCount{};
+        return {{"compile_seconds", compile_seconds}, {"upload_seconds", upload_seconds}, {"work", work}};
     }
-}
 
-/// One repetition: Google Benchmark's iteration is one step. It is not told of a failure, since it aborts
-/// where some repetitions of a benchmark fail and others do not; measure() drops the rows of who failed.
-void repeat(benchmark::State& state, Run& run, const Scene& scene, Playback& playback, const Watch& watch,
-            const Truth& truth, std::uint64_t springs, const Batch& batch) {
-    Backend& backend = *run.contender->backend;
-    const int steps = batch.steps;
-    const auto unless_failed = [&](const auto& action) {
-        if (!run.failure.empty()) return;
-        try {
-            action();
-        } catch (const std::exception& error) {
-            run.failure = describe(error);
-        }
-    };
-    Timing timing{.device_seconds = 1, .host_seconds = 1};  // of no meaning, but statistics of it are finite
-    unless_failed([&] {
-        if (batch.rewind) playback.rewind(backend);
-    });
-    while (state.KeepRunningBatch(steps)) {
-        unless_failed([&] { timing = backend.timed([&] { playback.run(backend, steps); }); });
-        state.SetIterationTime(timing.device_seconds);
-    }
-    unless_failed([&] {
-        const bool last = --run.repetitions_left == 0;
-        if (last || backend.departure()) {
-            // Judged at once: of a large scene the states of all contenders would not fit into memory.
-            const State left = read(backend, playback, watch, truth.steps);
-            run.comparison = judge(truth, left, run.contender->spec);
-            run.errors = error_fields(truth, left, *run.comparison);
-        }
-        if (playback.edits_within(steps) > 0) {
+    /// One timed batch, and the state that it leaves if it is the `last` one or has departed from its bounds.
+    nlohmann::json repeat(Backend& backend, bool last) {
+        if (batch_.rewind) playback_.rewind(backend);
+        const double cpu_begin = cpu_seconds_of_thread();
+        const Timing timing = backend.timed([&] { playback_.run(backend, batch_.steps); });
+        nlohmann::json answer = {{"cpu_seconds", cpu_seconds_of_thread() - cpu_begin},
+                                 {"device_seconds", timing.device_seconds},
+                                 {"host_seconds", timing.host_seconds}};
+        if (last || backend.departure()) answer["state"] = read(backend, steps_in_all(batch_));
+        if (playback_.edits_within(batch_.steps) > 0) {
             // Beside the batch with edits, so that both meet the same clocks.
-            backend.upload(scene.problem, scene.state);
-            const Timing plain = backend.timed([&] { backend.step(steps); });
-            run.without_edits.push_back(plain.device_seconds / steps);
+            backend.upload(scene_.problem, scene_.state);
+            const Timing plain = backend.timed([&] { backend.step(batch_.steps); });
+            answer["plain_seconds"] = plain.device_seconds;
         }
-    });
-    using benchmark::Counter;
-    state.counters["particle_updates_per_second"] =
-        Counter(double(scene.problem.particle_count()) * steps, Counter::kIsRate);
-    state.counters["spring_updates_per_second"] = Counter(double(springs) * steps, Counter::kIsRate);
-    state.counters["host_seconds_per_step"] = timing.host_seconds / steps;
-}
+        return answer;
+    }
 
-/// The latency of each edit by itself, from a device that waits to one that waits again: the best of three
-/// plays, since an edit is far shorter than what may interrupt it.
-void measure_edits(Run& run, Playback& playback, int steps) {
-    const int count = playback.edits_within(steps);
-    if (count == 0 || !run.failure.empty()) return;
-    constexpr int plays = 3;
-    try {
-        Backend& backend = *run.contender->backend;
-        std::vector<double> latency(std::size_t(count), INFINITY);
+    /// The latency of each edit by itself, from a device that waits to one that waits again: the best of
+    /// three plays, since an edit is far shorter than what may interrupt it.
+    nlohmann::json edits(Backend& backend) {
+        constexpr int plays = 3;
+        std::vector<double> latency(std::size_t(playback_.edits_within(batch_.steps)), INFINITY);
         for (int play = 0; play < plays; ++play) {
             auto next = latency.begin();
-            playback.rewind(backend);
-            playback.run(backend, steps, [&](const Problem& edited, const SpringEdit& edit) {
+            playback_.rewind(backend);
+            playback_.run(backend, batch_.steps, [&](const Problem& edited, const SpringEdit& edit) {
                 backend.synchronize();
                 const auto begin = Clock::now();
                 backend.edit(edited, edit);
@@ -140,13 +123,152 @@ void measure_edits(Run& run, Playback& playback, int steps) {
             });
             backend.synchronize();
         }
-        run.edits = {{"edits", count},
-                     {"edit_seconds_median", median(latency)},
-                     {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())},
-                     {"seconds_per_step_without_edits", median(run.without_edits)}};
-    } catch (const std::exception& error) {
-        run.failure = describe(error);
+        return {{"edits", latency.size()},
+                {"edit_seconds_median", median(latency)},
+                {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())}};
     }
+
+    const BackendSpec spec_;
+    const Scene& scene_;
+    const Batch batch_;
+    SharedState& shared_;
+    const Watch watch_;
+    Playback playback_;
+};
+
+StepWork step_work_of(const nlohmann::json& json) {
+    return {.bytes = json.at("bytes"),
+            .operations = json.at("operations"),
+            .launches = json.at("launches"),
+            .exchanges = json.at("exchanges")};
+}
+
+/// What all contenders of a scene are measured with.
+struct Course {
+    const Scene& scene;
+    const Batch& batch;
+    const Truth& truth;
+    SharedState& state;
+    int edits;  ///< within a batch
+};
+
+/// One contender while Google Benchmark calls it in whatever order it likes. What its record has is not asked
+/// of its process again.
+class Run {
+public:
+    Run(Contender& contender, const Course& course)
+        : contender_(contender),
+          course_(course),
+          name_(row_identity(course.scene.name, contender.spec()).at("name")),
+          failure_(text_of(contender.record().find("failed"))) {}
+
+    Contender& contender() { return contender_; }
+    const std::string& name() const { return name_; }
+    /// Empty: none so far.
+    const std::string& failure() const { return failure_; }
+    void fail(const std::string& reason) {
+        failure_ = reason;
+        contender_.record().keep("failed", reason);
+    }
+    /// Whether there is nothing left to ask.
+    bool finished() const {
+        return !failure_.empty() || (known("repetition " + std::to_string(course_.batch.repetitions)) &&
+                                     (course_.edits == 0 || known("edits")));
+    }
+
+    void warm_up() {
+        if (finished()) return;
+        attempt([&] {
+            int done = 0;
+            while (known("repetition " + std::to_string(done + 1))) ++done;
+            const nlohmann::json warm = contender_.ask(
+                {{"do", "warm up"}, {"batches", course_.batch.rewind ? 1 : 1 + done}}, "warming up");
+            if (known("warm")) return;
+            contender_.record().keep("step work", contender_.ask({{"do", "step work"}}, "counting its work"));
+            contender_.record().keep("warm", warm);
+        });
+    }
+
+    /// The next repetition: what it took, or nothing where there is none because of a failure.
+    std::optional<nlohmann::json> repeat() {
+        const std::string name = "repetition " + std::to_string(++begun_);
+        if (!known(name)) attempt([&] { contender_.record().keep(name, timed(name)); });
+        if (!known(name)) return std::nullopt;
+        return *contender_.record().find(name);
+    }
+
+    void measure_edits() {
+        if (course_.edits == 0 || finished()) return;
+        attempt([&] {
+            contender_.record().keep("edits", contender_.ask({{"do", "edits"}}, "timing its edits"));
+        });
+    }
+
+    const nlohmann::json& of_record(const std::string& name) const { return *contender_.record().find(name); }
+    bool known(const std::string& name) const { return contender_.record().find(name) != nullptr; }
+
+private:
+    static std::string text_of(const nlohmann::json* text) {
+        return text == nullptr ? "" : text->get<std::string>();
+    }
+
+    template <class Action>
+    void attempt(const Action& action) {
+        if (!failure_.empty()) return;
+        try {
+            action();
+        } catch (const Interrupted&) {
+            // It goes on when the study is resumed.
+        } catch (const BadInput&) {
+            throw;
+        } catch (const std::exception& error) {
+            fail(error.what());
+        }
+    }
+
+    nlohmann::json timed(const std::string& name) {
+        const bool last = begun_ == course_.batch.repetitions;
+        nlohmann::json answer = contender_.ask({{"do", "repeat"}, {"last", last}}, "timing " + name);
+        for (const char* clock : {"device_seconds", "host_seconds"}) {
+            if (!std::isfinite(answer.at(clock).get<double>()))
+                throw std::runtime_error(std::string("its clock gave no number of ") + clock);
+        }
+        if (!answer.contains("state")) return answer;
+        // Judged at once: of a large scene the states of all contenders would not fit into memory.
+        const State left = course_.state.take(answer.at("state"));
+        answer.erase("state");
+        const Comparison comparison = judge(course_.truth, left, contender_.spec());
+        answer["errors"] = error_fields(course_.truth, left, comparison);
+        answer["verified"] = {{"passed", comparison.passed()},
+                              {"finite", comparison.finite},
+                              {"error_rms", number_or_null(comparison.rms)},
+                              {"tolerance", number_or_null(comparison.tolerance)}};
+        if (!comparison.passed()) answer["verified"]["reason"] = comparison.reason;
+        return answer;
+    }
+
+    Contender& contender_;
+    const Course& course_;
+    std::string name_;
+    std::string failure_;
+    int begun_ = 0;
+};
+
+/// One repetition: Google Benchmark's iteration is one step. It is not told of a failure, since it aborts
+/// where some repetitions of a benchmark fail and others do not; measure() drops the rows of who failed.
+void repeat(benchmark::State& state, Run& run, const Course& course, std::uint64_t springs) {
+    const int steps = course.batch.steps;
+    double device_seconds = 1, host_seconds = 1;  // of no meaning, but statistics of it are finite
+    if (const auto timed = run.repeat()) {
+        device_seconds = timed->at("device_seconds");
+        host_seconds = timed->at("host_seconds");
+    }
+    while (state.KeepRunningBatch(steps)) state.SetIterationTime(device_seconds);
+    using benchmark::Counter;
+    state.counters["particle_updates_per_second"] =
+        Counter(double(course.scene.problem.particle_count()) * steps, Counter::kIsRate);
+    state.counters["spring_updates_per_second"] = Counter(double(springs) * steps, Counter::kIsRate);
+    state.counters["host_seconds_per_step"] = host_seconds / steps;
 }
 
 /// What a user of Google Benchmark would give on its command line. It keeps pointers to the arguments and
@@ -157,6 +279,29 @@ void initialize_google_benchmark() {
     static char* arguments[] = {name.data(), interleave.data(), nullptr};
     static int count = 2;
     if (count == 2) benchmark::Initialize(&count, arguments);
+}
+
+/// Google Benchmark's statistic of that name.
+double statistic(const std::string& name, const std::vector<double>& values) {
+    const double count = double(values.size());
+    const double mean = std::accumulate(values.begin(), values.end(), 0.0) / count;
+    if (name == "mean") return mean;
+    if (name == "median") {
+        std::vector<double> sorted = values;
+        std::sort(sorted.begin(), sorted.end());
+        const std::size_t middle = sorted.size() / 2;
+        return sorted.size() % 2 == 1 ? sorted[middle] : (sorted[middle - 1] + sorted[middle]) / 2;
+    }
+    double squares = 0;
+    for (const double value : values) squares += (value - mean) * (value - mean);
+    const double deviation = std::sqrt(squares / (count - 1));
+    return name == "stddev" ? deviation : deviation / mean;
+}
+
+/// What Google Benchmark would have said of cpu_time, had it run in the contender's process.
+double cpu_time(const nlohmann::json& row, const std::vector<double>& step_microseconds) {
+    if (row.at("run_type") == "aggregate") return statistic(row.at("aggregate_name"), step_microseconds);
+    return step_microseconds.at(row.at("repetition_index").get<std::size_t>());
 }
 
 /// Nothing where the row is a measure of spread.
@@ -183,13 +328,147 @@ nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec) {
             {"tuning", spec.tuning()}};
 }
 
-SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
-                    References& references, const OnRepetition& on_repetition) {
+void add_failures(SceneResult& result, const std::string& scene, std::vector<Contender>& contenders) {
+    for (Contender& contender : contenders) {
+        const nlohmann::json* reason = contender.record().find("failed");
+        if (reason == nullptr) continue;
+        result.lists["failed"].push_back(row_identity(scene, contender.spec()));
+        result.lists["failed"].back()["reason"] = *reason;
+    }
+}
+
+MakeTask timing_task(const Scene& scene, const Batch& batch, SharedState& state) {
+    return [&scene, batch, &state](const BackendSpec& spec) {
+        return std::make_unique<TimingTask>(spec, scene, batch, state);
+    };
+}
+
+namespace {
+
+/// Times all runs, interleaved; Google Benchmark's result.
+nlohmann::json run_google_benchmark(std::vector<Run>& runs, const Course& course, std::uint64_t springs,
+                                    const OnRepetition& on_repetition) {
     initialize_google_benchmark();
-    const int steps = batch.steps;
-    const int repetitions = batch.repetitions;
+    const int repetitions = course.batch.repetitions;
+    const int total = repetitions * int(runs.size());
+    int begun = 0;
+    benchmark::ClearRegisteredBenchmarks();
+    for (Run& run : runs) {
+        on_repetition(run.contender().spec().label(), 0, total);
+        run.warm_up();
+        benchmark::RegisterBenchmark(run.name().c_str(),
+                                     [&, total](benchmark::State& state) {
+                                         on_repetition(run.contender().spec().label(), ++begun, total);
+                                         repeat(state, run, course, springs);
+                                     })
+            ->Iterations(course.batch.steps)
+            ->Repetitions(repetitions)
+            ->UseManualTime()
+            ->Unit(benchmark::kMicrosecond);
+    }
+    std::ostringstream output;
+    benchmark::JSONReporter reporter;
+    reporter.SetOutputStream(&output);
+    reporter.SetErrorStream(&output);
+    benchmark::RunSpecifiedBenchmarks(&reporter, nullptr, ".");
+    benchmark::ClearRegisteredBenchmarks();
+    return nlohmann::json::parse(output.str());
+}
+
+/// What edits cost, as rows say it; empty where a scene has none.
+nlohmann::json edit_fields(const Run& run, const Course& course) {
+    if (course.edits == 0) return nlohmann::json::object();
+    std::vector<double> plain;
+    for (int i = 1; i <= course.batch.repetitions; ++i) {
+        const nlohmann::json& repetition = run.of_record("repetition " + std::to_string(i));
+        plain.push_back(repetition.at("plain_seconds").get<double>() / course.batch.steps);
+    }
+    nlohmann::json fields = run.of_record("edits");
+    fields["seconds_per_step_without_edits"] = median(plain);
+    return fields;
+}
+
+/// What all rows of a run say: how long it took to be ready.
+nlohmann::json ready_fields(const Run& run) {
+    const nlohmann::json& warm = run.of_record("warm");
+    const double construct = run.of_record("introduction").at("construct_seconds");
+    const double compile = warm.at("compile_seconds"), upload = warm.at("upload_seconds");
+    return {{"construct_seconds", construct},
+            {"compile_seconds", compile},
+            {"upload_seconds", upload},
+            {"ready_seconds", construct + compile + upload}};
+}
+
+/// Google Benchmark's rows of a run that passed, with our fields.
+std::vector<nlohmann::json> rows_of(Run& run, const Course& course, const nlohmann::json& measured,
+                                    nlohmann::json identity) {
+    std::optional<StepLimit> limit;
+    if (const auto& limits = run.contender().limits) {
+        limit = limit_of(step_work_of(run.of_record("step work")), *limits,
+                         run.contender().spec().options.precision);
+    }
+    std::vector<double> cpu_microseconds;
+    for (int i = 1; i <= course.batch.repetitions; ++i) {
+        const nlohmann::json& repetition = run.of_record("repetition " + std::to_string(i));
+        cpu_microseconds.push_back(1e6 * repetition.at("cpu_seconds").get<double>() / course.batch.steps);
+    }
+    std::vector<nlohmann::json> rows;
+    for (nlohmann::json row : measured.at("benchmarks")) {
+        const std::string row_name = row.at("run_name");
+        if (!row_name.starts_with(run.name() + "/iterations:")) continue;
+        identity["name"] = row.at("name");  // Google Benchmark's, which goes on after ours
+        row.update(identity);
+        row.update(edit_fields(run, course));
+        row.update(ready_fields(run));
+        row["cpu_time"] = cpu_time(row, cpu_microseconds);
+        row.update(limit_fields(limit, step_seconds(row)));
+        rows.push_back(std::move(row));
+    }
+    return rows;
+}
+
+/// Adds the rows of a finished run to `result`.
+void add_rows(SceneResult& result, Run& run, const Course& course, const nlohmann::json& measured,
+              std::uint64_t springs) {
+    const Scene& scene = course.scene;
+    const std::string reference = References::is_large(scene) ? "cpu_parallel" : reference_backend;
+    nlohmann::json identity = row_identity(scene.name, run.contender().spec());
+    identity["steps"] = course.batch.steps;
+    identity["particles"] = scene.problem.particle_count();
+    identity["springs"] = springs;
+    identity["voxels"] = scene.problem.lattice.voxel_count();
+    identity["reference"] = reference;
+    identity["error_steps"] = course.truth.steps;
+
+    std::string failure = run.failure();
+    if (failure.empty()) {
+        const nlohmann::json& last = run.of_record("repetition " + std::to_string(course.batch.repetitions));
+        nlohmann::json verified = identity;
+        verified.update(last.at("errors"));
+        verified.update(last.at("verified"));
+        const nlohmann::json& work = run.of_record("warm").at("work");
+        if (!work.empty()) verified["work"] = work;
+        if (verified.at("passed").get<bool>()) {
+            identity.update(last.at("errors"));
+        } else {
+            failure = "does not agree with " + reference + ": " + verified.at("reason").get<std::string>();
+        }
+        result.lists["verification"].push_back(std::move(verified));
+    }
+    if (!failure.empty()) {
+        identity["reason"] = failure;
+        result.lists["failed"].push_back(std::move(identity));
+        return;
+    }
+    for (nlohmann::json& row : rows_of(run, course, measured, std::move(identity)))
+        result.lists["benchmarks"].push_back(std::move(row));
+}
+
+}  // namespace
+
+SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
+                    SharedState& state, References& references, const OnRepetition& on_repetition) {
     const int all_steps = steps_in_all(batch);
-    const Watch watch = watch_of(scene, all_steps);
     const std::uint64_t springs = count_springs(scene.problem).total();
 
     std::optional<Problem> edited;
@@ -204,92 +483,17 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, cons
         truth.refined.reason = "the study does not ask for it";
     }
 
-    Playback playback(scene);
+    const Course course{scene, batch, truth, state, Playback(scene).edits_within(batch.steps)};
     std::vector<Run> runs;
-    for (Contender& contender : contenders) {
-        const std::string name = row_identity(scene.name, contender.spec).at("name");
-        runs.push_back({.contender = &contender, .name = name, .repetitions_left = repetitions});
-    }
-    int begun = 0;
-    benchmark::ClearRegisteredBenchmarks();
-    for (Run& run : runs) {
-        on_repetition(run.contender->spec.label(), 0, repetitions * int(runs.size()));
-        warm_up(run, playback, watch, batch);
-        benchmark::RegisterBenchmark(run.name.c_str(),
-                                     [&](benchmark::State& state) {
-                                         on_repetition(run.contender->spec.label(), ++begun,
-                                                       repetitions * int(runs.size()));
-                                         repeat(state, run, scene, playback, watch, truth, springs, batch);
-                                     })
-            ->Iterations(steps)
-            ->Repetitions(repetitions)
-            ->UseManualTime()
-            ->Unit(benchmark::kMicrosecond);
-    }
-    std::ostringstream output;
-    benchmark::JSONReporter reporter;
-    reporter.SetOutputStream(&output);
-    reporter.SetErrorStream(&output);
-    benchmark::RunSpecifiedBenchmarks(&reporter, nullptr, ".");
-    benchmark::ClearRegisteredBenchmarks();
-    const auto measured = nlohmann::json::parse(output.str());
+    for (Contender& contender : contenders) runs.emplace_back(contender, course);
+    const nlohmann::json measured = run_google_benchmark(runs, course, springs, on_repetition);
+    for (Run& run : runs) run.measure_edits();
 
-    for (Run& run : runs) measure_edits(run, playback, steps);
-
-    const std::string reference = References::is_large(scene) ? "cpu_parallel" : reference_backend;
     SceneResult result;
     result.context = measured.at("context");
     result.context.erase("host_name");  // results are published
     for (Run& run : runs) {
-        nlohmann::json identity = row_identity(scene.name, run.contender->spec);
-        identity["steps"] = steps;
-        identity["particles"] = scene.problem.particle_count();
-        identity["springs"] = springs;
-        identity["voxels"] = scene.problem.lattice.voxel_count();
-        identity["reference"] = reference;
-        identity["error_steps"] = all_steps;
-
-        if (run.failure.empty()) {
-            const Comparison& comparison = run.comparison.value();
-            nlohmann::json verified = identity;
-            verified.update(run.errors);
-            verified["passed"] = comparison.passed();
-            verified["finite"] = comparison.finite;
-            verified["error_rms"] = number_or_null(comparison.rms);
-            verified["tolerance"] = number_or_null(comparison.tolerance);
-            if (!run.work.empty()) verified["work"] = run.work;
-            if (comparison.passed()) {
-                identity.update(run.errors);
-            } else {
-                verified["reason"] = comparison.reason;
-                run.failure = "does not agree with " + reference + ": " + comparison.reason;
-            }
-            result.lists["verification"].push_back(std::move(verified));
-        }
-        if (!run.failure.empty()) {
-            identity["reason"] = run.failure;
-            result.lists["failed"].push_back(std::move(identity));
-            continue;
-        }
-        std::optional<StepLimit> limit;
-        if (const auto& limits = run.contender->limits) {
-            const StepWork work = run.contender->backend->step_work(scene.problem);
-            limit = limit_of(work, *limits, run.contender->spec.options.precision);
-        }
-        for (nlohmann::json row : measured.at("benchmarks")) {
-            const std::string row_name = row.at("run_name");
-            if (!row_name.starts_with(run.name + "/iterations:")) continue;
-            identity["name"] = row.at("name");  // Google Benchmark's, which goes on after ours
-            row.update(identity);
-            if (!run.edits.is_null()) row.update(run.edits);
-            row["construct_seconds"] = run.contender->construct_seconds;
-            row["compile_seconds"] = run.compile_seconds;
-            row["upload_seconds"] = run.upload_seconds;
-            row["ready_seconds"] =
-                run.contender->construct_seconds + run.compile_seconds + run.upload_seconds;
-            row.update(limit_fields(limit, step_seconds(row)));
-            result.lists["benchmarks"].push_back(std::move(row));
-        }
+        if (run.finished()) add_rows(result, run, course, measured, springs);
     }
     return result;
 }

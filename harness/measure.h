@@ -10,28 +10,25 @@
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/contender.h"
 #include "harness/reference.h"
 #include "harness/scene.h"
+#include "harness/shared_state.h"
 
 namespace voxspring {
-
-/// A backend that is ready to run a scene.
-struct Contender {
-    BackendSpec spec;
-    std::unique_ptr<Backend> backend;
-    std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
-    double construct_seconds = 0;        ///< that constructing `backend` took, on the host's clock
-};
 
 /// Called before each repetition with the contender's label and how many repetitions have begun, so far
 /// and in all.
 using OnRepetition = std::function<void(const std::string& label, int begun, int total)>;
 
-/// What measuring one scene gave: rows by the list of the result that they belong to. All rows carry the
-/// fields that say which scene and backend they are of.
+/// Rows by the list of the result that they belong to. All carry the fields that say which scene and backend
+/// they are of.
+using Rows = std::map<std::string, std::vector<nlohmann::json>>;
+
+/// What measuring one scene gave.
 struct SceneResult {
     nlohmann::json context;  ///< Google Benchmark's own; null where it was not asked
-    std::map<std::string, std::vector<nlohmann::json>> lists;
+    Rows lists;
 };
 
 /// What a row is about: its name SCENE/BACKEND/FORMULATION/PRECISION[/TUNING] and the fields by which
@@ -40,6 +37,9 @@ nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec);
 
 /// Of at least one value; of an even number of them the greater of the two in the middle.
 double median(std::vector<double> values);
+
+/// Adds a row to `failed` for every contender whose record says that it failed.
+void add_failures(SceneResult& result, const std::string& scene, std::vector<Contender>& contenders);
 
 /// What is timed of each contender.
 struct Batch {
@@ -53,13 +53,19 @@ struct Batch {
     bool rewind = true;
 };
 
-/// Runs every contender `repetitions` times for `steps` steps, from the same state each time, interleaved
-/// in random order after one warm-up batch each, and compares the state that its last timed batch left
-/// with float64 (errors.h). A DeviceError fails that contender only, and so does a run that diverges.
+/// What a contender does in its process to be timed. `scene` and `state`, room for one of its states, must
+/// outlive the process.
+MakeTask timing_task(const Scene& scene, const Batch& batch, SharedState& state);
+
+/// Runs every contender, whose task is timing_task(), `repetitions` times for `steps` steps, from the same
+/// state each time, interleaved in random order after one warm-up batch each, and compares the state that its
+/// last timed batch left with float64 (errors.h). A DeviceError fails that contender only, and so does the
+/// end of its process, or a run that diverges. What the contenders' records have is not run again. Once
+/// interrupted, contenders that are not finished are left out.
 ///
 /// Lists: `benchmarks`, Google Benchmark's rows of the contenders that passed; `verification`, one row a
 /// contender that reached the last step; `failed`, contenders that failed, each with a `reason`.
 SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
-                    References& references, const OnRepetition& on_repetition);
+                    SharedState& state, References& references, const OnRepetition& on_repetition);
 
 }  // namespace voxspring

@@ -5,8 +5,8 @@
 #include <iomanip>
 #include <limits>
 #include <map>
-#include <set>
 #include <sstream>
+#include <stdexcept>
 
 #include "harness/bad_input.h"
 #include "harness/divergence.h"
@@ -27,9 +27,9 @@ double steps_of(const TimeSteps& time_steps, double fraction) {
 }
 
 /// What rows call the device: the same card has one name whatever the API.
-std::string device_of(const Capabilities& capabilities, std::map<std::string, std::string>& by_uuid) {
-    if (capabilities.uuid.empty()) return capabilities.device;
-    return by_uuid.emplace(capabilities.uuid, capabilities.device).first->second;
+std::string device_of(const nlohmann::json& capabilities, std::map<std::string, std::string>& by_uuid) {
+    const std::string uuid = capabilities.at("uuid"), device = capabilities.at("device");
+    return uuid.empty() ? device : by_uuid.emplace(uuid, device).first->second;
 }
 
 struct Timed {
@@ -63,6 +63,73 @@ Timed time_runs(Backend& backend, const Scene& scene, const Watch& watch, int st
     return timed;
 }
 
+/// The end time, which all time steps reach.
+Span span_of(const Scene& scene, const TimeSteps& time_steps) {
+    return {time_steps.fractions.front() * scene.stable_time_step, time_steps.steps};
+}
+
+/// Runs one time step after another, in the contender's process.
+class ParetoTask : public Task {
+public:
+    ParetoTask(const Scene& scene, const TimeSteps& time_steps, SharedState& shared)
+        : scene_(scene), time_steps_(time_steps), shared_(shared) {}
+
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post&) override {
+        const int steps = question.at("steps");
+        const Scene stepped = in_steps(scene_, span_of(scene_, time_steps_), steps);
+        const Watch watch = watch_of(stepped, steps);
+        const Timed timed = time_runs(backend, stepped, watch, steps, time_steps_.repetitions);
+        nlohmann::json answer = {{"state", shared_.put(timed.last)}, {"seconds", timed.seconds}};
+        if (timed.departure) answer["diverged"] = describe(*timed.departure, watch);
+        return answer;
+    }
+
+private:
+    const Scene& scene_;
+    const TimeSteps time_steps_;
+    SharedState& shared_;
+};
+
+/// A time step of a scene, and what its runs are held against.
+struct Step {
+    const Scene& scene;
+    const Scene& stepped;
+    const Truth& truth;
+    SharedState& state;
+};
+
+/// One row, without its device; or, in `reason` alone, why there is none.
+nlohmann::json run_step(Contender& contender, const Step& step) {
+    const Scene& scene = step.scene;
+    const Scene& stepped = step.stepped;
+    const int steps = step.truth.steps;
+    nlohmann::json row = row_identity(scene.name, contender.spec());
+    const nlohmann::json timed =
+        contender.ask({{"do", "run"}, {"steps", steps}}, "running " + std::to_string(steps) + " steps");
+    const State last = step.state.take(timed.at("state"));
+    const Comparison comparison = judge(step.truth, last, contender.spec());
+    const bool diverged = timed.contains("diverged");
+    if (!diverged && !comparison.passed())
+        throw std::runtime_error("does not agree with cpu_reference: " + comparison.reason + " (in " +
+                                 std::to_string(steps) + " steps)");
+    row["particles"] = scene.problem.particle_count();
+    row["springs"] = count_springs(scene.problem).total();
+    row["time_step"] = stepped.problem.time_step;
+    row["fraction_of_stable"] = stepped.problem.time_step / scene.stable_time_step;
+    row["steps"] = steps;
+    row["diverged"] = diverged;
+    row["on_front"] = false;
+    if (diverged) {
+        row["seconds"] = nullptr;
+        row["reason"] = timed.at("diverged");
+        row.update(no_error_fields(step.truth));
+    } else {
+        row["seconds"] = median(timed.at("seconds"));
+        row.update(error_fields(step.truth, last, comparison));
+    }
+    return row;
+}
+
 bool usable(const nlohmann::json& row) {
     return row.at("seconds").is_number() && row.at("total_error_relative_l2").is_number();
 }
@@ -81,68 +148,52 @@ void check_pareto(const Scene& scene, const TimeSteps& time_steps) {
                        "fractions that take at most " + std::to_string(most_steps) + " steps");
 }
 
+MakeTask pareto_task(const Scene& scene, const TimeSteps& time_steps, SharedState& state) {
+    return [&scene, time_steps, &state](const BackendSpec&) {
+        return std::make_unique<ParetoTask>(scene, time_steps, state);
+    };
+}
+
 SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contenders,
-                           const TimeSteps& time_steps, References& references,
+                           const TimeSteps& time_steps, SharedState& state, References& references,
                            const OnRepetition& on_repetition) {
-    const Span span{time_steps.fractions.front() * scene.stable_time_step, time_steps.steps};
+    const Span span = span_of(scene, time_steps);
     std::vector<int> counts;
     for (const double fraction : time_steps.fractions) counts.push_back(int(steps_of(time_steps, fraction)));
-    on_repetition("float64 references", 0, int(counts.size() * contenders.size()));
+    const int total = int(counts.size() * contenders.size());
+    on_repetition("float64 references", 0, total);
     const Refined refined = references.refined(scene, span, counts);
     const Chaos chaos = references.chaos(in_steps(scene, span, counts.front()), counts.front());
 
     SceneResult result;
     std::vector<nlohmann::json>& rows = result.lists["pareto"];
-    std::set<const Contender*> failed;
     std::map<std::string, std::string> by_uuid;
     int begun = 0;
     for (const int steps : counts) {
         const Scene stepped = in_steps(scene, span, steps);
         Truth truth{stepped.problem, steps, references.after(stepped, steps), refined, chaos};
         truth.conserved = conserved(truth.problem, truth.same_step);
-        const Watch watch = watch_of(stepped, steps);
+        const std::string name = "row of " + std::to_string(steps) + " steps";
         for (Contender& contender : contenders) {
-            on_repetition(contender.spec.label(), ++begun, int(counts.size() * contenders.size()));
-            if (failed.contains(&contender)) continue;
-            nlohmann::json row = row_identity(scene.name, contender.spec);
-            const auto fail = [&](const std::string& reason) {
-                row["reason"] = reason;
-                result.lists["failed"].push_back(row);
-                failed.insert(&contender);
-            };
+            on_repetition(contender.spec().label(), ++begun, total);
+            Record& record = contender.record();
             try {
-                const Timed timed =
-                    time_runs(*contender.backend, stepped, watch, steps, time_steps.repetitions);
-                const Comparison comparison = judge(truth, timed.last, contender.spec);
-                if (!timed.departure && !comparison.passed()) {
-                    std::ostringstream where;
-                    where << " (in " << steps << " steps)";
-                    fail("does not agree with cpu_reference: " + comparison.reason + where.str());
-                    continue;
-                }
-                row["device"] = device_of(contender.backend->capabilities(), by_uuid);
-                row["particles"] = scene.problem.particle_count();
-                row["springs"] = count_springs(scene.problem).total();
-                row["time_step"] = stepped.problem.time_step;
-                row["fraction_of_stable"] = stepped.problem.time_step / scene.stable_time_step;
-                row["steps"] = steps;
-                row["end_time"] = span.time_step * span.steps;
-                row["diverged"] = timed.departure.has_value();
-                row["on_front"] = false;
-                if (timed.departure) {
-                    row["seconds"] = nullptr;
-                    row["reason"] = describe(*timed.departure, watch);
-                    row.update(no_error_fields(truth));
-                } else {
-                    row["seconds"] = median(timed.seconds);
-                    row.update(error_fields(truth, timed.last, comparison));
-                }
-                rows.push_back(row);
+                if (record.find(name) == nullptr && record.find("failed") == nullptr)
+                    record.keep(name, run_step(contender, {scene, stepped, truth, state}));
+            } catch (const BadInput&) {
+                throw;
+            } catch (const Interrupted&) {
+                // It goes on when the study is resumed.
             } catch (const std::exception& error) {
-                fail(error.what());
+                record.keep("failed", error.what());
             }
+            if (record.find(name) == nullptr) continue;
+            rows.push_back(*record.find(name));
+            rows.back()["device"] = device_of(contender.introduce().at("capabilities"), by_uuid);
+            rows.back()["end_time"] = span.time_step * span.steps;
         }
     }
+    add_failures(result, scene.name, contenders);
     mark_fronts(rows);
     return result;
 }

@@ -47,73 +47,6 @@ void pin_surface(Problem& problem) {
     pin(problem, std::move(pinned));
 }
 
-/// One search for the largest stable time step.
-struct Search {
-    Problem problem;
-    nlohmann::json start = {};  ///< as a row says it
-    State state = {};
-    double amplitude = 0;  ///< of the start, in units of length
-    int steps = 0;
-    double theory = 0;   ///< time step
-    bool exact = false;  ///< theory holds within the tolerance
-};
-
-/// All searches on `scene`; empty where nothing oscillates or the true frequency is not known.
-std::vector<Search> searches_of(const Scene& scene) {
-    Problem problem = scene.problem;
-    problem.gravity = glm::dvec3(0);
-    problem.load.clear();
-    const double spacing = shortest_spacing(problem);
-    std::vector<Search> searches;
-    const auto add = [&](Search search, double stretched, double amplitude, double damping, bool exact) {
-        search.problem.damping = damping;
-        std::vector<glm::dvec3> shape = search.problem.rest_position;
-        for (glm::dvec3& u : shape) u *= stretched;
-        const Frequency frequency = true_frequency_squared(search.problem, shape);
-        if (frequency.squared.value_or(0) == 0) return;
-        search.theory = stable_time_step(*frequency.squared, damping);
-        search.amplitude = amplitude * spacing;
-        search.state = random_start(search.problem, search.amplitude);
-        for (std::size_t i = 0; i < shape.size(); ++i) search.state.displacement[i] += shape[i];
-        search.start = {{"kind", stretched > 0 ? "stretched" : "random"},
-                        {"amplitude", amplitude},
-                        {"stretch", stretched}};
-        search.steps = exact ? steps_to_grow(search.problem, seen_excess) : steps_of_large_starts;
-        search.exact = exact;
-        searches.push_back(std::move(search));
-    };
-    for (const double damping : dampings) add({.problem = problem}, 0, small_amplitude, damping, true);
-    for (const double amplitude : large_amplitudes) add({.problem = problem}, 0, amplitude, 0, false);
-    pin_surface(problem);
-    add({.problem = problem}, stretch, small_amplitude, 0, true);
-    return searches;
-}
-
-/// The largest time step at which `search` stays bounded.
-double measured_limit(Backend& backend, Search& search) {
-    const auto bounded = [&](double fraction) {
-        search.problem.time_step = fraction * search.theory;
-        return farthest(run_from(search.state, search.problem, backend, search.steps)) <=
-               most_growth * search.amplitude;
-    };
-    // Theory is met by small starts and an upper end for large ones.
-    const double resolution = search.exact ? 2e-4 : 4e-3;
-    double low = search.exact ? 0.99 : 0.6, high = search.exact ? 1.01 : 1.02;
-    while (low > 0.01 && !bounded(low)) {
-        high = low;
-        low /= 2;
-    }
-    while (high < 4 && bounded(high)) {
-        low = high;
-        high *= 2;
-    }
-    while (high - low > resolution) {
-        const double middle = (low + high) / 2;
-        (bounded(middle) ? low : high) = middle;
-    }
-    return low * search.theory;
-}
-
 nlohmann::json map_of(Backend& backend, Problem problem) {
     const double frequency = true_frequency_squared(problem).squared.value();
     const double amplitude = map_amplitude * shortest_spacing(problem);
@@ -196,50 +129,104 @@ double energy_before_step(const Problem& problem, Backend& backend) {
     return energy(problem, state).total();
 }
 
-std::map<std::string, std::vector<nlohmann::json>> measure_stability(const Scene& scene, bool map,
-                                                                     std::vector<Contender>& contenders,
-                                                                     const OnRepetition& on_repetition) {
-    std::map<std::string, std::vector<nlohmann::json>> lists;
-    std::vector<Search> searches = searches_of(scene);
-    int begun = 0;
-    for (Contender& contender : contenders) {
-        const nlohmann::json identity = row_identity(scene.name, contender.spec);
-        const auto put = [&](const char* list, const std::string& reason) {
-            nlohmann::json row = identity;
-            row["reason"] = reason;
-            lists[list].push_back(row);
+/// One search for the largest stable time step.
+struct StabilityStudy::Search {
+    Problem problem;
+    nlohmann::json start = {};  ///< as a row says it
+    State state = {};
+    double amplitude = 0;  ///< of the start, in units of length
+    int steps = 0;
+    double theory = 0;   ///< time step
+    bool exact = false;  ///< theory holds within the tolerance
+
+    /// The largest time step at which it stays bounded.
+    double measured_limit(Backend& backend) {
+        const auto bounded = [&](double fraction) {
+            problem.time_step = fraction * theory;
+            return farthest(run_from(state, problem, backend, steps)) <= most_growth * amplitude;
         };
-        const auto fail = [&](const std::string& reason) { put("failed", reason); };
-        if (searches.empty()) put("skipped", "nothing oscillates, or how fast is not known");
-        try {
-            for (Search& search : searches) {
-                on_repetition(contender.spec.label(), ++begun, int(searches.size() * contenders.size()));
-                const double measured = measured_limit(*contender.backend, search);
-                const double ratio = measured / search.theory;
-                nlohmann::json row = identity;
-                row["damping"] = search.problem.damping;
-                row["start"] = search.start;
-                row["theory_time_step"] = search.theory;
-                row["measured_time_step"] = measured;
-                row["ratio"] = ratio;
-                row["steps"] = search.steps;
-                row["tolerance"] = search.exact ? nlohmann::json(tolerance) : nlohmann::json();
-                row["passed"] = !search.exact || std::abs(ratio - 1) <= tolerance;
-                if (!row["passed"])
-                    fail("is stable up to " + fixed(ratio, 4) + " of the limit at damping " +
-                         fixed(search.problem.damping, 1) + ", not within 0.2% of it");
-                lists["stability"].push_back(std::move(row));
-            }
-            if (map && &contender == &contenders.front() && !searches.empty()) {
-                nlohmann::json row = identity;
-                row.update(map_of(*contender.backend, searches.front().problem));
-                lists["stability_map"].push_back(std::move(row));
-            }
-        } catch (const std::exception& error) {
-            fail(error.what());
+        // Theory is met by small starts and an upper end for large ones.
+        const double resolution = exact ? 2e-4 : 4e-3;
+        double low = exact ? 0.99 : 0.6, high = exact ? 1.01 : 1.02;
+        while (low > 0.01 && !bounded(low)) {
+            high = low;
+            low /= 2;
         }
+        while (high < 4 && bounded(high)) {
+            low = high;
+            high *= 2;
+        }
+        while (high - low > resolution) {
+            const double middle = (low + high) / 2;
+            (bounded(middle) ? low : high) = middle;
+        }
+        return low * theory;
     }
-    return lists;
+};
+
+StabilityStudy::StabilityStudy(const Scene& scene) : scene_(scene.name) {
+    Problem problem = scene.problem;
+    problem.gravity = glm::dvec3(0);
+    problem.load.clear();
+    const double spacing = shortest_spacing(problem);
+    const auto add = [&](Search search, double stretched, double amplitude, double damping, bool exact) {
+        search.problem.damping = damping;
+        std::vector<glm::dvec3> shape = search.problem.rest_position;
+        for (glm::dvec3& u : shape) u *= stretched;
+        const Frequency frequency = true_frequency_squared(search.problem, shape);
+        if (frequency.squared.value_or(0) == 0) return;
+        search.theory = stable_time_step(*frequency.squared, damping);
+        search.amplitude = amplitude * spacing;
+        search.state = random_start(search.problem, search.amplitude);
+        for (std::size_t i = 0; i < shape.size(); ++i) search.state.displacement[i] += shape[i];
+        search.start = {{"kind", stretched > 0 ? "stretched" : "random"},
+                        {"amplitude", amplitude},
+                        {"stretch", stretched}};
+        search.steps = exact ? steps_to_grow(search.problem, seen_excess) : steps_of_large_starts;
+        search.exact = exact;
+        searches_.push_back(std::make_shared<Search>(std::move(search)));
+    };
+    for (const double damping : dampings) add({.problem = problem}, 0, small_amplitude, damping, true);
+    for (const double amplitude : large_amplitudes) add({.problem = problem}, 0, amplitude, 0, false);
+    pin_surface(problem);
+    add({.problem = problem}, stretch, small_amplitude, 0, true);
+}
+
+Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& search) const {
+    const double measured = search.measured_limit(backend);
+    const double ratio = measured / search.theory;
+    nlohmann::json row = row_identity(scene_, spec);
+    Rows rows;
+    const bool passed = !search.exact || std::abs(ratio - 1) <= tolerance;
+    if (!passed) {
+        rows["failed"].push_back(row);
+        rows["failed"].back()["reason"] = "is stable up to " + fixed(ratio, 4) + " of the limit at damping " +
+                                          fixed(search.problem.damping, 1) + ", not within 0.2% of it";
+    }
+    row["damping"] = search.problem.damping;
+    row["start"] = search.start;
+    row["theory_time_step"] = search.theory;
+    row["measured_time_step"] = measured;
+    row["ratio"] = ratio;
+    row["steps"] = search.steps;
+    row["tolerance"] = search.exact ? nlohmann::json(tolerance) : nlohmann::json();
+    row["passed"] = passed;
+    rows["stability"].push_back(std::move(row));
+    return rows;
+}
+
+void StabilityStudy::run(const BackendSpec& spec, Backend& backend, bool map, const Once& once) {
+    int number = 0;
+    for (const auto& one : searches_) {
+        once("search " + std::to_string(++number) + " of " + std::to_string(searches_.size()),
+             [&] { return search(spec, backend, *one); });
+    }
+    if (!map || empty()) return;
+    once("map", [&] {
+        nlohmann::json row = row_identity(scene_, spec);
+        row.update(map_of(backend, searches_.front()->problem));
+        return Rows{{"stability_map", {row}}};
+    });
 }
 
 void print_stability(const nlohmann::json& result, std::ostream& out) {

@@ -1,18 +1,18 @@
 // Up to which time step a backend is stable, found by trying, against what theory says.
 #pragma once
 
-#include <map>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
 #include <vector>
 
-#include "harness/measure.h"
 #include "harness/scene.h"
+#include "harness/suite.h"
 
 namespace voxspring {
 
-/// For each contender its largest stable time step on the particles and springs of `scene`, without gravity,
+/// Of a backend the largest stable time step on the particles and springs of `scene`, without gravity,
 /// loads and damping of its own, by bisection, and stable_time_step() of the true frequency:
 ///
 /// | start | damping | |
@@ -23,13 +23,26 @@ namespace voxspring {
 ///
 /// A time step is stable if, after the steps that a mode takes to grow 30-fold from its share of a random
 /// start where theory is exceeded by 0.1%, no particle moves 30 times the start's amplitude a step. With
-/// `map` the first contender also gets a map of damping against time step.
+/// `map` there is a map of damping against time step as well.
 ///
-/// Lists by name: `stability`, one row a contender, start and damping; `stability_map`; and `failed`,
-/// contenders that failed or left theory's 0.2%. Rows as in results/schema.json.
-std::map<std::string, std::vector<nlohmann::json>> measure_stability(const Scene& scene, bool map,
-                                                                     std::vector<Contender>& contenders,
-                                                                     const OnRepetition& on_repetition);
+/// Rows of the list `stability`, one a start and damping, or the list `stability_map`; and `failed`, what
+/// left theory's 0.2%. Rows as in results/schema.json.
+class StabilityStudy {
+public:
+    /// Finds the true frequencies.
+    explicit StabilityStudy(const Scene& scene);
+    /// Whether there is anything to search: something oscillates, and how fast is known.
+    bool empty() const { return searches_.empty(); }
+    /// Runs all searches and, with `map`, the map. Throws what the backend does.
+    void run(const BackendSpec& spec, Backend& backend, bool map, const Once& once);
+
+private:
+    struct Search;
+    Rows search(const BackendSpec& spec, Backend& backend, Search& search) const;
+
+    std::string scene_;
+    std::vector<std::shared_ptr<Search>> searches_;
+};
 
 /// Every particle that can move displaced by uniform components within +-`amplitude`, at no speed; the same
 /// each time.

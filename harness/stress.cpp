@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
@@ -30,18 +31,38 @@ struct Gate {
 Gate at_most(double value) { return {Gate::Bound::at_most, value}; }
 Gate at_least(double value) { return {Gate::Bound::at_least, value}; }
 
+static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
+
+/// A state as another process takes it: displacements, then as many increments.
+std::vector<std::uint8_t> packed(const State& state) {
+    std::vector<std::uint8_t> bytes;
+    for (const auto* vectors : {&state.displacement, &state.increment}) {
+        const auto* first = reinterpret_cast<const std::uint8_t*>(vectors->data());
+        bytes.insert(bytes.end(), first, first + vectors->size() * sizeof(glm::dvec3));
+    }
+    return bytes;
+}
+
+State unpacked(const std::vector<std::uint8_t>& bytes) {
+    State state;
+    const std::size_t size = bytes.size() / 2;
+    const std::uint8_t* from = bytes.data();
+    for (auto* vectors : {&state.displacement, &state.increment}) {
+        vectors->resize(size / sizeof(glm::dvec3));
+        std::memcpy(vectors->data(), from, size);
+        from += size;
+    }
+    return state;
+}
+
 /// One run of the suite.
 class Suite {
 public:
-    Suite(Contender& contender, StressLengths lengths, StressReferences& references,
-          const std::function<void(const std::string&)>& on_measurement)
-        : spec_(contender.spec),
-          backend_(*contender.backend),
-          lengths_(lengths),
-          references_(references),
-          on_measurement_(on_measurement) {}
+    Suite(const BackendSpec& spec, Backend& backend, StressLengths lengths, StressReferences& references,
+          const Once& once)
+        : spec_(spec), backend_(backend), lengths_(lengths), references_(references), once_(once) {}
 
-    std::map<std::string, std::vector<nlohmann::json>> run() {
+    void run() {
         using Part = void (Suite::*)();
         for (const Part part :
              {&Suite::rest, &Suite::limit, &Suite::large_start, &Suite::larger_start, &Suite::degenerate,
@@ -49,7 +70,6 @@ public:
               &Suite::skipping, &Suite::accuracy, &Suite::equilibrium, &Suite::momentum_of_a_long_run}) {
             (this->*part)();
         }
-        return std::move(lists_);
     }
 
 private:
@@ -80,12 +100,18 @@ private:
     /// Adds the row of `subject`, whose figure `measure()` gives; or says why there is none.
     template <class Measure>
     void record(const Subject& subject, const Problem& problem, const Measure& measure) {
-        on_measurement_(subject.name);
+        const std::string of = subject.detail.empty() ? "" : ", " + subject.detail;
+        once_(subject.name + of + ", " + subject.scene + ", " + std::to_string(subject.steps) + " steps",
+              [&] { return rows_of(subject, problem, measure); });
+    }
+    template <class Measure>
+    Rows rows_of(const Subject& subject, const Problem& problem, const Measure& measure) {
         nlohmann::json row = row_identity(subject.scene, spec_);
+        Rows rows;
         const auto put = [&](const char* list, const std::string& reason) {
-            nlohmann::json unmeasured = row;
-            unmeasured["reason"] = subject.name + ": " + reason;
-            lists_[list].push_back(unmeasured);
+            rows[list].push_back(row);
+            rows[list].back()["reason"] = subject.name + ": " + reason;
+            return rows;
         };
         if (const std::string why = backend_.unsupported(problem); !why.empty()) return put("skipped", why);
         double measured = 0;
@@ -97,21 +123,21 @@ private:
         const bool passed = subject.gate.bound == Gate::Bound::none ||
                             (subject.gate.bound == Gate::Bound::at_most ? measured <= subject.gate.value
                                                                         : measured >= subject.gate.value);
+        const std::string gate_is = subject.gate.bound == Gate::Bound::at_least ? "at least" : "at most";
+        if (!passed)
+            put("failed", error_text(measured) + " is not " + gate_is + " " + error_text(subject.gate.value));
         row["part"] = subject.part;
         row["measurement"] = subject.name;
         row["steps"] = subject.steps;
         row["measured"] = std::isfinite(measured) ? nlohmann::json(measured) : nlohmann::json();
         row["gate"] =
             subject.gate.bound == Gate::Bound::none ? nlohmann::json() : nlohmann::json(subject.gate.value);
-        row["gate_is"] = subject.gate.bound == Gate::Bound::at_least ? "at least" : "at most";
+        row["gate_is"] = gate_is;
         row["passed"] = passed;
         row["unit"] = subject.unit;
         row["detail"] = subject.detail;
-        if (!passed) {
-            put("failed", error_text(measured) + " is not " + row["gate_is"].get<std::string>() + " " +
-                              error_text(subject.gate.value));
-        }
-        lists_["stress"].push_back(std::move(row));
+        rows["stress"].push_back(std::move(row));
+        return rows;
     }
 
     State run_from(const State& start, const Problem& problem, int steps) {
@@ -208,7 +234,9 @@ private:
         const int steps = int(by_length(3000, 600, 150) / problem.time_step);
         constexpr int looks = 20;
         double least = 1, largest = 1;
+        bool watched = false;
         const auto watch = [&] {
+            if (watched) return;
             backend_.upload(problem, random_start(problem, 0.3));
             const double start = energy_before_step(problem, backend_);
             for (int look = 0; look < looks; ++look) {
@@ -217,11 +245,16 @@ private:
                 least = ratio >= least ? least : ratio;
                 largest = ratio <= largest ? largest : ratio;
             }
-            return least;
+            watched = true;
         };
-        record({3, "least energy", box_name(side), "of the start", steps, at_least(0.8)}, problem, watch);
-        record({3, "largest energy", box_name(side), "of the start", steps, at_most(1.1)}, problem,
-               [&] { return largest; });
+        record({3, "least energy", box_name(side), "of the start", steps, at_least(0.8)}, problem, [&] {
+            watch();
+            return least;
+        });
+        record({3, "largest energy", box_name(side), "of the start", steps, at_most(1.1)}, problem, [&] {
+            watch();
+            return largest;
+        });
     }
 
     void larger_start() {
@@ -414,8 +447,7 @@ private:
     Backend& backend_;
     const StressLengths lengths_;
     StressReferences& references_;
-    const std::function<void(const std::string&)>& on_measurement_;
-    std::map<std::string, std::vector<nlohmann::json>> lists_;
+    const Once& once_;
 };
 
 }  // namespace
@@ -425,13 +457,18 @@ const State& StressReferences::of(const std::string& name, const Problem& proble
     const auto found = states_.find(key);
     if (found != states_.end()) return found->second;
     const auto backend = BackendSpec::parse("cpu_parallel:precision=float64,formulation=increment").make();
-    return states_[key] = run_from(state_at_rest(problem), problem, *backend, steps);
+    const State& state = states_[key] = run_from(state_at_rest(problem), problem, *backend, steps);
+    if (post_) post_({{"reference", key}, {"state", nlohmann::json::binary(packed(state))}});
+    return state;
 }
 
-std::map<std::string, std::vector<nlohmann::json>> run_stress(
-    Contender& contender, StressLengths lengths, StressReferences& references,
-    const std::function<void(const std::string& name)>& on_measurement) {
-    return Suite(contender, lengths, references, on_measurement).run();
+void StressReferences::hear(const nlohmann::json& news) {
+    states_[news.at("reference")] = unpacked(news.at("state").get_binary());
+}
+
+void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
+                StressReferences& references, const Once& once) {
+    Suite(spec, backend, lengths, references, once).run();
 }
 
 void print_stress(const nlohmann::json& result, std::ostream& out) {

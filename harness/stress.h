@@ -3,14 +3,13 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
 #include <vector>
 
-#include "harness/measure.h"
+#include "harness/suite.h"
 
 namespace voxspring {
 
@@ -25,11 +24,16 @@ public:
     /// `steps` after rest. `name` says which problem it is.
     const State& of(const std::string& name, const Problem& problem, int steps);
 
+    /// Where those are computed in another process, each is posted to this one, whose hear() keeps it.
+    void post_to(const Post& post) { post_ = post; }
+    void hear(const nlohmann::json& news);
+
 private:
     std::map<std::string, State> states_;
+    Post post_;
 };
 
-/// Runs the suite on a contender:
+/// Runs the suite on a backend:
 ///
 /// | part | | measured |
 /// | --- | --- | --- |
@@ -47,9 +51,8 @@ private:
 /// A gate holds for every formulation where the model itself demands it; where it is about rounding, for
 /// `increment` and `compensated`, and for the others the figure is recorded alone. Lists by name: `stress`,
 /// one row a measurement; `skipped`; and `failed`, which every gate that does not hold is in.
-std::map<std::string, std::vector<nlohmann::json>> run_stress(
-    Contender& contender, StressLengths lengths, StressReferences& references,
-    const std::function<void(const std::string& name)>& on_measurement);
+void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
+                StressReferences& references, const Once& once);
 
 /// A line a measurement, scene and backend, with the figures of all formulations.
 void print_stress(const nlohmann::json& result, std::ostream& out);

@@ -1,6 +1,7 @@
 // A study: which scenes, which backends, how many steps; and its run.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -66,6 +67,10 @@ struct StudyOptions {
     std::vector<std::string> scenes;
     std::optional<int> repetitions;
     std::optional<std::filesystem::path> out;
+    /// For which a contender's process may say nothing before it counts as hung. An answer is a batch or a
+    /// measurement; the longest of the built-in studies, a map of stability on OpenGL in software, takes
+    /// minutes.
+    std::chrono::duration<double> timeout = std::chrono::minutes(30);
 };
 
 /// Runs the study and returns the result (results/schema.json). With `out` the file is replaced after

@@ -42,12 +42,31 @@ std::vector<Subject> subjects() {
 class Stress : public ::testing::TestWithParam<Subject> {
 protected:
     void SetUp() override {
-        contender_.spec = BackendSpec::parse(GetParam().spec);
-        make_or_skip(contender_.spec, contender_.backend);
+        spec_ = BackendSpec::parse(GetParam().spec);
+        make_or_skip(spec_, backend_);
     }
-    bool has_gates() const { return by_increments(contender_.spec.options.formulation); }
+    bool has_gates() const { return by_increments(spec_.options.formulation); }
 
-    Contender contender_;
+    BackendSpec spec_;
+    std::unique_ptr<Backend> backend_;
+};
+
+/// A suite's rows; every measurement has a name of its own.
+class Collected {
+public:
+    Once once() {
+        return [this](const std::string& name, const std::function<Rows()>& measure) {
+            EXPECT_TRUE(names_.insert(name).second) << name;
+            for (auto& [list, rows] : measure()) {
+                for (const auto& row : rows) rows_[list].push_back(row);
+            }
+        };
+    }
+    const Rows& rows() const { return rows_; }
+
+private:
+    std::set<std::string> names_;
+    Rows rows_;
 };
 
 std::string named(const ::testing::TestParamInfo<Subject>& tested) { return tested.param.name; }
@@ -56,7 +75,9 @@ INSTANTIATE_TEST_SUITE_P(, Stress, ::testing::ValuesIn(subjects()), named);
 
 TEST_P(Stress, EveryGateHolds) {
     static StressReferences references;
-    const auto lists = run_stress(contender_, StressLengths::shortest, references, [](const auto&) {});
+    Collected collected;
+    run_stress(spec_, *backend_, StressLengths::shortest, references, collected.once());
+    const Rows& lists = collected.rows();
     EXPECT_FALSE(lists.contains("skipped")) << nlohmann::json(lists.at("skipped")).dump(1);
     EXPECT_FALSE(lists.contains("failed")) << nlohmann::json(lists.at("failed")).dump(1);
     std::set<int> parts;
@@ -67,7 +88,7 @@ TEST_P(Stress, EveryGateHolds) {
         EXPECT_TRUE(row.at("part") != 9 || row.at("gate").is_number() == has_gates()) << row;
     }
     for (const int part : {1, 2, 3, 4, 5, 6, 7, 9}) EXPECT_TRUE(parts.contains(part)) << part;
-    EXPECT_EQ(parts.contains(8), contender_.spec.entry->tuning.contains("terms"));
+    EXPECT_EQ(parts.contains(8), spec_.entry->tuning.contains("terms"));
 }
 
 // A sanitizer takes twenty times as long.
@@ -129,17 +150,13 @@ private:
     Problem problem_;
 };
 
-Contender contender_on(std::unique_ptr<Backend> backend) {
-    Contender contender;
-    contender.spec = BackendSpec::parse("cpu_parallel:formulation=increment");
-    contender.backend = backend != nullptr ? std::move(backend) : contender.spec.make();
-    return contender;
-}
-
 TEST(StressSuite, FindsATimeStepThatIsOffByATenThousandth) {
     StressReferences references;
-    Contender contender = contender_on(std::make_unique<Distorted>(1 + 1e-4));
-    const auto lists = run_stress(contender, StressLengths::shortest, references, [](const auto&) {});
+    Collected collected;
+    Distorted backend(1 + 1e-4);
+    run_stress(BackendSpec::parse("cpu_parallel:formulation=increment"), backend, StressLengths::shortest,
+               references, collected.once());
+    const Rows& lists = collected.rows();
     std::set<std::string> failed;
     for (const auto& row : lists.at("stress")) {
         if (!row.at("passed").get<bool>()) failed.insert(row.at("measurement"));
@@ -153,11 +170,11 @@ TEST(StressSuite, FindsATimeStepThatIsOffByATenThousandth) {
 }
 
 TEST(StabilityStudy, MeasuresWhatTheoryGives) {
-    const auto ignore = [](const std::string&, int, int) {};
-    const Scene scene = load_scene("box@4");
-    std::vector<Contender> contenders;
-    contenders.push_back(contender_on(nullptr));
-    auto lists = measure_stability(scene, true, contenders, ignore);
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:formulation=increment");
+    StabilityStudy study(load_scene("box@4"));
+    Collected collected;
+    study.run(spec, *spec.make(), true, collected.once());
+    const Rows& lists = collected.rows();
     EXPECT_FALSE(lists.contains("failed"));
     ASSERT_EQ(lists.at("stability").size(), 7u);
     for (const auto& row : lists.at("stability")) {
@@ -174,10 +191,12 @@ TEST(StabilityStudy, MeasuresWhatTheoryGives) {
     EXPECT_EQ(region[5][0], "bounded") << "damped and far below it";
 
     // A backend whose time step is 1% longer than it was told diverges 1% earlier.
-    contenders[0] = contender_on(std::make_unique<Distorted>(1.01));
-    lists = measure_stability(scene, false, contenders, ignore);
-    EXPECT_EQ(lists.at("failed").size(), 4u) << "all that theory holds for";
-    EXPECT_NEAR(lists.at("stability")[0].at("ratio").get<double>(), 1 / 1.01, 2e-3);
+    Distorted backend(1.01);
+    Collected distorted;
+    study.run(spec, backend, false, distorted.once());
+    EXPECT_FALSE(distorted.rows().contains("stability_map"));
+    EXPECT_EQ(distorted.rows().at("failed").size(), 4u) << "all that theory holds for";
+    EXPECT_NEAR(distorted.rows().at("stability")[0].at("ratio").get<double>(), 1 / 1.01, 2e-3);
 }
 
 /// What a backend, in whatever precision, makes of a problem that is degenerate at rest or at its start.
@@ -234,17 +253,17 @@ std::vector<Degenerate> degenerate_inputs() {
 
 TEST_P(Stress, DegenerateInputIsTheSameEverywhere) {
     // After 60 steps: float32 and the order of a sum, amplified where springs meet by up to 100.
-    const double tolerance = contender_.spec.options.precision == Precision::float32 ? 2e-4 : 1e-10;
+    const double tolerance = spec_.options.precision == Precision::float32 ? 2e-4 : 1e-10;
     const auto oracle = BackendSpec::parse("cpu_reference").make();
     for (const Degenerate& input : degenerate_inputs()) {
         SCOPED_TRACE(input.name);
-        if (const std::string why = contender_.backend->unsupported(input.problem); !why.empty()) {
+        if (const std::string why = backend_->unsupported(input.problem); !why.empty()) {
             // List kinds without a stiffness each; the march, whose forces are in units of rest lengths.
             EXPECT_TRUE(input.problem.has_materials() || input.name == "zero_rest_length") << why;
             continue;
         }
         const State expected = run_from(input.start, input.problem, *oracle, 60);
-        const State state = run_from(input.start, input.problem, *contender_.backend, 60);
+        const State state = run_from(input.start, input.problem, *backend_, 60);
         double worst = 0;
         for (std::size_t i = 0; i < state.displacement.size(); ++i) {
             const double off = glm::length(state.displacement[i] - expected.displacement[i]);

@@ -1,0 +1,157 @@
+#include "harness/contender.h"
+
+#include <utility>
+
+#include "harness/bad_input.h"
+#include "harness/interruption.h"
+#include "harness/playback.h"
+
+namespace voxspring {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+nlohmann::json to_json(const DeviceLimits& limits) {
+    nlohmann::json json = {{"copy", limits.copy_bytes_per_second},
+                           {"cached_copy", limits.cached_copy_bytes_per_second},
+                           {"cache", limits.cache_bytes},
+                           {"launch", limits.launch_seconds},
+                           {"float32", limits.float32_operations_per_second}};
+    const auto add = [&](const char* name, const std::optional<double>& value) {
+        if (value) json[name] = *value;
+    };
+    add("grid_barrier", limits.grid_barrier_seconds);
+    add("exchange", limits.exchange_seconds);
+    add("float64", limits.float64_operations_per_second);
+    add("compute_shader_float32", limits.compute_shader_float32_operations_per_second);
+    return json;
+}
+
+DeviceLimits limits_of(const nlohmann::json& json) {
+    const auto optional = [&](const char* name) {
+        return json.contains(name) ? std::optional(json.at(name).get<double>()) : std::nullopt;
+    };
+    return {.copy_bytes_per_second = json.at("copy"),
+            .cached_copy_bytes_per_second = json.at("cached_copy"),
+            .cache_bytes = json.at("cache"),
+            .launch_seconds = json.at("launch"),
+            .grid_barrier_seconds = optional("grid_barrier"),
+            .exchange_seconds = optional("exchange"),
+            .float32_operations_per_second = json.at("float32"),
+            .float64_operations_per_second = optional("float64"),
+            .compute_shader_float32_operations_per_second = optional("compute_shader_float32")};
+}
+
+/// A contender in its process.
+class Host : public Answerer {
+public:
+    Host(const BackendSpec& spec, const Scene& scene, const MakeTask& make_task)
+        : spec_(spec), scene_(scene), make_task_(make_task) {}
+
+    nlohmann::json answer(const nlohmann::json& question, const Post& post) override {
+        if (question.at("do") == "construct") return construct();
+        if (question.at("do") == "limits") return to_json(spec_.make()->measure_limits());
+        if (task_ == nullptr) task_ = make_task_(spec_);
+        return task_->answer(*backend_, question, post);
+    }
+
+private:
+    nlohmann::json construct() {
+        const auto begin = Clock::now();
+        backend_ = spec_.make();
+        const std::chrono::duration<double> seconds = Clock::now() - begin;
+        return {{"capabilities", voxspring::to_json(backend_->capabilities())},
+                {"construct_seconds", seconds.count()},
+                {"unsupported", Playback(scene_).unsupported(*backend_)}};
+    }
+
+    const BackendSpec& spec_;
+    const Scene& scene_;
+    const MakeTask& make_task_;
+    std::unique_ptr<Backend> backend_;
+    std::unique_ptr<Task> task_;
+};
+
+/// Says whether a backend takes a scene.
+class Probe : public Answerer {
+public:
+    Probe(const BackendSpec& spec, const std::function<bool(const Backend&)>& accepts)
+        : spec_(spec), accepts_(accepts) {}
+    nlohmann::json answer(const nlohmann::json&, const Post&) override { return accepts_(*spec_.make()); }
+
+private:
+    const BackendSpec& spec_;
+    const std::function<bool(const Backend&)>& accepts_;
+};
+
+}  // namespace
+
+nlohmann::json to_json(const Capabilities& capabilities) {
+    return {{"api", capabilities.api},
+            {"device", capabilities.device},
+            {"driver", capabilities.driver},
+            {"uuid", capabilities.uuid},
+            {"clock", capabilities.clock},
+            {"deterministic", capabilities.deterministic},
+            {"highest_mhz", capabilities.highest_mhz}};
+}
+
+Capabilities capabilities_of(const nlohmann::json& json) {
+    return {.api = json.at("api"),
+            .device = json.at("device"),
+            .driver = json.at("driver"),
+            .uuid = json.at("uuid"),
+            .clock = json.at("clock"),
+            .deterministic = json.at("deterministic"),
+            .highest_mhz = json.at("highest_mhz")};
+}
+
+Contender::Contender(BackendSpec spec, const Scene& scene, MakeTask make_task, Record record,
+                     std::chrono::duration<double> timeout)
+    : spec_(std::move(spec)),
+      scene_(scene),
+      make_task_(std::move(make_task)),
+      record_(std::move(record)),
+      timeout_(timeout) {}
+
+void Contender::start() {
+    if (interrupted()) throw Interrupted();
+    if (process_ != nullptr) return;
+    process_ = std::make_unique<Worker>([this] { return std::make_unique<Host>(spec_, scene_, make_task_); },
+                                        timeout_);
+    const nlohmann::json introduction =
+        process_->ask({{"do", "construct"}}, "constructing " + spec_.entry->name);
+    const nlohmann::json* known = record_.find("introduction");
+    if (known == nullptr) {
+        record_.keep("introduction", introduction);
+    } else if (known->at("capabilities") != introduction.at("capabilities")) {
+        throw BadInput("the journal", spec_.entry->name, introduction.at("capabilities").dump(),
+                       "the device that was measured before, " + known->at("capabilities").dump());
+    }
+}
+
+nlohmann::json Contender::introduce() {
+    if (record_.find("introduction") == nullptr) start();
+    return *record_.find("introduction");
+}
+
+nlohmann::json Contender::ask(const nlohmann::json& question, const std::string& doing, const Post& on_news) {
+    start();
+    return process_->ask(question, doing, on_news);
+}
+
+DeviceLimits Contender::measure_limits() {
+    return limits_of(ask({{"do", "limits"}}, "measuring the limits of its device"));
+}
+
+bool takes(const BackendSpec& spec, const std::function<bool(const Backend&)>& accepts,
+           std::chrono::duration<double> timeout) {
+    try {
+        Worker probe([&] { return std::make_unique<Probe>(spec, accepts); }, timeout);
+        return probe.ask(nullptr, "being asked whether it takes a scene").get<bool>();
+    } catch (const std::runtime_error&) {
+        return false;
+    }
+}
+
+}  // namespace voxspring

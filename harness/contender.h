@@ -1,0 +1,79 @@
+// A backend that a study runs a scene on, in a process of its own.
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/journal.h"
+#include "harness/scene.h"
+#include "harness/worker.h"
+
+namespace voxspring {
+
+/// What a kind of study does with one backend, in the backend's process.
+class Task {
+public:
+    Task() = default;
+    Task(const Task&) = delete;
+    Task& operator=(const Task&) = delete;
+    virtual ~Task() = default;
+    virtual nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post& post) = 0;
+};
+/// Called in the backend's process.
+using MakeTask = std::function<std::unique_ptr<Task>(const BackendSpec&)>;
+
+/// Ctrl-C was pressed: nothing further is begun.
+class Interrupted : public std::runtime_error {
+public:
+    Interrupted() : std::runtime_error("interrupted") {}
+};
+
+/// One of a scene's. Its process is started by the first question that the journal has no answer to.
+class Contender {
+public:
+    /// `scene` must outlive it.
+    Contender(BackendSpec spec, const Scene& scene, MakeTask make_task, Record record,
+              std::chrono::duration<double> timeout);
+
+    const BackendSpec& spec() const { return spec_; }
+    /// What is finished of it.
+    Record& record() { return record_; }
+
+    /// Constructs the backend, unless the journal has what that gave: its `capabilities`, `unsupported`
+    /// (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
+    nlohmann::json introduce();
+    /// Asks its task. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
+    /// device is not the one that the journal knows.
+    nlohmann::json ask(const nlohmann::json& question, const std::string& doing, const Post& on_news = {});
+    /// Measures the device's limits on a backend of its own. Throws as ask() does.
+    DeviceLimits measure_limits();
+
+    std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
+
+private:
+    void start();
+
+    BackendSpec spec_;
+    const Scene& scene_;
+    MakeTask make_task_;
+    Record record_;
+    std::chrono::duration<double> timeout_;
+    std::unique_ptr<Worker> process_;
+};
+
+nlohmann::json to_json(const Capabilities& capabilities);
+Capabilities capabilities_of(const nlohmann::json& json);
+
+/// Answers in `probe`'s process whether `spec` is available and takes the scene; a process that is lost does
+/// not.
+bool takes(const BackendSpec& spec, const std::function<bool(const Backend&)>& accepts,
+           std::chrono::duration<double> timeout);
+
+}  // namespace voxspring

@@ -1,0 +1,28 @@
+// Which backends a study's patterns and the command line's globs stand for.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+
+namespace voxspring {
+
+/// Whether `text` matches a shell's pattern.
+bool matches(const std::string& glob, const std::string& text);
+
+/// The specifications that a pattern GLOB[:options] stands for, in the registry's order: those that take the
+/// options. Throws BadSpecification if there are some and none does.
+std::vector<BackendSpec> expand(const std::string& pattern);
+/// All of `patterns` without repetition. A study may name backends that this build left out.
+std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns);
+/// Whether a pattern names a backend that this build left out.
+bool matches_left_out(const std::string& pattern);
+
+/// What the command line's --backend leaves of a scene's contenders, and what it adds to them.
+std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs);
+
+/// "cpu_parallel, cpu_reference, ..."
+std::string registered_names();
+
+}  // namespace voxspring

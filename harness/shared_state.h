@@ -1,0 +1,35 @@
+// A state that a process and those it forks hand to each other.
+#pragma once
+
+#include <cstddef>
+#include <nlohmann/json.hpp>
+#include <span>
+
+#include "backends/physics/problem.h"
+
+namespace voxspring {
+
+/// Room for the state of one problem, the same memory in this process and in all that are forked from it. One
+/// state at a time: what is put in is to be taken out before the next.
+class SharedState {
+public:
+    /// Takes no memory before something is put in. Throws std::system_error.
+    explicit SharedState(std::size_t particles);
+    SharedState(const SharedState&) = delete;
+    SharedState& operator=(const SharedState&) = delete;
+    ~SharedState();
+
+    /// Returns what take() needs to know: the sizes, which are for the receiver to judge. Throws
+    /// std::runtime_error for a state of more particles than there is room for.
+    nlohmann::json put(const State& state);
+    /// Takes the state out and gives its memory back.
+    State take(const nlohmann::json& sizes);
+
+private:
+    std::size_t bytes() const;
+
+    std::size_t particles_;
+    std::span<glm::dvec3> vectors_;  ///< displacements, then increments
+};
+
+}  // namespace voxspring

@@ -1,0 +1,439 @@
+// The run of a study: one scene after the other, each of its contenders in a process of its own.
+#include <unistd.h>
+
+#include <algorithm>
+#include <ctime>
+#include <iomanip>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <optional>
+#include <sstream>
+#include <thread>
+#include <utility>
+
+#include "backends/registry.h"
+#include "harness/auto_choice.h"
+#include "harness/bad_input.h"
+#include "harness/contender.h"
+#include "harness/fastest.h"
+#include "harness/interruption.h"
+#include "harness/journal.h"
+#include "harness/limits.h"
+#include "harness/measure.h"
+#include "harness/pareto.h"
+#include "harness/playback.h"
+#include "harness/reference.h"
+#include "harness/result.h"
+#include "harness/scene.h"
+#include "harness/selection.h"
+#include "harness/shared_state.h"
+#include "harness/stability_study.h"
+#include "harness/stress.h"
+#include "harness/study.h"
+#include "harness/suite.h"
+
+namespace voxspring {
+namespace {
+
+/// What --scene leaves of the study's scenes, and what it adds to them.
+void select_scenes(Study& study, const std::vector<std::string>& globs) {
+    if (globs.empty()) return;
+    std::vector<StudyScene> kept;
+    for (const std::string& glob : globs) {
+        const auto before = kept.size();
+        for (const StudyScene& scene : study.scenes) {
+            if (matches(glob, scene.scene)) kept.push_back(scene);
+        }
+        if (kept.size() == before) kept.push_back({glob, study.steps, {}});
+    }
+    study.scenes = std::move(kept);
+}
+
+/// The contenders of a scene that is not at hand: without what the rules would take.
+std::vector<BackendSpec> known_contenders(const Study& study, const StudyScene& item,
+                                          const StudyOptions& options) {
+    const auto known = [](std::vector<std::string> patterns) {
+        patterns.erase(std::remove_if(patterns.begin(), patterns.end(), asks_for_auto), patterns.end());
+        return patterns;
+    };
+    return select(expand_all(known(item.backends.empty() ? study.backends : item.backends)),
+                  known(options.backends));
+}
+
+/// The scenes of a study, which are kept, up to a quarter of the machine's memory, as each is asked for
+/// twice.
+class Scenes {
+public:
+    std::shared_ptr<const Scene> of(const Study& study, const StudyScene& item) {
+        if (study.kind == StudyKind::stress) return std::make_shared<const Scene>(stands_for_all(item));
+        if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
+        auto scene = std::make_shared<const Scene>(load_scene(item.scene));
+        if (particles_ + scene->problem.particle_count() <= Limits::of_this_machine().particles / 4) {
+            particles_ += scene->problem.particle_count();
+            kept_[item.scene] = scene;
+        }
+        return scene;
+    }
+
+private:
+    /// A stress study brings its own scenes: what stands for them is one that every backend takes.
+    static Scene stands_for_all(const StudyScene& item) {
+        Scene scene = load_scene("box@2");
+        scene.name = item.scene;
+        return scene;
+    }
+
+    std::map<std::string, std::shared_ptr<const Scene>> kept_;
+    std::uint64_t particles_ = 0;
+};
+
+/// For studies without a row of Google Benchmark.
+nlohmann::json plain_context() {
+    std::ostringstream date;
+    const std::time_t now = std::time(nullptr);
+    std::tm parts{};
+    date << std::put_time(gmtime_r(&now, &parts), "%FT%T+00:00");
+    return {{"date", date.str()}, {"num_cpus", std::thread::hardware_concurrency()}};
+}
+
+/// One line on a terminal that is overwritten; nothing in a pipe.
+class Progress {
+public:
+    ~Progress() { clear(); }
+    void show(const std::string& text) {
+        if (terminal_) std::cerr << "\r\x1b[K" << text << std::flush;
+    }
+    void clear() { show(""); }
+
+private:
+    bool terminal_ = isatty(STDERR_FILENO) != 0;
+};
+
+/// Empty, or why a backend on the card `uuid` is not for a table of `backends`, which describe() wrote.
+std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
+    for (const auto& [name, backend] : backends.items()) {
+        const std::string card = backend.at("uuid");
+        if (uuid.empty() || card.empty() || card == uuid) continue;
+        return "is on " + uuid + ", " + name + " on " + card + ": two cards are not compared as one";
+    }
+    return {};
+}
+
+/// The GPU and GL renderer that any row of this study ran on.
+void note_devices(nlohmann::json& context) {
+    for (const auto& [name, backend] : context.at("backends").items()) {
+        const std::string api = backend.at("api");
+        if (api.starts_with("CUDA")) {
+            context["gpu"] = backend.at("device");
+            context["driver"] = backend.at("driver");
+        } else if (api.starts_with("OpenGL")) {
+            context["gl_renderer"] = backend.at("device");
+            if (context["driver"].is_null()) context["driver"] = backend.at("driver");
+        }
+    }
+}
+
+/// The lists of a result that a study of that kind has beside those of every study.
+std::vector<std::string> own_lists(StudyKind kind) {
+    switch (kind) {
+        case StudyKind::timing:
+            break;
+        case StudyKind::fastest:
+            return {"fastest"};
+        case StudyKind::pareto:
+            return {"pareto"};
+        case StudyKind::stability:
+            return {"stability", "stability_map"};
+        case StudyKind::stress:
+            return {"stress"};
+    }
+    return {};
+}
+
+/// One run of one study.
+class StudyRun {
+public:
+    StudyRun(Study study, const StudyOptions& options) : study_(std::move(study)), options_(options) {
+        if (study_.kind == StudyKind::stress && !options.scenes.empty())
+            throw BadInput("command line", "--scene", options.scenes.front(),
+                           "none: the suite has its own scenes");
+        select_scenes(study_, options.scenes);
+        study_.repetitions = options.repetitions.value_or(study_.repetitions);
+        if (options.out) check_writable(*options.out, "--out", ".json");
+        for (const StudyScene& item : study_.scenes) check(item);
+        begin_result();
+    }
+
+    nlohmann::json run() {
+        for (const StudyScene& item : study_.scenes) {
+            ++number_;
+            if (const auto refusal = too_large_.find(item.scene); refusal != too_large_.end()) {
+                for (const BackendSpec& spec : known_contenders(study_, item, options_))
+                    put("skipped", row_identity(item.scene, spec), refusal->second);
+            } else {
+                run_scene(item);
+            }
+            publish();
+            if (interrupted()) break;
+        }
+        return std::move(result_);
+    }
+
+private:
+    /// Every scene is read before the first is timed: a mistake in the last one costs no hour.
+    void check(const StudyScene& item) {
+        std::shared_ptr<const Scene> loaded;
+        try {
+            loaded = scenes_.of(study_, item);
+        } catch (const TooLarge& refusal) {
+            if (!options_.scenes.empty()) throw;
+            too_large_[item.scene] = refusal.what();
+            return;
+        }
+        if (study_.kind == StudyKind::pareto) check_pareto(*loaded, time_steps_of(item));
+        if (!item.rewind && !loaded->edits.empty())
+            throw BadInput("study " + study_.name, "rewind of " + item.scene, "false",
+                           "true: its edits are made from the start");
+        const auto& patterns = patterns_of(item);
+        const auto chooses = [](const std::vector<std::string>& asked) {
+            for (const std::string& pattern : asked) {
+                if (asks_for_auto(pattern)) check_auto(pattern);
+            }
+            return std::any_of(asked.begin(), asked.end(), asks_for_auto);
+        };
+        if (chooses(options_.backends) || (chooses(patterns) && options_.backends.empty()) ||
+            !known_contenders(study_, item, options_).empty())
+            return;
+        const std::string known = "a glob that matches one of: " + registered_names();
+        if (!options_.backends.empty())
+            throw BadInput("command line", "--backend", options_.backends.front(), known);
+        throw BadInput("study " + study_.name, "backends of " + item.scene, patterns.front(), known);
+    }
+
+    void begin_result() {
+        result_["context"] = plain_context();
+        for (const char* list : {"benchmarks", "verification", "skipped", "failed"})
+            result_[list] = nlohmann::json::array();
+        for (const std::string& list : own_lists(study_.kind)) result_[list] = nlohmann::json::array();
+        context_ = build_context();
+        context_["gpu"] = context_["driver"] = context_["gl_renderer"] = nullptr;
+        context_["study"] = {{"name", study_.name}, {"repetitions", study_.repetitions}};
+        context_["backends"] = nlohmann::json::object();
+    }
+
+    const std::vector<std::string>& patterns_of(const StudyScene& item) const {
+        return item.backends.empty() ? study_.backends : item.backends;
+    }
+    TimeSteps time_steps_of(const StudyScene& item) const {
+        return {study_.time_steps, item.steps, study_.repetitions};
+    }
+    Batch batch_of(const StudyScene& item) const {
+        return {.steps = item.steps,
+                .repetitions = study_.repetitions,
+                .total_error = study_.total_error,
+                .rewind = item.rewind};
+    }
+
+    void put(const char* list, nlohmann::json row, const std::string& reason) {
+        row["reason"] = reason;
+        result_[list].push_back(std::move(row));
+    }
+
+    /// What a scene has in the journal, whose names say which scene of the study it is: one may be there
+    /// twice.
+    Record record_of(const std::string& of) { return {journal_, std::to_string(number_) + " " + of + " "}; }
+
+    /// `patterns` with what the rules take for `scene` in the place of "auto"; each choice is a row of
+    /// `auto`.
+    std::vector<std::string> with_choices(std::vector<std::string> patterns, const Scene& scene) {
+        for (std::string& pattern : patterns) {
+            if (!asks_for_auto(pattern)) continue;
+            const Chosen choice = choose_by_rules(pattern, scene.problem, [&](const BackendSpec& spec) {
+                const auto accepts = [&](const Backend& backend) {
+                    return may_be_chosen(spec, backend) && Playback(scene).unsupported(backend).empty();
+                };
+                return takes(spec, accepts, options_.timeout);
+            });
+            nlohmann::json row = row_identity(scene.name, choice.spec);
+            row["pattern"] = pattern;
+            row["reason"] = choice.reason;
+            result_["auto"].push_back(std::move(row));
+            pattern = choice.spec.text();
+        }
+        return patterns;
+    }
+
+    std::vector<BackendSpec> contenders_of(const StudyScene& item, const Scene& scene) {
+        return select(expand_all(with_choices(patterns_of(item), scene)),
+                      with_choices(options_.backends, scene));
+    }
+
+    /// The contender, ready to be asked; nothing where it cannot run the scene, which the result then says.
+    std::optional<Contender> enter(const BackendSpec& spec, const Scene& scene, const MakeTask& make_task) {
+        const nlohmann::json row = row_identity(scene.name, spec);
+        Contender contender(spec, scene, make_task, record_of(spec.label()), options_.timeout);
+        try {
+            const nlohmann::json introduction = contender.introduce();
+            const nlohmann::json& capabilities = introduction.at("capabilities");
+            auto& backends = context_["backends"];
+            std::string reason = other_card(backends, capabilities.at("uuid"));
+            if (reason.empty()) reason = introduction.at("unsupported");
+            if (!reason.empty()) {
+                put("skipped", row, reason);
+                return std::nullopt;
+            }
+            backends[spec.entry->name] = capabilities;
+            if (study_.kind == StudyKind::timing || study_.kind == StudyKind::fastest)
+                contender.limits =
+                    limits_.of(capabilities_of(capabilities), [&] { return contender.measure_limits(); });
+            return contender;
+        } catch (const BadInput&) {
+            throw;
+        } catch (const Interrupted&) {
+            // It goes on when the study is resumed.
+        } catch (const Unavailable& absent) {
+            // What was there for an earlier scene has been lost since.
+            const bool lost = context_["backends"].contains(spec.entry->name);
+            put(lost ? "failed" : "skipped", row, absent.what());
+        } catch (const std::exception& error) {
+            put("failed", row, error.what());
+        }
+        return std::nullopt;
+    }
+
+    void run_scene(const StudyScene& item) {
+        const auto scene = scenes_.of(study_, item);
+        heading_ = "[" + std::to_string(number_) + "/" + std::to_string(study_.scenes.size()) + "] " +
+                   scene->name + " ";
+        SceneResult measured = measure_scene(item, *scene, contenders_of(item, *scene));
+        if (!measured.context.is_null() && !std::exchange(has_context_, true))
+            result_["context"] = measured.context;
+        for (auto& [list, rows] : measured.lists) {
+            for (auto& row : rows) result_[list].push_back(std::move(row));
+        }
+    }
+
+    /// What one scene of the study gives, by the study's kind.
+    SceneResult measure_scene(const StudyScene& item, const Scene& scene,
+                              const std::vector<BackendSpec>& specs) {
+        switch (study_.kind) {
+            case StudyKind::timing:
+            case StudyKind::fastest: {
+                SharedState state(scene.problem.particle_count());
+                auto contenders = enter_all(specs, scene, timing_task(scene, batch_of(item), state));
+                if (contenders.empty()) return {};
+                return measure(scene, contenders, batch_of(item), state, references_, shows_progress());
+            }
+            case StudyKind::pareto: {
+                SharedState state(scene.problem.particle_count());
+                auto contenders = enter_all(specs, scene, pareto_task(scene, time_steps_of(item), state));
+                if (contenders.empty()) return {};
+                return measure_pareto(scene, contenders, time_steps_of(item), state, references_,
+                                      shows_progress());
+            }
+            case StudyKind::stability:
+                return measure_stability(item, scene, specs);
+            case StudyKind::stress:
+                break;
+        }
+        return measure_stress(item, scene, specs);
+    }
+
+    std::vector<Contender> enter_all(const std::vector<BackendSpec>& specs, const Scene& scene,
+                                     const MakeTask& make_task) {
+        std::vector<Contender> contenders;
+        for (const BackendSpec& spec : specs) {
+            progress_.show(heading_ + spec.label());
+            if (auto contender = enter(spec, scene, make_task)) contenders.push_back(*std::move(contender));
+        }
+        return contenders;
+    }
+
+    SceneResult measure_stability(const StudyScene& item, const Scene& scene,
+                                  const std::vector<BackendSpec>& specs) {
+        StabilityStudy stability(scene);
+        bool map = item.map;  // of the first
+        SceneResult result;
+        for (const BackendSpec& spec : specs) {
+            const MakeTask task =
+                suite_task([&stability, map](const BackendSpec& of, Backend& backend, const Once& once,
+                                             const Post&) { stability.run(of, backend, map, once); });
+            auto contender = enter(spec, scene, task);
+            if (!contender) continue;
+            if (stability.empty()) {
+                put("skipped", row_identity(scene.name, spec),
+                    "nothing oscillates, or how fast is not known");
+                continue;
+            }
+            map = false;
+            add(result, measure_suite(*contender, scene.name, shows_measurement(spec)));
+        }
+        return result;
+    }
+
+    /// One contender after the other: what one computes of references, the next ones have.
+    SceneResult measure_stress(const StudyScene& item, const Scene& scene,
+                               const std::vector<BackendSpec>& specs) {
+        const MakeTask task =
+            suite_task([&](const BackendSpec& of, Backend& backend, const Once& once, const Post& post) {
+                stress_references_.post_to(post);
+                run_stress(of, backend, item.lengths, stress_references_, once);
+            });
+        SceneResult result;
+        for (const BackendSpec& spec : specs) {
+            auto contender = enter(spec, scene, task);
+            if (!contender) continue;
+            add(result, measure_suite(*contender, scene.name, shows_measurement(spec),
+                                      [&](const auto& news) { stress_references_.hear(news); }));
+        }
+        return result;
+    }
+
+    static void add(SceneResult& result, Rows rows) {
+        for (auto& [list, more] : rows) {
+            for (nlohmann::json& row : more) result.lists[list].push_back(std::move(row));
+        }
+    }
+
+    OnRepetition shows_progress() {
+        return [this](const std::string& label, int begun, int total) {
+            progress_.show(heading_ + std::to_string(begun) + "/" + std::to_string(total) + " " + label);
+        };
+    }
+    std::function<void(const std::string&)> shows_measurement(const BackendSpec& spec) {
+        return [this, label = spec.label()](const std::string& name) {
+            progress_.show(heading_ + label + " " + name);
+        };
+    }
+
+    void publish() {
+        note_devices(context_);
+        context_["limits"] = limits_.json();
+        result_["context"]["voxspring"] = context_;
+        if (study_.kind == StudyKind::fastest) result_["fastest"] = fastest_of(result_, study_.targets);
+        if (options_.out) write_atomically(*options_.out, result_.dump(2) + "\n");
+    }
+
+    Study study_;
+    const StudyOptions& options_;
+    Scenes scenes_;
+    std::map<std::string, std::string> too_large_;  ///< scene to reason
+    nlohmann::json result_, context_;
+    bool has_context_ = false;  ///< of Google Benchmark
+    Journal journal_;
+    MeasuredLimits limits_;
+    References references_;
+    StressReferences stress_references_;
+    Progress progress_;
+    std::size_t number_ = 0;  ///< of the scene, from 1
+    std::string heading_;
+};
+
+}  // namespace
+
+nlohmann::json run_study(Study study, const StudyOptions& options) {
+    return StudyRun(std::move(study), options).run();
+}
+
+}  // namespace voxspring

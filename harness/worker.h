@@ -1,0 +1,65 @@
+// A process that answers questions for this one, so that what runs in it can crash, hang or run out of memory
+// without taking this one along.
+#pragma once
+
+#include <sys/types.h>
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace voxspring {
+
+/// The process is gone: the message says how it ended and what it was doing.
+class WorkerLost : public std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+/// Sends this process's parent word of something before the answer.
+using Post = std::function<void(const nlohmann::json& news)>;
+
+/// What answers in the other process.
+class Answerer {
+public:
+    Answerer() = default;
+    Answerer(const Answerer&) = delete;
+    Answerer& operator=(const Answerer&) = delete;
+    virtual ~Answerer() = default;
+    virtual nlohmann::json answer(const nlohmann::json& question, const Post& post) = 0;
+};
+
+/// A forked copy of this process: it has all that is in memory when it is made. It ends with this object, or
+/// when this process does, however that happens. Numbers travel to the bit, those that are not finite too.
+///
+/// Only one of them works at a time: before another one is asked, the threads of the one before have come to
+/// rest, where they would take the cores that the next one is timed on.
+class Worker {
+public:
+    /// `make` is called in the new process, where it answers until the end. Throws std::system_error if there
+    /// can be no further process.
+    Worker(const std::function<std::unique_ptr<Answerer>()>& make, std::chrono::duration<double> timeout);
+    Worker(const Worker&) = delete;
+    Worker& operator=(const Worker&) = delete;
+    ~Worker();
+
+    /// The answer. Throws WorkerLost if the process ends, or says nothing for as long as the time-out, while
+    /// `doing` (it is then killed); Unavailable or DeviceError with the message of what its answerer threw.
+    nlohmann::json ask(const nlohmann::json& question, const std::string& doing, const Post& on_news = {});
+
+private:
+    nlohmann::json receive(const std::string& doing);
+    [[noreturn]] void lose(const std::string& how, const std::string& doing);
+    void rest();
+
+    static Worker* last_asked_;
+    int socket_ = -1;
+    pid_t process_ = -1;
+    std::chrono::duration<double> timeout_;
+    bool asked_ = false;  ///< and no answer yet
+    std::string lost_;    ///< how it ended, if it has
+};
+
+}  // namespace voxspring
