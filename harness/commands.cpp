@@ -15,6 +15,7 @@
 #include "harness/bad_input.h"
 #include "harness/divergence.h"
 #include "harness/fastest.h"
+#include "harness/interruption.h"
 #include "harness/limits.h"
 #include "harness/pareto.h"
 #include "harness/playback.h"
@@ -316,6 +317,11 @@ int run_and_print_study(const std::string& argument, const StudyOptions& options
         print_table(result, out);
     }
     if (options.out) out << "written: " << options.out->string() << "\n";
+    if (is_unfinished(result)) {
+        out << "interrupted: this is what was finished"
+            << (options.out ? "; the same command with --resume goes on" : "") << "\n";
+        return interrupted_exit_code;
+    }
     return result.at("failed").empty() ? 0 : 1;
 }
 
@@ -330,6 +336,7 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
         StudyOptions study = options.study;
         study.scenes = {argument};
         const nlohmann::json result = run_study(load_study("pareto"), study);
+        if (is_unfinished(result)) return interrupted_exit_code;
         print_unmeasured(result, out);
         candidates = candidates_of(parse_json(result.dump(), "what was measured"), scene);
     }

@@ -72,16 +72,16 @@ private:
     std::unique_ptr<Task> task_;
 };
 
-/// Says whether a backend takes a scene.
-class Probe : public Answerer {
+/// Says something of a backend.
+class Look : public Answerer {
 public:
-    Probe(const BackendSpec& spec, const std::function<bool(const Backend&)>& accepts)
-        : spec_(spec), accepts_(accepts) {}
-    nlohmann::json answer(const nlohmann::json&, const Post&) override { return accepts_(*spec_.make()); }
+    Look(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look)
+        : spec_(spec), look_(look) {}
+    nlohmann::json answer(const nlohmann::json&, const Post&) override { return look_(*spec_.make()); }
 
 private:
     const BackendSpec& spec_;
-    const std::function<bool(const Backend&)>& accepts_;
+    const std::function<nlohmann::json(const Backend&)>& look_;
 };
 
 }  // namespace
@@ -140,18 +140,40 @@ nlohmann::json Contender::ask(const nlohmann::json& question, const std::string&
     return process_->ask(question, doing, on_news);
 }
 
-DeviceLimits Contender::measure_limits() {
-    return limits_of(ask({{"do", "limits"}}, "measuring the limits of its device"));
+DeviceLimits Contender::measure_limits(Record record) {
+    const std::string device = introduce().at("capabilities").at("api");
+    if (record.find(device) == nullptr) {
+        nlohmann::json measured;
+        const auto failure = failure_of([&] {
+            measured = ask({{"do", "limits"}}, "measuring the limits of its device");
+        });
+        if (!failure && measured.is_null()) throw Interrupted();
+        record.keep(device, failure ? nlohmann::json(*failure) : measured);
+    }
+    const nlohmann::json& known = *record.find(device);
+    if (known.is_string()) throw DeviceError(known.get<std::string>());
+    return limits_of(known);
 }
 
-bool takes(const BackendSpec& spec, const std::function<bool(const Backend&)>& accepts,
-           std::chrono::duration<double> timeout) {
+std::optional<std::string> failure_of(const std::function<void()>& action) {
     try {
-        Worker probe([&] { return std::make_unique<Probe>(spec, accepts); }, timeout);
-        return probe.ask(nullptr, "being asked whether it takes a scene").get<bool>();
-    } catch (const std::runtime_error&) {
-        return false;
+        action();
+    } catch (const Interrupted&) {
+        return std::nullopt;
+    } catch (const BadInput&) {
+        throw;
+    } catch (const Unwritten&) {
+        throw;
+    } catch (const std::exception& error) {
+        return error.what();
     }
+    return std::nullopt;
+}
+
+nlohmann::json look_at(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look,
+                       std::chrono::duration<double> timeout) {
+    Worker worker([&] { return std::make_unique<Look>(spec, look); }, timeout);
+    return worker.ask({{"do", "look"}}, "constructing " + spec.entry->name);
 }
 
 }  // namespace voxspring

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <exception>
 #include <functional>
 #include <map>
 #include <memory>
@@ -30,9 +31,9 @@ public:
 using MakeTask = std::function<std::unique_ptr<Task>(const BackendSpec&)>;
 
 /// Ctrl-C was pressed: nothing further is begun.
-class Interrupted : public std::runtime_error {
+class Interrupted : public std::exception {
 public:
-    Interrupted() : std::runtime_error("interrupted") {}
+    const char* what() const noexcept override { return "interrupted"; }
 };
 
 /// One of a scene's. Its process is started by the first question that the journal has no answer to.
@@ -52,8 +53,8 @@ public:
     /// Asks its task. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
     /// device is not the one that the journal knows.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing, const Post& on_news = {});
-    /// Measures the device's limits on a backend of its own. Throws as ask() does.
-    DeviceLimits measure_limits();
+    /// Measures the device's limits on a backend of its own, unless `record` has them. Throws as ask() does.
+    DeviceLimits measure_limits(Record record);
 
     std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
 
@@ -68,12 +69,17 @@ private:
     std::unique_ptr<Worker> process_;
 };
 
+/// Calls `action`, which is about one contender. Why it failed; nothing if it did not or was interrupted
+/// (which is to go on when the study is resumed). Throws what is not the contender's fault: BadInput,
+/// Unwritten.
+std::optional<std::string> failure_of(const std::function<void()>& action);
+
 nlohmann::json to_json(const Capabilities& capabilities);
 Capabilities capabilities_of(const nlohmann::json& json);
 
-/// Answers in `probe`'s process whether `spec` is available and takes the scene; a process that is lost does
-/// not.
-bool takes(const BackendSpec& spec, const std::function<bool(const Backend&)>& accepts,
-           std::chrono::duration<double> timeout);
+/// What `look` says of a backend, which is constructed for that in a process of its own. Throws as
+/// Worker::ask() does.
+nlohmann::json look_at(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look,
+                       std::chrono::duration<double> timeout);
 
 }  // namespace voxspring

@@ -2,7 +2,6 @@
 
 #include <unistd.h>
 
-#include <csignal>
 #include <string_view>
 
 namespace voxspring {
@@ -21,11 +20,17 @@ void note(int) {
 
 }  // namespace
 
-void catch_interruptions() {
+CaughtInterruptions::CaughtInterruptions() {
+    signals_caught = 0;
     struct sigaction action {};
     action.sa_handler = note;
-    sigaction(SIGINT, &action, nullptr);
-    sigaction(SIGTERM, &action, nullptr);
+    sigaction(SIGINT, &action, &interrupt_);
+    sigaction(SIGTERM, &action, &terminate_);
+}
+
+CaughtInterruptions::~CaughtInterruptions() {
+    sigaction(SIGINT, &interrupt_, nullptr);
+    sigaction(SIGTERM, &terminate_, nullptr);
 }
 
 bool interrupted() { return signals_caught > 0; }

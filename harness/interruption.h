@@ -1,11 +1,24 @@
 // Ctrl-C: what is in flight is finished, nothing further begun.
 #pragma once
 
+#include <csignal>
+
 namespace voxspring {
 
-/// From here on the first SIGINT or SIGTERM is noted and said; the next one ends the process at once.
-void catch_interruptions();
+/// As long as it lives the first SIGINT or SIGTERM is noted and said; the next one ends the process at once.
+class CaughtInterruptions {
+public:
+    CaughtInterruptions();
+    CaughtInterruptions(const CaughtInterruptions&) = delete;
+    CaughtInterruptions& operator=(const CaughtInterruptions&) = delete;
+    ~CaughtInterruptions();
 
+private:
+    struct sigaction interrupt_ {
+    }, terminate_{};  ///< what they were
+};
+
+/// Whether one of them has been caught since the latest CaughtInterruptions began.
 bool interrupted();
 
 /// What a shell gives for a program that SIGINT ended.

@@ -1,29 +1,77 @@
-// What a study has finished, on disk as soon as it is.
+// What a study has finished, on disk as soon as it is: what is there is not lost to whatever ends the
+// process.
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace voxspring {
 
-/// Finished measurements by name, in memory.
-class Journal {
-public:
-    /// Null if it is not finished.
-    const nlohmann::json* find(const std::string& name) const;
-    void keep(const std::string& name, nlohmann::json value);
-
-private:
-    std::map<std::string, nlohmann::json> finished_;
+/// What is finished cannot be written; the message says what that is. Nothing further is to be measured.
+class Unwritten : public std::runtime_error {
+    using std::runtime_error::runtime_error;
 };
 
-/// Those of one contender.
+/// Finished measurements by name. On disk a file of JSON lines, each with a check of its own: first what the
+/// study is (an object), then one line a measurement.
+class Journal {
+public:
+    /// In memory alone.
+    Journal() = default;
+    /// In `file`, which the journal of a study that was cut short is continued in if `resume`. Throws
+    /// BadInput if there is one and it is not to be resumed, if it is of another study (`study` differs), if
+    /// a line is not what was written, or if another process writes it; std::system_error if it cannot be
+    /// written. A last line that is not complete is dropped, which note() says.
+    Journal(std::filesystem::path file, const nlohmann::json& study, bool resume);
+    Journal(const Journal&) = delete;
+    Journal& operator=(const Journal&) = delete;
+    ~Journal();
+
+    /// Null if it is not finished.
+    const nlohmann::json* find(const std::string& name) const;
+    /// In which session, from 1, it was finished. Of what is finished.
+    int session_of(const std::string& name) const { return finished_.at(name).first; }
+    /// Keeps it; it is on disk when this returns. Throws std::system_error, whose message says what could not
+    /// be written. JSON has neither infinity nor NaN: `value` is to have none.
+    void keep(const std::string& name, nlohmann::json value);
+
+    /// Each finished measurement, by name.
+    void visit(
+        const std::function<void(const std::string& name, const nlohmann::json& value)>& visitor) const;
+    /// How many times the study has been begun or resumed, now included.
+    int sessions() const { return session_; }
+    /// What a user should know of the file; empty: nothing.
+    const std::string& note() const { return note_; }
+    /// The file has done its duty.
+    void remove();
+
+    static std::filesystem::path file_beside(const std::filesystem::path& result);
+
+private:
+    /// Of errno.
+    Unwritten unwritten(const std::string& consequence) const;
+    void open_locked();
+    void read(const std::string& text, const nlohmann::json& study);
+    void append(const nlohmann::json& line, const std::string& what);
+
+    std::filesystem::path file_;  ///< empty: in memory alone
+    int descriptor_ = -1;
+    int session_ = 1;
+    std::string note_;
+    std::map<std::string, std::pair<int, nlohmann::json>> finished_;
+};
+
+/// Those of one contender, or of whatever else has names of its own.
 class Record {
 public:
     Record(Journal& journal, std::string prefix) : journal_(&journal), prefix_(std::move(prefix)) {}
     const nlohmann::json* find(const std::string& name) const { return journal_->find(prefix_ + name); }
+    int session_of(const std::string& name) const { return journal_->session_of(prefix_ + name); }
     void keep(const std::string& name, nlohmann::json value) {
         journal_->keep(prefix_ + name, std::move(value));
     }

@@ -42,7 +42,9 @@ std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
     try {
         limits = measure();
         json_[family] = describe(capabilities, *limits);
-    } catch (const std::runtime_error& error) {
+    } catch (const Unavailable& absent) {
+        json_[family] = absent.what();
+    } catch (const DeviceError& error) {
         json_[family] = error.what();
     }
     limits_[family] = limits;

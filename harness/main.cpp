@@ -1,5 +1,5 @@
 // The command line. Exit codes: 0 done, 1 a backend failed or an error exceeded its tolerance, 2 bad input
-// or usage.
+// or usage, 130 interrupted.
 #include <malloc.h>
 
 #include <CLI/CLI.hpp>
@@ -58,7 +58,7 @@ int main(int argc, char** argv) {
     StudyOptions study_options;
     CLI::App* study_command = app.add_subcommand("study", "Time and verify scenes on several backends");
     study_command->add_option("STUDY", study, "Built-in study or study file")->required();
-    study_command->add_option("--out", study_options.out, "Result as a .json file");
+    CLI::Option* out = study_command->add_option("--out", study_options.out, "Result as a .json file");
     study_command->add_option("--backend", study_options.backends,
                               "Only backends that match this glob; may be given several times");
     study_command->add_option("--scene", study_options.scenes,
@@ -66,6 +66,16 @@ int main(int argc, char** argv) {
     study_command
         ->add_option("--repetitions", study_options.repetitions, "Timed batches of each backend and scene")
         ->check(CLI::Range(1, 10000));
+    study_command
+        ->add_flag("--resume", study_options.resume, "Go on with the study of --out that was cut short")
+        ->needs(out);
+    study_command
+        ->add_option_function<double>(
+            "--timeout",
+            [&](double seconds) { study_options.timeout = std::chrono::duration<double>(seconds); },
+            "Seconds for which a backend may say nothing before its row fails")
+        ->check(CLI::PositiveNumber)
+        ->default_str("1800");
     study_command->callback([&] { exit_code = run_and_print_study(study, study_options, std::cout); });
 
     AdviseOptions advise_options;

@@ -6,14 +6,15 @@
 #include <chrono>
 #include <cmath>
 #include <ctime>
+#include <exception>
 #include <numeric>
 #include <sstream>
 #include <string>
 #include <utility>
 
-#include "harness/bad_input.h"
 #include "harness/divergence.h"
 #include "harness/errors.h"
+#include "harness/interruption.h"
 #include "harness/limits.h"
 #include "harness/playback.h"
 
@@ -204,6 +205,14 @@ public:
         });
     }
 
+    /// Whether its repetitions are of more than one session of the study.
+    bool resumed() const {
+        const auto session = [&](int number) {
+            return contender_.record().session_of("repetition " + std::to_string(number));
+        };
+        return session(1) != session(course_.batch.repetitions);
+    }
+
     const nlohmann::json& of_record(const std::string& name) const { return *contender_.record().find(name); }
     bool known(const std::string& name) const { return contender_.record().find(name) != nullptr; }
 
@@ -212,18 +221,9 @@ private:
         return text == nullptr ? "" : text->get<std::string>();
     }
 
-    template <class Action>
-    void attempt(const Action& action) {
+    void attempt(const std::function<void()>& action) {
         if (!failure_.empty()) return;
-        try {
-            action();
-        } catch (const Interrupted&) {
-            // It goes on when the study is resumed.
-        } catch (const BadInput&) {
-            throw;
-        } catch (const std::exception& error) {
-            fail(error.what());
-        }
+        if (const auto failure = failure_of(action)) fail(*failure);
     }
 
     nlohmann::json timed(const std::string& name) {
@@ -256,12 +256,18 @@ private:
 
 /// One repetition: Google Benchmark's iteration is one step. It is not told of a failure, since it aborts
 /// where some repetitions of a benchmark fail and others do not; measure() drops the rows of who failed.
-void repeat(benchmark::State& state, Run& run, const Course& course, std::uint64_t springs) {
+void repeat(benchmark::State& state, Run& run, const Course& course, std::uint64_t springs,
+            std::exception_ptr& stopped) {
     const int steps = course.batch.steps;
     double device_seconds = 1, host_seconds = 1;  // of no meaning, but statistics of it are finite
-    if (const auto timed = run.repeat()) {
-        device_seconds = timed->at("device_seconds");
-        host_seconds = timed->at("host_seconds");
+    try {
+        const auto timed = stopped ? std::nullopt : run.repeat();
+        if (timed) {
+            device_seconds = timed->at("device_seconds");
+            host_seconds = timed->at("host_seconds");
+        }
+    } catch (...) {
+        stopped = std::current_exception();
     }
     while (state.KeepRunningBatch(steps)) state.SetIterationTime(device_seconds);
     using benchmark::Counter;
@@ -352,14 +358,17 @@ nlohmann::json run_google_benchmark(std::vector<Run>& runs, const Course& course
     const int repetitions = course.batch.repetitions;
     const int total = repetitions * int(runs.size());
     int begun = 0;
+    // Google Benchmark is not made for exceptions to pass through.
+    std::exception_ptr stopped;
     benchmark::ClearRegisteredBenchmarks();
     for (Run& run : runs) {
         on_repetition(run.contender().spec().label(), 0, total);
         run.warm_up();
         benchmark::RegisterBenchmark(run.name().c_str(),
                                      [&, total](benchmark::State& state) {
-                                         on_repetition(run.contender().spec().label(), ++begun, total);
-                                         repeat(state, run, course, springs);
+                                         if (!stopped && !interrupted())
+                                             on_repetition(run.contender().spec().label(), ++begun, total);
+                                         repeat(state, run, course, springs, stopped);
                                      })
             ->Iterations(course.batch.steps)
             ->Repetitions(repetitions)
@@ -372,6 +381,7 @@ nlohmann::json run_google_benchmark(std::vector<Run>& runs, const Course& course
     reporter.SetErrorStream(&output);
     benchmark::RunSpecifiedBenchmarks(&reporter, nullptr, ".");
     benchmark::ClearRegisteredBenchmarks();
+    if (stopped) std::rethrow_exception(stopped);
     return nlohmann::json::parse(output.str());
 }
 
@@ -420,6 +430,7 @@ std::vector<nlohmann::json> rows_of(Run& run, const Course& course, const nlohma
         row.update(identity);
         row.update(edit_fields(run, course));
         row.update(ready_fields(run));
+        if (run.resumed()) row["resumed"] = true;
         row["cpu_time"] = cpu_time(row, cpu_microseconds);
         row.update(limit_fields(limit, step_seconds(row)));
         rows.push_back(std::move(row));

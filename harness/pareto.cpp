@@ -177,15 +177,11 @@ SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contender
         for (Contender& contender : contenders) {
             on_repetition(contender.spec().label(), ++begun, total);
             Record& record = contender.record();
-            try {
-                if (record.find(name) == nullptr && record.find("failed") == nullptr)
+            if (record.find(name) == nullptr && record.find("failed") == nullptr) {
+                const auto failure = failure_of([&] {
                     record.keep(name, run_step(contender, {scene, stepped, truth, state}));
-            } catch (const BadInput&) {
-                throw;
-            } catch (const Interrupted&) {
-                // It goes on when the study is resumed.
-            } catch (const std::exception& error) {
-                record.keep("failed", error.what());
+                });
+                if (failure) record.keep("failed", *failure);
             }
             if (record.find(name) == nullptr) continue;
             rows.push_back(*record.find(name));

@@ -94,6 +94,9 @@ private:
     int computed_ = 0;
 };
 
+/// The same of two scenes that are the same in every number, whatever they are called.
+std::string fingerprint_of(const Scene& scene);
+
 /// The backend that References::after() takes float64 from.
 inline const std::string reference_backend = "cpu_reference";
 

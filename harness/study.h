@@ -67,15 +67,21 @@ struct StudyOptions {
     std::vector<std::string> scenes;
     std::optional<int> repetitions;
     std::optional<std::filesystem::path> out;
+    bool resume = false;  ///< go on with what a run of the same study left beside `out`
     /// For which a contender's process may say nothing before it counts as hung. An answer is a batch or a
     /// measurement; the longest of the built-in studies, a map of stability on OpenGL in software, takes
     /// minutes.
     std::chrono::duration<double> timeout = std::chrono::minutes(30);
 };
 
-/// Runs the study and returns the result (results/schema.json). With `out` the file is replaced after
-/// every scene, so that a study which is cut short leaves what it finished. A scene of the study's own that
-/// this machine has too little memory for is skipped. Throws BadInput before anything has run.
+/// Runs the study and returns the result (results/schema.json). With `out` every finished measurement is in a
+/// journal beside it at once (journal.h), and the file is replaced after every scene; the journal is removed
+/// when the study is finished. The first SIGINT or SIGTERM stops it after what is in flight; its result is
+/// then `unfinished`. A scene of the study's own that this machine has too little memory for is skipped.
+/// Throws BadInput before anything has run, Unwritten or std::system_error where the disk takes no more.
 nlohmann::json run_study(Study study, const StudyOptions& options);
+
+/// Whether a result is of a study that was interrupted.
+bool is_unfinished(const nlohmann::json& result);
 
 }  // namespace voxspring

@@ -3,15 +3,18 @@
 
 #include <algorithm>
 #include <ctime>
+#include <fstream>
 #include <iomanip>
 #include <iostream>
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <thread>
 #include <utility>
 
+#include "backends/disk_cache.h"
 #include "backends/registry.h"
 #include "harness/auto_choice.h"
 #include "harness/bad_input.h"
@@ -151,6 +154,28 @@ std::vector<std::string> own_lists(StudyKind kind) {
     return {};
 }
 
+/// The contender NAME/FORMULATION/PRECISION[/TUNING].
+BackendSpec spec_of_label(const std::string& label) {
+    std::istringstream parts(label);
+    std::string name, formulation, precision, tuning;
+    std::getline(parts, name, '/');
+    std::getline(parts, formulation, '/');
+    std::getline(parts, precision, '/');
+    std::getline(parts, tuning);
+    return BackendSpec::parse(name + ":formulation=" + formulation + ",precision=" + precision +
+                              (tuning.empty() ? "" : "," + tuning));
+}
+
+/// Of the executable itself: a commit may have been built in two ways, and a tree may differ from its commit.
+std::string fingerprint_of_program() {
+    std::ifstream program("/proc/self/exe", std::ios::binary);
+    std::ostringstream bytes;
+    bytes << program.rdbuf();
+    Hash hash;
+    hash.add(bytes.str());
+    return hash.text();
+}
+
 /// One run of one study.
 class StudyRun {
 public:
@@ -163,9 +188,12 @@ public:
         if (options.out) check_writable(*options.out, "--out", ".json");
         for (const StudyScene& item : study_.scenes) check(item);
         begin_result();
+        if (options.out) open_journal();
     }
 
     nlohmann::json run() {
+        const CaughtInterruptions caught;
+        check_devices();
         for (const StudyScene& item : study_.scenes) {
             ++number_;
             if (const auto refusal = too_large_.find(item.scene); refusal != too_large_.end()) {
@@ -174,9 +202,12 @@ public:
             } else {
                 run_scene(item);
             }
-            publish();
             if (interrupted()) break;
+            publish();
         }
+        if (!interrupted()) context_.erase("unfinished");
+        publish();
+        if (!interrupted()) journal_->remove();
         return std::move(result_);
     }
 
@@ -220,6 +251,70 @@ private:
         context_["gpu"] = context_["driver"] = context_["gl_renderer"] = nullptr;
         context_["study"] = {{"name", study_.name}, {"repetitions", study_.repetitions}};
         context_["backends"] = nlohmann::json::object();
+        context_["unfinished"] = true;
+    }
+
+    /// What a journal has to be of, to be resumed: all that decides what is measured, but the devices.
+    nlohmann::json description() {
+        nlohmann::json scenes = nlohmann::json::array(), files = nlohmann::json::object();
+        for (const StudyScene& item : study_.scenes) {
+            scenes.push_back(
+                {item.scene, item.steps, item.backends, item.map, int(item.lengths), item.rewind});
+            // What a file holds may have changed since; built-in scenes are of the program.
+            if (std::filesystem::exists(item.scene) && !too_large_.contains(item.scene))
+                files[item.scene] = fingerprint_of(*scenes_.of(study_, item));
+        }
+        const nlohmann::json build = build_context();
+        return {{"study", study_.name},
+                {"kind", int(study_.kind)},
+                {"scenes", scenes},
+                {"files", files},
+                {"backends", study_.backends},
+                {"--backend", options_.backends},
+                {"repetitions", study_.repetitions},
+                {"total_error", study_.total_error},
+                {"time_steps", study_.time_steps},
+                {"commit", build.at("commit")},
+                {"program", fingerprint_of_program()},
+                {"cpu", build.at("cpu")}};
+    }
+
+    void open_journal() {
+        const std::filesystem::path file = Journal::file_beside(*options_.out);
+        std::error_code none;
+        if (options_.resume && !std::filesystem::exists(file, none) && is_finished(*options_.out))
+            throw BadInput("command line", "--resume", options_.out->string(),
+                           "a study that was cut short; this one is finished");
+        journal_ = std::make_unique<Journal>(file, description(), options_.resume);
+        if (!journal_->note().empty()) std::cerr << "voxspring: " << journal_->note() << "\n";
+        if (journal_->sessions() > 1) context_["study"]["sessions"] = journal_->sessions();
+    }
+
+    /// Whether there is a result there, of a study that was not cut short.
+    static bool is_finished(const std::filesystem::path& file) {
+        std::ifstream text(file);
+        const nlohmann::json result = nlohmann::json::parse(text, nullptr, false);
+        return result.is_object() && result.contains("context") && !is_unfinished(result);
+    }
+
+    /// The devices that the journal knows are those of this machine; one backend of each API is asked.
+    void check_devices() {
+        std::set<std::string> seen;
+        const std::string suffix = " introduction";
+        journal_->visit([&](const std::string& name, const nlohmann::json& value) {
+            if (!name.ends_with(suffix)) return;
+            const nlohmann::json& known = value.at("capabilities");
+            if (!seen.insert(known.at("api")).second) return;
+            const std::size_t begin = name.find(' ') + 1;
+            const BackendSpec spec = spec_of_label(name.substr(begin, name.size() - suffix.size() - begin));
+            nlohmann::json now;
+            const auto look = [](const Backend& backend) { return to_json(backend.capabilities()); };
+            if (const auto failure = failure_of([&] { now = look_at(spec, look, options_.timeout); }))
+                now = *failure;
+            if (now != known)
+                throw BadInput(options_.out->string() + ".journal", "device of " + spec.entry->name,
+                               known.dump(), "what there is here, " + now.dump());
+        });
     }
 
     const std::vector<std::string>& patterns_of(const StudyScene& item) const {
@@ -242,7 +337,7 @@ private:
 
     /// What a scene has in the journal, whose names say which scene of the study it is: one may be there
     /// twice.
-    Record record_of(const std::string& of) { return {journal_, std::to_string(number_) + " " + of + " "}; }
+    Record record_of(const std::string& of) { return {*journal_, std::to_string(number_) + " " + of + " "}; }
 
     /// `patterns` with what the rules take for `scene` in the place of "auto"; each choice is a row of
     /// `auto`.
@@ -250,10 +345,12 @@ private:
         for (std::string& pattern : patterns) {
             if (!asks_for_auto(pattern)) continue;
             const Chosen choice = choose_by_rules(pattern, scene.problem, [&](const BackendSpec& spec) {
-                const auto accepts = [&](const Backend& backend) {
+                const auto accepts = [&](const Backend& backend) -> nlohmann::json {
                     return may_be_chosen(spec, backend) && Playback(scene).unsupported(backend).empty();
                 };
-                return takes(spec, accepts, options_.timeout);
+                nlohmann::json accepted = false;
+                (void)failure_of([&] { accepted = look_at(spec, accepts, options_.timeout); });
+                return accepted.get<bool>();
             });
             nlohmann::json row = row_identity(scene.name, choice.spec);
             row["pattern"] = pattern;
@@ -273,33 +370,42 @@ private:
     std::optional<Contender> enter(const BackendSpec& spec, const Scene& scene, const MakeTask& make_task) {
         const nlohmann::json row = row_identity(scene.name, spec);
         Contender contender(spec, scene, make_task, record_of(spec.label()), options_.timeout);
-        try {
-            const nlohmann::json introduction = contender.introduce();
-            const nlohmann::json& capabilities = introduction.at("capabilities");
-            auto& backends = context_["backends"];
-            std::string reason = other_card(backends, capabilities.at("uuid"));
-            if (reason.empty()) reason = introduction.at("unsupported");
-            if (!reason.empty()) {
-                put("skipped", row, reason);
-                return std::nullopt;
+        std::string unavailable, reason;
+        const auto failure = failure_of([&] {
+            try {
+                reason = refusal_of(contender);
+                if (reason.empty()) note_limits(contender);
+            } catch (const Unavailable& absent) {
+                unavailable = absent.what();
             }
-            backends[spec.entry->name] = capabilities;
-            if (study_.kind == StudyKind::timing || study_.kind == StudyKind::fastest)
-                contender.limits =
-                    limits_.of(capabilities_of(capabilities), [&] { return contender.measure_limits(); });
-            return contender;
-        } catch (const BadInput&) {
-            throw;
-        } catch (const Interrupted&) {
-            // It goes on when the study is resumed.
-        } catch (const Unavailable& absent) {
-            // What was there for an earlier scene has been lost since.
-            const bool lost = context_["backends"].contains(spec.entry->name);
-            put(lost ? "failed" : "skipped", row, absent.what());
-        } catch (const std::exception& error) {
-            put("failed", row, error.what());
-        }
-        return std::nullopt;
+        });
+        // What was there for an earlier scene has been lost since.
+        const bool lost = context_["backends"].contains(spec.entry->name);
+        if (failure) put("failed", row, *failure);
+        if (!unavailable.empty()) put(lost ? "failed" : "skipped", row, unavailable);
+        if (!reason.empty()) put("skipped", row, reason);
+        const bool entered = !failure && unavailable.empty() && reason.empty() && !interrupted();
+        return entered ? std::optional(std::move(contender)) : std::nullopt;
+    }
+
+    /// Introduces a contender: empty, or why it cannot run the scene.
+    std::string refusal_of(Contender& contender) {
+        const nlohmann::json introduction = contender.introduce();
+        const nlohmann::json& capabilities = introduction.at("capabilities");
+        auto& backends = context_["backends"];
+        if (const std::string other = other_card(backends, capabilities.at("uuid")); !other.empty())
+            return other;
+        const std::string unsupported = introduction.at("unsupported");
+        if (unsupported.empty()) backends[contender.spec().entry->name] = capabilities;
+        return unsupported;
+    }
+
+    /// What a device can do is measured once, by the first contender on it.
+    void note_limits(Contender& contender) {
+        if (study_.kind != StudyKind::timing && study_.kind != StudyKind::fastest) return;
+        const Capabilities capabilities = capabilities_of(contender.introduce().at("capabilities"));
+        contender.limits =
+            limits_.of(capabilities, [&] { return contender.measure_limits(Record(*journal_, "limits ")); });
     }
 
     void run_scene(const StudyScene& item) {
@@ -421,7 +527,7 @@ private:
     std::map<std::string, std::string> too_large_;  ///< scene to reason
     nlohmann::json result_, context_;
     bool has_context_ = false;  ///< of Google Benchmark
-    Journal journal_;
+    std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     MeasuredLimits limits_;
     References references_;
     StressReferences stress_references_;
@@ -431,6 +537,10 @@ private:
 };
 
 }  // namespace
+
+bool is_unfinished(const nlohmann::json& result) {
+    return result.at("context").value("voxspring", nlohmann::json::object()).contains("unfinished");
+}
 
 nlohmann::json run_study(Study study, const StudyOptions& options) {
     return StudyRun(std::move(study), options).run();

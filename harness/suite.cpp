@@ -3,7 +3,6 @@
 #include <set>
 #include <utility>
 
-#include "harness/bad_input.h"
 #include "harness/interruption.h"
 
 namespace voxspring {
@@ -42,7 +41,7 @@ void complete(Contender& contender, const std::function<void(const std::string& 
     while (const nlohmann::json* measurement = record.find(key_of(known.size() + 1)))
         known.insert(measurement->at("measured").get<std::string>());
     std::size_t count = known.size();
-    std::string at = "constructing its suite";
+    std::string at = "before its first measurement";
     const auto hear = [&](const nlohmann::json& news) {
         if (news.contains("begun")) {
             at = news.at("begun");
@@ -54,18 +53,11 @@ void complete(Contender& contender, const std::function<void(const std::string& 
             on_news(news);
         }
     };
-    try {
-        (void)contender.ask({{"do", "suite"}, {"known", known}}, "going through its suite", hear);
+    const auto failure = failure_of([&] {
+        (void)contender.ask({{"do", "suite"}, {"known", known}}, "making that measurement", hear);
         record.keep("finished", true);
-    } catch (const BadInput&) {
-        throw;
-    } catch (const Interrupted&) {
-        // It goes on when the study is resumed.
-    } catch (const WorkerLost& lost) {
-        record.keep("failed", at + ": " + lost.what());
-    } catch (const std::exception& error) {
-        record.keep("failed", error.what());
-    }
+    });
+    if (failure) record.keep("failed", at + ": " + *failure);
 }
 
 }  // namespace
