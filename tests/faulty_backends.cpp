@@ -1,0 +1,100 @@
+// Backends that take their process down with them, each in the way that its name says, and one that takes its
+// time: linked with the program's own main() they are faulty_voxspring, which tests/overnight_test.py runs.
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "backends/cpu_backend.h"
+#include "backends/registry.h"
+
+namespace voxspring::testing {
+namespace {
+
+using Fault = std::function<void()>;
+
+/// cpu_reference, which calls `fault` in every step.
+class Faulty : public WatchedCpuBackend {
+public:
+    explicit Faulty(Fault fault)
+        : fault_(std::move(fault)), sound_(BackendSpec::parse("cpu_reference").make()) {}
+    Capabilities capabilities() const override { return sound_->capabilities(); }
+    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
+    State download() override { return sound_->download(); }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+
+private:
+    void begin(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
+    void advance(int count) override {
+        fault_();
+        sound_->step(count);
+    }
+    bool within(double) override { return true; }
+
+    Fault fault_;
+    std::unique_ptr<Backend> sound_;
+};
+
+/// As a driver does, whatever a sanitizer would make of it.
+void crash() {
+    std::signal(SIGSEGV, SIG_DFL);
+    (void)std::raise(SIGSEGV);
+}
+
+void hang() {
+    for (;;) pause();
+}
+
+void take_all_memory() {
+    // Of the address space what is taken already, and 64 MiB.
+    std::ifstream statm("/proc/self/statm");
+    rlim_t pages = 0;
+    statm >> pages;
+    const rlim_t most = pages * rlim_t(sysconf(_SC_PAGESIZE)) + (rlim_t(64) << 20);
+    const rlimit limit{most, most};
+    setrlimit(RLIMIT_AS, &limit);
+    std::vector<std::vector<char>> taken;
+    for (;;) taken.emplace_back(std::size_t(1) << 20, 'x');
+}
+
+void be_killed_for_memory() { (void)std::raise(SIGKILL); }
+
+void take_time() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
+
+Registered backend(const std::string& name, const Fault& in_constructor, const Fault& in_step) {
+    return Registered({.name = name,
+                       .summary = "A backend for a test.",
+                       .precisions = {Precision::float64},
+                       .formulations = {Formulation::increment},
+                       .tuning = {},
+                       .make =
+                           [=](const Options&) {
+                               in_constructor();
+                               return std::make_unique<Faulty>(in_step);
+                           },
+                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+
+const Fault nothing = [] {};
+const Registered backends[] = {
+    backend("faulty_crashes", nothing, crash),
+    backend("faulty_hangs", nothing, hang),
+    backend("faulty_is_killed", nothing, be_killed_for_memory),
+    backend("faulty_takes_all_memory", nothing, take_all_memory),
+    backend(
+        "faulty_aborts_when_constructed", [] { std::abort(); }, nothing),
+    backend("faulty_hangs_when_constructed", hang, nothing),
+    backend("slow", nothing, take_time),
+};
+
+}  // namespace
+}  // namespace voxspring::testing

@@ -1,0 +1,432 @@
+"""A study that is left alone: backends that crash and hang, kills, full disks, Ctrl-C and what is shown meanwhile.
+
+FAULTY names the program with tests/faulty_backends.cpp in it; the current directory is the source tree.
+"""
+
+import collections
+import json
+import os
+import pathlib
+import pty
+import random
+import re
+import resource
+import signal
+import subprocess
+import tempfile
+import time
+import unittest
+
+import jsonschema
+
+FAULTY = os.environ["FAULTY"]
+SANITIZED = os.environ["SANITIZED"] == "1"
+# Seconds that nothing in here takes, however busy the machine.
+PATIENCE = 300
+
+with open("results/schema.json", encoding="utf-8") as file:
+    SCHEMA = jsonschema.Draft202012Validator(json.load(file))
+
+
+def processes():
+    """Of the program, wherever they came from."""
+    found = []
+    for folder in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            if os.path.samefile(folder / "exe", FAULTY) and "State:\tZ" not in (folder / "status").read_text():
+                found.append(int(folder.name))
+        except OSError:
+            pass
+    return found
+
+
+def check_of(rest):
+    """FNV-1a of 128 bits of the text behind its length, as harness/journal.cpp has it."""
+    state = 0x6c62272e07bb014262b821756295c58d
+    for byte in len(rest.encode()).to_bytes(8, "little") + rest.encode():
+        state = (state ^ byte) * ((1 << 88) + 0x13b) % (1 << 128)
+    return f"{state:032x}"
+
+
+def lines_of(journal):
+    """Finished measurements by name, each as often as it is there; a last line without its end is not."""
+    found = collections.defaultdict(list)
+    for line in journal.read_bytes().decode().split("\n")[1:-1]:
+        rest = line[len('{"check":"') + 33:]
+        assert json.loads(line)["check"] == check_of(rest), line
+        found[json.loads(line)["name"]].append(line)
+    return found
+
+
+class Overnight(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.out = self.folder / "result.json"
+        self.journal = self.folder / "result.json.journal"
+        self.before = set(processes())
+
+    def study(self, **study):
+        (self.folder / "study.json").write_text(json.dumps({"steps": 4, "repetitions": 2} | study))
+
+    def command(self, *options):
+        return [FAULTY, "study", self.folder / "study.json", "--out", self.out, *map(str, options)]
+
+    def run_study(self, *options, code=0, **how):
+        ran = subprocess.run(self.command(*options), capture_output=True, text=True, timeout=PATIENCE, **how)
+        self.assertEqual(ran.returncode, code, ran.stdout + ran.stderr)
+        return ran
+
+    def start(self, *options, **how):
+        return subprocess.Popen(self.command(*options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how)
+
+    def result(self):
+        result = json.loads(self.out.read_text())
+        SCHEMA.validate(result)
+        return result
+
+    def wait_for(self, condition, what):
+        until = time.monotonic() + PATIENCE
+        while not condition():
+            self.assertLess(time.monotonic(), until, what)
+            time.sleep(0.01)
+
+    def assert_nothing_runs(self):
+        """What a process leaves behind dies with it, which takes the kernel a moment."""
+        self.wait_for(lambda: not set(processes()) - self.before, "a process is left")
+
+    def assert_refused(self, ran, *words):
+        self.assertEqual(ran.stdout, "")
+        self.assertEqual(ran.stderr.count("\n"), 1, ran.stderr)
+        for word in words:
+            self.assertIn(word, ran.stderr)
+
+
+class Faults(Overnight):
+    def test_take_their_own_row_and_nothing_else(self):
+        self.study(backends=["faulty_*", "cpu_reference"],
+                   scenes=[{"scene": "box@4"}, {"scene": "box@5", "backends": ["faulty_crashes", "cpu_reference"]}])
+        # Far more than anything that does not hang takes.
+        seconds = 20 if SANITIZED else 3
+        self.run_study("--timeout", seconds, code=1)
+        result = self.result()
+        late = f"did not answer within {seconds} s while "
+        memory = "out of memory on the host"
+        reasons = {"faulty_crashes": "was killed by signal 11 (Segmentation fault) while warming up",
+                   "faulty_hangs": late + "warming up",
+                   "faulty_is_killed":
+                       "was killed by signal 9 (Killed), as the system does where memory runs out while warming up",
+                   # A sanitizer has no std::bad_alloc: it ends the process.
+                   "faulty_takes_all_memory": "ended with exit code 1 while warming up" if SANITIZED else memory,
+                   "faulty_aborts_when_constructed":
+                       "was killed by signal 6 (Aborted) while constructing faulty_aborts_when_constructed",
+                   "faulty_hangs_when_constructed": late + "constructing faulty_hangs_when_constructed"}
+        found = {(row["scene"], row["backend"]): row["reason"] for row in result["failed"]}
+        self.assertEqual(found, {("box@4", backend): reason for backend, reason in reasons.items()} |
+                         {("box@5", "faulty_crashes"): reasons["faulty_crashes"]})
+        self.assertEqual(len(result["failed"]), len(found))
+        self.assertEqual({(row["scene"], row["backend"]) for row in result["benchmarks"]},
+                         {("box@4", "cpu_reference"), ("box@5", "cpu_reference")})
+        self.assertFalse(self.journal.exists())
+        self.assert_nothing_runs()
+
+    def test_are_taken_by_every_kind_of_study(self):
+        backends = ["faulty_crashes", "cpu_parallel"]
+        for study in ({"kind": "pareto", "time_steps": [0.5, 0.25], "scenes": [{"scene": "box@4"}]},
+                      {"kind": "stability", "scenes": [{"scene": "box@3"}]},
+                      {"kind": "stress", "suites": [{"lengths": "shortest"}]},
+                      {"kind": "fastest", "scenes": [{"scene": "box@4", "rewind": False}]}):
+            (self.folder / "study.json").write_text(json.dumps(study | {"backends": backends}))
+            self.run_study(code=1)
+            result = self.result()
+            self.assertEqual([row["backend"] for row in result["failed"]], ["faulty_crashes"], study)
+            self.assertIn("signal 11", result["failed"][0]["reason"])
+            rows = result["benchmarks"] + sum((result.get(kind, []) for kind in ("pareto", "stability", "stress")), [])
+            self.assertEqual({row["backend"] for row in rows}, {"cpu_parallel"})
+
+
+class Kills(Overnight):
+    def kill_after(self, more, name):
+        """Kills the study once its journal has that many more measurements with `name` in theirs; returns the seconds
+        that this took."""
+        def measured():
+            return sum(name in key for key in lines_of(self.journal)) if self.journal.exists() else 0
+        wanted = measured() + more
+        begin = time.monotonic()
+        ran = self.start("--resume")
+        self.wait_for(lambda: measured() >= wanted, "it does not begin")
+        seconds = time.monotonic() - begin
+        ran.kill()
+        ran.communicate()
+        self.assert_nothing_runs()
+        return seconds
+
+    def kill_and_resume(self, kills, name, further, seed):
+        """Kills the study `kills` times, at random from its begin to `further` seconds beyond what it takes to
+        come to its next measurement, which has `name` in its own; then lets it end. Returns every line that a
+        journal ever had, by name, and the last output."""
+        self.kill_after(1, name)  # what it does once, measuring the device's limits, is behind it
+        longest = self.kill_after(1, name) + further
+        chance = random.Random(seed)
+        lines = {}
+        for number in range(2, kills):
+            ran = self.start("--resume")
+            time.sleep(chance.uniform(0, longest))
+            ran.kill()
+            ran.communicate()
+            self.assert_nothing_runs()
+            if ran.returncode == 0:
+                self.fail(f"it was done before kill {number + 1} of {kills}: the test proves nothing")
+            now = lines_of(self.journal)
+            for name, found in now.items():
+                self.assertEqual(len(found), 1, f"{name} was measured again")
+            self.assertLessEqual(lines.items(), {name: found[0] for name, found in now.items()}.items(),
+                                 "what was finished is lost or has changed")
+            lines = {name: found[0] for name, found in now.items()}
+        # A reader may come before the journal is removed: the process is not killed any more.
+        ran = self.run_study("--resume")
+        self.assertFalse(self.journal.exists())
+        return lines, ran
+
+    def test_timing_loses_no_repetition_and_repeats_none(self):
+        repetitions = 20
+        self.study(backends=["cpu_reference", "cpu_parallel", "slow"], steps=20, repetitions=repetitions,
+                   scenes=[{"scene": "box@6"}, {"scene": "box@8"}, {"scene": "beam@3x3x9"}])
+        # Some 5 s in all, of which the half of the sessions that come to it do 50 ms each.
+        lines, ran = self.kill_and_resume(25, " repetition ", 0.1, seed=1)
+        result = self.result()
+        self.assertEqual(ran.stderr.count("cut short"), 0, "a torn line was dropped by an earlier session")
+        names = collections.Counter(row["name"] for row in result["benchmarks"] if row["run_type"] == "iteration")
+        self.assertEqual(len(names), 9)
+        self.assertEqual(set(names.values()), {repetitions})
+        self.assertEqual(len(result["verification"]), 9)
+        self.assertEqual(result["failed"] + result["skipped"], [])
+        # About half of the kills come before the first measurement of their session.
+        self.assertGreater(result["context"]["voxspring"]["study"]["sessions"], 5)
+        self.assertNotIn("unfinished", result["context"]["voxspring"])
+        # The times are those that were measured before the kills.
+        times = {(1 + ["box@6", "box@8", "beam@3x3x9"].index(row["scene"]), row["name"].split("/iterations:")[0]
+                  .partition("/")[2], 1 + row["repetition_index"]): row["real_time"]
+                 for row in result["benchmarks"] if row["run_type"] == "iteration"}
+        kept = 0
+        for name, line in lines.items():
+            measured = re.fullmatch(r"(\d) (\S+) repetition (\d+)", name)
+            if measured:
+                kept += 1
+                scene, label, number = measured.groups()
+                self.assertAlmostEqual(times[int(scene), label, int(number)],
+                                       json.loads(line)["value"]["device_seconds"] / 20 * 1e6, places=9)
+        self.assertGreater(kept, repetitions, "the kills came too early to prove anything")
+        self.assertTrue(any(row.get("resumed") for row in result["benchmarks"]))
+
+    def test_rows_of_other_kinds_are_there_once(self):
+        for study, word, count in (
+                ({"kind": "pareto", "time_steps": [0.5, 0.25, 0.125], "steps": 50,
+                  "scenes": [{"scene": "box@6"}], "backends": ["cpu_*:formulation=*"]}, "row of", 30),
+                ({"kind": "stability", "scenes": [{"scene": "box@4"}], "backends": ["cpu_parallel:formulation=*"]},
+                 "measurement", 35),
+                ({"kind": "stress", "suites": [{"lengths": "shortest"}], "backends": ["cpu_parallel:formulation=*"]},
+                 "measurement", None)):
+            (self.folder / "study.json").write_text(json.dumps(study))
+            self.out.unlink(missing_ok=True)
+            self.kill_and_resume(4, word, 0.05, seed=2)
+            result = self.result()
+            rows = [(row["name"], row.get("steps"), row.get("damping"), str(row.get("start")), row.get("measurement"),
+                     row.get("detail"), row.get("time_step")) for row in result[study["kind"]]]
+            self.assertEqual(len(rows), len(set(rows)))
+            if count is not None:
+                self.assertEqual(len(rows), count)
+            else:
+                self.assertEqual({row["part"] for row in result["stress"]}, set(range(1, 10)))
+            self.assertEqual(result["failed"], [])
+
+    def test_batches_that_go_on_from_each_other_do_so(self):
+        """Where batches are not rewound a resumed contender comes to the state that it would have come to."""
+        study = {"kind": "fastest", "backends": ["cpu_reference", "slow"], "repetitions": 20,
+                 "scenes": [{"scene": "beam@3x3x9", "rewind": False}]}
+        self.study(**study)
+        self.kill_and_resume(4, " repetition ", 0.1, seed=3)
+        errors = {row["backend"]: row["error_relative_l2"] for row in self.result()["benchmarks"]}
+        # Both are cpu_reference after 4 * (1 + 20) steps.
+        self.assertEqual(errors, {"cpu_reference": 0, "slow": 0})
+
+
+class Interruptions(Overnight):
+    def begin(self):
+        """A study that has begun its second scene, in a session of its own as under a terminal."""
+        self.study(backends=["slow", "cpu_reference"], repetitions=9,
+                   scenes=[{"scene": "box@4", "backends": ["cpu_reference"]}, {"scene": "box@5"}, {"scene": "box@6"}])
+        ran = self.start(start_new_session=True)
+        self.addCleanup(ran.kill)
+        self.wait_for(lambda: self.journal.exists() and "2 slow/increment/float64 repetition 2" in
+                      self.journal.read_text(), "it does not begin")
+        return ran
+
+    def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(self):
+        for number in (signal.SIGINT, signal.SIGTERM):
+            ran = self.begin()
+            os.killpg(ran.pid, number)
+            stdout, stderr = ran.communicate(timeout=PATIENCE)
+            self.assertEqual(ran.returncode, 130, stderr)
+            self.assertIn("once more to stop at once", stderr)
+            self.assertIn("--resume goes on", stdout)
+            self.assert_nothing_runs()
+            result = self.result()
+            self.assertIs(result["context"]["voxspring"]["unfinished"], True)
+            self.assertEqual({row["scene"] for row in result["benchmarks"]}, {"box@4"})
+            self.assertEqual(result["failed"], [], "what was not finished has not failed")
+            before = lines_of(self.journal)
+            self.run_study("--resume")
+            result = self.result()
+            self.assertNotIn("unfinished", result["context"]["voxspring"])
+            self.assertEqual(result["context"]["voxspring"]["study"]["sessions"], 2)
+            self.assertEqual(len([row for row in result["benchmarks"] if row["run_type"] == "iteration"]), 5 * 9)
+            self.assertEqual({(row["scene"], row["backend"]) for row in result["benchmarks"] if row.get("resumed")},
+                             {("box@5", "slow")} | ({("box@5", "cpu_reference")} if any(
+                                 name.startswith("2 cpu_reference/increment/float64 repetition") for name in before) and
+                                 "2 cpu_reference/increment/float64 repetition 9" not in before else set()))
+            self.assertFalse(self.journal.exists())
+
+    def test_a_second_ctrl_c_stops_at_once(self):
+        self.study(backends=["faulty_hangs"], scenes=[{"scene": "box@4"}])
+        ran = self.start(start_new_session=True)
+        self.addCleanup(ran.kill)
+        self.wait_for(lambda: self.journal.exists() and "introduction" in self.journal.read_text(), "it does not begin")
+        os.killpg(ran.pid, signal.SIGINT)
+        time.sleep(0.2)
+        self.assertIsNone(ran.poll(), "the first one waits for what is in flight")
+        os.killpg(ran.pid, signal.SIGINT)
+        ran.communicate(timeout=PATIENCE)
+        self.assertEqual(ran.returncode, 130)
+        self.assert_nothing_runs()
+
+
+class JournalFile(Overnight):
+    STUDY = {"backends": ["slow", "cpu_reference"], "scenes": [{"scene": "box@4"}, {"scene": "own.json"}],
+             "repetitions": 3}
+    SCENE = {"dataset": {"type": "box", "dims": [3, 3, 3]}, "gravity": [0, 0, -0.01]}
+
+    def setUp(self):
+        super().setUp()
+        self.study(**self.STUDY)
+        (self.folder / "own.json").write_text(json.dumps(self.SCENE))
+
+    def cut_short(self):
+        ran = self.start()
+        self.wait_for(lambda: self.journal.exists() and self.journal.read_text().count(" repetition ") > 2,
+                      "it does not begin")
+        ran.kill()
+        ran.communicate()
+        self.assert_nothing_runs()
+
+    def test_is_not_overwritten(self):
+        self.cut_short()
+        before = self.journal.read_bytes()
+        self.assert_refused(self.run_study(code=2), "result.json.journal", "--resume", "delete")
+        self.assertEqual(self.journal.read_bytes(), before)
+        self.run_study("--resume")
+        finished = self.out.read_bytes()
+        self.assert_refused(self.run_study("--resume", code=2), "result.json", "finished")
+        self.assertEqual(self.out.read_bytes(), finished)
+
+    def test_of_another_study_is_refused(self):
+        self.cut_short()
+        before = self.journal.read_bytes()
+        self.assert_refused(self.run_study("--resume", "--repetitions", 4, code=2), ".journal", "repetitions", "3", "4")
+        self.assert_refused(self.run_study("--resume", "--backend", "slow", code=2), ".journal", "--backend", "slow")
+        self.study(**self.STUDY | {"backends": ["cpu_reference"]})
+        self.assert_refused(self.run_study("--resume", code=2), ".journal", "backends", "slow")
+        self.study(**self.STUDY)
+        (self.folder / "own.json").write_text(json.dumps(self.SCENE | {"gravity": [0, 0, -0.02]}))
+        self.assert_refused(self.run_study("--resume", code=2), ".journal", "files", "own.json")
+        (self.folder / "own.json").write_text(json.dumps(self.SCENE))
+        self.assertEqual(self.journal.read_bytes(), before)
+
+    def change(self, pattern, replacement):
+        """Changes a line as if it had been written so."""
+        lines = self.journal.read_text().split("\n")
+        changed = 0
+        for number, line in enumerate(lines):
+            rest = re.sub(pattern, replacement, line[len('{"check":"') + 33:])
+            if line and rest != line[len('{"check":"') + 33:]:
+                lines[number] = '{"check":"' + check_of(rest) + '"' + rest
+                changed += 1
+        self.assertGreater(changed, 0)
+        self.journal.write_text("\n".join(lines))
+
+    def test_of_another_build_or_device_is_refused(self):
+        self.cut_short()
+        good = self.journal.read_bytes()
+        for pattern, replacement, words in (
+                (r'"program":"\w+"', '"program":"0123"', ["program", "0123"]),
+                (r'"cpu":"[^"]+"', '"cpu":"Another CPU"', ["cpu", "Another CPU"]),
+                (r'"device":"[^"]+"', '"device":"Another card"', ["device of", "Another card"]),
+                (r'"journal":1', '"journal":2', ["journal", "version 1"])):
+            self.change(pattern, replacement)
+            self.assert_refused(self.run_study("--resume", code=2), ".journal", *words)
+            self.journal.write_bytes(good)
+
+    def test_that_is_corrupt_is_refused_and_a_torn_end_is_dropped(self):
+        self.cut_short()
+        good = self.journal.read_bytes()
+        lines = good.split(b"\n")
+        for number in (0, 2, len(lines) - 2):
+            middle = len(lines[number]) // 2
+            for bad in (lines[number][:middle] + b"#" + lines[number][middle + 1:], lines[number][:middle], b""):
+                self.journal.write_bytes(b"\n".join(lines[:number] + [bad] + lines[number + 1:]))
+                self.assert_refused(self.run_study("--resume", code=2), ".journal", f"line {number + 1}", "corrupt")
+        self.journal.write_bytes(good[:-20])
+        ran = self.run_study("--resume")
+        self.assertIn("the last line was cut short and is dropped", ran.stderr)
+        self.assertEqual(len([r for r in self.result()["benchmarks"] if r["run_type"] == "iteration"]), 4 * 3)
+
+    def test_that_is_torn_in_its_first_line_is_begun_again(self):
+        self.cut_short()
+        self.journal.write_bytes(self.journal.read_bytes()[:40])
+        self.run_study("--resume")
+        self.assertEqual(len([r for r in self.result()["benchmarks"] if r["run_type"] == "iteration"]), 4 * 3)
+
+    def test_has_one_writer(self):
+        ran = self.start()
+        self.addCleanup(ran.kill)
+        self.wait_for(lambda: self.journal.exists() and " repetition " in self.journal.read_text(), "it does not begin")
+        self.assert_refused(self.run_study("--resume", code=2), "running")
+        ran.communicate(timeout=PATIENCE)
+        self.assertEqual(ran.returncode, 0)
+        self.result()
+
+    def test_a_disk_that_is_full_is_said_and_loses_nothing(self):
+        """A limit on the size of files stands for it: the same error from the same call."""
+        def full(size):
+            return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))}
+        ran = self.run_study(code=1, **full(3000))
+        self.assert_refused(ran, "cannot write", "result.json.journal", "it misses", "--resume")
+        # Where the journal is full it goes no further.
+        ran = self.run_study("--resume", code=1, **full(self.journal.stat().st_size))
+        self.assertIn("cannot write", ran.stderr)
+        before = lines_of(self.journal)
+        self.assertGreater(len(before), 2)
+        # The journal has room, the result has not.
+        size = 16000
+        ran = self.run_study("--resume", code=1, **full(size))
+        self.assertIn("cannot write", ran.stderr)
+        self.assertRegex(ran.stderr, r"result\.json: File too large")
+        self.assertLess(self.journal.stat().st_size, size, "this part is about the result")
+        self.assertLessEqual(before.items(), lines_of(self.journal).items())
+        self.run_study("--resume")
+        self.assertEqual(len([r for r in self.result()["benchmarks"] if r["run_type"] == "iteration"]), 4 * 3)
+        self.assertEqual(sorted(p.name for p in self.folder.iterdir()), ["own.json", "result.json", "study.json"])
+
+    def test_a_folder_that_takes_no_file_is_refused(self):
+        self.out = pathlib.Path("/proc/result.json")
+        self.assert_refused(self.run_study(code=2), "/proc/result.json")
+
+    def test_resume_without_a_result_is_refused(self):
+        ran = subprocess.run([FAULTY, "study", self.folder / "study.json", "--resume"], capture_output=True, text=True)
+        self.assertEqual(ran.returncode, 2)
+        self.assertIn("--out", ran.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
