@@ -190,6 +190,9 @@ public:
         });
     }
 
+    bool is_next_to_run() const {
+        return failure_.empty() && !known("repetition " + std::to_string(begun_ + 1));
+    }
     /// The next repetition: what it took, or nothing where there is none because of a failure.
     std::optional<nlohmann::json> repeat() {
         const std::string name = "repetition " + std::to_string(++begun_);
@@ -362,12 +365,13 @@ nlohmann::json run_google_benchmark(std::vector<Run>& runs, const Course& course
     std::exception_ptr stopped;
     benchmark::ClearRegisteredBenchmarks();
     for (Run& run : runs) {
-        on_repetition(run.contender().spec().label(), 0, total);
+        if (!run.finished()) on_repetition(run.contender().spec().label(), 0, total);
         run.warm_up();
         benchmark::RegisterBenchmark(run.name().c_str(),
                                      [&, total](benchmark::State& state) {
-                                         if (!stopped && !interrupted())
-                                             on_repetition(run.contender().spec().label(), ++begun, total);
+                                         ++begun;
+                                         if (run.is_next_to_run() && !stopped && !interrupted())
+                                             on_repetition(run.contender().spec().label(), begun, total);
                                          repeat(state, run, course, springs, stopped);
                                      })
             ->Iterations(course.batch.steps)

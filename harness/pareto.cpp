@@ -175,9 +175,10 @@ SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contender
         truth.conserved = conserved(truth.problem, truth.same_step);
         const std::string name = "row of " + std::to_string(steps) + " steps";
         for (Contender& contender : contenders) {
-            on_repetition(contender.spec().label(), ++begun, total);
+            ++begun;
             Record& record = contender.record();
             if (record.find(name) == nullptr && record.find("failed") == nullptr) {
+                on_repetition(contender.spec().label(), begun, total);
                 const auto failure = failure_of([&] {
                     record.keep(name, run_step(contender, {scene, stepped, truth, state}));
                 });

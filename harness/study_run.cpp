@@ -1,6 +1,4 @@
 // The run of a study: one scene after the other, each of its contenders in a process of its own.
-#include <unistd.h>
-
 #include <algorithm>
 #include <ctime>
 #include <fstream>
@@ -26,6 +24,7 @@
 #include "harness/measure.h"
 #include "harness/pareto.h"
 #include "harness/playback.h"
+#include "harness/progress.h"
 #include "harness/reference.h"
 #include "harness/result.h"
 #include "harness/scene.h"
@@ -99,19 +98,6 @@ nlohmann::json plain_context() {
     date << std::put_time(gmtime_r(&now, &parts), "%FT%T+00:00");
     return {{"date", date.str()}, {"num_cpus", std::thread::hardware_concurrency()}};
 }
-
-/// One line on a terminal that is overwritten; nothing in a pipe.
-class Progress {
-public:
-    ~Progress() { clear(); }
-    void show(const std::string& text) {
-        if (terminal_) std::cerr << "\r\x1b[K" << text << std::flush;
-    }
-    void clear() { show(""); }
-
-private:
-    bool terminal_ = isatty(STDERR_FILENO) != 0;
-};
 
 /// Empty, or why a backend on the card `uuid` is not for a table of `backends`, which describe() wrote.
 std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
@@ -189,6 +175,33 @@ public:
         for (const StudyScene& item : study_.scenes) check(item);
         begin_result();
         if (options.out) open_journal();
+        progress_ = std::make_unique<Progress>(scenes_of_progress());
+    }
+
+    /// What a scene costs, as far as it is known beforehand: steps of all its particles.
+    std::vector<Progress::Scene> scenes_of_progress() {
+        constexpr double overhead = 5e5;  // steps of a particle, in the time of what else a batch takes
+        std::vector<Progress::Scene> scenes;
+        for (const StudyScene& item : study_.scenes) {
+            const std::size_t rows = known_contenders(study_, item, options_).size();
+            double steps = item.steps;
+            for (std::size_t i = 1; i < study_.time_steps.size(); ++i)
+                steps += item.steps * study_.time_steps[0] / study_.time_steps[i];
+            const bool fits = !too_large_.contains(item.scene);
+            const double work = fits ? double(rows) * (overhead + particles_.at(item.scene) * steps) : 0;
+            scenes.push_back({int(rows), work});
+        }
+        return scenes;
+    }
+
+    /// Of contenders: measured, which of a timing study are the verified ones, skipped and failed.
+    std::size_t row_count() const {
+        std::size_t count = 0;
+        for (const char* list : {"verification", "pareto", "stability", "stress", "skipped", "failed"}) {
+            if (!result_.contains(list)) continue;
+            for (const auto& row : result_.at(list)) count += row.value("passed", true) ? 1 : 0;
+        }
+        return count;
     }
 
     nlohmann::json run() {
@@ -196,6 +209,8 @@ public:
         check_devices();
         for (const StudyScene& item : study_.scenes) {
             ++number_;
+            progress_->begin(item.scene);
+            const std::size_t before = row_count();
             if (const auto refusal = too_large_.find(item.scene); refusal != too_large_.end()) {
                 for (const BackendSpec& spec : known_contenders(study_, item, options_))
                     put("skipped", row_identity(item.scene, spec), refusal->second);
@@ -204,6 +219,7 @@ public:
             }
             if (interrupted()) break;
             publish();
+            progress_->end(int(row_count() - before));
         }
         if (!interrupted()) context_.erase("unfinished");
         publish();
@@ -222,6 +238,7 @@ private:
             too_large_[item.scene] = refusal.what();
             return;
         }
+        particles_[item.scene] = double(loaded->problem.particle_count());
         if (study_.kind == StudyKind::pareto) check_pareto(*loaded, time_steps_of(item));
         if (!item.rewind && !loaded->edits.empty())
             throw BadInput("study " + study_.name, "rewind of " + item.scene, "false",
@@ -410,8 +427,6 @@ private:
 
     void run_scene(const StudyScene& item) {
         const auto scene = scenes_.of(study_, item);
-        heading_ = "[" + std::to_string(number_) + "/" + std::to_string(study_.scenes.size()) + "] " +
-                   scene->name + " ";
         SceneResult measured = measure_scene(item, *scene, contenders_of(item, *scene));
         if (!measured.context.is_null() && !std::exchange(has_context_, true))
             result_["context"] = measured.context;
@@ -450,7 +465,7 @@ private:
                                      const MakeTask& make_task) {
         std::vector<Contender> contenders;
         for (const BackendSpec& spec : specs) {
-            progress_.show(heading_ + spec.label());
+            progress_->show(spec.label(), 0, int(specs.size()));
             if (auto contender = enter(spec, scene, make_task)) contenders.push_back(*std::move(contender));
         }
         return contenders;
@@ -473,7 +488,7 @@ private:
                 continue;
             }
             map = false;
-            add(result, measure_suite(*contender, scene.name, shows_measurement(spec)));
+            add(result, measure_suite(*contender, scene.name, shows_measurement(specs, spec)));
         }
         return result;
     }
@@ -490,7 +505,7 @@ private:
         for (const BackendSpec& spec : specs) {
             auto contender = enter(spec, scene, task);
             if (!contender) continue;
-            add(result, measure_suite(*contender, scene.name, shows_measurement(spec),
+            add(result, measure_suite(*contender, scene.name, shows_measurement(specs, spec),
                                       [&](const auto& news) { stress_references_.hear(news); }));
         }
         return result;
@@ -504,12 +519,14 @@ private:
 
     OnRepetition shows_progress() {
         return [this](const std::string& label, int begun, int total) {
-            progress_.show(heading_ + std::to_string(begun) + "/" + std::to_string(total) + " " + label);
+            progress_->show(label, std::max(0, begun - 1), total);
         };
     }
-    std::function<void(const std::string&)> shows_measurement(const BackendSpec& spec) {
-        return [this, label = spec.label()](const std::string& name) {
-            progress_.show(heading_ + label + " " + name);
+    std::function<void(const std::string&)> shows_measurement(const std::vector<BackendSpec>& specs,
+                                                              const BackendSpec& spec) {
+        const int done = int(&spec - specs.data()), total = int(specs.size());
+        return [this, label = spec.label(), done, total](const std::string& name) {
+            progress_->show(label + " " + name, done, total);
         };
     }
 
@@ -531,9 +548,9 @@ private:
     MeasuredLimits limits_;
     References references_;
     StressReferences stress_references_;
-    Progress progress_;
+    std::map<std::string, double> particles_;  ///< of each scene that fits
+    std::unique_ptr<Progress> progress_;
     std::size_t number_ = 0;  ///< of the scene, from 1
-    std::string heading_;
 };
 
 }  // namespace

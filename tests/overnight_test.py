@@ -4,6 +4,7 @@ FAULTY names the program with tests/faulty_backends.cpp in it; the current direc
 """
 
 import collections
+import fcntl
 import json
 import os
 import pathlib
@@ -12,8 +13,10 @@ import random
 import re
 import resource
 import signal
+import struct
 import subprocess
 import tempfile
+import termios
 import time
 import unittest
 
@@ -300,6 +303,49 @@ class Interruptions(Overnight):
         ran.communicate(timeout=PATIENCE)
         self.assertEqual(ran.returncode, 130)
         self.assert_nothing_runs()
+
+
+class Progress(Overnight):
+    STUDY = {"backends": ["slow", "cpu_reference"], "repetitions": 4,
+             "scenes": [{"scene": "box@4"}, {"scene": "box@5", "backends": ["slow"]}]}
+
+    def test_in_a_pipe_is_a_line_a_scene(self):
+        self.study(**self.STUDY)
+        ran = self.run_study()
+        first, second = ran.stderr.splitlines()
+        self.assertRegex(first, r"^\[1/2\] box@4: 2 rows in \S+ s, \d+ (s|min) left$")
+        self.assertRegex(second, r"^\[2/2\] box@5: 1 row in \S+ s$")
+        self.assertNotIn("rows in", ran.stdout)
+
+    def test_on_a_terminal_is_a_line_that_is_overwritten(self):
+        self.study(**self.STUDY)
+        ours, theirs = pty.openpty()
+        columns = 100
+        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+        ran = subprocess.Popen(self.command(), stdout=subprocess.PIPE, stderr=theirs)
+        os.close(theirs)
+        shown = b""
+        while True:
+            try:
+                shown += os.read(ours, 4096)
+            except OSError:  # as Linux says that the other side is closed
+                break
+        os.close(ours)
+        table = ran.communicate(timeout=PATIENCE)[0].decode()
+        self.assertEqual(ran.returncode, 0)
+        self.assertNotIn("\x1b", table)
+        self.assertNotIn(b"\n", shown)
+        lines = [line.removeprefix("\x1b[K") for line in shown.decode().split("\r")]
+        self.assertEqual(lines[-1], "", "it is gone in the end")
+        self.assertTrue(all(len(line) < columns for line in lines))
+        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows(?:, \d+ (?:s|min) left)?: (\S+)")
+        found = [form.fullmatch(line) for line in lines if line]
+        self.assertNotIn(None, found, lines)
+        self.assertEqual({match[6] for match in found}, {"slow/increment/float64", "cpu_reference/increment/float64"})
+        self.assertEqual([int(match[3]) for match in found if match[2] == "box@4" and match[4] == "8"],
+                         [0, 0, *range(8)], "two that warm up, and every repetition")
+        self.assertEqual({(match[1], match[5]) for match in found}, {("1", "0"), ("2", "2")})
+        self.assertTrue(any(" left: " in line for line in lines))
 
 
 class JournalFile(Overnight):
