@@ -141,7 +141,7 @@ nlohmann::json Contender::ask(const nlohmann::json& question, const std::string&
 }
 
 DeviceLimits Contender::measure_limits(Record record) {
-    const std::string device = introduce().at("capabilities").at("api");
+    const std::string device = capabilities().at("api");
     if (record.find(device) == nullptr) {
         nlohmann::json measured;
         const auto failure = failure_of([&] {

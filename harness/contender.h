@@ -50,6 +50,8 @@ public:
     /// Constructs the backend, unless the journal has what that gave: its `capabilities`, `unsupported`
     /// (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
     nlohmann::json introduce();
+    /// Of the backend that it has been introduced with.
+    const nlohmann::json& capabilities() const { return record_.find("introduction")->at("capabilities"); }
     /// Asks its task. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
     /// device is not the one that the journal knows.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing, const Post& on_news = {});

@@ -12,6 +12,7 @@
 
 #include "harness/auto_choice.h"
 #include "harness/limits.h"
+#include "harness/noise.h"
 #include "harness/result.h"
 
 namespace voxspring {
@@ -169,6 +170,7 @@ nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target
         }
         block["device"] =
             result.at("context").at("voxspring").at("backends").at(best.at("backend")).at("device");
+        if (best.contains("noisy")) block["noisy"] = best.at("noisy");
         block["paper"] = nullptr;
         if (const auto paper = fastest_row(rows, of_the_paper)) {
             block["paper"] = {{"name", contender_name(*paper)},
@@ -193,13 +195,14 @@ void print_fastest(const nlohmann::json& result, std::ostream& out) {
     for (const auto& block : result.at("fastest")) {
         const auto& paper = block.at("paper");
         table.push_back(
-            {block.at("scene"), contender(block), si(block.at("seconds_per_step"), "s"),
+            {block.at("scene"), contender(block), noise_mark(block) + si(block.at("seconds_per_step"), "s"),
              si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"), error_text(block.at("error_relative_l2")),
              percent_of(block.at("fraction_of_limit")), paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
              ratio_text(block.at("auto").at("times_fastest")), si(block.at("ready_seconds"), "s")});
     }
     print_aligned(table, out);
+    print_noise(result.at("fastest"), out);
     for (const auto& block : result.at("fastest")) {
         const std::string dataset = block.at("scene").get<std::string>() + " " +
                                     block.at("formulation").get<std::string>() + " " +

@@ -16,6 +16,7 @@
 #include "harness/errors.h"
 #include "harness/interruption.h"
 #include "harness/limits.h"
+#include "harness/noise.h"
 #include "harness/playback.h"
 
 namespace voxspring {
@@ -91,11 +92,18 @@ private:
     /// One timed batch, and the state that it leaves if it is the `last` one or has departed from its bounds.
     nlohmann::json repeat(Backend& backend, bool last) {
         if (batch_.rewind) playback_.rewind(backend);
+        const auto waited_begin = waited_seconds();
         const double cpu_begin = cpu_seconds_of_thread();
         const Timing timing = backend.timed([&] { playback_.run(backend, batch_.steps); });
         nlohmann::json answer = {{"cpu_seconds", cpu_seconds_of_thread() - cpu_begin},
                                  {"device_seconds", timing.device_seconds},
                                  {"host_seconds", timing.host_seconds}};
+        // Of a shorter batch it would be said that this process waited while it read what is read here.
+        constexpr double shortest = 5e-3;
+        const auto waited_end = waited_seconds();
+        if (waited_begin && waited_end && timing.host_seconds >= shortest)
+            answer["waiting"] = std::max(0.0, *waited_end - *waited_begin) / timing.host_seconds;
+        answer["spin_seconds"] = spin_seconds();
         if (last || backend.departure()) answer["state"] = read(backend, steps_in_all(batch_));
         if (playback_.edits_within(batch_.steps) > 0) {
             // Beside the batch with edits, so that both meet the same clocks.
@@ -150,7 +158,9 @@ struct Course {
     const Batch& batch;
     const Truth& truth;
     SharedState& state;
-    int edits;  ///< within a batch
+    int edits;         ///< within a batch
+    const Card* card;  ///< null: not watched
+    unsigned own;      ///< processes of this study that compute on it
 };
 
 /// One contender while Google Benchmark calls it in whatever order it likes. What its record has is not asked
@@ -236,6 +246,7 @@ private:
             if (!std::isfinite(answer.at(clock).get<double>()))
                 throw std::runtime_error(std::string("its clock gave no number of ") + clock);
         }
+        look_at_card(answer);
         if (!answer.contains("state")) return answer;
         // Judged at once: of a large scene the states of all contenders would not fit into memory.
         const State left = course_.state.take(answer.at("state"));
@@ -248,6 +259,15 @@ private:
                               {"tolerance", number_or_null(comparison.tolerance)}};
         if (!comparison.passed()) answer["verified"]["reason"] = comparison.reason;
         return answer;
+    }
+
+    /// Right after a batch, before the card's clock has had time to fall.
+    void look_at_card(nlohmann::json& answer) {
+        const std::string uuid = contender_.capabilities().at("uuid");
+        if (course_.card == nullptr || uuid.empty()) return;
+        if (const auto mhz = course_.card->clock_mhz()) answer["card_mhz"] = *mhz;
+        if (const auto count = course_.card->process_count())
+            answer["other_users"] = *count > course_.own ? *count - course_.own : 0u;
     }
 
     Contender& contender_;
@@ -413,6 +433,24 @@ nlohmann::json ready_fields(const Run& run) {
             {"ready_seconds", construct + compile + upload}};
 }
 
+/// Why its time is not to be trusted.
+std::vector<std::string> noise_of(Run& run, const Course& course) {
+    // What the processor does says nothing of a card.
+    const std::string uuid = run.contender().capabilities().at("uuid");
+    Observed observed;
+    for (int i = 1; i <= course.batch.repetitions; ++i) {
+        const nlohmann::json& repetition = run.of_record("repetition " + std::to_string(i));
+        observed.seconds.push_back(repetition.at("device_seconds"));
+        if (uuid.empty()) {
+            observed.spins.push_back(repetition.at("spin_seconds"));
+            if (repetition.contains("waiting")) observed.waits.push_back(repetition.at("waiting"));
+        }
+        if (repetition.contains("card_mhz")) observed.card_mhz.push_back(repetition.at("card_mhz"));
+        if (repetition.contains("other_users")) observed.other_users.push_back(repetition.at("other_users"));
+    }
+    return reasons_of_noise(observed);
+}
+
 /// Google Benchmark's rows of a run that passed, with our fields.
 std::vector<nlohmann::json> rows_of(Run& run, const Course& course, const nlohmann::json& measured,
                                     nlohmann::json identity) {
@@ -426,6 +464,7 @@ std::vector<nlohmann::json> rows_of(Run& run, const Course& course, const nlohma
         const nlohmann::json& repetition = run.of_record("repetition " + std::to_string(i));
         cpu_microseconds.push_back(1e6 * repetition.at("cpu_seconds").get<double>() / course.batch.steps);
     }
+    const std::vector<std::string> noise = noise_of(run, course);
     std::vector<nlohmann::json> rows;
     for (nlohmann::json row : measured.at("benchmarks")) {
         const std::string row_name = row.at("run_name");
@@ -435,6 +474,7 @@ std::vector<nlohmann::json> rows_of(Run& run, const Course& course, const nlohma
         row.update(edit_fields(run, course));
         row.update(ready_fields(run));
         if (run.resumed()) row["resumed"] = true;
+        if (!noise.empty()) row["noisy"] = noise;
         row["cpu_time"] = cpu_time(row, cpu_microseconds);
         row.update(limit_fields(limit, step_seconds(row)));
         rows.push_back(std::move(row));
@@ -482,7 +522,8 @@ void add_rows(SceneResult& result, Run& run, const Course& course, const nlohman
 }  // namespace
 
 SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
-                    SharedState& state, References& references, const OnRepetition& on_repetition) {
+                    SharedState& state, References& references, const Card* card,
+                    const OnRepetition& on_repetition) {
     const int all_steps = steps_in_all(batch);
     const std::uint64_t springs = count_springs(scene.problem).total();
 
@@ -498,7 +539,12 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, cons
         truth.refined.reason = "the study does not ask for it";
     }
 
-    const Course course{scene, batch, truth, state, Playback(scene).edits_within(batch.steps)};
+    const auto computes_on_card = [](const Contender& contender) {
+        return contender.capabilities().at("api").get<std::string>().starts_with("CUDA");
+    };
+    const auto own = std::count_if(contenders.begin(), contenders.end(), computes_on_card);
+    const Course course{scene, batch,        truth, state, Playback(scene).edits_within(batch.steps),
+                        card,  unsigned(own)};
     std::vector<Run> runs;
     for (Contender& contender : contenders) runs.emplace_back(contender, course);
     const nlohmann::json measured = run_google_benchmark(runs, course, springs, on_repetition);

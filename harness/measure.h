@@ -11,6 +11,7 @@
 
 #include "backends/registry.h"
 #include "harness/contender.h"
+#include "harness/noise.h"
 #include "harness/reference.h"
 #include "harness/scene.h"
 #include "harness/shared_state.h"
@@ -60,12 +61,14 @@ MakeTask timing_task(const Scene& scene, const Batch& batch, SharedState& state)
 /// Runs every contender, whose task is timing_task(), `repetitions` times for `steps` steps, from the same
 /// state each time, interleaved in random order after one warm-up batch each, and compares the state that its
 /// last timed batch left with float64 (errors.h). A DeviceError fails that contender only, and so does the
-/// end of its process, or a run that diverges. What the contenders' records have is not run again. Once
+/// end of its process, or a run that diverges. What the contenders' records have is not run again. The rows
+/// say what speaks against trusting their times (noise.h), of the card too unless `card` is null. Once
 /// interrupted, contenders that are not finished are left out.
 ///
 /// Lists: `benchmarks`, Google Benchmark's rows of the contenders that passed; `verification`, one row a
 /// contender that reached the last step; `failed`, contenders that failed, each with a `reason`.
 SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
-                    SharedState& state, References& references, const OnRepetition& on_repetition);
+                    SharedState& state, References& references, const Card* card,
+                    const OnRepetition& on_repetition);
 
 }  // namespace voxspring

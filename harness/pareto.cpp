@@ -11,6 +11,7 @@
 #include "harness/bad_input.h"
 #include "harness/divergence.h"
 #include "harness/errors.h"
+#include "harness/noise.h"
 #include "harness/playback.h"
 #include "harness/result.h"
 
@@ -124,7 +125,9 @@ nlohmann::json run_step(Contender& contender, const Step& step) {
         row["reason"] = timed.at("diverged");
         row.update(no_error_fields(step.truth));
     } else {
-        row["seconds"] = median(timed.at("seconds"));
+        const std::vector<double> seconds = timed.at("seconds");
+        row["seconds"] = median(seconds);
+        if (const auto noise = reasons_of_noise({.seconds = seconds}); !noise.empty()) row["noisy"] = noise;
         row.update(error_fields(step.truth, last, comparison));
     }
     return row;
@@ -186,7 +189,7 @@ SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contender
             }
             if (record.find(name) == nullptr) continue;
             rows.push_back(*record.find(name));
-            rows.back()["device"] = device_of(contender.introduce().at("capabilities"), by_uuid);
+            rows.back()["device"] = device_of(contender.capabilities(), by_uuid);
             rows.back()["end_time"] = span.time_step * span.steps;
         }
     }
@@ -249,13 +252,14 @@ void print_fronts(const nlohmann::json& result, std::ostream& out) {
             std::ostringstream time_step, fraction;
             time_step << std::setprecision(3) << row.at("time_step").get<double>();
             fraction << std::setprecision(3) << row.at("fraction_of_stable").get<double>();
-            table.push_back({"  " + contender(row), si(row.at("seconds"), "s"),
+            table.push_back({"  " + contender(row), noise_mark(row) + si(row.at("seconds"), "s"),
                              error_text(row.at("total_error_relative_l2")),
                              error_text(row.at("error_relative_l2")), time_step.str(), fraction.str(),
                              std::to_string(row.at("steps").get<int>())});
         }
         print_aligned(table, out, 1);
     }
+    print_noise(result.at("pareto"), out);
     for (const auto& [scene, reason] : without_total)
         out << "no total error: " << scene << ": " << reason << "\n";
     for (const std::string& text : diverged) out << text << "\n";

@@ -17,6 +17,7 @@
 #include "backends/cpu_backend.h"
 #include "harness/bad_input.h"
 #include "harness/limits.h"
+#include "harness/noise.h"
 #include "version.h"  // generated
 
 namespace voxspring {
@@ -217,7 +218,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
         for (const auto& row : rows) {
             std::ostringstream ratio;
             ratio << std::fixed << std::setprecision(2) << time(row) / time(rows.front());
-            table.push_back({scene, contender(row), si(time(row) * 1e-6, "s"),
+            table.push_back({scene, contender(row), noise_mark(row) + si(time(row) * 1e-6, "s"),
                              si(row.at("particle_updates_per_second"), "/s"),
                              si(row.at("spring_updates_per_second"), "/s"),
                              error_text(row.at("error_relative_l2")), error_text(row.at("error_max")),
@@ -234,6 +235,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
         }
     }
     print_aligned(table, out);
+    for (const std::string& scene : scenes) print_noise(medians[scene], out);
     for (const std::string& scene : chaotic) out << "chaotic, errors say nothing: " << scene << "\n";
     if (edits.size() > 1) {
         out << "\n";

@@ -22,6 +22,7 @@
 #include "harness/journal.h"
 #include "harness/limits.h"
 #include "harness/measure.h"
+#include "harness/noise.h"
 #include "harness/pareto.h"
 #include "harness/playback.h"
 #include "harness/progress.h"
@@ -413,8 +414,22 @@ private:
         if (const std::string other = other_card(backends, capabilities.at("uuid")); !other.empty())
             return other;
         const std::string unsupported = introduction.at("unsupported");
-        if (unsupported.empty()) backends[contender.spec().entry->name] = capabilities;
+        if (unsupported.empty()) {
+            backends[contender.spec().entry->name] = capabilities;
+            watch_card(capabilities.at("uuid"));
+        }
         return unsupported;
+    }
+
+    /// All backends that compute on a card do so on one.
+    void watch_card(const std::string& uuid) {
+        if (uuid.empty() || context_.contains("card_watched")) return;
+        try {
+            card_ = std::make_unique<Card>(uuid);
+            context_["card_watched"] = "yes";
+        } catch (const std::runtime_error& reason) {
+            context_["card_watched"] = std::string("not known: ") + reason.what();
+        }
     }
 
     /// What a device can do is measured once, by the first contender on it.
@@ -444,7 +459,8 @@ private:
                 SharedState state(scene.problem.particle_count());
                 auto contenders = enter_all(specs, scene, timing_task(scene, batch_of(item), state));
                 if (contenders.empty()) return {};
-                return measure(scene, contenders, batch_of(item), state, references_, shows_progress());
+                return measure(scene, contenders, batch_of(item), state, references_, card_.get(),
+                               shows_progress());
             }
             case StudyKind::pareto: {
                 SharedState state(scene.problem.particle_count());
@@ -546,6 +562,7 @@ private:
     bool has_context_ = false;  ///< of Google Benchmark
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     MeasuredLimits limits_;
+    std::unique_ptr<Card> card_;  ///< null: there is none, or it cannot be watched
     References references_;
     StressReferences stress_references_;
     std::map<std::string, double> particles_;  ///< of each scene that fits

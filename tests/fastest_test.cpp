@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <sstream>
 
 #include "backends/registry.h"
@@ -255,6 +256,11 @@ std::vector<std::string> mistakes(const nlohmann::json& result) {
     constexpr double most = 1.1;
     std::vector<std::string> all;
     for (const auto& block : fastest_of(result, {})) {
+        if (block.contains("noisy")) {
+            std::cout << block.at("name") << " is too noisy to judge the rules by: " << block.at("noisy")
+                      << "\n";
+            continue;
+        }
         const auto& choice = block.at("auto");
         const std::string reason = choice.at("reason");
         if (choice.at("name").is_null()) {

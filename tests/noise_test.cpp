@@ -1,0 +1,181 @@
+// Times that are not to be trusted are marked, for each of the reasons that there are, and others are not.
+#include "harness/noise.h"
+
+#include <dlfcn.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <sstream>
+#include <stdexcept>
+#include <thread>
+#include <vector>
+
+#include "backends/cpu_backend.h"
+#include "backends/registry.h"
+#include "harness/study.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+TEST(Noise, IsInTheSpreadOfRepetitions) {
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.01, 1.02, 1.03, 1.04}}), IsEmpty());
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1, 1, 1, 9}}), IsEmpty()) << "the median stands";
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.1, 1.2, 1.3, 1.4}}),
+                ElementsAre("the middle half of the repetitions spreads (over 17% of their median)"));
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 2, 3}}), IsEmpty()) << "too few to say";
+    EXPECT_THAT(reasons_of_noise({}), IsEmpty()) << "nothing is known";
+}
+
+TEST(Noise, IsInClocksThatMoved) {
+    EXPECT_THAT(reasons_of_noise({.spins = {1.0e-5, 1.05e-5}}), IsEmpty());
+    EXPECT_THAT(reasons_of_noise({.spins = {1.0e-5, 1.2e-5, 1.1e-5}}),
+                ElementsAre("the processor's clock moved (by 20%)"));
+    EXPECT_THAT(reasons_of_noise({.card_mhz = {1980, 1905}}), IsEmpty());
+    EXPECT_THAT(reasons_of_noise({.card_mhz = {1980, 1500, 1800}}),
+                ElementsAre("the card's clock moved (between 1500 and 1980 MHz)"));
+}
+
+TEST(Noise, IsInOtherProcesses) {
+    EXPECT_THAT(reasons_of_noise({.waits = {0, 0, 0.5}}), IsEmpty()) << "the median stands";
+    EXPECT_THAT(reasons_of_noise({.waits = {0.3, 0.4, 0.5}}),
+                ElementsAre("its threads waited for a processor (40% of the time)"));
+    EXPECT_THAT(reasons_of_noise({.other_users = {0, 0}}), IsEmpty());
+    EXPECT_THAT(reasons_of_noise({.other_users = {0, 2, 1}}),
+                ElementsAre("other processes computed on the card (2)"));
+}
+
+TEST(Noise, IsPrintedWithWhatItIsOf) {
+    std::ostringstream out;
+    print_noise({{{"name", "box/a/increment/float32"}, {"scene", "box"}, {"noisy", {"it rained (twice)"}}},
+                 {{"name", "box/b/increment/float32"}, {"scene", "box"}},
+                 {{"name", "box/c/increment/float32"}, {"scene", "box"}, {"noisy", {"it rained (once)"}}}},
+                out);
+    EXPECT_EQ(out.str(),
+              "~ not to be trusted, it rained:\n    box a increment float32 (twice)\n    box c increment "
+              "float32 (once)\n");
+}
+
+TEST(Noise, ASpinTakesTheSameTimeTwice) {
+    const double once = spin_seconds();
+    EXPECT_GT(once, 0);
+    // Least of three; on a busy machine the least of many more.
+    double again = once;
+    for (int i = 0; i < 100; ++i) again = std::min(again, spin_seconds());
+    EXPECT_GT(again, once / 10) << "the compiler has not taken it away";
+}
+
+TEST(Noise, WaitingGrowsWhereThreadsHaveNoCore) {
+    if (!waited_seconds()) GTEST_SKIP() << "this system does not tell";
+    const double before = *waited_seconds();
+    // Three threads a core: each waits for two thirds of the time.
+    std::atomic<bool> stop = false;
+    std::vector<std::thread> threads;
+    for (unsigned i = 0; i < 3 * std::thread::hardware_concurrency(); ++i)
+        threads.emplace_back([&] {
+            while (!stop) {
+            }
+        });
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    const double waited = *waited_seconds() - before;
+    stop = true;
+    for (std::thread& thread : threads) thread.join();
+    EXPECT_GT(waited, 0.1);
+}
+
+/// cpu_reference as a backend on a card.
+class OnCard : public CpuBackend {
+public:
+    OnCard() : sound_(BackendSpec::parse("cpu_reference").make()) {}
+    Capabilities capabilities() const override {
+        Capabilities capabilities = sound_->capabilities();
+        capabilities.api = "CUDA 13.0";
+        capabilities.uuid = "GPU-fake";
+        return capabilities;
+    }
+    void upload(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
+    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
+    void step(int count) override { sound_->step(count); }
+    State download() override { return sound_->download(); }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+
+private:
+    std::unique_ptr<Backend> sound_;
+};
+
+const Registered on_card({.name = "on_card",
+                          .summary = "A backend for this test.",
+                          .precisions = {Precision::float64},
+                          .formulations = {Formulation::increment},
+                          .tuning = {},
+                          .make = [](const Options&) { return std::make_unique<OnCard>(); },
+                          .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+
+nlohmann::json result_of_study() {
+    Study study;
+    study.name = "test";
+    study.repetitions = 4;
+    study.backends = {"on_card", "cpu_reference"};
+    study.scenes = {{"box@4", 4, {}}};
+    return run_study(study, {});
+}
+
+std::string reasons_of(const nlohmann::json& result, const std::string& backend) {
+    for (const auto& row : result.at("benchmarks")) {
+        if (row.at("backend") == backend) return row.value("noisy", nlohmann::json::array()).dump();
+    }
+    return "no row";
+}
+
+class CardInAStudy : public ::testing::Test {
+protected:
+    void SetUp() override {
+        // What has been loaded under its name is what the name means from then on.
+        library_ = dlopen(FAKE_NVML, RTLD_NOW);
+        ASSERT_NE(library_, nullptr) << dlerror();
+        clocks_ = static_cast<unsigned*>(dlsym(library_, "fake_clocks_mhz"));
+        count_ = static_cast<unsigned*>(dlsym(library_, "fake_process_count"));
+    }
+    void TearDown() override {
+        clocks_[0] = clocks_[1] = 1980;
+        *count_ = 0;
+        dlclose(library_);
+    }
+    void* library_ = nullptr;
+    unsigned* clocks_ = nullptr;
+    unsigned* count_ = nullptr;
+};
+
+TEST_F(CardInAStudy, IsWatched) {
+    *count_ = 1;  // the study's own
+    nlohmann::json result = result_of_study();
+    EXPECT_EQ(result.at("context").at("voxspring").at("card_watched"), "yes");
+    EXPECT_THAT(reasons_of(result, "on_card"), ::testing::Not(HasSubstr("card")));
+
+    clocks_[1] = 1200;
+    *count_ = 3;
+    result = result_of_study();
+    EXPECT_THAT(reasons_of(result, "on_card"),
+                ::testing::AllOf(HasSubstr("the card's clock moved (between 1200 and 1980 MHz)"),
+                                 HasSubstr("other processes computed on the card (2)")));
+    EXPECT_THAT(reasons_of(result, "cpu_reference"), ::testing::Not(HasSubstr("card")));
+    for (const auto& row : result.at("benchmarks"))
+        EXPECT_TRUE(row.at("backend") != "on_card" || row.contains("noisy")) << "aggregates too";
+}
+
+TEST_F(CardInAStudy, ThatIsNotThereIsNotKnown) {
+    try {
+        const Card card("GPU-another");
+        FAIL() << "it is watched";
+    } catch (const std::runtime_error& reason) {
+        EXPECT_THAT(reason.what(), HasSubstr("knows no card GPU-another"));
+    }
+}
+
+}  // namespace
+}  // namespace voxspring::testing
