@@ -98,11 +98,12 @@ private:
         nlohmann::json answer = {{"cpu_seconds", cpu_seconds_of_thread() - cpu_begin},
                                  {"device_seconds", timing.device_seconds},
                                  {"host_seconds", timing.host_seconds}};
-        // Of a shorter batch it would be said that this process waited while it read what is read here.
-        constexpr double shortest = 5e-3;
-        const auto waited_end = waited_seconds();
-        if (waited_begin && waited_end && timing.host_seconds >= shortest)
-            answer["waiting"] = std::max(0.0, *waited_end - *waited_begin) / timing.host_seconds;
+        if (const auto waited_end = waited_seconds(); waited_begin && waited_end) {
+            // Of a shorter batch it would be said that this process waited while it read what is read here.
+            constexpr double shortest = 5e-3;
+            const bool counts = timing.host_seconds >= shortest;
+            answer["waiting"] = counts ? (*waited_end - *waited_begin) / timing.host_seconds : 0.0;
+        }
         answer["spin_seconds"] = spin_seconds();
         if (last || backend.departure()) answer["state"] = read(backend, steps_in_all(batch_));
         if (playback_.edits_within(batch_.steps) > 0) {
