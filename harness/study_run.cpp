@@ -388,6 +388,10 @@ private:
     std::optional<Contender> enter(const BackendSpec& spec, const Scene& scene, const MakeTask& make_task) {
         const nlohmann::json row = row_identity(scene.name, spec);
         Contender contender(spec, scene, make_task, record_of(spec.label()), options_.timeout);
+        if (const nlohmann::json* failed = contender.record().find("not entered")) {
+            put("failed", row, *failed);
+            return std::nullopt;
+        }
         std::string unavailable, reason;
         const auto failure = failure_of([&] {
             try {
@@ -399,7 +403,10 @@ private:
         });
         // What was there for an earlier scene has been lost since.
         const bool lost = context_["backends"].contains(spec.entry->name);
-        if (failure) put("failed", row, *failure);
+        if (failure) {
+            contender.record().keep("not entered", *failure);
+            put("failed", row, *failure);
+        }
         if (!unavailable.empty()) put(lost ? "failed" : "skipped", row, unavailable);
         if (!reason.empty()) put("skipped", row, reason);
         const bool entered = !failure && unavailable.empty() && reason.empty() && !interrupted();
@@ -411,9 +418,8 @@ private:
         const nlohmann::json introduction = contender.introduce();
         const nlohmann::json& capabilities = introduction.at("capabilities");
         auto& backends = context_["backends"];
-        if (const std::string other = other_card(backends, capabilities.at("uuid")); !other.empty())
-            return other;
-        const std::string unsupported = introduction.at("unsupported");
+        if (std::string other = other_card(backends, capabilities.at("uuid")); !other.empty()) return other;
+        std::string unsupported = introduction.at("unsupported");
         if (unsupported.empty()) {
             backends[contender.spec().entry->name] = capabilities;
             watch_card(capabilities.at("uuid"));
@@ -527,10 +533,9 @@ private:
         return result;
     }
 
-    static void add(SceneResult& result, Rows rows) {
-        for (auto& [list, more] : rows) {
-            for (nlohmann::json& row : more) result.lists[list].push_back(std::move(row));
-        }
+    static void add(SceneResult& result, const Rows& rows) {
+        for (const auto& [list, more] : rows)
+            result.lists[list].insert(result.lists[list].end(), more.begin(), more.end());
     }
 
     OnRepetition shows_progress() {
