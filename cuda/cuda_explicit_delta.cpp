@@ -170,7 +170,7 @@ const Registered entry({
                "springs of any topology beyond them by slices.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    .tuning = tuning({{"block", {"128", "64", "256"}},
+    .tuning = tuning({{"block", {"256", "128", "64"}},
                       // Of a thread in float32, half of those in float64.
                       {"registers", {"auto", "32", "40", "48", "64", "80"}},
                       // Whether a warp whose particles all have all neighbours goes a way without masks.

@@ -260,7 +260,7 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     Playback playback(scene);
     std::unique_ptr<Backend> backend;
     if (by_rules) {
-        AutoChoice choice = choose_backend(options.backend, scene.problem, [&](const Backend& candidate) {
+        AutoChoice choice = choose_backend(options.backend, scene, [&](const Backend& candidate) {
             return playback.unsupported(candidate).empty();
         });
         out << "auto: " << choice.reason << "\n";

@@ -126,9 +126,8 @@ std::vector<std::string> with_choices(std::vector<std::string> patterns, const S
     for (std::string& pattern : patterns) {
         if (!asks_for_auto(pattern)) continue;
         Playback playback(scene);
-        const AutoChoice choice = choose_backend(pattern, scene.problem, [&](const Backend& backend) {
-            return playback.unsupported(backend).empty();
-        });
+        const AutoChoice choice = choose_backend(
+            pattern, scene, [&](const Backend& backend) { return playback.unsupported(backend).empty(); });
         nlohmann::json row = row_identity(scene.name, choice.spec);
         row["pattern"] = pattern;
         row["reason"] = choice.reason;
