@@ -56,15 +56,16 @@ const std::vector<Rule>& rules() {
     // Bounds that more than one rule shares.
     constexpr double most_resident = 6e4;  // 512 a multiprocessor of a large card
     constexpr double sparse = 0.5;         // occupancy under which lists are shorter than a lattice
-    constexpr double least_marched = 1e6;  // particles from which on columns fill a card
+    constexpr double least_marched = 6e6;  // particles from which on columns fill a card
     constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
     static const std::vector<Rule> list = {
         // fastest.json: the box of 32^3 0.87 against 2.12 of cuda_implicit_cached:fetch=l1, the heart 1.30
         // against 2.80 of cuda_explicit_delta. An edit lays its tables out anew, 7 ms.
         {"cuda_resident", "", 0, most_resident, 0, any_occupancy, false,
          "state stays on the chip from step to step"},
-        // fastest.json: the box of 256^3 172 against 297 of cuda_implicit_cached:fetch=l1, the heart of
-        // 480x408x368 403 against 291 of cuda_explicit_delta. An edit lays its plan out anew: incision@256
+        // fastest.json: the box of 256^3 167 against 297 of cuda_implicit_cached:fetch=l1, that of 128^3 52
+        // against 46, the heart of 480x408x368 403 against 284 of cuda_explicit_delta. An edit lays its plan
+        // out anew: incision@256
         // 16862 against 299.
         {"cuda_march", "", least_marched, any_number, sparse, any_occupancy, false,
          "each thread marches along a column and reads a particle once"},
