@@ -205,6 +205,7 @@ TEST(Auto, ChoosesAmongWhatWasMeasured) {
 // What lays its tables out anew for an edit is nothing for a scene that has some.
 TEST(Auto, AsksWhetherSpringsAreEdited) {
     std::vector<nlohmann::json> rows = {row_of("a", "cuda_march", 10), row_of("a", "cpu_parallel", 90)};
+    for (auto& row : rows) row["particles"] = row["voxels"] = 10000000;
     EXPECT_EQ(choice_of(rows).at("name"), "a/cuda_march/position/float32");
     for (auto& row : rows) row["edits"] = 10;
     EXPECT_EQ(choice_of(rows).at("name"), "a/cpu_parallel/position/float32");
