@@ -5,6 +5,7 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <vector>
 
 #include "harness/study.h"
 
@@ -22,7 +23,8 @@ void describe_scene(const std::string& scene, bool json, std::ostream& out);
 struct RunOptions {
     std::string backend;
     int steps = 100;
-    std::optional<std::filesystem::path> out;
+    std::vector<std::filesystem::path> out;  ///< see Exports
+    std::optional<int> every;                ///< steps between the files of a series
 };
 
 /// `voxspring run`: returns the exit code. Throws BadInput, BadSpecification.

@@ -1,0 +1,71 @@
+// The files that `voxspring run --out` writes: one line a format in writers(), and series of them.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "harness/scene.h"
+
+namespace voxspring {
+
+/// A run after `step` steps. Quantities are in the scene's units.
+struct Snapshot {
+    const Scene& scene;
+    const Problem& problem;  ///< the scene's as the edits made so far have left it
+    const State& state;
+    std::int64_t step = 0;
+    double time = 0;  ///< step times time step
+};
+
+/// Rest position plus displacement, one a particle.
+std::vector<glm::dvec3> positions(const Snapshot& snapshot);
+/// x(t) - x(t - dt) over the time step, one a particle.
+std::vector<glm::dvec3> velocities(const Snapshot& snapshot);
+
+/// A format.
+struct Writer {
+    std::string_view ending;  ///< of the file's name, with its dot
+    std::string_view description;
+    bool collected = false;                              ///< a series of it is listed in a .pvd file
+    std::string (*contents)(const Snapshot&) = nullptr;  ///< the file's bytes
+};
+/// Every format, by ending.
+const std::vector<Writer>& writers();
+/// A line for each, for people.
+std::string list_formats();
+
+/// The files that a run was asked for, each replaced in one step (write_atomically).
+///
+/// Without `every` each path of `out` is written once, after the last step. With it a path body.vtu stands
+/// for a series body_000100.vtu, body_000200.vtu, ...: one after each `every` steps and one after the last
+/// step; and for body.pvd where the format is collected, which lists with their times those that are
+/// written, at any moment.
+class Exports {
+public:
+    /// Throws BadInput where an ending is none of writers(), a folder takes no new file, there is an `every`
+    /// but no path, or two series would have one .pvd.
+    Exports(const std::vector<std::filesystem::path>& out, std::optional<int> every, int steps);
+
+    /// The next step after `step` after which write() is due.
+    int next(int step) const;
+    /// Throws std::system_error.
+    void write(const Snapshot& snapshot);
+
+private:
+    struct File {
+        std::filesystem::path path;
+        const Writer* writer = nullptr;
+        std::string listed;  ///< what its .pvd has so far
+    };
+    std::string name_in_series(const std::filesystem::path& path, std::int64_t step) const;
+
+    std::vector<File> files_;
+    std::optional<int> every_;
+    int steps_ = 0;
+};
+
+}  // namespace voxspring
