@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "harness/bad_input.h"
+#include "harness/export_formats.h"
 #include "harness/result.h"
 
 namespace voxspring {
@@ -98,6 +99,9 @@ std::vector<glm::dvec3> velocities(const Snapshot& snapshot) {
 const std::vector<Writer>& writers() {
     static const std::vector<Writer> all = {
         {".csv", "one line a particle: voxel, position, displacement, velocity", false, csv},
+        {".npz", "numpy arrays: particles, springs, grid and time", false, npz},
+        {".vti", "ParaView's grid: a point a voxel", true, vti},
+        {".vtu", "ParaView's body: a point a particle where it is now, a line a spring", true, vtu},
     };
     return all;
 }
