@@ -246,7 +246,7 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     } else {
         spec = BackendSpec::parse(options.backend);
     }
-    Exports exports(options.out, options.every, options.steps);
+    Exports exports(options.out, options.steps);
     const Scene scene = load_scene(argument);
     Playback playback(scene);
     std::unique_ptr<Backend> backend;
@@ -265,30 +265,38 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     }
     const Watch watch = watch_of(scene, options.steps);
     backend->watch(watch);
-    playback.rewind(*backend);
     Timing timing;
     double largest = 0;
-    for (int step = 0; step < options.steps;) {
-        const int end = exports.next(step);
-        const Timing batch = backend->timed([&] { playback.run(*backend, end - step); });
-        timing.device_seconds += batch.device_seconds;
-        timing.host_seconds += batch.host_seconds;
-        step = end;
-        const State state = backend->download();
-        const auto departure = find_departure(*backend, playback, watch, state, step);
-        largest = largest_displacement(state);
-        if (departure || !std::isfinite(largest)) {
-            throw std::runtime_error(spec.entry->name + ": " + scene.name + " " +
-                                     (departure ? describe(*departure, watch) : "is no longer finite") +
-                                     "; time step " + std::to_string(scene.problem.time_step) + ", stable " +
-                                     std::to_string(scene.stable_time_step));
+    const auto play = [&](const auto& take) {
+        timing = {};
+        playback.rewind(*backend);
+        for (int step = 0; step < options.steps;) {
+            const int end = exports.next(step);
+            const Timing batch = backend->timed([&] { playback.run(*backend, end - step); });
+            timing.device_seconds += batch.device_seconds;
+            timing.host_seconds += batch.host_seconds;
+            step = end;
+            const State state = backend->download();
+            const auto departure = find_departure(*backend, playback, watch, state, step);
+            largest = largest_displacement(state);
+            if (departure || !std::isfinite(largest)) {
+                throw std::runtime_error(spec.entry->name + ": " + scene.name + " " +
+                                         (departure ? describe(*departure, watch) : "is no longer finite") +
+                                         "; time step " + std::to_string(scene.problem.time_step) +
+                                         ", stable " + std::to_string(scene.stable_time_step));
+            }
+            take({scene, playback.problem(), state, step, step * scene.problem.time_step, spec.label()});
         }
-        exports.write({scene, playback.problem(), state, step, step * scene.problem.time_step});
-    }
+    };
+    if (exports.looks_ahead()) play([&](const Snapshot& snapshot) { exports.look_at(snapshot); });
+    play([&](const Snapshot& snapshot) { exports.write(snapshot); });
     out << scene.name << ": " << options.steps << " steps of " << scene.problem.particle_count()
         << " particles on " << spec.label() << " in " << timing.host_seconds << " s, "
         << timing.device_seconds / options.steps * 1e6 << " us a step; largest displacement " << largest
         << "\n";
+    if (const Pictures* pictures = exports.pictures();
+        pictures != nullptr && pictures->colouring() == Colouring::error)
+        out << "largest error against float64 " << pictures->largest() << "\n";
     return 0;
 }
 

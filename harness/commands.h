@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "harness/export.h"
 #include "harness/study.h"
 
 namespace voxspring {
@@ -23,8 +24,7 @@ void describe_scene(const std::string& scene, bool json, std::ostream& out);
 struct RunOptions {
     std::string backend;
     int steps = 100;
-    std::vector<std::filesystem::path> out;  ///< see Exports
-    std::optional<int> every;                ///< steps between the files of a series
+    ExportOptions out;
 };
 
 /// `voxspring run`: returns the exit code. Throws BadInput, BadSpecification.

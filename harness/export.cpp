@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cstdio>
 #include <set>
 #include <utility>
 
@@ -80,6 +81,20 @@ const Writer& writer_of(const std::filesystem::path& path) {
     return *found;
 }
 
+/// "640x480".
+glm::ivec2 parse_size(const std::string& text) {
+    glm::ivec2 size(0);
+    int read = 0;
+    if (std::sscanf(text.c_str(), "%5dx%5d%n", &size.x, &size.y, &read) != 2 ||
+        std::size_t(read) != text.size() || std::min(size.x, size.y) < least_side ||
+        std::max(size.x, size.y) > most_side) {
+        throw BadInput("command line", "--size", text,
+                       "WIDTHxHEIGHT in pixels, each from " + std::to_string(least_side) + " to " +
+                           std::to_string(most_side));
+    }
+    return size;
+}
+
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
 
 }  // namespace
@@ -100,6 +115,7 @@ const std::vector<Writer>& writers() {
     static const std::vector<Writer> all = {
         {".csv", "one line a particle: voxel, position, displacement, velocity", false, csv},
         {".npz", "numpy arrays: particles, springs, grid and time", false, npz},
+        {".png", "a picture of the body, drawn by OpenGL: see --colour and --size", false, nullptr},
         {".vti", "ParaView's grid: a point a voxel", true, vti},
         {".vtu", "ParaView's body: a point a particle where it is now, a line a spring", true, vtu},
     };
@@ -113,14 +129,14 @@ std::string list_formats() {
     return text;
 }
 
-Exports::Exports(const std::vector<std::filesystem::path>& out, std::optional<int> every, int steps)
-    : every_(every), steps_(steps) {
-    if (every && out.empty()) {
+Exports::Exports(const ExportOptions& options, int steps) : steps_(steps) {
+    const auto& every = options.every;
+    if (every && options.out.empty() && !options.frames) {
         throw BadInput("command line", "--every", std::to_string(*every),
                        "an --out beside it, which names the series: a path that ends in one of " + endings());
     }
     std::set<std::filesystem::path> collections;
-    for (const std::filesystem::path& path : out) {
+    for (const std::filesystem::path& path : options.out) {
         const Writer& writer = writer_of(path);
         check_writable(path, "--out", std::string(writer.ending));
         if (every && writer.collected && !collections.insert(collection_of(path)).second) {
@@ -128,11 +144,52 @@ Exports::Exports(const std::vector<std::filesystem::path>& out, std::optional<in
                            "a name of its own for each series: another one has " +
                                collection_of(path).filename().string() + " already");
         }
-        files_.push_back({path, &writer, {}});
+        files_.push_back({path, &writer, every, {}});
     }
+    if (options.frames) {
+        const std::filesystem::path path = *options.frames / "frame.png";
+        std::error_code error;  // check_writable says what is wrong with the folder
+        std::filesystem::create_directories(*options.frames, error);
+        check_writable(path, "--frames", ".png");
+        files_.push_back({path, &writer_of(path), every.value_or((steps - 1) / most_frames + 1), {}});
+    }
+    const bool any = std::any_of(files_.begin(), files_.end(), is_picture);
+    for (const auto& [name, value] : {std::pair{"--colour", options.colour}, {"--size", options.size}}) {
+        if (!any && value) {
+            throw BadInput("command line", name, *value,
+                           "an --out that ends in .png, or --frames, beside it");
+        }
+    }
+    const Colouring colouring = options.colour ? parse_colouring(*options.colour) : Colouring::displacement;
+    const glm::ivec2 size = options.size ? parse_size(*options.size) : default_size;
+    if (any) pictures_.emplace(colouring, size);
 }
 
-int Exports::next(int step) const { return every_ && *every_ < steps_ - step ? step + *every_ : steps_; }
+int Exports::next(int step) const {
+    int next = steps_;
+    // Every series has its next file at its next multiple.
+    for (const File& file : files_) {
+        if (file.every && *file.every <= steps_ - step)
+            next = std::min(next, step + *file.every - step % *file.every);
+    }
+    return next;
+}
+
+bool Exports::is_due(const File& file, std::int64_t step) const {
+    return step == steps_ || (file.every && step % *file.every == 0);
+}
+
+bool Exports::looks_ahead() const {
+    return std::any_of(files_.begin(), files_.end(),
+                       [](const File& file) { return is_picture(file) && file.every; });
+}
+
+void Exports::look_at(const Snapshot& snapshot) {
+    if (std::any_of(files_.begin(), files_.end(),
+                    [&](const File& file) { return is_picture(file) && is_due(file, snapshot.step); })) {
+        pictures_->look_at(snapshot);
+    }
+}
 
 std::string Exports::name_in_series(const std::filesystem::path& path, std::int64_t step) const {
     // As many digits in each name, so that they sort by step.
@@ -144,8 +201,10 @@ std::string Exports::name_in_series(const std::filesystem::path& path, std::int6
 
 void Exports::write(const Snapshot& snapshot) {
     for (File& file : files_) {
-        const std::string contents = file.writer->contents(snapshot);
-        if (!every_) {
+        if (!is_due(file, snapshot.step)) continue;
+        const std::string contents =
+            is_picture(file) ? pictures_->png(snapshot) : file.writer->contents(snapshot);
+        if (!file.every) {
             write_atomically(file.path, contents);
             continue;
         }
