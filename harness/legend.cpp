@@ -23,7 +23,7 @@ Colour from_hex(unsigned rgb) {
 }
 
 std::array<Colour, colour_knots> from_hex(const std::array<unsigned, colour_knots>& knots) {
-    std::array<Colour, colour_knots> colours;
+    std::array<Colour, colour_knots> colours{};
     std::transform(knots.begin(), knots.end(), colours.begin(), [](unsigned rgb) { return from_hex(rgb); });
     return colours;
 }

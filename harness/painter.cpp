@@ -165,7 +165,7 @@ Image Painter::paint(std::span<const SurfaceVertex> surface, const Camera& camer
     Image image(size_.x, size_.y);
     for (int y = 0; y < size_.y; ++y) {
         const std::uint8_t* row = &rows[4 * std::size_t(size_.y - 1 - y) * std::size_t(size_.x)];
-        std::copy(row, row + 4 * size_.x, image.at(0, y));
+        std::copy(row, row + 4 * std::ptrdiff_t(size_.x), image.at(0, y));
     }
     // Where a pixel is half body, half nothing, its colour came out half as bright.
     for (std::size_t n = 0; n < image.pixels.size(); n += 4) {

@@ -16,7 +16,8 @@ namespace {
 
 /// 0 to 26: which of the 27 voxels around one an offset of -1, 0 or 1 along each axis names.
 std::size_t around(glm::ivec3 offset) {
-    return std::size_t((offset.z + 1) * 9 + (offset.y + 1) * 3 + offset.x + 1);
+    const int index = (offset.z + 1) * 9 + (offset.y + 1) * 3 + offset.x + 1;
+    return std::size_t(index);
 }
 
 /// The mask bit of each such offset; that of the voxel itself is not looked at.
