@@ -1,7 +1,6 @@
 // Pictures of a deformed body, drawn by an OpenGL context of its own without a window system.
 #pragma once
 
-#include <glm/mat3x3.hpp>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <span>

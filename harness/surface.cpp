@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdint>
 #include <glm/geometric.hpp>
-#include <glm/mat3x3.hpp>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -33,12 +32,18 @@ glm::dvec3 scaled(glm::dvec3 vector, double length) {
     return own > 0 ? vector * (length / own) : glm::dvec3(0);
 }
 
-/// A vector across `vector`: along axis `axis` at rest, less what of it lies along `vector`.
-glm::dvec3 across(glm::dvec3 vector, int axis) {
-    glm::dvec3 rest(0);
-    rest[axis] = 1;
-    const double squared = glm::dot(vector, vector);
-    return squared > 0 ? rest - vector * (glm::dot(rest, vector) / squared) : rest;
+/// Where the shortest turn that takes the axis `from` to the direction of `to` takes another axis.
+glm::dvec3 turned_along(glm::dvec3 axis, glm::dvec3 from, glm::dvec3 to) {
+    const glm::dvec3 direction = scaled(to, 1);
+    const double squared = 1 + glm::dot(from, direction);  // of half of the sum of both, twice
+    // Half a turn may as well be one about this axis.
+    return squared > 1e-9 ? axis - (glm::dot(axis, direction) / squared) * (from + direction) : axis;
+}
+
+glm::dvec3 unit(std::size_t axis) {
+    glm::dvec3 vector(0);
+    vector[int(axis)] = 1;
+    return vector;
 }
 
 class Body {
@@ -115,7 +120,8 @@ private:
 
     glm::dvec3 place(std::uint32_t i) const { return problem_.rest_position[i] + displacement_[i]; }
 
-    /// From differences to the neighbours that a particle has; across them where it has none.
+    /// From differences to the neighbours that a particle has; along an axis where it has none, turned with
+    /// them.
     Frame frame_of(std::uint32_t i, glm::ivec3 voxel) const {
         Frame frame;
         std::array<bool, 3> known{};
@@ -136,13 +142,12 @@ private:
             if (known[a]) continue;
             const std::size_t b = (a + 1) % 3;
             const std::size_t c = (a + 2) % 3;
-            glm::dvec3 direction(0);
+            glm::dvec3 direction = unit(a);
             if (known[b] && known[c]) {
                 direction = glm::cross(frame[b], frame[c]);
             } else if (known[b] || known[c]) {
-                direction = across(frame[known[b] ? b : c], int(a));
-            } else {
-                direction[int(a)] = 1;
+                const std::size_t d = known[b] ? b : c;
+                direction = turned_along(direction, unit(d), frame[d]);
             }
             frame[a] = scaled(direction, problem_.lattice.spacing[int(a)]);
             known[a] = true;

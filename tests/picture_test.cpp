@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <glm/geometric.hpp>
-#include <glm/mat3x3.hpp>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -130,6 +129,11 @@ TEST(Surface, OfWhatHasNoThickness) {
             [](glm::dvec3 x) { return glm::dvec3(4 * std::sin(x.z / 4), 0, 4 * std::cos(x.z / 4)) - x; }),
         std::vector<double>(9));
     EXPECT_EQ(bent.size(), 4 * (9 * 4 + 2u));
+    // Wherever it runs along it is as thick: at each end of a face's side a corner, half a voxel or so apart.
+    for (std::size_t face = 0; face < bent.size() / 4; ++face) {
+        const glm::dvec3 across = bent[4 * face + 2].position - bent[4 * face].position;
+        EXPECT_GT(glm::length(across), 0.4);
+    }
     // Collapsed to a point there is nothing to see, and nothing that is no number.
     const auto gone =
         surface_of(rope, displaced(rope, [](glm::dvec3 x) { return -x; }), std::vector<double>(9));
