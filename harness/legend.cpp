@@ -213,8 +213,9 @@ std::vector<Scale::Tick> Scale::ticks() const {
 
 void draw_legend(Image& image, const Scale& scale) {
     const double height = image.height * legend_share;
-    const Pen pen(image, height / 62);
-    const double letter = height / 62 * line_height;
+    const double unit = height / 50;
+    const Pen pen(image, unit);
+    const double letter = unit * line_height;
     const auto left = int(image.width * 0.14);
     const auto right = int(image.width * 0.86);
     const auto top = int(image.height - height * 0.62);
@@ -222,8 +223,8 @@ void draw_legend(Image& image, const Scale& scale) {
 
     const bool error = scale.colouring() == Colouring::error;
     const std::string largest = "largest " + short_text(scale.most(), 3);
-    pen.write(error ? "error against float64" : "displacement", left, top - letter * 0.7);
-    pen.write(largest, right - pen.pixels(largest), top - letter * 0.7);
+    pen.write(error ? "error against float64" : "displacement", left, top - letter * 0.55);
+    pen.write(largest, right - pen.pixels(largest), top - letter * 0.55);
     for (int x = left; x < right; ++x) {
         const double place = scale.most() > 0 ? (x + 0.5 - left) / (right - left) : 0;
         for (int y = top; y < bottom; ++y) image.blend(x, y, colour_at(scale.colouring(), place), 1);

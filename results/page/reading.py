@@ -36,7 +36,7 @@ REQUIRED = {
 OPTIONAL = {
     **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
                      "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
-                     "measured"), float),
+                     "measured", "particles"), float),
     **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str),
 }
 WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
@@ -241,6 +241,7 @@ def pareto(results):
     return [{"machine": result.machine, "device": row["device"], "scene": row["scene"], "backend": row["backend"],
              "family": family(row["backend"]), "contender": contender(row), "formulation": row["formulation"],
              "precision": row["precision"], "fraction": row["fraction_of_stable"], "steps": row["steps"],
+             "particles": row.get("particles"),
              "end_time": row["end_time"], "seconds": row["seconds"], "total": row["total_error_relative_l2"],
              "rounding": row.get("error_relative_l2"), "front": row["on_front"]}
             for result in results for row in result.lists["pareto"]
