@@ -51,7 +51,7 @@ inline constexpr int colour_knots = 16;
 const std::array<Colour, colour_knots>& colours_of(Colouring colouring);
 
 /// Part of an image's height that the legend takes, from below.
-inline constexpr double legend_share = 0.16;
+inline constexpr double legend_share = 0.18;
 
 /// The bar with its ticks and what it shows, at the bottom of the image, in a grey that is read on light and
 /// on dark.

@@ -282,10 +282,10 @@ def pictures_section(pictures, left_out):
     if not pictures and not left_out:
         return ""
     errors = {scene: pair[1].about for scene, pair in pictures.items()}
-    title = "The datasets, deformed, and the error on them"
+    title = "The datasets deformed, and the error on them"
     if errors:
         scene, about = max(errors.items(), key=lambda item: item[1]["largest"])
-        title += f": at most {figures.error_text(about['largest'])} in length, on {scene}"
+        title += f": the largest, {figures.error_text(about['largest'])}, is on {scene}"
     rows = []
     for scene, pair in pictures.items():
         figures_of = "".join(f'<figure class="picture">{image(picture)}<figcaption>{escape(shown_by(picture))}</figcaption>'
@@ -294,9 +294,9 @@ def pictures_section(pictures, left_out):
         rows.append(f'<div class="pair" data-scene="{escape(scene)}"><h3>{heading}</h3>'
                     f'<div class="panels">{figures_of}</div></div>')
     renderers = figures.listed(dict.fromkeys(picture.about["renderer"] for pair in pictures.values() for picture in pair))
-    note = (f"Runs of this machine in the formulation and precision that are the fastest above, drawn by {renderers}. The "
-            "error is each particle's distance from where float64 has it after the same steps, in the dataset's unit of "
-            "length, on a logarithmic scale." if pictures else "")
+    note = (f"Runs of the machine that made this page, in the formulation and precision that were the fastest on the "
+            f"dataset, drawn by {renderers}. The error is each particle's distance from where float64 has it after the same "
+            "steps, in the dataset's unit of length, on a logarithmic scale." if pictures else "")
     without = "".join(f'<p class="caption">Without a picture: {escape(figures.listed(scenes))} ({escape(reason)}).</p>'
                       for scenes, reason in left_out)
     return (f'<section id="pictures"><h2>{escape(title)}</h2><p class="note">{escape(note)}</p>{"".join(rows)}{without}'
@@ -356,7 +356,7 @@ def page(results, pictures, left_out):
         '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
         f"<title>{escape(title)}</title><style>{style}</style></head><body>", opening,
         '<noscript><p>The figures below need JavaScript; all of it is in this file.</p></noscript>',
-        filters(charts, results), pictures_section(pictures, left_out), *map(figure_section, drawn), sources_section(results),
+        filters(charts, results), *map(figure_section, drawn), pictures_section(pictures, left_out), sources_section(results),
         f'</main><script type="application/json" id="report">{script_safe(data)}</script>'
         f"<script>{script_safe_bundle()}</script><script>{script}</script></body></html>\n"))
 

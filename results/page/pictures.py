@@ -106,8 +106,8 @@ def choose(results):
 
 
 def text_of(path, data):
-    """The text "voxspring" of a PNG file whose chunks are whole."""
-    place = len(SIGNATURE)
+    """The text "voxspring" of a PNG file whose chunks are whole to the last."""
+    place, text = len(SIGNATURE), None
     if not data.startswith(SIGNATURE):
         raise reading.BadInput(f"{path}: begins with {data[:8]!r}; expected a PNG file")
     while place + 12 <= len(data):
@@ -117,9 +117,11 @@ def text_of(path, data):
         if len(end) < 4 or struct.unpack(">I", end)[0] != zlib.crc32(kind + body):
             break
         if kind == b"tEXt" and body.startswith(b"voxspring\0"):
-            return body[len(b"voxspring\0"):].decode("latin-1")
+            text = body[len(b"voxspring\0"):].decode("latin-1")
+        if kind == b"IEND" and text is not None:
+            return text
         place += 12 + length
-    raise reading.BadInput(f"{path}: has no text \"voxspring\"; expected a picture that voxspring run --out drew")
+    raise reading.BadInput(f"{path}: is cut off or has no text voxspring; expected a picture that voxspring run --out drew")
 
 
 def read(path):
