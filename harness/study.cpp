@@ -291,6 +291,7 @@ class Scenes {
 public:
     std::shared_ptr<const Scene> of(const Study& study, const StudyScene& item) {
         if (study.kind == StudyKind::stress) return std::make_shared<const Scene>(stands_for_all(item));
+        if (item.built) return item.built;
         if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
         auto scene = std::make_shared<const Scene>(load_scene(item.scene));
         if (particles_ + scene->problem.particle_count() <= Limits::of_this_machine().particles / 4) {
