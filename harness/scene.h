@@ -1,5 +1,5 @@
 // A scene: what is simulated, from which state, with which time step. harness/scenes/README.md describes the
-// file format, harness/scenes/scene.schema.json publishes it.
+// file format, results/scene.schema.json publishes it.
 #pragma once
 
 #include <string>

@@ -27,6 +27,7 @@
 #include "harness/reference.h"
 #include "harness/result.h"
 #include "harness/scene.h"
+#include "harness/schema_versions.h"
 #include "harness/stability_study.h"
 #include "harness/stress.h"
 
@@ -440,6 +441,7 @@ Study load_study(const std::string& argument) {
     Study study;
     study.name = path.stem().string();
     if (const auto schema = root.find("$schema")) (void)schema->string();
+    check_schema_version(root, study_schema_version);
     if (const auto description = root.find("description")) study.description = description->string();
     if (const auto kind = root.find("kind")) study.kind = read_choice(*kind, study_kinds);
     if (study.kind == StudyKind::timing) {
@@ -515,11 +517,10 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         }
     }
 
-    nlohmann::json result = {{"context", plain_context()},
-                             {"benchmarks", nlohmann::json::array()},
-                             {"verification", nlohmann::json::array()},
-                             {"skipped", nlohmann::json::array()},
-                             {"failed", nlohmann::json::array()}};
+    nlohmann::json result = {
+        {"schema_version", result_schema_version}, {"context", plain_context()},
+        {"benchmarks", nlohmann::json::array()},   {"verification", nlohmann::json::array()},
+        {"skipped", nlohmann::json::array()},      {"failed", nlohmann::json::array()}};
     switch (study.kind) {
         case StudyKind::timing:
             break;

@@ -35,7 +35,7 @@ struct StudyScene {
     std::shared_ptr<const Scene> built = nullptr;  ///< one that is at hand, in the place of load_scene(scene)
 };
 
-/// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
+/// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
 /// registered backend whose name matches and that has these options, with them; `formulation=*` and
 /// `precision=*` stand for each that the backend has. `auto[:key=value,...]` is what `--backend auto` takes
 /// for the scene (auto_choice.h).
