@@ -83,15 +83,24 @@ class Install(unittest.TestCase):
         self.assertEqual({row["backend"] for row in result["failed"]}, {"my_backend"})
         self.assertEqual({row["backend"] for row in result["benchmarks"]}, {"cpu_reference"})
 
+    def refusal(self, wanted="voxspring 0.1", **environment):
+        """What CMake says to a project that wants such a package."""
+        with tempfile.TemporaryDirectory() as folder:
+            lists = (self.project / "CMakeLists.txt").read_text()
+            self.assertIn("find_package(voxspring 0.1 ", lists)
+            pathlib.Path(folder, "CMakeLists.txt").write_text(lists.replace("voxspring 0.1", wanted))
+            result = subprocess.run([CMAKE, "-S", folder, "-B", f"{folder}/build", "-G", "Ninja",
+                                     f"-DCMAKE_CXX_COMPILER={CXX}", f"-DCMAKE_PREFIX_PATH={self.prefix}"],
+                                    capture_output=True, text=True, timeout=60, env=os.environ | environment)
+        self.assertNotEqual(result.returncode, 0)
+        return " ".join(result.stderr.split())
+
     def test_another_version_is_not_taken(self):
-        lists = (self.project / "CMakeLists.txt").read_text()
-        other = self.folder / "other"
-        other.mkdir()
-        (other / "CMakeLists.txt").write_text(lists.replace("find_package(voxspring 0.1 ", "find_package(voxspring 9 "))
-        output = subprocess.run([CMAKE, "-S", other, "-B", other / "build", "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}",
-                                 f"-DCMAKE_PREFIX_PATH={self.prefix}"], capture_output=True, text=True, timeout=60)
-        self.assertNotEqual(output.returncode, 0)
-        self.assertIn("version: 0.1.0", output.stderr)
+        self.assertIn("version: 0.1.0", self.refusal("voxspring 9"))
+
+    def test_says_what_it_needs_and_does_not_find(self):
+        self.assertIn("voxspring needs epoxy, which is not installed",
+                      self.refusal(PKG_CONFIG_LIBDIR=str(self.folder / "nothing")))
 
 
 if __name__ == "__main__":
