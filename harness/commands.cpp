@@ -17,6 +17,7 @@
 #include "harness/fastest.h"
 #include "harness/limits.h"
 #include "harness/pareto.h"
+#include "harness/pictures.h"
 #include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"

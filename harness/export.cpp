@@ -9,6 +9,7 @@
 
 #include "harness/bad_input.h"
 #include "harness/export_formats.h"
+#include "harness/pictures.h"
 #include "harness/result.h"
 
 namespace voxspring {
@@ -162,8 +163,10 @@ Exports::Exports(const ExportOptions& options, int steps) : steps_(steps) {
     }
     const Colouring colouring = options.colour ? parse_colouring(*options.colour) : Colouring::displacement;
     const glm::ivec2 size = options.size ? parse_size(*options.size) : default_size;
-    if (any) pictures_.emplace(colouring, size);
+    if (any) pictures_ = std::make_unique<Pictures>(colouring, size);
 }
+
+Exports::~Exports() = default;
 
 int Exports::next(int step) const {
     int next = steps_;

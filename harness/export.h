@@ -3,15 +3,17 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "harness/pictures.h"
 #include "harness/scene.h"
 
 namespace voxspring {
+
+class Pictures;
 
 /// A run after `step` steps. Quantities are in the scene's units.
 struct Snapshot {
@@ -40,6 +42,10 @@ const std::vector<Writer>& writers();
 /// A line for each, for people.
 std::string list_formats();
 
+/// Of a folder of frames, where nothing says how many steps lie between them.
+inline constexpr int most_frames = 50;
+
+/// What `voxspring run` was asked to write.
 struct ExportOptions {
     std::vector<std::filesystem::path> out;
     std::optional<int> every;                     ///< steps between the files of a series
@@ -58,13 +64,15 @@ struct ExportOptions {
 ///
 /// The pictures of a series have one camera and one scale: where there are several, show look_at() every
 /// snapshot that write() is going to get, first.
-inline constexpr int most_frames = 50;
 class Exports {
 public:
     /// Throws BadInput where an ending is none of writers(), a folder takes no new file, there is an `every`
     /// but no path, two series would have one .pvd, or pictures are described of which there are none;
     /// Unavailable where there is no OpenGL to draw them with.
     Exports(const ExportOptions& options, int steps);
+    ~Exports();
+    Exports(const Exports&) = delete;
+    Exports& operator=(const Exports&) = delete;
 
     /// The next step after `step` after which write() is due.
     int next(int step) const;
@@ -75,7 +83,7 @@ public:
     void write(const Snapshot& snapshot);
 
     /// Null without pictures.
-    const Pictures* pictures() const { return pictures_ ? &*pictures_ : nullptr; }
+    const Pictures* pictures() const { return pictures_.get(); }
 
 private:
     struct File {
@@ -86,11 +94,10 @@ private:
     };
     static bool is_picture(const File& file) { return file.writer->contents == nullptr; }
     std::string name_in_series(const std::filesystem::path& path, std::int64_t step) const;
-
     bool is_due(const File& file, std::int64_t step) const;
 
     std::vector<File> files_;
-    std::optional<Pictures> pictures_;
+    std::unique_ptr<Pictures> pictures_;
     int steps_ = 0;
 };
 

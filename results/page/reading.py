@@ -10,6 +10,8 @@ import pathlib
 import re
 from dataclasses import dataclass, field
 
+import versions
+
 class Positive(float):
     """In the tables below: a number above zero."""
 
@@ -129,6 +131,8 @@ def read(path):
         raise BadInput(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     if not isinstance(data, dict):
         raise BadInput(f"{path}: {shown(data)}; expected the result of a study")
+    if reason := versions.unread(data):
+        raise BadInput(f"{path}: {reason}")
     context = need(path, "", data, "context", dict)
     about = need(path, "context", context, "voxspring", dict)
     where = "context.voxspring"
