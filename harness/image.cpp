@@ -61,7 +61,8 @@ std::string encode_png(const Image& image, const std::map<std::string, std::stri
     png_set_IHDR(writer.png(), writer.info(), png_uint_32(image.width), png_uint_32(image.height), 8,
                  PNG_COLOR_TYPE_RGB_ALPHA, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
                  PNG_FILTER_TYPE_DEFAULT);
-    png_set_compression_level(writer.png(), 9);
+    // Level 9 takes six times as long for a file that is 6% smaller.
+    png_set_compression_level(writer.png(), 7);
     std::vector<png_text> chunks;
     auto own = text;  // libpng does not write to them and asks for pointers through which it could
     for (auto& [keyword, words] : own) {
