@@ -578,6 +578,19 @@ class Parts(InTemporaryFolder):
         with unittest.mock.patch.object(pictures, "SECONDS", 0.1):
             self.assertEqual(gather(folder, program)[:2], ({}, [(["heart", "box@32"], "not drawn within 0.1 seconds")]))
 
+    def test_only_names_of_scenes_get_to_the_program(self):
+        program = write_program(self.folder)
+        evil = ["--out=x", "-h", "../box", "heart.json", "/etc/passwd", "box@8 --steps", "rope of mine", ""]
+        result = json.loads((H200 / "table1.json").read_text())
+        rows = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median"]
+        result["benchmarks"] = [{**rows[0], "scene": scene, "particles": 8} for scene in evil + ["mine@8x8x9"]]
+        results = reading.read_all([self.write("evil.json", result)])
+        found, left_out = pictures.gather(results, self.folder / "pictures", program)
+        self.assertEqual(list(found), ["mine@8x8x9"])
+        self.assertEqual(left_out, [(evil, "no built-in scene has such a name")])
+        calls = pathlib.Path(f"{program}.calls").read_text().splitlines()
+        self.assertEqual({json.loads(line)[1] for line in calls}, {"mine@8x8x9"})
+
     def test_pictures_that_are_none_are_refused(self):
         good = png(ABOUT)
         self.assertEqual(pictures.read(self.write_bytes("good.png", good)).about, ABOUT)

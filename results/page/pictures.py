@@ -25,6 +25,8 @@ FAMILIAR = 100_000
 # Beyond this not even a few steps are drawn.
 MOST_PARTICLES = 4_000_000
 SECONDS = 120
+# A built-in scene, perhaps in another size. Nothing else that a file calls a scene gets onto the program's command line.
+NAME = re.compile(r"\w+(@\w+)?")
 ABOUT = {"scene": str, "particles": int, "steps": int, "coloured_by": str, "backend": str, "largest": float, "renderer": str}
 
 
@@ -44,7 +46,7 @@ class Wanted:
 
     def name(self, coloured_by):
         words = (self.scene, self.formulation, self.precision, str(self.steps), SIZE, coloured_by)
-        return "-".join(re.sub(r"[^\w@.]", "_", word) for word in words) + ".png"
+        return "-".join(re.sub(r"[^\w@]", "_", word) for word in words) + ".png"
 
     def command(self, program, path, coloured_by):
         return [program, "run", self.scene, "--steps", str(self.steps), "--size", SIZE, "--colour", coloured_by,
@@ -86,7 +88,8 @@ def choose(results):
         if row["scene"] not in best or row["microseconds"] < best[row["scene"]]["microseconds"]:
             best[row["scene"]] = row
     families = {}
-    for row in sorted(best.values(), key=lambda row: row["particles"]):
+    others = [scene for scene in best if not NAME.fullmatch(scene)]
+    for row in sorted((row for row in best.values() if row["scene"] not in others), key=lambda row: row["particles"]):
         families.setdefault(family(row["scene"]), []).append(row)
     chosen, sizes, large = [], [], []
     for group in families.values():
@@ -98,6 +101,8 @@ def choose(results):
         chosen.append(Wanted(row["scene"], row["particles"], row["formulation"], row["precision"]))
         sizes += [other["scene"] for other in drawable if other is not row]
     left_out = [(sizes, "as those shown, in another size")] if sizes else []
+    if others:
+        left_out.append((others, "no built-in scene has such a name"))
     if large:
         left_out.append((large, f"more than {MOST_PARTICLES // 1_000_000} million particles"))
     # A body with a shape of its own is what one remembers.
@@ -158,7 +163,8 @@ def draw(program, folder, wanted, coloured_by):
     except subprocess.TimeoutExpired:
         return f"not drawn within {SECONDS} seconds"
     lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-    return "" if done.returncode == 0 else lines[-1].removeprefix("voxspring: ")
+    reason = lines[-1].removeprefix("voxspring: ")
+    return "" if done.returncode == 0 else reason if len(reason) <= 120 else reason[:117] + "..."
 
 
 def gather(results, folder, program):
