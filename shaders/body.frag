@@ -8,9 +8,9 @@ uniform vec4 colours[KNOTS];  // from value 0 to 1
 out vec4 colour;
 
 void main() {
-    vec3 normal = normalize(surface_normal);
-    if (any(isnan(normal))) normal = vec3(0, 0, 1);  // of a body that has collapsed
-    if (!gl_FrontFacing) normal = -normal;           // the inside of a cut, or a voxel turned inside out
+    float size = length(surface_normal);
+    vec3 normal = size > 0 ? surface_normal / size : vec3(0, 0, 1);  // none where a body has collapsed
+    if (!gl_FrontFacing) normal = -normal;  // the inside of a cut, or a voxel turned inside out
     const vec3 lamp = normalize(vec3(-0.35, 0.55, 0.75));
     float sky = 0.5 + 0.5 * normal.y;
     float direct = max(dot(normal, lamp), 0);

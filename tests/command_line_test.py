@@ -229,6 +229,15 @@ class Pictures(InTemporaryFolder):
         self.assertEqual(len(list(many.iterdir())), 34)
         self.assertTrue(state.exists(), "one file after the last step, not a series")
 
+    def test_beside_a_backend_that_has_a_context_of_its_own(self):
+        frames = self.folder / "frames"
+        result = voxspring("run", "box@6", "--backend", "gl_fragment_implicit:precision=float32", "--steps", 60, "--frames",
+                           frames, "--every", 30, "--colour", "error", "--size", "160x120")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        errors = [read_png(path)[1]["largest"] for path in sorted(frames.iterdir())]
+        # float32 keeps seven digits of displacements that are below one.
+        self.assertTrue(all(0 < error < 1e-6 for error in errors), errors)
+
     def test_a_cut_is_seen(self):
         scene = self.folder / "cut.json"
         def draw(edits):
