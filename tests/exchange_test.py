@@ -246,6 +246,20 @@ class Series(InTemporaryFolder):
         self.assertEqual(gone & sutured, sutured - after)
         self.assertTrue(gone & sutured)
 
+    def test_a_suture_beyond_the_lattice_is_there(self):
+        scene = self.folder / "sutured.json"
+        scene.write_text(json.dumps({
+            "dataset": {"type": "box", "dims": [5, 2, 1]}, "gravity": [0, 0, -1e-3],
+            "edits": [{"step": 2, "suture": {"pairs": [[[0, 0, 0], [4, 1, 0]]], "stiffness": 7}}]}))
+        numpys, body = self.run_scene(scene, ".npz", ".vtu", steps=4, backend="cpu_reference")
+        loaded = numpy.load(numpys)
+        self.assertEqual(len(loaded["springs"]), info(scene)["springs"]["total"] + 1)
+        self.assertEqual(loaded["springs"][-1].tolist(), [0, 9])
+        self.assertEqual(loaded["stiffness"][-1], 7)
+        # At rest where the particles are at rest.
+        self.assertEqual(loaded["rest_length"][-1], numpy.sqrt(17))
+        self.assert_same(lines(read_vtk(body)[0]), loaded["springs"].astype(int))
+
 
 class Refusals(InTemporaryFolder):
     def assert_refused(self, arguments, *words):
