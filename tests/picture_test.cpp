@@ -234,6 +234,11 @@ TEST(Legend, ShowsItsColoursFromEndToEnd) {
     }
 }
 
+TEST(Png, RefusesWhatIsNoImage) {
+    // libpng finds it, and what it allocated is given back on the way out: a sanitizer looks for leaks.
+    EXPECT_THAT([] { encode_png(Image(0, 5), {}); }, ThrowsMessage<std::runtime_error>(HasSubstr("PNG: ")));
+}
+
 /// Skips its tests where there is no OpenGL; VOXSPRING_REQUIRE=gl makes that a failure.
 class Pixels : public ::testing::Test {
 protected:
