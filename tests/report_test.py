@@ -535,14 +535,16 @@ class Parts(InTemporaryFolder):
             return {"name": row["name"].split("/iterations:")[0], "seconds_per_step": row["real_time"] * 1e-6}
         target = {"quantity": "seconds_per_step", "value": 1e-9, "backends": "cuda_*", "name": None,
                   "measured": best["real_time"] * 1e-6, "reached": 0.1, "met": False}
+        unmeasured = {**target, "measured": None, "reached": None, "met": None}
         identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
         result["fastest"] = [{**winner(best), **identity,
-                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target]}]
+                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target, unmeasured]}]
         made = report(self.write("fastest.json", result), "--out", self.out)
         self.assertEqual(made.returncode, 0, made.stderr)
         text = self.out.read_text()
         self.assertIn("12.34 times as fast as the best of the paper", text)
         self.assertIn("missed", text)
+        self.assertIn("1 more target was not measured here.", text)
 
     def alternatives(self):
         return [html.unescape(text) for text in re.findall('<img [^>]*alt="([^"]*)"', self.out.read_text())]

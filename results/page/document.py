@@ -135,15 +135,20 @@ def error_table(runs):
 
 
 def targets_table(result):
-    rows = []
+    rows, without = [], 0
     for block in result.lists["fastest"]:
         for target in block["targets"]:
-            measured = target.get("measured")
-            verdict = "not measured" if target.get("met") is None else "met" if target["met"] else "missed"
+            if target.get("met") is None or target.get("measured") is None:
+                without += 1
+                continue
             rows.append((block["scene"], escape(f"{block['scene']}, {block['formulation']}"),
                          [escape(target["quantity"].replace("_", " ")), f"{target['value']:.3g}",
-                          "–" if measured is None else f"{measured:.3g}", verdict]))
-    return cards(["Dataset", "Quantity", "Aim", "Measured", "Verdict"], rows) if rows else ""
+                          f"{target['measured']:.3g}", "met" if target["met"] else "missed"]))
+    if not rows:
+        return ""
+    more = "1 more target was" if without == 1 else f"{without} more targets were"
+    note = f'<p class="note">{more} not measured here.</p>' if without else ""
+    return cards(["Dataset", "Quantity", "Aim", "Measured", "Verdict"], rows) + note
 
 
 def headline(found, runs, drawn):
