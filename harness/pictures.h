@@ -22,7 +22,8 @@ public:
     /// Throws Unavailable where there is no OpenGL.
     Pictures(Colouring colouring, glm::ivec2 size);
 
-    /// Snapshots come in the order of their steps; an earlier one starts anew. Throws std::runtime_error.
+    /// Snapshots are of one scene, which is kept until the last, and come in the order of their steps; an
+    /// earlier one starts anew. Throws std::runtime_error.
     void look_at(const Snapshot& snapshot);
     /// A PNG file of a snapshot. It carries, as the text "voxspring", JSON with scene, particles, steps,
     /// backend, coloured_by, the snapshot's largest value of it and the device that drew it. Throws as
