@@ -27,6 +27,7 @@
 #include "harness/reference.h"
 #include "harness/result.h"
 #include "harness/scene.h"
+#include "harness/schema_versions.h"
 #include "harness/stability_study.h"
 #include "harness/stress.h"
 
@@ -290,6 +291,7 @@ class Scenes {
 public:
     std::shared_ptr<const Scene> of(const Study& study, const StudyScene& item) {
         if (study.kind == StudyKind::stress) return std::make_shared<const Scene>(stands_for_all(item));
+        if (item.built) return item.built;
         if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
         auto scene = std::make_shared<const Scene>(load_scene(item.scene));
         if (particles_ + scene->problem.particle_count() <= Limits::of_this_machine().particles / 4) {
@@ -438,6 +440,7 @@ Study load_study(const std::string& argument) {
     Study study;
     study.name = path.stem().string();
     if (const auto schema = root.find("$schema")) (void)schema->string();
+    check_schema_version(root, study_schema_version);
     if (const auto description = root.find("description")) study.description = description->string();
     if (const auto kind = root.find("kind")) study.kind = read_choice(*kind, study_kinds);
     if (study.kind == StudyKind::timing) {
@@ -513,11 +516,10 @@ nlohmann::json run_study(Study study, const StudyOptions& options) {
         }
     }
 
-    nlohmann::json result = {{"context", plain_context()},
-                             {"benchmarks", nlohmann::json::array()},
-                             {"verification", nlohmann::json::array()},
-                             {"skipped", nlohmann::json::array()},
-                             {"failed", nlohmann::json::array()}};
+    nlohmann::json result = {
+        {"schema_version", result_schema_version}, {"context", plain_context()},
+        {"benchmarks", nlohmann::json::array()},   {"verification", nlohmann::json::array()},
+        {"skipped", nlohmann::json::array()},      {"failed", nlohmann::json::array()}};
     switch (study.kind) {
         case StudyKind::timing:
             break;
