@@ -126,10 +126,10 @@ private:
             rows_program_ = gl::Program(context(), gl::load_source("edit_rows.comp", defines));
             rows_defines_ = defines;
         }
-        edited_particle_.upload(context(), rows.particle);
-        edited_neighbour_.upload(context(), rows.lists.neighbour);
-        edited_constants_.upload(context(), rows.lists.constants);
-        edited_own_rest_.upload(context(), rows.lists.own_rest);
+        edited_particle_.replace(context(), rows.particle);
+        edited_neighbour_.replace(context(), rows.lists.neighbour);
+        edited_constants_.replace(context(), rows.lists.constants);
+        edited_own_rest_.replace(context(), rows.lists.own_rest);
         edited_particle_.bind(0);
         edited_neighbour_.bind(1);
         edited_constants_.bind(2);

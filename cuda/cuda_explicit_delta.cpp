@@ -39,8 +39,7 @@ public:
         : ParticleBackend<Real, DeltaStep<Real>>(family),
           block_(unsigned(std::stoul(options.tuning.at("block")))),
           registers_(options.tuning.at("registers")),
-          interior_(options.tuning.at("interior") == "vote"),
-          pairs_(options.tuning.at("particles") == "2") {}
+          interior_(options.tuning.at("interior") == "vote") {}
 
     void upload(const Problem& problem, const State& state) override {
         this->synchronize();
@@ -53,7 +52,7 @@ public:
 
         typename DeltaBackend::Launch launch;
         launch.block = dim3(block_);
-        launch.grid = dim3(blocks_for(threads_for(problem), block_));
+        launch.grid = dim3(blocks_for(problem.particle_count(), block_));
         launch.step = make_delta_step<Real>(problem, placement, this->formulation());
         launch.step.lists = lists_on_device_.data();
         launch.step.compliance = compliance_.data();
@@ -112,18 +111,10 @@ private:
         launch.kernel = this->kernel(source(problem));
     }
 
-    /// A thread steps one particle, or two that follow one another.
-    std::size_t threads_for(const Problem& problem) const {
-        return pairs_ ? (problem.particle_count() + 1) / 2 : problem.particle_count();
-    }
-
     KernelSource source(const Problem& problem) const {
         const std::uint32_t terms = (interior_ ? term_interior : 0) | (own_.empty() ? 0 : term_own_springs);
-        KernelSource source =
-            this->family().source("delta.cu", problem, most_threads,
-                                  this->blocks_with(registers_for(problem), most_threads), terms);
-        if (pairs_) source.macros["PAIRS"] = "1";
-        return source;
+        return this->family().source("delta.cu", problem, most_threads,
+                                     this->blocks_with(registers_for(problem), most_threads), terms);
     }
 
     int registers_for(const Problem& problem) const {
@@ -132,7 +123,7 @@ private:
         const std::size_t at_once = std::size_t(this->device().multiprocessors()) * most_threads *
                                     std::size_t(this->blocks_with(many, most_threads));
         // All threads run at once: room for more of them is of no use.
-        if (threads_for(problem) <= at_once) return many;
+        if (problem.particle_count() <= at_once) return many;
         switch (this->formulation()) {
             case Formulation::paper:
             case Formulation::position:
@@ -161,7 +152,6 @@ private:
     const unsigned block_;
     const std::string registers_;
     const bool interior_;
-    const bool pairs_;
     std::vector<Slice> slices_;
     OwnLists<Real> own_;
     Buffer<Slice> slices_on_device_;
@@ -180,13 +170,11 @@ const Registered entry({
                "springs of any topology beyond them by slices.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    .tuning = tuning({{"block", {"128", "64", "256"}},
+    .tuning = tuning({{"block", {"256", "128", "64"}},
                       // Of a thread in float32, half of those in float64.
                       {"registers", {"auto", "32", "40", "48", "64", "80"}},
                       // Whether a warp whose particles all have all neighbours goes a way without masks.
-                      {"interior", {"vote", "mask"}},
-                      // Of a thread.
-                      {"particles", {"1", "2"}}}),
+                      {"interior", {"vote", "mask"}}}),
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         const KernelFamily family(options, Fetch::through_l1);
         if (options.precision == Precision::float32)

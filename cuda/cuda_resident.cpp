@@ -173,7 +173,7 @@ const Registered entry({
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement,
                      Formulation::paper},
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},
-                      {"overlap", {"off", "on"}},
+                      {"overlap", {"on", "off"}},
                       {"pollers", {"256", "128", "512"}}}),
     .make = [](const Options& options) { return std::make_unique<ResidentBackend>(options); },
     .bytes = resident_bytes,

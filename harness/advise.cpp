@@ -5,6 +5,7 @@
 #include <tuple>
 
 #include "harness/bad_input.h"
+#include "harness/schema_versions.h"
 
 namespace voxspring {
 namespace {
@@ -41,6 +42,7 @@ bool faster(const Candidate& a, const Candidate& b) {
 }  // namespace
 
 std::vector<Candidate> candidates_of(JsonObject result, const std::string& scene) {
+    check_schema_version(result, result_schema_version);
     const JsonValue list = result.require("pareto", "the result of a study of kind pareto");
     std::vector<Candidate> candidates;
     std::set<std::string> scenes;

@@ -56,49 +56,51 @@ const std::vector<Rule>& rules() {
     // Bounds that more than one rule shares.
     constexpr double most_resident = 6e4;  // 512 a multiprocessor of a large card
     constexpr double sparse = 0.5;         // occupancy under which lists are shorter than a lattice
-    constexpr double least_marched = 1e6;  // particles from which on columns fill a card
+    constexpr double least_marched = 6e6;  // particles from which on columns fill a card
     constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
     static const std::vector<Rule> list = {
-        // fastest-box32-heart.json: the box of 32^3 1.09 against 2.13 of cuda_implicit_cached:fetch=l1, the
-        // heart
-        // 1.27 against 2.63 of cuda_explicit_delta.
-        {"cuda_resident", "", 0, most_resident, 0, any_occupancy,
+        // fastest.json: the box of 32^3 0.87 against 2.12 of cuda_implicit_cached:fetch=l1, the heart 1.30
+        // against 2.80 of cuda_explicit_delta. An edit lays its tables out anew, 7 ms.
+        {"cuda_resident", "", 0, most_resident, 0, any_occupancy, false,
          "state stays on the chip from step to step"},
-        // fastest-box256.json: 172 against 297 of cuda_implicit_cached:fetch=l1; fastest-box512.json: 1307
-        // against
-        // 2363.
-        {"cuda_march", "", least_marched, any_number, 0, any_occupancy,
+        // fastest.json: the box of 256^3 167 against 297 of cuda_implicit_cached:fetch=l1, that of 128^3 52
+        // against 46, the heart of 480x408x368 403 against 284 of cuda_explicit_delta. An edit lays its plan
+        // out anew: incision@256
+        // 16862 against 299.
+        {"cuda_march", "", least_marched, any_number, sparse, any_occupancy, false,
          "each thread marches along a column and reads a particle once"},
-        {"cuda_explicit_delta", "", 0, any_number, 0, sparse, "compressed lists of active particles alone"},
+        {"cuda_explicit_delta", "", 0, any_number, 0, sparse, true,
+         "compressed lists of active particles alone"},
         // table1.json: the heart 2.69 against 3.39 of cuda_implicit_cached, the box of 32^3 2.61
         // against 2.46.
-        {"cuda_explicit_cached_grid", "", fits_one_wave, 1e5, 0, sparse, "lists of active particles alone"},
+        {"cuda_explicit_cached_grid", "", fits_one_wave, 1e5, 0, sparse, true,
+         "lists of active particles alone"},
         // figure8.json: the box of 8^3 1.81 against 2.12 of cuda_implicit_cached:fetch=l1, 16^3 2.04 against
         // 2.30, 32^3 2.57 against 2.42.
-        {"cuda_explicit_cached_grid", "fetch=l1", 0, fits_one_wave, 0, any_occupancy,
+        {"cuda_explicit_cached_grid", "fetch=l1", 0, fits_one_wave, 0, any_occupancy, true,
          "a step is hardly more than a launch, and lists compute no address"},
         // figure8.json: fastest from 32^3 (2.42) to 256^3 (288 against 332 of cuda_implicit_shared).
-        {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy,
+        {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy, true,
          "a lattice needs no lists, and L1 holds what neighbours share"},
         // tuning.json: 543 on the box of 256^3 against 1028 of cuda_explicit_cached; both take any springs.
-        {"cuda_explicit_device", "fetch=l1", 0, any_number, 0, any_occupancy,
+        {"cuda_explicit_device", "fetch=l1", 0, any_number, 0, any_occupancy, true,
          "lists, which take springs beyond the lattice"},
-        {"gl_compute_explicit", "", 0, any_number, 0, sparse, "lists of active particles alone"},
-        {"gl_compute_implicit", "", 0, any_number, 0, any_occupancy, "a lattice needs no lists"},
+        {"gl_compute_explicit", "", 0, any_number, 0, sparse, true, "lists of active particles alone"},
+        {"gl_compute_implicit", "", 0, any_number, 0, any_occupancy, true, "a lattice needs no lists"},
         // table1.json: 34.4 against 47.0 of gl_fragment_explicit, the heart 34.6 against 51.9.
-        {"gl_fragment_implicit", "", 0, any_number, 0, any_occupancy,
+        {"gl_fragment_implicit", "", 0, any_number, 0, any_occupancy, true,
          "a lattice needs no lists, and the stencil mask skips what is empty"},
-        {"gl_fragment_explicit", "", 0, any_number, 0, any_occupancy,
+        {"gl_fragment_explicit", "", 0, any_number, 0, any_occupancy, true,
          "lists, which take springs beyond the lattice"},
         // amd-epyc/fastest.json: several times the speed of OpenGL on the same processor.
-        {"cpu_parallel", "", 0, any_number, 0, any_occupancy, "every core and its registers"},
-        {"cpu_reference", "", 0, any_number, 0, any_occupancy,
+        {"cpu_parallel", "", 0, any_number, 0, any_occupancy, true, "every core and its registers"},
+        {"cpu_reference", "", 0, any_number, 0, any_occupancy, true,
          "lists, which take springs beyond the lattice"}};
     return list;
 }
 
-Workload workload_of(const Problem& problem) {
-    return {problem.lattice.voxel_count(), problem.particle_count()};
+Workload workload_of(const Scene& scene) {
+    return {scene.problem.lattice.voxel_count(), scene.problem.particle_count(), !scene.edits.empty()};
 }
 
 bool holds(const Rule& rule, const Workload& workload) {
@@ -106,7 +108,8 @@ bool holds(const Rule& rule, const Workload& workload) {
     // A network of springs without a lattice is as sparse as can be.
     const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
     return particles >= rule.least_particles && particles < rule.most_particles &&
-           occupancy >= rule.least_occupancy && occupancy < rule.most_occupancy;
+           occupancy >= rule.least_occupancy && occupancy < rule.most_occupancy &&
+           (rule.edits || !workload.edited);
 }
 
 std::string describe(const Workload& workload) {
@@ -131,10 +134,10 @@ bool may_be_chosen(const BackendSpec& spec, const Backend& backend) {
     return !spec.entry->name.starts_with("gl_") || !is_software(backend.capabilities().device);
 }
 
-Chosen choose_by_rules(const std::string& text, const Problem& problem,
+Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes) {
     check_auto(text);
-    const Workload workload = workload_of(problem);
+    const Workload workload = workload_of(scene);
     const std::string options = options_of(text);
     for (const Rule& rule : rules()) {
         if (!holds(rule, workload) || registry().count(rule.backend) == 0) continue;
@@ -151,10 +154,10 @@ Chosen choose_by_rules(const std::string& text, const Problem& problem,
     throw Unavailable("no backend of this build takes the scene on a device of this machine");
 }
 
-AutoChoice choose_backend(const std::string& text, const Problem& problem,
+AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(const Backend&)>& accepts) {
     std::unique_ptr<Backend> backend;
-    Chosen chosen = choose_by_rules(text, problem, [&](const BackendSpec& spec) {
+    Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();
         return may_be_chosen(spec, *backend) && accepts(*backend);
     });
@@ -165,7 +168,7 @@ nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nloh
     const nlohmann::json& first = rows.front();
     const std::string scene = first.at("scene"), formulation = first.at("formulation"),
                       precision = first.at("precision");
-    const Workload workload{first.at("voxels"), first.at("particles")};
+    const Workload workload{first.at("voxels"), first.at("particles"), first.contains("edits")};
     // A backend that has no row of this kind anywhere does not have the formulation or the precision.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {

@@ -16,9 +16,10 @@ namespace voxspring {
 /// What the choice depends on beside the devices.
 struct Workload {
     std::uint64_t voxels = 0, particles = 0;
+    bool edited = false;  ///< springs are cut or joined between steps
     double occupancy() const { return double(particles) / double(voxels); }
 };
-Workload workload_of(const Problem& problem);
+Workload workload_of(const Scene& scene);
 
 /// A rule: a backend and the workloads for which it is the fastest that was measured. Bounds are inclusive
 /// below and exclusive above.
@@ -27,6 +28,7 @@ struct Rule {
     std::string tuning;  ///< "fetch=l1": what is not at its default; empty: nothing
     double least_particles, most_particles;
     double least_occupancy, most_occupancy;
+    bool edits;          ///< also where springs are edited
     std::string reason;  ///< as a user reads it
 };
 /// In the order in which they are asked: the first that holds, and whose backend is here and takes the
@@ -51,11 +53,11 @@ bool asks_for_auto(const std::string& text);
 /// The choice that `text`, "auto[:formulation=...,precision=...]", leaves to the rules on this machine.
 /// `accepts` says whether a backend can run the scene (Playback::unsupported). Throws BadSpecification for
 /// other keys, and Unavailable if no backend of this build takes the scene.
-AutoChoice choose_backend(const std::string& text, const Problem& problem,
+AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(const Backend&)>& accepts);
 /// The same where nothing is to be constructed here: `takes` says of a backend whether it is available, may
 /// be chosen and takes the scene.
-Chosen choose_by_rules(const std::string& text, const Problem& problem,
+Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes);
 /// Whether the rules may choose what is constructed here: OpenGL in software never is.
 bool may_be_chosen(const BackendSpec& spec, const Backend& backend);

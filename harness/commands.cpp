@@ -4,7 +4,6 @@
 #include <glm/geometric.hpp>
 #include <iomanip>
 #include <iostream>
-#include <limits>
 #include <memory>
 #include <sstream>
 #include <utility>
@@ -14,10 +13,12 @@
 #include "harness/auto_choice.h"
 #include "harness/bad_input.h"
 #include "harness/divergence.h"
+#include "harness/export.h"
 #include "harness/fastest.h"
 #include "harness/interruption.h"
 #include "harness/limits.h"
 #include "harness/pareto.h"
+#include "harness/pictures.h"
 #include "harness/playback.h"
 #include "harness/result.h"
 #include "harness/scene.h"
@@ -64,24 +65,15 @@ std::string bytes_text(std::uint64_t bytes) {
 
 void print_heading(const char* heading, std::ostream& out) { out << heading << "\n"; }
 
-void write_csv(const std::filesystem::path& path, const Scene& scene, const State& state) {
-    const Problem& problem = scene.problem;
-    std::ostringstream text;
-    text << std::setprecision(std::numeric_limits<double>::max_digits10);
-    text
-        << "voxel_x,voxel_y,voxel_z,x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,"
-           "velocity_z\n";
-    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        const glm::ivec3 voxel = problem.lattice.coordinates(problem.lattice.voxel[i]);
-        const glm::dvec3 position = problem.rest_position[i] + state.displacement[i];
-        const glm::dvec3 velocity = state.increment[i] / problem.time_step;
-        text << voxel.x << "," << voxel.y << "," << voxel.z;
-        for (const glm::dvec3& v : {position, state.displacement[i], velocity}) {
-            text << "," << v.x << "," << v.y << "," << v.z;
-        }
-        text << "\n";
+/// Not finite where any is not.
+double largest_displacement(const State& state) {
+    double largest = 0;
+    for (const glm::dvec3& u : state.displacement) {
+        // NaN and infinity stay.
+        if (!(glm::length(u) <= largest)) largest = glm::length(u);
+        if (!std::isfinite(largest)) break;
     }
-    write_atomically(path, text.str());
+    return largest;
 }
 
 }  // namespace
@@ -256,12 +248,12 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     } else {
         spec = BackendSpec::parse(options.backend);
     }
-    if (options.out) check_writable(*options.out, "--out", ".csv");
+    Exports exports(options.out, options.steps);
     const Scene scene = load_scene(argument);
     Playback playback(scene);
     std::unique_ptr<Backend> backend;
     if (by_rules) {
-        AutoChoice choice = choose_backend(options.backend, scene.problem, [&](const Backend& candidate) {
+        AutoChoice choice = choose_backend(options.backend, scene, [&](const Backend& candidate) {
             return playback.unsupported(candidate).empty();
         });
         out << "auto: " << choice.reason << "\n";
@@ -275,27 +267,38 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     }
     const Watch watch = watch_of(scene, options.steps);
     backend->watch(watch);
-    playback.rewind(*backend);
-    const Timing timing = backend->timed([&] { playback.run(*backend, options.steps); });
-    const State state = backend->download();
-    const auto departure = find_departure(*backend, playback, watch, state, options.steps);
+    Timing timing;
     double largest = 0;
-    for (const glm::dvec3& u : state.displacement) {
-        // NaN and infinity stay.
-        if (!(glm::length(u) <= largest)) largest = glm::length(u);
-        if (!std::isfinite(largest)) break;
-    }
-    if (departure || !std::isfinite(largest)) {
-        throw std::runtime_error(spec.entry->name + ": " + scene.name + " " +
-                                 (departure ? describe(*departure, watch) : "is no longer finite") +
-                                 "; time step " + std::to_string(scene.problem.time_step) + ", stable " +
-                                 std::to_string(scene.stable_time_step));
-    }
+    const auto play = [&](const auto& take) {
+        timing = {};
+        playback.rewind(*backend);
+        for (int step = 0; step < options.steps;) {
+            const int end = exports.next(step);
+            const Timing batch = backend->timed([&] { playback.run(*backend, end - step); });
+            timing.device_seconds += batch.device_seconds;
+            timing.host_seconds += batch.host_seconds;
+            step = end;
+            const State state = backend->download();
+            const auto departure = find_departure(*backend, playback, watch, state, step);
+            largest = largest_displacement(state);
+            if (departure || !std::isfinite(largest)) {
+                throw std::runtime_error(spec.entry->name + ": " + scene.name + " " +
+                                         (departure ? describe(*departure, watch) : "is no longer finite") +
+                                         "; time step " + std::to_string(scene.problem.time_step) +
+                                         ", stable " + std::to_string(scene.stable_time_step));
+            }
+            take({scene, playback.problem(), state, step, step * scene.problem.time_step, spec.label()});
+        }
+    };
+    if (exports.looks_ahead()) play([&](const Snapshot& snapshot) { exports.look_at(snapshot); });
+    play([&](const Snapshot& snapshot) { exports.write(snapshot); });
     out << scene.name << ": " << options.steps << " steps of " << scene.problem.particle_count()
         << " particles on " << spec.label() << " in " << timing.host_seconds << " s, "
         << timing.device_seconds / options.steps * 1e6 << " us a step; largest displacement " << largest
         << "\n";
-    if (options.out) write_csv(*options.out, scene, state);
+    if (const Pictures* pictures = exports.pictures();
+        pictures != nullptr && pictures->colouring() == Colouring::error)
+        out << "largest error against float64 " << pictures->largest() << "\n";
     return 0;
 }
 

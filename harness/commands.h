@@ -5,7 +5,9 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <vector>
 
+#include "harness/export.h"
 #include "harness/study.h"
 
 namespace voxspring {
@@ -22,7 +24,7 @@ void describe_scene(const std::string& scene, bool json, std::ostream& out);
 struct RunOptions {
     std::string backend;
     int steps = 100;
-    std::optional<std::filesystem::path> out;
+    ExportOptions out;
 };
 
 /// `voxspring run`: returns the exit code. Throws BadInput, BadSpecification.

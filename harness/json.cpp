@@ -282,6 +282,15 @@ JsonObject parse_json(std::string_view text, const std::string& file) {
     return JsonObject(JsonValue(std::move(document), root, ""));
 }
 
+void check_schema_version(JsonObject& document, int newest) {
+    const auto version = document.find("schema_version");
+    if (!version) return;
+    const double number = version->is_number() ? version->number() : 0;
+    if (number < 1 || number > newest || std::floor(number) != number)
+        version->refuse((newest > 1 ? "1 to " : "") + std::to_string(newest) +
+                        ": this program reads no other version");
+}
+
 JsonObject read_json(const std::filesystem::path& file) {
     std::error_code error;
     if (!std::filesystem::is_regular_file(file, error))

@@ -94,6 +94,9 @@ private:
 /// beyond 32 and numbers that overflow a double are refused. `file` is what messages name.
 JsonObject parse_json(std::string_view text, const std::string& file);
 
+/// Refuses a document whose `schema_version` is beyond `newest`. One without is of version 1.
+void check_schema_version(JsonObject& document, int newest);
+
 /// The object in a file of at most 16 MiB.
 JsonObject read_json(const std::filesystem::path& file);
 

@@ -9,6 +9,7 @@
 #include "backends/registry.h"
 #include "harness/bad_input.h"
 #include "harness/commands.h"
+#include "harness/export.h"
 
 int main(int argc, char** argv) {
     using namespace voxspring;
@@ -51,7 +52,22 @@ int main(int argc, char** argv) {
     run->add_option("--steps", run_options.steps, "Time steps")
         ->check(CLI::PositiveNumber)
         ->capture_default_str();
-    run->add_option("--out", run_options.out, "Final state as a .csv file");
+    run->add_option(
+           "--out", run_options.out.out,
+           "File for the final state; its ending is its format. May be given several times:" + list_formats())
+        ->allow_extra_args(false);
+    run->add_option("--every", run_options.out.every,
+                    "Steps between the files of a series: --out body.vtu writes body_000100.vtu, ... and, "
+                    "for ParaView, body.pvd with the times of all")
+        ->check(CLI::PositiveNumber);
+    run->add_option("--frames", run_options.out.frames,
+                    "Folder for a series of pictures, frame_000100.png, ...: one after each --every steps, " +
+                        std::to_string(most_frames) + " without it");
+    run->add_option(
+        "--colour", run_options.out.colour,
+        "What pictures are coloured by: displacement, or error, the distance from float64 after the "
+        "same steps");
+    run->add_option("--size", run_options.out.size, "WIDTHxHEIGHT of pictures in pixels: 1280x960");
     run->callback([&] { exit_code = run_scene(scene, run_options, std::cout); });
 
     std::string study;

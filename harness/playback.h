@@ -27,6 +27,9 @@ public:
     using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;
     void run(Backend& backend, int steps, const Edit& edit = {});
 
+    /// The problem as the edits up to here left it.
+    const Problem& problem() const { return edited_ ? *edited_ : scene_.problem; }
+
     /// Edits due within the first `steps` steps.
     int edits_within(int steps) const;
 

@@ -182,7 +182,12 @@ const State& References::run(const Scene& scene, int steps, const std::string& s
 }
 
 State References::after(const Scene& scene, int steps) {
-    return is_large(scene) ? computed(scene, steps, reference_without_lists) : run(scene, steps, reference);
+    const std::string of = specification(scene);
+    return is_large(scene) ? computed(scene, steps, of) : run(scene, steps, of);
+}
+
+std::string References::specification(const Scene& scene) {
+    return is_large(scene) ? reference_without_lists : reference;
 }
 
 Refined References::refined(const Scene& scene, const Span& span, std::vector<int> counts) {

@@ -82,6 +82,8 @@ public:
     /// Trajectories computed so far rather than found.
     int computed() const { return computed_; }
 
+    /// The backend that references of the scene are of.
+    static std::string specification(const Scene& scene);
     /// Whether references of the scene are of cpu_parallel.
     static bool is_large(const Scene& scene);
 

@@ -1,5 +1,5 @@
 // A scene: what is simulated, from which state, with which time step. harness/scenes/README.md describes the
-// file format, harness/scenes/scene.schema.json publishes it.
+// file format, results/scene.schema.json publishes it.
 #pragma once
 
 #include <string>
@@ -41,6 +41,12 @@ Scene load_scene(const std::string& argument, const Limits& limits = Limits::of_
 /// The scene that the JSON `text` describes. `file` is what messages name and what a volume's path is
 /// relative to; its stem is the scene's name.
 Scene parse_scene(const std::string& text, const std::string& file, const Limits& limits);
+
+/// The scene of a problem that was built in memory, without edits. `state` is empty for one at rest. A time
+/// step of 0 becomes half of the stable one. Throws std::invalid_argument, saying what, where a name has a
+/// '/' or a blank, an array is neither empty, where it may be, nor of one element a particle, or a number or
+/// an index is out of its range.
+Scene scene_of(std::string name, Problem problem, State state = {});
 
 /// The problem with every spring that an edit of the scene ever adds beyond its lattice: what limits the time
 /// step.

@@ -7,6 +7,7 @@
 
 #include "harness/bad_input.h"
 #include "harness/dataset.h"
+#include "harness/schema_versions.h"
 
 namespace voxspring {
 namespace {
@@ -301,6 +302,7 @@ std::string to_string(SpringGroup group) {
 SceneFile read_scene_file(JsonObject document) {
     SceneFile scene;
     if (const auto schema = document.find("$schema")) schema->string();
+    check_schema_version(document, scene_schema_version);
     if (const auto text = document.find("description")) scene.description = text->string();
     scene.dataset = read_dataset(document.require("dataset", "a box, heart or volume").object());
     if (const auto groups = document.find("spring_groups")) scene.spring_groups = read_spring_groups(*groups);

@@ -1,5 +1,5 @@
 // What a scene file says, before any voxel is made: its keys, checked one by one. What can only be judged
-// against the voxels is judged in scene.cpp. Accepts exactly what scenes/scene.schema.json accepts.
+// against the voxels is judged in scene.cpp. Accepts exactly what results/scene.schema.json accepts.
 #pragma once
 
 #include <cstdint>

@@ -9,6 +9,7 @@
 #include "harness/auto_choice.h"
 #include "harness/bad_input.h"
 #include "harness/json.h"
+#include "harness/schema_versions.h"
 #include "harness/selection.h"
 
 namespace voxspring {
@@ -152,6 +153,7 @@ Study load_study(const std::string& argument) {
     Study study;
     study.name = path.stem().string();
     if (const auto schema = root.find("$schema")) (void)schema->string();
+    check_schema_version(root, study_schema_version);
     if (const auto description = root.find("description")) study.description = description->string();
     if (const auto kind = root.find("kind")) study.kind = read_choice(*kind, study_kinds);
     if (study.kind == StudyKind::timing) {

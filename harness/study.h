@@ -4,12 +4,14 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "harness/fastest.h"
+#include "harness/scene.h"
 #include "harness/stress.h"
 
 namespace voxspring {
@@ -29,11 +31,12 @@ struct StudyScene {
     int steps = 0;                      ///< in a batch, errors are taken after it; of pareto see TimeSteps
     std::vector<std::string> backends;  ///< backend patterns; empty: the study's
     bool map = false;                   ///< of a stability study: with a map of damping against time step
-    StressLengths lengths = StressLengths::full;  ///< of a stress study
-    bool rewind = true;                           ///< of a fastest study: see Batch
+    StressLengths lengths = StressLengths::full;   ///< of a stress study
+    bool rewind = true;                            ///< of a fastest study: see Batch
+    std::shared_ptr<const Scene> built = nullptr;  ///< one that is at hand, in the place of load_scene(scene)
 };
 
-/// A study file (harness/studies/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
+/// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
 /// registered backend whose name matches and that has these options, with them; `formulation=*` and
 /// `precision=*` stand for each that the backend has. `auto[:key=value,...]` is what `--backend auto` takes
 /// for the scene (auto_choice.h).

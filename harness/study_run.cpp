@@ -29,6 +29,7 @@
 #include "harness/reference.h"
 #include "harness/result.h"
 #include "harness/scene.h"
+#include "harness/schema_versions.h"
 #include "harness/selection.h"
 #include "harness/shared_state.h"
 #include "harness/stability_study.h"
@@ -70,6 +71,7 @@ class Scenes {
 public:
     std::shared_ptr<const Scene> of(const Study& study, const StudyScene& item) {
         if (study.kind == StudyKind::stress) return std::make_shared<const Scene>(stands_for_all(item));
+        if (item.built) return item.built;
         if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
         auto scene = std::make_shared<const Scene>(load_scene(item.scene));
         if (particles_ + scene->problem.particle_count() <= Limits::of_this_machine().particles / 4) {
@@ -261,6 +263,7 @@ private:
     }
 
     void begin_result() {
+        result_["schema_version"] = result_schema_version;
         result_["context"] = plain_context();
         for (const char* list : {"benchmarks", "verification", "skipped", "failed"})
             result_[list] = nlohmann::json::array();
@@ -278,8 +281,10 @@ private:
         for (const StudyScene& item : study_.scenes) {
             scenes.push_back(
                 {item.scene, item.steps, item.backends, item.map, int(item.lengths), item.rewind});
-            // What a file holds may have changed since; built-in scenes are of the program.
-            if (std::filesystem::exists(item.scene) && !too_large_.contains(item.scene))
+            // What a file holds may have changed since, or what another program built; built-in scenes are of
+            // this one.
+            const bool may_change = item.built != nullptr || std::filesystem::exists(item.scene);
+            if (may_change && !too_large_.contains(item.scene))
                 files[item.scene] = fingerprint_of(*scenes_.of(study_, item));
         }
         const nlohmann::json build = build_context();
@@ -362,7 +367,7 @@ private:
     std::vector<std::string> with_choices(std::vector<std::string> patterns, const Scene& scene) {
         for (std::string& pattern : patterns) {
             if (!asks_for_auto(pattern)) continue;
-            const Chosen choice = choose_by_rules(pattern, scene.problem, [&](const BackendSpec& spec) {
+            const Chosen choice = choose_by_rules(pattern, scene, [&](const BackendSpec& spec) {
                 const auto accepts = [&](const Backend& backend) -> nlohmann::json {
                     return may_be_chosen(spec, backend) && Playback(scene).unsupported(backend).empty();
                 };

@@ -35,6 +35,8 @@ except ImportError as absent:
     print(f"diff.py: {absent}: install Debian's python3-scipy, or with pip scipy", file=sys.stderr)
     sys.exit(2)
 
+import versions
+
 IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # What tells the rows of one identity apart, by the list they are in.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
@@ -92,6 +94,8 @@ class Result:
             refuse(f"{path}: {error}; expected a result that `voxspring study` wrote")
         if not isinstance(self.json, dict):
             self.refuse("the document", self.json, "an object")
+        if reason := versions.unread(self.json):
+            refuse(f"{self.path}: {reason}")
         self.context = self.get(self.get(self.json, "", "context", dict), "context.", "voxspring", dict)
         self.rows = collections.defaultdict(list)
         self.unmeasured = {"failed": {}, "skipped": {}}

@@ -25,6 +25,8 @@ matplotlib.rcParams.update({"svg.hashsalt": "voxspring", "svg.fonttype": "none",
 import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 
+import versions
+
 # Okabe and Ito's palette, which colour-blind readers tell apart too.
 COLOURS = {"paper": "#D55E00", "position": "#E69F00", "displacement": "#56B4E9", "increment": "#0072B2",
            "compensated": "#009E73"}
@@ -44,6 +46,8 @@ def read_rows(path):
         result = json.loads(path.read_text())
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         refuse(f"{path}: {error}")
+    if isinstance(result, dict) and (reason := versions.unread(result)):
+        refuse(f"{path}: {reason}")
     rows = result.get("pareto") if isinstance(result, dict) else None
     if not isinstance(rows, list):
         refuse(f"{path}: pareto: expected the result of a study of kind pareto")

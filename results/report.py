@@ -2,10 +2,11 @@
 """Makes one self-contained page of results: which strategy is the fastest on each dataset, what it costs in error, and
 the figures behind that.
 
-Usage: report.py [RESULTS...] -o report.html [--picture FILE.png]...
+Usage: report.py [RESULTS...] -o report.html [--pictures FOLDER [--program VOXSPRING]]
 
 RESULTS are results of `voxspring study` (schema.json), or folders, which are searched for such files; this folder unless
-some are named. Several files of one study on one machine add its history. The page needs no network. It is written in one
+some are named. Several files of one study on one machine add its history. --pictures shows the datasets: VOXSPRING draws
+them into FOLDER, where they stay until it is newer; without it those that are there are shown. The page needs no network. It is written in one
 go, and its path printed: after any error, which names file, key and value and exits with 2, the old one is as it was.
 `./run report` makes it with the packages in requirements.txt.
 """
@@ -17,7 +18,6 @@ import sys
 import tempfile
 
 HERE = pathlib.Path(__file__).resolve().parent
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def refuse(message):
@@ -26,21 +26,10 @@ def refuse(message):
 
 
 try:
-    from page import document, reading
+    from page import document, pictures, reading
 except ModuleNotFoundError as error:
     refuse(f"the Python package {error.name} is missing: `./run report` installs it, or pip install -r "
            f"{HERE / 'requirements.txt'}")
-
-
-def read_picture(path):
-    """A picture's name in words, and its bytes."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise reading.BadInput(f"--picture {path}: {error.strerror}") from None
-    if not data.startswith(PNG_SIGNATURE):
-        raise reading.BadInput(f"--picture {path}: begins with {data[:8]!r}; expected a PNG file")
-    return path.stem.replace("_", " "), data
 
 
 def write_whole(path, text):
@@ -63,12 +52,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=pathlib.Path, nargs="*", default=[HERE], metavar="RESULTS")
     parser.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="report.html")
-    parser.add_argument("--picture", type=pathlib.Path, action="append", default=[], metavar="FILE.png",
-                        help="a picture to show; its file's name, _ as spaces, is what it is called")
+    parser.add_argument("--pictures", type=pathlib.Path, metavar="FOLDER", help="where pictures of the datasets are")
+    parser.add_argument("--program", type=pathlib.Path, metavar="VOXSPRING", help="what draws those that are missing")
     options = parser.parse_args()
+    if options.program and not options.pictures:
+        parser.error("--program needs --pictures, the folder that it draws into")
     try:
         results = reading.read_all(options.results)
-        text = document.page(results, [read_picture(path) for path in options.picture])
+        shown = pictures.gather(results, options.pictures, options.program) if options.pictures else ({}, [])
+        text = document.page(results, *shown)
     except reading.BadInput as error:
         refuse(error)
     try:

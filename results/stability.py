@@ -20,6 +20,8 @@ import matplotlib.pyplot as plt  # noqa: E402  the backend is chosen first
 from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.patches import Patch  # noqa: E402
 
+import versions  # noqa: E402
+
 # Okabe and Ito's palette, which colour-blind readers tell apart; the letters say the same.
 REGIONS = {"bounded": "#56b4e9", "heating": "#f0e442", "diverged": "#d55e00"}
 MARKERS = ["o", "s", "^", "D", "v", "P", "X", "*"]
@@ -79,6 +81,8 @@ def main():
         rows, maps = result["stability"], result["stability_map"]
     except (OSError, ValueError, KeyError) as error:
         parser.error(f"{arguments.file}: {error!r}; expected the result of a stability study")
+    if reason := versions.unread(result):
+        parser.error(f"{arguments.file}: {reason}")
     if not rows:
         parser.error(f"{arguments.file}: expected a row of stability at least")
     figure, axes = plt.subplots(1 + len(maps), 1, figsize=(7.5, 4.4 * (1 + len(maps))), squeeze=False,

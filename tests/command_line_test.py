@@ -153,13 +153,137 @@ class Run(InTemporaryFolder):
         self.assertFalse(out.exists())
 
 
+def read_png(path):
+    """A picture's size, its pixels as rows of (red, green, blue, opacity) from 0 to 1, and what it says of itself."""
+    import matplotlib.image
+    pixels = matplotlib.image.imread(path)
+    data = path.read_bytes()
+    place = data.index(b"tEXtvoxspring\0")
+    length = int.from_bytes(data[place - 4:place], "big")
+    return pixels, json.loads(data[place + len("tEXtvoxspring") + 1:place + 4 + length])
+
+
+class Pictures(InTemporaryFolder):
+    def setUp(self):
+        super().setUp()
+        self.out = self.folder / "body.png"
+
+    def draw(self, scene, *options):
+        return voxspring("run", scene, "--backend", "cpu_parallel", *options)
+
+    def test_shows_the_deformed_body(self):
+        result = self.draw("heart", "--steps", 50, "--out", self.out, "--size", "320x240")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        pixels, about = read_png(self.out)
+        self.assertEqual(pixels.shape, (240, 320, 4))
+        body = pixels[:200, :, 3]
+        self.assertEqual([body[0, 0], body[0, -1], body[-1, 0], body[-1, -1]], [0, 0, 0, 0])
+        # It is as wide or as high as the picture lets it. 0.52 of the part above the legend were seen to be heart.
+        self.assertTrue(0.45 < (body == 1).mean() < 0.6, (body == 1).mean())
+        largest = float(re.search(r"largest displacement (\S+)", result.stdout)[1])
+        self.assertAlmostEqual(about.pop("largest") / largest, 1, places=5)  # printed to six digits
+        self.assertTrue(about.pop("renderer"))
+        self.assertEqual(about, {"scene": "heart", "particles": 29449, "steps": 50, "coloured_by": "displacement",
+                                 "backend": "cpu_parallel/increment/float32"})
+        again = self.folder / "again.png"
+        self.draw("heart", "--steps", 50, "--out", again, "--size", "320x240")
+        self.assertEqual(again.read_bytes(), self.out.read_bytes())
+        self.assertEqual({path.name for path in self.folder.iterdir()}, {"body.png", "again.png"})
+
+    def test_shows_the_error_against_float64(self):
+        state, reference = self.folder / "state.csv", self.folder / "reference.csv"
+        result = self.draw("box@8", "--steps", 40, "--out", self.out, "--out", state, "--colour", "error")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        pixels, about = read_png(self.out)
+        self.assertEqual(pixels.shape, (960, 1280, 4))
+        voxspring("run", "box@8", "--backend", "cpu_reference", "--steps", 40, "--out", reference)
+        rows = [list(csv.DictReader(path.read_text().splitlines())) for path in (state, reference)]
+        errors = [math.dist(*([float(row[f"displacement_{axis}"]) for axis in "xyz"] for row in pair))
+                  for pair in zip(*rows)]
+        self.assertGreater(max(errors), 0)
+        self.assertAlmostEqual(about["largest"] / max(errors), 1, places=12)
+        self.assertIn(f"largest error against float64 {max(errors):.6g}\n", result.stdout)
+        # float64 against itself is a picture as well.
+        result = voxspring("run", "box@8", "--backend", "cpu_reference", "--steps", 40, "--out", self.out, "--colour", "error")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertEqual(read_png(self.out)[1]["largest"], 0)
+
+    def test_frames_have_one_camera_and_one_scale(self):
+        frames = self.folder / "frames"
+        result = self.draw("box@6", "--steps", 50, "--frames", frames, "--every", 20, "--size", "160x120")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        names = [f"frame_{step:06}.png" for step in (20, 40, 50)]
+        self.assertEqual(sorted(path.name for path in frames.iterdir()), names)
+        pictures = [read_png(frames / name) for name in names]
+        self.assertEqual([about["steps"] for _, about in pictures], [20, 40, 50])
+        # The legend, at the bottom, is the same in all, though the bodies differ.
+        for pixels, about in pictures[1:]:
+            self.assertTrue((pixels[102:] == pictures[0][0][102:]).all())
+            self.assertFalse((pixels[:102] == pictures[0][0][:102]).all())
+        # --out with --every is the same series. Without --every there are 50 frames or fewer.
+        result = self.draw("box@6", "--steps", 50, "--out", self.out, "--every", 20, "--size", "160x120")
+        self.assertEqual((self.folder / "body_000040.png").read_bytes(), (frames / names[1]).read_bytes())
+        self.assertFalse(self.out.exists())
+        many, state = self.folder / "many", self.folder / "state.csv"
+        self.draw("box@6", "--steps", 101, "--frames", many, "--out", state, "--size", "64x64")
+        self.assertEqual(len(list(many.iterdir())), 34)
+        self.assertTrue(state.exists(), "one file after the last step, not a series")
+
+    def test_beside_a_backend_that_has_a_context_of_its_own(self):
+        frames = self.folder / "frames"
+        result = voxspring("run", "box@6", "--backend", "gl_fragment_implicit:precision=float32", "--steps", 60, "--frames",
+                           frames, "--every", 30, "--colour", "error", "--size", "160x120")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        errors = [read_png(path)[1]["largest"] for path in sorted(frames.iterdir())]
+        # float32 keeps seven digits of displacements that are below one.
+        self.assertTrue(all(0 < error < 1e-6 for error in errors), errors)
+
+    def test_a_cut_is_seen(self):
+        scene = self.folder / "cut.json"
+        def draw(edits):
+            scene.write_text(json.dumps({
+                "dataset": {"type": "box", "dims": [9, 9, 9]}, "pinned": {"side": "z-"}, "gravity": [0, 0, 2e-2],
+                "time_step": {"fraction_of_stable": 0.5}, "edits": edits}))
+            result = self.draw(scene, "--steps", 150, "--out", self.out, "--size", "160x120")
+            self.assertEqual(result.returncode, 0, result.stderr)
+            return read_png(self.out)[0][:100, :, 3]
+        # The upper half flies away: between the halves one sees through.
+        whole = draw([])
+        apart = draw([{"step": 1, "cut": {"plane": {"point": [4, 4, 4.5], "normal": [0, 0, 1]}}}])
+        rows = [body.any(axis=1) for body in (whole, apart)]
+        inner = [row[row.argmax():len(row) - row[::-1].argmax()] for row in rows]
+        self.assertTrue(inner[0].all())
+        self.assertFalse(inner[1].all())
+
+    def test_refuses_bad_usage(self):
+        self.assert_refused(self.draw("box@6", "--colour", "error"), "--colour", "error", ".png", "--frames")
+        self.assert_refused(self.draw("box@6", "--out", self.folder / "a.csv", "--size", "90x90"), "--size", "90x90", ".png")
+        self.assert_refused(self.draw("box@6", "--out", self.out, "--colour", "red"), "red", "displacement or error")
+        for size in ("640", "640x", "63x640", "640x4097", "640x480x3", "-640x480", "640x480 ", "99999999999x480"):
+            self.assert_refused(self.draw("box@6", "--out", self.out, f"--size={size}"), "--size", size, "64 to 4096")
+        file = self.folder / "file"
+        file.write_text("")
+        self.assert_refused(self.draw("box@6", "--frames", file), "--frames", str(file))
+        self.assertEqual(self.draw("box@6", "--frames", self.folder, "--every", "0").returncode, 2)
+        self.assertEqual(list(self.folder.iterdir()), [file])
+
+    def test_says_where_there_is_no_opengl(self):
+        environment = {**os.environ, "__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent",
+                       "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"}
+        result = voxspring("run", "box@6", "--backend", "cpu_parallel", "--out", self.out, env=environment)
+        self.assertEqual((result.returncode, result.stdout), (1, ""))
+        self.assertIn("no OpenGL: ", result.stderr)
+        self.assertFalse(self.out.exists())
+        # What needs none goes on.
+        self.assertEqual(voxspring("run", "box@6", "--backend", "cpu_parallel", env=environment).returncode, 0)
+
+
 class Study(InTemporaryFolder):
     def test_builtin_studies_follow_their_schema(self):
-        with open("harness/studies/study.schema.json") as file:
+        with open("results/study.schema.json") as file:
             schema = jsonschema.Draft202012Validator(json.load(file))
         for path in pathlib.Path("harness/studies").glob("*.json"):
-            if path.name != "study.schema.json":
-                schema.validate(json.loads(path.read_text()))
+            schema.validate(json.loads(path.read_text()))
         self.assertFalse(schema.is_valid({"backends": ["*"], "scenes": []}))
         pareto = {"kind": "pareto", "backends": ["*"], "scenes": [{"scene": "box"}], "time_steps": [0.5, 0.25]}
         self.assertTrue(schema.is_valid(pareto))
@@ -261,7 +385,7 @@ class Study(InTemporaryFolder):
     def run_study(self, study):
         """The table and the result of a study of the user's, which follows its schema as the study does its own."""
         path, out = self.folder / "study.json", self.folder / "result.json"
-        with open("harness/studies/study.schema.json") as file:
+        with open("results/study.schema.json") as file:
             jsonschema.Draft202012Validator(json.load(file)).validate(study)
         path.write_text(json.dumps(study))
         ran = voxspring("study", path, "--out", out)

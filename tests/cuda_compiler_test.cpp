@@ -34,7 +34,6 @@ std::vector<Kind> kinds() {
         {"by_groups", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, memory},
         {"by_springs", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"SECONDARY", "1"}}, memory},
         {"delta", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, {"ThroughL1"}},
-        {"delta_pairs", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}, {"PAIRS", "1"}}, {"ThroughL1"}},
         {"add_forces", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"FORCES", "1"}}, {"ThroughL1"}},
         {"integrate", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, {"ThroughL1"}}};
 }

@@ -378,12 +378,11 @@ public:
     using typename Simulation<V>::Real;
     using typename Simulation<V>::Current;
 
-    /// `pairs`: a thread steps two particles. `interior`: with a way without masks.
-    DeltaSimulation(const Problem& problem, const State& start, bool pairs = false, bool interior = false)
+    /// `interior`: with a way without masks.
+    DeltaSimulation(const Problem& problem, const State& start, bool interior = false)
         : Simulation<V>(problem, start, place_guarded(problem),
                         problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
           needed_(has_common_terms(problem)),
-          pairs_(pairs),
           interior_(interior && problem.springs.empty()),
           compliance_(pack_compliance<Real>(problem, place_guarded(problem))),
           lists_(compress_lists(problem)),
@@ -415,13 +414,7 @@ private:
         step_.own_rest = own_.own_rest().data();
         const auto step_all = [&]<class Terms>(Terms) {
             // Some threads of the last block have no particle.
-            for (int i = 0; i < step_.particles + 7; i += pairs_ ? 2 : 1) {
-                if (pairs_) {
-                    step_two_by_deltas<Terms>(step_, i, current, output);
-                } else {
-                    step_by_deltas<Terms>(step_, i, current, output);
-                }
-            }
+            for (int i = 0; i < step_.particles + 7; ++i) step_by_deltas<Terms>(step_, i, current, output);
         };
         constexpr std::uint32_t terms = term_damping | term_gravity | term_interior;
         if (interior_ && step_.group_bits == EDGE_BITS) {
@@ -433,7 +426,7 @@ private:
         }
     }
 
-    bool needed_, pairs_, interior_;
+    bool needed_, interior_;
     std::vector<Real> compliance_;
     DeltaLists lists_;
     OwnLists<Real> own_;
@@ -566,12 +559,9 @@ TYPED_TEST(KernelBodies, ExplicitByDeltas) {
         const State start = random_state(problem, 0.05, 7);
         DeltaSimulation<TypeParam> simulation(problem, start);
         this->expect_reference(problem, start, simulation);
-        for (const auto& [pairs, interior] : {std::pair(true, false), {false, true}, {true, true}}) {
-            DeltaSimulation<TypeParam> other(problem, start, pairs, interior);
-            other.step(5);
-            EXPECT_EQ(other.download().displacement, simulation.download().displacement)
-                << (pairs ? "in pairs" : "") << (interior ? " without masks" : "");
-        }
+        DeltaSimulation<TypeParam> other(problem, start, true);
+        other.step(5);
+        EXPECT_EQ(other.download().displacement, simulation.download().displacement) << "without masks";
         if (!problem.springs.empty()) continue;
         ImplicitSimulation<TypeParam> implicit(problem, start, BlockShape{8, 8, 4});
         implicit.step(5);
@@ -965,8 +955,8 @@ TYPED_TEST(KernelBodies, EditedDeltaListsStepLikeThoseOfTheEditedProblem) {
             Problem edited = problem;
             const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
             const State start = random_state(problem, 0.05, 7);
-            // The problem that was built so steps its particles in pairs.
-            DeltaSimulation<TypeParam> played(problem, start), built(edited, start, true, true);
+            // The problem that was built so has a way without masks.
+            DeltaSimulation<TypeParam> played(problem, start), built(edited, start, true);
             Problem now = problem;
             for (const SpringEdit& edit : edits) {
                 apply(now, edit);

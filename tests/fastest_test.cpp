@@ -203,6 +203,17 @@ TEST(Auto, ChoosesAmongWhatWasMeasured) {
                     .is_null());
 }
 
+// What lays its tables out anew for an edit is nothing for a scene that has some.
+TEST(Auto, AsksWhetherSpringsAreEdited) {
+    std::vector<nlohmann::json> rows = {row_of("a", "cuda_march", 10), row_of("a", "cpu_parallel", 90)};
+    for (auto& row : rows) row["particles"] = row["voxels"] = 10000000;
+    EXPECT_EQ(choice_of(rows).at("name"), "a/cuda_march/position/float32");
+    for (auto& row : rows) row["edits"] = 10;
+    EXPECT_EQ(choice_of(rows).at("name"), "a/cpu_parallel/position/float32");
+    EXPECT_FALSE(workload_of(load_scene("box@4")).edited);
+    EXPECT_TRUE(workload_of(load_scene("scalpel_1")).edited);
+}
+
 TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
     nlohmann::json result =
         result_of({row_of("a", "cpu_parallel", 90), row_of("a", "gl_fragment_implicit", 80),
@@ -222,21 +233,19 @@ TEST(Auto, TakesWhatRunsTheSceneOnThisMachine) {
     const Scene scene = load_scene("box@9");
     Playback playback(scene);
     const auto accepts = [&](const Backend& backend) { return playback.unsupported(backend).empty(); };
-    const AutoChoice choice =
-        choose_backend("auto:formulation=position,precision=float32", scene.problem, accepts);
+    const AutoChoice choice = choose_backend("auto:formulation=position,precision=float32", scene, accepts);
     EXPECT_EQ(choice.spec.options.formulation, Formulation::position);
     EXPECT_THAT(choice.reason, HasSubstr("a full lattice of 729 voxels"));
     EXPECT_TRUE(accepts(*choice.backend));
-    EXPECT_EQ(choose_backend("auto", scene.problem, accepts).spec.options.formulation,
-              Formulation::increment);
+    EXPECT_EQ(choose_backend("auto", scene, accepts).spec.options.formulation, Formulation::increment);
     // Its first choice is refused: the next one.
     const std::string first = choice.spec.entry->name;
     const AutoChoice other =
-        choose_backend("auto", scene.problem, [tries = 0](const Backend&) mutable { return ++tries > 1; });
+        choose_backend("auto", scene, [tries = 0](const Backend&) mutable { return ++tries > 1; });
     EXPECT_NE(other.spec.entry->name, first);
-    EXPECT_THROW(choose_backend("auto", scene.problem, [](const Backend&) { return false; }), Unavailable);
-    EXPECT_THROW(choose_backend("auto:threads=2", scene.problem, accepts), BadSpecification);
-    EXPECT_THROW(choose_backend("auto:precision=half", scene.problem, accepts), BadSpecification);
+    EXPECT_THROW(choose_backend("auto", scene, [](const Backend&) { return false; }), Unavailable);
+    EXPECT_THROW(choose_backend("auto:threads=2", scene, accepts), BadSpecification);
+    EXPECT_THROW(choose_backend("auto:precision=half", scene, accepts), BadSpecification);
 }
 
 TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
@@ -244,7 +253,7 @@ TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
     scene.problem.springs.push_back({0, 63, 1, 5});
     Playback playback(scene);
     const AutoChoice choice = choose_backend(
-        "auto", scene.problem, [&](const Backend& backend) { return playback.unsupported(backend).empty(); });
+        "auto", scene, [&](const Backend& backend) { return playback.unsupported(backend).empty(); });
     EXPECT_EQ(choice.backend->unsupported(scene.problem), "");
     EXPECT_THAT(choice.reason, HasSubstr("lists"));
 }

@@ -5,9 +5,11 @@ build/report-venv, which `./run test` installs; where either is missing all of t
 """
 
 import copy
+import html
 import itertools
 import json
 import math
+import os
 import pathlib
 import re
 import resource
@@ -15,12 +17,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
+import unittest.mock
 
 ROOT = pathlib.Path.cwd()
 PYTHON = ROOT / "build/report-venv/bin/python"
 REPORT = ROOT / "results/report.py"
 H200 = ROOT / "results/nvidia-h200"
+sys.path.insert(0, str(ROOT / "results"))
+from page import pictures, reading  # noqa: E402
 SKIPPED = 77
 # What the committed results have something for.
 FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "map", "stability", "edits", "stress"]
@@ -50,12 +56,55 @@ def medians(study):
     return [row for row in rows if row.get("aggregate_name") == "median"]
 
 
+# A picture of no body, which says what it is asked to.
+DRAW = '''
+import json, struct, sys, zlib
+
+def png(about):
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    rows = b"".join(b"\\0" + bytes([4 * y, 5 * y, 99, 255]) * 56 for y in range(42))
+    return (b"\\x89PNG\\r\\n\\x1a\\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 56, 42, 8, 6, 0, 0, 0))
+            + chunk(b"tEXt", b"voxspring\\0" + json.dumps(about).encode()) + chunk(b"IDAT", zlib.compress(rows))
+            + chunk(b"IEND", b""))
+'''
+# In place of voxspring: draws, and adds its arguments to a list beside it.
+PROGRAM = f"#!{sys.executable}\n{DRAW}\n" + '''
+with open(sys.argv[0] + ".calls", "a") as calls:
+    calls.write(json.dumps(sys.argv[1:]) + "\\n")
+options = dict(zip(sys.argv[3::2], sys.argv[4::2]))
+scene, error = sys.argv[2], options["--colour"] == "error"
+if scene.startswith("scalpel"):
+    sys.exit("voxspring: no blade")
+rules = dict(word.split("=") for word in options["--backend"].split(":")[1].split(","))
+with open(options["--out"], "wb") as file:
+    file.write(png({"scene": scene, "particles": 1234, "steps": int(options["--steps"]), "renderer": "a test",
+                    "backend": f"cpu_parallel/{rules['formulation']}/{rules['precision']}",
+                    "coloured_by": options["--colour"], "largest": 3.4e-05 if error else 6.742}))
+'''
+exec(DRAW)  # png(), for this file as well
+ABOUT = {"scene": "box@32", "particles": 32768, "steps": 900, "coloured_by": "error", "largest": 0,
+         "backend": "cpu_parallel/position/float32", "renderer": "a test"}
+
+
+def write_program(folder):
+    path = folder / "voxspring"
+    path.write_text(PROGRAM)
+    path.chmod(0o755)
+    return path
+
+
 class InTemporaryFolder(unittest.TestCase):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
         self.out = self.folder / "report.html"
+
+    def write_bytes(self, name, data):
+        path = self.folder / name
+        path.write_bytes(data)
+        return path
 
     def write(self, name, result):
         path = self.folder / name
@@ -101,8 +150,10 @@ class Input(InTemporaryFolder):
         empty = self.folder / "empty"
         empty.mkdir()
         self.assert_refused(report(empty, "--out", self.out), empty, "no .json")
-        picture = self.write("body.png", "GIF89a")
-        self.assert_refused(report(H200 / "table1.json", "--out", self.out, "--picture", picture), "body.png", "PNG")
+        arguments = (H200 / "table1.json", "--out", self.out, "--pictures")
+        self.assert_refused(report(*arguments, self.folder, "--program", self.folder / "none"), "--program", "none",
+                            "No such file")
+        self.assert_refused(report(*arguments, self.write("file", ""), "--program", "none"), "--pictures", "File exists")
         self.assertEqual(self.out.read_text(), "the old page")
         self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
 
@@ -222,7 +273,8 @@ class Page(unittest.TestCase):
         cls.path = pathlib.Path(folder.name) / "report.html"
         # Not results/local, which is the developer's own.
         made = report(*(folder for folder in sorted(H200.parent.iterdir()) if list(folder.glob("*.json"))
-                        and folder.name != "local"), "--out", cls.path)
+                        and folder.name != "local"), "--out", cls.path,
+                      "--pictures", cls.path.parent / "pictures", "--program", write_program(cls.path.parent))
         if made.returncode != 0:
             raise AssertionError(made.stderr)
         cls.browser = Browser()
@@ -347,6 +399,42 @@ class Page(unittest.TestCase):
         self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
         self.assert_quiet()
 
+    def test_pictures(self):
+        self.browser.open(self.path)
+        shown = self.script("return [...document.querySelectorAll('#pictures .pair')].map((pair) => [pair.dataset.scene, "
+                            "[...pair.querySelectorAll('img')].map((image) => [image.alt, image.naturalWidth])])")
+        # Of the ten sizes of the box one, and the heart first.
+        self.assertEqual([scene for scene, _ in shown], ["heart", "beam", "box@32", "poke"])
+        for scene, images in shown:
+            alternatives, widths = zip(*images)
+            self.assertEqual(widths, (56, 56))
+            self.assertRegex(alternatives[0], rf"^{scene} after \d+ steps of cpu_parallel \w+ float32, coloured by displacement: "
+                                              "at most 6.74$")
+            self.assertRegex(alternatives[1], "coloured by the error against float64: at most 3.4e-5$")
+        text = self.script("return document.querySelector('#pictures').innerText")
+        for words in ("drawn by a test", "Without a picture: box@8, box@16, box@48, box@64, box@96 and box@128 (as those shown",
+                      "box@192, box@256 and box@512 (more than 4 million particles)",
+                      "scalpel_1, scalpel_10 and scalpel_100 (no blade)"):
+            self.assertIn(words, text)
+        # The heart opens the page: beside the headline, on a phone below it.
+        for width in WIDTHS:
+            self.browser.emulate(width, "light")
+            title, image = self.script("return ['h1', '.opening img'].map((name) => document.querySelector(name)"
+                                       ".getBoundingClientRect().toJSON())")
+            self.assertLess(image["top"], 900, "on the first screen")
+            if width > 1000:
+                self.assertGreaterEqual(image["left"], title["right"])
+                self.assertLess(image["top"], title["bottom"])
+            else:
+                self.assertGreaterEqual(image["top"], title["bottom"])
+                self.assertEqual(image["left"], title["left"])
+        self.browser.emulate(1440, "light")
+        self.script("scene.value = 'poke'; scene.dispatchEvent(new Event('change', {bubbles: true}))")
+        self.browser.settle()
+        self.assertEqual(self.script("return [...document.querySelectorAll('#pictures .pair')].filter((pair) => pair"
+                                     ".checkVisibility()).map((pair) => pair.dataset.scene)"), ["poke"])
+        self.assert_quiet()
+
     def driver_click(self, selector):
         from selenium.webdriver.common.by import By
         self.browser.driver.find_element(By.CSS_SELECTOR, selector).click()
@@ -399,12 +487,14 @@ class Page(unittest.TestCase):
                 "return arguments[0].map((name) => [name, getComputedStyle(document.documentElement).getPropertyValue(name)"
                 ".trim()])", sorted(names)))
             for name, colour in colours.items():
-                if name in ("--page", "--raised", "--line", "--bounded", "--heating", "--diverged"):
+                if name in ("--page", "--raised", "--ground", "--line", "--bounded", "--heating", "--diverged"):
                     continue
                 # WCAG 2.2: 4.5 for text, 3 for what a figure is understood by.
                 least = 4.5 if name in ("--ink", "--soft", "--link") else 3
                 with self.subTest(scheme=scheme, name=name):
                     self.assertGreaterEqual(contrast(colour, colours["--page"]), least)
+            # A picture's legend is grey (harness/legend.cpp) on that ground.
+            self.assertGreaterEqual(contrast("#6e6e6e", colours["--ground"]), 4.5)
             # The letters on the map of stability are always dark.
             for region in ("--bounded", "--heating", "--diverged"):
                 self.assertGreaterEqual(contrast("#111111", colours[region]), 4.5)
@@ -445,21 +535,108 @@ class Parts(InTemporaryFolder):
             return {"name": row["name"].split("/iterations:")[0], "seconds_per_step": row["real_time"] * 1e-6}
         target = {"quantity": "seconds_per_step", "value": 1e-9, "backends": "cuda_*", "name": None,
                   "measured": best["real_time"] * 1e-6, "reached": 0.1, "met": False}
+        unmeasured = {**target, "measured": None, "reached": None, "met": None}
         identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
         result["fastest"] = [{**winner(best), **identity,
-                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target]}]
+                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target, unmeasured]}]
         made = report(self.write("fastest.json", result), "--out", self.out)
         self.assertEqual(made.returncode, 0, made.stderr)
         text = self.out.read_text()
         self.assertIn("12.34 times as fast as the best of the paper", text)
         self.assertIn("missed", text)
+        self.assertIn("1 more target was not measured here.", text)
 
-    def test_pictures_are_in_the_page(self):
-        picture = self.folder / "deformed_heart.png"
-        picture.write_bytes(b"\x89PNG\r\n\x1a\n")
-        made = report(H200 / "table1.json", "--out", self.out, "--picture", picture)
+    def alternatives(self):
+        return [html.unescape(text) for text in re.findall('<img [^>]*alt="([^"]*)"', self.out.read_text())]
+
+    def test_pictures_are_drawn_once_and_anew_by_a_newer_program(self):
+        program, folder = write_program(self.folder), self.folder / "a/b"
+        calls = pathlib.Path(f"{program}.calls")
+        results = reading.read_all([H200 / "table1.json"])
+        def gather(*where):
+            calls.write_text("")
+            found, left_out = pictures.gather(results, *where)
+            return found, left_out, [json.loads(line) for line in calls.read_text().splitlines()]
+        first, left_out, drawn = gather(folder, program)
+        self.assertEqual(left_out, [])
+        self.assertEqual({(call[1], call[call.index("--colour") + 1]) for call in drawn},
+                         set(itertools.product(("box@32", "heart"), pictures.COLOURED_BY)))
+        for call in drawn:
+            # table1's fastest, and as many steps as keep float64 to a few seconds.
+            self.assertEqual(call[call.index("--backend") + 1], "auto:formulation=position,precision=float32")
+            self.assertEqual(call[call.index("--steps") + 1], {"box@32": "900", "heart": "1000"}[call[1]])
+        self.assertEqual(gather(folder, program), (first, [], []))
+        self.assertEqual(gather(folder, None), (first, [], []), "without a program: what is there")
+        os.utime(program, (time.time() + 60, time.time() + 60))
+        self.assertEqual(len(gather(folder, program)[2]), 4)
+        found, left_out, drawn = gather(self.folder / "none", None)
+        self.assertEqual((found, drawn), ({}, []))
+        self.assertEqual([scenes for scenes, _ in left_out], [["heart"], ["box@32"]])
+        # A program that ends without a word, and one that does not end.
+        program.write_text("#!/bin/sh\nexit 3\n")
+        os.utime(program, (time.time() + 90, time.time() + 90))
+        self.assertEqual(gather(folder, program)[:2], ({}, [(["heart", "box@32"], "exit code 3")]))
+        program.write_text("#!/bin/sh\nexec sleep 60\n")
+        with unittest.mock.patch.object(pictures, "SECONDS", 0.1):
+            self.assertEqual(gather(folder, program)[:2], ({}, [(["heart", "box@32"], "not drawn within 0.1 seconds")]))
+
+    def test_only_names_of_scenes_get_to_the_program(self):
+        program = write_program(self.folder)
+        evil = ["--out=x", "-h", "../box", "heart.json", "/etc/passwd", "box@8 --steps", "rope of mine", ""]
+        result = json.loads((H200 / "table1.json").read_text())
+        rows = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median"]
+        result["benchmarks"] = [{**rows[0], "scene": scene, "particles": 8} for scene in evil + ["mine@8x8x9"]]
+        results = reading.read_all([self.write("evil.json", result)])
+        found, left_out = pictures.gather(results, self.folder / "pictures", program)
+        self.assertEqual(list(found), ["mine@8x8x9"])
+        self.assertEqual(left_out, [(evil, "no built-in scene has such a name")])
+        calls = pathlib.Path(f"{program}.calls").read_text().splitlines()
+        self.assertEqual({json.loads(line)[1] for line in calls}, {"mine@8x8x9"})
+
+    def test_pictures_that_are_none_are_refused(self):
+        good = png(ABOUT)
+        self.assertEqual(pictures.read(self.write_bytes("good.png", good)).about, ABOUT)
+        for bad, *words in ((b"GIF89a", "GIF89a", "PNG"), (good[:60], "cut off"), (good[:-1], "cut off"),
+                            (good.replace(b"32768", b"32769"), "cut off"), (png([1]), "[1]", "an object"),
+                            (png({"scene": "box@32"}), "voxspring.particles", "is missing"),
+                            (png({**ABOUT, "coloured_by": "heat"}), "voxspring.coloured_by", "heat", "displacement, error"),
+                            (png({**ABOUT, "largest": "much"}), "voxspring.largest", "much", "a number"),
+                            (good.replace(b"tEXtvoxspring", b"tEXtvexspring"), "cut off or has no text")):
+            with self.subTest(words), self.assertRaises(reading.BadInput) as refused:
+                pictures.read(self.write_bytes("bad.png", bad))
+            for word in ("bad.png", *words):
+                self.assertIn(word, str(refused.exception))
+
+    def test_without_pictures_there_is_a_line_or_nothing(self):
+        self.assertEqual(report(H200 / "table1.json", "--out", self.out, "--pictures", self.folder).returncode, 0)
+        self.assertEqual(self.alternatives(), [])
+        self.assertIn("Without a picture: heart (no heart-position", self.out.read_text())
+        self.assertNotIn('class="picture', self.out.read_text())
+
+    def test_pictures_of_the_program_itself(self):
+        if "VOXSPRING" not in os.environ:
+            self.skipTest("VOXSPRING does not name the program")
+        result = json.loads((H200 / "table1.json").read_text())
+        small = {"heart": "heart@20x17x15", "box@32": "box@6"}
+        for row in result["benchmarks"]:
+            row["name"] = row["name"].replace(row["scene"], small[row["scene"]])
+            row.update(scene=small[row["scene"]], particles=1000)
+        folder = self.folder / "pictures"
+        made = report(self.write("small.json", result), "--out", self.out, "--pictures", folder, "--program",
+                      os.environ["VOXSPRING"])
         self.assertEqual(made.returncode, 0, made.stderr)
-        self.assertIn('alt="deformed heart" src="data:image/png;base64,iVBORw0KGgo="', self.out.read_text())
+        if "no OpenGL" in self.out.read_text():
+            self.skipTest("no OpenGL")
+        alternatives = self.alternatives()
+        self.assertEqual(len(alternatives), 5, "two each, and the one that opens the page")
+        for scene in small.values():
+            run = subprocess.run([os.environ["VOXSPRING"], "run", scene, "--backend", "cpu_parallel:formulation=position",
+                                  "--steps", "2000"], capture_output=True, text=True, timeout=60)
+            largest = float(re.search(r"largest displacement (\S+)", run.stdout)[1])
+            self.assertIn(f"{scene} after 2000 steps of cpu_parallel position float32, coloured by displacement: at most "
+                          f"{largest:.3g}", alternatives)
+            self.assertRegex("\n".join(alternatives), rf"(?m)^{scene} .* error against float64: at most \d\.\de-\d")
+        self.assertLess(max(path.stat().st_size for path in folder.iterdir()), 120_000)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 // Scenes: the built-in ones, what a file's keys become, and how each kind of bad input is refused.
 #include "harness/scene.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -19,6 +20,8 @@
 
 namespace voxspring::testing {
 namespace {
+
+using ::testing::HasSubstr;
 
 constexpr Limits small{100000, 10000};
 
@@ -401,6 +404,84 @@ TEST_F(Corpus, GoodDocumentsAreAccepted) {
     ASSERT_GT(corpus_["accepted"].size(), 5u);
     for (const auto& scene : corpus_["accepted"])
         EXPECT_NO_THROW(read_scene_file(parse_json(scene.dump(), "scene"))) << scene;
+}
+
+Problem small_box() {
+    VoxelGrid grid;
+    grid.dims = {3, 2, 2};
+    grid.label.assign(12, 1);
+    return make_lattice_problem(grid, FACE_BITS);
+}
+
+/// Two particles on no grid, a spring between them.
+Problem pair() {
+    Problem problem;
+    problem.rest_position = {{0, 0, 0}, {1, 0, 0}};
+    problem.springs = {{0, 1, 4.0, 1.0}};
+    return problem;
+}
+
+TEST(SceneOf, AProblemWithoutATimeStepTakesHalfOfTheStableOne) {
+    const Scene scene = scene_of("mine", small_box());
+    EXPECT_EQ(scene.name, "mine");
+    EXPECT_EQ(scene.stable_time_step, stable_time_step(small_box()));
+    EXPECT_EQ(scene.problem.time_step, scene.stable_time_step / 2);
+    EXPECT_EQ(scene.state.displacement, std::vector<glm::dvec3>(12, glm::dvec3(0)));
+    Problem problem = small_box();
+    problem.time_step = 0.125;
+    State state = state_at_rest(problem);
+    state.displacement[3] = {0.5, 0, 0};
+    const Scene moved = scene_of("mine", problem, state);
+    EXPECT_EQ(moved.problem.time_step, 0.125);
+    EXPECT_EQ(moved.state.displacement, state.displacement);
+    // omega^2 = 2 k / m.
+    EXPECT_DOUBLE_EQ(scene_of("pair", pair()).stable_time_step, 2 / std::sqrt(8.0));
+}
+
+TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
+    const auto refused = [](const Problem& problem, const std::string& name = "mine",
+                            const State& state = {}) {
+        try {
+            scene_of(name, problem, state);
+        } catch (const std::invalid_argument& error) {
+            return std::string(error.what());
+        }
+        return std::string("accepted");
+    };
+    const auto changed = [&](auto change, Problem problem = small_box()) {
+        change(problem);
+        return refused(problem);
+    };
+    using P = Problem&;
+    EXPECT_EQ(refused(small_box()), "accepted");
+    for (const char* name : {"", "a/b", "a b"}) EXPECT_THAT(refused(small_box(), name), HasSubstr("name"));
+    EXPECT_THAT(refused({}), HasSubstr("no particles"));
+    EXPECT_THAT(changed([](P p) { p.material = {0}; }), HasSubstr("material"));
+    EXPECT_THAT(changed([](P p) { p.material.assign(12, 1); }), HasSubstr("no material"));
+    EXPECT_THAT(changed([](P p) { p.pinned = {0}; }), HasSubstr("pinned"));
+    EXPECT_THAT(changed([](P p) { p.load.resize(13); }), HasSubstr("load"));
+    EXPECT_THAT(changed([](P p) { p.materials.clear(); }), HasSubstr("no material"));
+    EXPECT_THAT(changed([](P p) { p.materials[0].mass = 0; }), HasSubstr("mass"));
+    EXPECT_THAT(changed([](P p) { p.materials[0].stiffness = NAN; }), HasSubstr("stiffness"));
+    EXPECT_THAT(changed([](P p) { p.damping = 2; }), HasSubstr("damping"));
+    EXPECT_THAT(changed([](P p) { p.time_step = -1; }), HasSubstr("time step"));
+    EXPECT_THAT(changed([](P p) { p.time_step = INFINITY; }), HasSubstr("time step"));
+    EXPECT_THAT(changed([](P p) { p.lattice.mask.pop_back(); }), HasSubstr("mask"));
+    EXPECT_THAT(changed([](P p) { p.lattice.voxel.pop_back(); }), HasSubstr("voxel"));
+    EXPECT_THAT(changed([](P p) { std::swap(p.lattice.voxel[0], p.lattice.voxel[1]); }), HasSubstr("ascend"));
+    EXPECT_THAT(changed([](P p) { p.lattice.voxel.back() = 12; }), HasSubstr("outside"));
+    EXPECT_THAT(changed([](P p) { p.lattice.dims.z = -2; }), HasSubstr("dims"));
+    EXPECT_THAT(changed([](P p) { p.lattice.spacing.y = 0; }), HasSubstr("spacing"));
+    EXPECT_THAT(changed([](P p) { p.lattice.dims = glm::ivec3(0); }), HasSubstr("dims of 0"));
+    EXPECT_THAT(changed([](P p) { p.springs[0].second = 2; }, pair()), HasSubstr("ends"));
+    EXPECT_THAT(changed([](P p) { std::swap(p.springs[0].first, p.springs[0].second); }, pair()),
+                HasSubstr("ends"));
+    EXPECT_THAT(changed([](P p) { p.springs[0].stiffness = 0; }, pair()), HasSubstr("stiffness"));
+    EXPECT_THAT(changed([](P p) { p.springs[0].rest_length = -1; }, pair()), HasSubstr("rest length"));
+    EXPECT_THAT(changed([](P p) { p.springs.clear(); }, pair()), HasSubstr("nothing limits it"));
+    State state = state_at_rest(small_box());
+    state.increment.pop_back();
+    EXPECT_THAT(refused(small_box(), "mine", state), HasSubstr("increment"));
 }
 
 TEST_F(Corpus, BadDocumentsAreRefusedInOneLine) {

@@ -338,6 +338,26 @@ TEST(Study, AStarStandsForEachValueThatTheBackendHas) {
     EXPECT_EQ(measured.size(), entry.formulations.size() * entry.precisions.size());
 }
 
+TEST(Study, TakesAProblemThatIsAtHand) {
+    Problem chain;
+    for (int i = 0; i < 5; ++i) chain.rest_position.emplace_back(i, 0, 0);
+    for (std::uint32_t i = 0; i < 4; ++i) chain.springs.push_back({i, i + 1, 1.0, 1.0});
+    chain.gravity = {0.01, 0, 0};
+    Study study = study_of({"cpu_reference", "cpu_parallel"});
+    study.scenes = {{.scene = "chain",
+                     .steps = 6,
+                     .backends = {},
+                     .built = std::make_shared<const Scene>(scene_of("chain", chain))}};
+    const nlohmann::json result = run_study(study, {});
+    const auto& row = row_of(result.at("verification"), "cpu_reference");
+    EXPECT_EQ(row.at("scene"), "chain");
+    EXPECT_EQ(row.at("particles"), 5);
+    EXPECT_EQ(row.at("springs"), 4);
+    EXPECT_EQ(row.at("passed"), true);
+    // On a lattice alone: it is skipped with its reason rather than run on a scene of another name.
+    EXPECT_EQ(row_of(result.at("skipped"), "cpu_parallel").at("scene"), "chain");
+}
+
 TEST(Study, AStressStudyTakesNoScene) {
     StudyOptions options;
     options.scenes = {"box"};

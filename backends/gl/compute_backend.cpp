@@ -41,20 +41,22 @@ std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count,
 
 }  // namespace
 
+void StorageBuffer::replace(const Context& context, std::span<const std::byte> values) {
+    *this = {};  // the old one goes first
+    if (values.empty()) return;
+    buffer_ = make_buffer(context);
+    bytes_ = values.size();
+    glNamedBufferStorage(get(), GLsizeiptr(bytes_), values.data(), GL_DYNAMIC_STORAGE_BIT);
+    context.check("allocating a storage buffer");
+}
+
 void StorageBuffer::upload(const Context& context, std::span<const std::byte> values) {
-    if (values.empty()) {
-        *this = {};
-        return;
-    }
     if (buffer_.get() == 0 || bytes_ != values.size()) {
-        buffer_ = {};  // the old one goes first
-        buffer_ = make_buffer(context);
-        bytes_ = values.size();
-        glNamedBufferStorage(get(), GLsizeiptr(bytes_), values.data(), GL_DYNAMIC_STORAGE_BIT);
-        context.check("allocating a storage buffer");
+        replace(context, values);
         return;
     }
-    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);  // after the steps that still write it
+    // No barrier keeps NVIDIA's driver (580.159) from overtaking dispatches that still read the buffer.
+    glFinish();
     glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
 }
 
@@ -267,7 +269,7 @@ void ComputeBackend::write_bits(std::span<const std::uint32_t> particles,
         edited.push_back(std::uint32_t(layout_.placement.at(particles[n])));
         edited.push_back(bits[n]);
     }
-    edited_.upload(context(), edited);
+    edited_.replace(context(), edited);
     words_[current_].bind(0);
     edited_.bind(1);
     bits_program_.set("count", int(particles.size()));

@@ -17,10 +17,16 @@ namespace voxspring::gl {
 /// An array in device memory for shaders to read and write.
 class StorageBuffer {
 public:
-    /// Replaces what it held, if anything; nothing if `values` are empty.
+    /// Replaces what it held, if anything; nothing if `values` are empty. Waits for all that is enqueued, or
+    /// takes new storage.
     template <class T>
     void upload(const Context& context, const std::vector<T>& values) {
         upload(context, std::as_bytes(std::span(values)));
+    }
+    /// The same in new storage: what is enqueued goes on with the old.
+    template <class T>
+    void replace(const Context& context, const std::vector<T>& values) {
+        replace(context, std::as_bytes(std::span(values)));
     }
     /// The first values.size() of them, once everything enqueued has run.
     template <class T>
@@ -33,6 +39,7 @@ public:
 
 private:
     void upload(const Context& context, std::span<const std::byte> values);
+    void replace(const Context& context, std::span<const std::byte> values);
     void download(std::span<std::byte> values) const;
 
     Buffer buffer_;

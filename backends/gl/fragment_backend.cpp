@@ -198,12 +198,14 @@ void FragmentBackend::write(const TexelEdit& edit) {
         edit_defines_ = defines;
     }
     const auto send = [&](GLuint binding, const auto& values) {
-        if (edit_buffers_[binding].get() == 0) edit_buffers_[binding] = make_buffer(context());
+        // A buffer of its own for every edit: no barrier keeps NVIDIA's driver (580.159) from writing into
+        // one that dispatches before still read.
+        edit_buffers_[binding] = make_buffer(context());
         const GLuint buffer = edit_buffers_[binding].get();
         // One element at least: an empty buffer cannot be bound.
         const std::size_t bytes = std::max<std::size_t>(values.size(), 1) * sizeof(values[0]);
-        glNamedBufferData(buffer, GLsizeiptr(bytes), nullptr, GL_STREAM_DRAW);
-        glNamedBufferSubData(buffer, 0, GLsizeiptr(values.size() * sizeof(values[0])), values.data());
+        glNamedBufferData(buffer, GLsizeiptr(bytes), values.empty() ? nullptr : values.data(),
+                          GL_STREAM_DRAW);
         glBindBufferBase(GL_SHADER_STORAGE_BUFFER, binding, buffer);
     };
     send(0, edit.particles);

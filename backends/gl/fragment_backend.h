@@ -119,7 +119,7 @@ private:
     std::string fragment_text_;  // that program_ was made of
     Program edit_program_;
     Defines edit_defines_;                // that edit_program_ was made with
-    std::array<Buffer, 4> edit_buffers_;  // shaders/edit.comp's, made with the first edit
+    std::array<Buffer, 4> edit_buffers_;  // shaders/edit.comp's, of the latest edit
 
     const Problem* problem_ = nullptr;
     glm::ivec2 size_{0};

@@ -129,52 +129,6 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
         [&](int dx, int dy, int dz) { return step.compliance[row(dx, dy, dz) + dx]; });
 }
 
-/// The forces of the lattice springs of two particles, those of words `index` and index + 1, which have one
-/// list without gaps. What is a neighbour of both is read once, and the spring between them evaluated once.
-template <class Terms, bool whole, class Real, class Current>
-VOXSPRING_HOST_DEVICE void listed_forces(Vector<Real> (&force)[2], const DeltaStep<Real>& step,
-                                         const ListedDeltas& delta, int index,
-                                         const Self<Real, Terms::split> (&self)[2], const Current& current) {
-    const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
-    Vector<Real> group[2] = {{0, 0, 0}, {0, 0, 0}};
-    const Pull<Real> between =
-        lattice_pull<Terms>(step, step.spacing, self[0].point, self[1].point, 1, 1, 0, 0);
-    const auto pull_of = [&](int p, int bit, int dx, int dy, int dz) {
-        const bool own_row = dy == 0 && dz == 0;
-        if (own_row && p == 0 && dx == 1) return between;
-        if (own_row && p == 1 && dx == -1) return Pull<Real>{between.offset * Real(-1), between.density};
-        return lattice_pull<Terms>(step, step.spacing, self[p].point,
-                                   current.point(index + delta(dy, dz), p + dx), bit, dx, dy, dz);
-    };
-#define ADD_SPRING(bit, dx, dy, dz)                                                                          \
-    for (int p = 0; p < 2; ++p) {                                                                            \
-        Pull<Real> pull = pull_of(p, bit, dx, dy, dz);                                                       \
-        if (materials)                                                                                       \
-            pull.density *= fast_series_stiffness(step.compliance[index + p],                                \
-                                                  step.compliance[index + delta(dy, dz) + p + (dx)]);        \
-        if (whole || (self[p].bits >> (bit)&1U) != 0) group[p] = fused(pull.offset, pull.density, group[p]); \
-    }
-    const auto finish_group = [&](int g) {
-        for (int p = 0; p < 2; ++p) {
-            force[p] = force[p] + (materials ? group[p] : group[p] * step.stiffness[g]);
-            group[p] = {0, 0, 0};
-        }
-    };
-    if (Terms::has_group(FACE_BITS, step.group_bits)) {
-        FACE_NEIGHBOURS(ADD_SPRING)
-        finish_group(0);
-    }
-    if (Terms::has_group(EDGE_BITS, step.group_bits)) {
-        EDGE_NEIGHBOURS(ADD_SPRING)
-        finish_group(1);
-    }
-    if (Terms::has_group(CORNER_BITS, step.group_bits)) {
-        CORNER_NEIGHBOURS(ADD_SPRING)
-        finish_group(2);
-    }
-#undef ADD_SPRING
-}
-
 /// Adds the forces of its springs beyond the lattice.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE Vector<Real> with_own_springs(Vector<Real> force, const DeltaStep<Real>& step,
@@ -213,38 +167,6 @@ VOXSPRING_HOST_DEVICE void step_by_deltas(const DeltaStep<Real>& step, int i, co
     if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
         force = with_own_springs<Terms>(force, step, slice, lane, self, current);
     advance<Terms>(step.motion, output, index, self, before, force);
-}
-
-/// Steps particles i, which is even, and i + 1.
-template <class Terms, class Real, class Current>
-VOXSPRING_HOST_DEVICE void step_two_by_deltas(const DeltaStep<Real>& step, int i, const Current& current,
-                                              const Output<Real>& output) {
-    if (i >= step.particles) return;
-    const auto lane = std::uint32_t(i % slice_particles);
-    const int index = step.first + i;
-    const Slice slice = current.entry(step.slices + i / slice_particles);
-    // Behind the last particle there is a word without bits.
-    const Self<Real, Terms::split> self[2] = {current.self(index), current.self(index + 1)};
-    const Before<Real> before[2] = {load_before<Terms>(output, index), load_before<Terms>(output, index + 1)};
-    const RowDeltas* list = list_of(step, slice, lane);
-    const bool one_list = (slice.starts >> (lane + 1) & 1U) == 0;
-    Vector<Real> force[2] = {{0, 0, 0}, {0, 0, 0}};
-    if (all_whole_without_gaps<Terms>(one_list ? self[0].bits & self[1].bits : 0)) {
-        listed_forces<Terms, true>(force, step, read_deltas(list, current), index, self, current);
-    } else if (all_say(one_list && current.entry(&list->gaps) == 0)) {
-        listed_forces<Terms, false>(force, step, read_deltas(list, current), index, self, current);
-    } else {
-        // Not a loop, which would put both into local memory.
-        force[0] = listed_force<Terms>(step, list, index, self[0], current);
-        force[1] = listed_force<Terms>(step, one_list ? list : list + 1, index + 1, self[1], current);
-    }
-    for (int p = 0; p < 2; ++p) {
-        if (i + p >= step.particles) return;
-        if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
-            force[p] =
-                with_own_springs<Terms>(force[p], step, slice, lane + std::uint32_t(p), self[p], current);
-        advance<Terms>(step.motion, output, index + p, self[p], before[p], force[p]);
-    }
 }
 
 }  // namespace voxspring::cuda

@@ -252,22 +252,18 @@ public:
     VOXSPRING_HOST_DEVICE void both(int bit, int z, int r, int c, int z2, int r2, int c2) {
         const int k = spring_class(c2 - c, r2 - r, z2 - z);
         if (!used(k)) return;
-        const Pull<Real> spring =
-            pull(bit, own_[z]->at[r][c] - own_[z2]->at[r2][c2], k, c2 - c, r2 - r, z2 - z);
-        Vector<Real>& a = force_[z]->at[r][c];
-        Vector<Real>& b = force_[z2]->at[r2][c2];
-        a = fused(spring.offset, spring.density, a);
-        b = fused(spring.offset, -spring.density, b);
+        const Pull<Real> spring = pull(own_[z]->at[r][c] - own_[z2]->at[r2][c2], k, c2 - c, r2 - r, z2 - z);
+        add(bit, spring.offset, spring.density, force_[z]->at[r][c]);
+        add(bit, spring.offset, -spring.density, force_[z2]->at[r2][c2]);
     }
     VOXSPRING_HOST_DEVICE void half(int bit, int z, int r, int c, int z2, int r2, int c2) {
         const int k = spring_class(c2 - c, r2 - r, z2 - z);
         if (!used(k)) return;
         Pull<Real> spring =
-            pull(bit, own_[z]->at[r][c] - neighbour(windows_[z2], r2, c2), k, c2 - c, r2 - r, z2 - z);
+            pull(own_[z]->at[r][c] - neighbour(windows_[z2], r2, c2), k, c2 - c, r2 - r, z2 - z);
         if (!masked && c2 == -1) spring.density = spring.density * sides_.left;
         if (!masked && c2 == 2) spring.density = spring.density * sides_.right;
-        Vector<Real>& a = force_[z]->at[r][c];
-        a = fused(spring.offset, spring.density, a);
+        add(bit, spring.offset, spring.density, force_[z]->at[r][c]);
     }
 
 private:
@@ -284,8 +280,7 @@ private:
         Particles::load_pair(row, axis, a, b);
         return c == 0 ? a : b;
     }
-    VOXSPRING_HOST_DEVICE Pull<Real> pull(int bit, Vector<Real> relative, int k, int dx, int dy,
-                                          int dz) const {
+    VOXSPRING_HOST_DEVICE Pull<Real> pull(Vector<Real> relative, int k, int dx, int dy, int dz) const {
         const SpringRest<Real> rest{
             {dx == 0 ? Real(0) : Real(dx) * step_.spacing.x, dy == 0 ? Real(0) : Real(dy) * step_.spacing.y,
              dz == 0 ? Real(0) : Real(dz) * step_.spacing.z},
@@ -302,8 +297,12 @@ private:
             spring.density = inverse_root(squared) - step_.rest_length[k];
         }
         if (k < 3 || !equal_edges) spring.density = spring.density * step_.stiffness[k];
-        if (masked) spring.density = (word_ >> bit & 1U) != 0 ? spring.density : Real(0);
         return spring;
+    }
+    /// The sum is selected, not what is added: of a neighbour that is not finite nothing comes through.
+    VOXSPRING_HOST_DEVICE void add(int bit, Vector<Real> offset, Real density, Vector<Real>& force) const {
+        const Vector<Real> sum = fused(offset, density, force);
+        if (!masked || (word_ >> bit & 1U) != 0) force = sum;
     }
 
     const MarchStep<Real>& step_;

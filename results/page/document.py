@@ -135,15 +135,20 @@ def error_table(runs):
 
 
 def targets_table(result):
-    rows = []
+    rows, without = [], 0
     for block in result.lists["fastest"]:
         for target in block["targets"]:
-            measured = target.get("measured")
-            verdict = "not measured" if target.get("met") is None else "met" if target["met"] else "missed"
+            if target.get("met") is None or target.get("measured") is None:
+                without += 1
+                continue
             rows.append((block["scene"], escape(f"{block['scene']}, {block['formulation']}"),
                          [escape(target["quantity"].replace("_", " ")), f"{target['value']:.3g}",
-                          "–" if measured is None else f"{measured:.3g}", verdict]))
-    return cards(["Dataset", "Quantity", "Aim", "Measured", "Verdict"], rows) if rows else ""
+                          f"{target['measured']:.3g}", "met" if target["met"] else "missed"]))
+    if not rows:
+        return ""
+    more = "1 more target was" if without == 1 else f"{without} more targets were"
+    note = f'<p class="note">{more} not measured here.</p>' if without else ""
+    return cards(["Dataset", "Quantity", "Aim", "Measured", "Verdict"], rows) + note
 
 
 def headline(found, runs, drawn):
@@ -177,15 +182,15 @@ def headline(found, runs, drawn):
     return drawn[0].title if drawn else "These results hold nothing to show", ""
 
 
-def answer(charts, results, rows, runs, drawn):
+def answer(charts, results, rows, runs, drawn, pictures):
     found = winners(rows)
     title, lead = headline(found, runs, drawn)
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
               if block.get("paper") and block["paper"]["name"] != block["name"]}
-    parts = [f'<header><p class="kicker">Voxspring, results of {len(results)} '
+    parts = [f'<header><div><p class="kicker">Voxspring, results of {len(results)} '
              f'{"study" if len(results) == 1 else "studies"}</p><h1>{escape(title)}</h1>'
-             f'<p class="lead">{escape(lead)}</p></header><main>']
+             f'<p class="lead">{escape(lead)}</p></div>{opening_picture(pictures)}</header><main>']
     for machine in dict.fromkeys(list(found) + figures.distinct(runs, "machine")):
         parts.append(f'<section class="answer"><h2>{escape(machine)}: the fastest strategy on each dataset, and what it '
                      "costs in error</h2>")
@@ -249,13 +254,58 @@ def figure_section(figure):
             f'aria-label="Rows of {escape(figure.title)}"></div></details></section>')
 
 
-def pictures_section(pictures):
+def shown_by(picture):
+    """What a picture shows in words, its largest value included."""
+    about = picture.about
+    steps = f"{about['steps']} step{'s' * (about['steps'] != 1)}"
+    # As BackendSpec::label() has it: backend/formulation/precision and tuning.
+    by = about["backend"].replace("/", " ")
+    if picture.coloured_by == "displacement":
+        return f"{about['scene']} after {steps} of {by}, coloured by displacement: at most {about['largest']:.3g}"
+    if about["largest"] == 0:
+        return f"{about['scene']} after {steps} of {by}, coloured by the error: none against float64"
+    return (f"{about['scene']} after {steps} of {by}, coloured by the error against float64: at most "
+            f"{figures.error_text(about['largest'])}")
+
+
+def image(picture):
+    return (f'<img width="{picture.width}" height="{picture.height}" alt="{escape(shown_by(picture))}" '
+            f'src="data:image/png;base64,{base64.b64encode(picture.data).decode()}">')
+
+
+def opening_picture(pictures):
+    """The first dataset beside the headline."""
     if not pictures:
         return ""
-    items = "".join(
-        f'<figure class="picture"><img alt="{escape(name)}" src="data:image/png;base64,'
-        f'{base64.b64encode(data).decode()}"><figcaption>{escape(name)}</figcaption></figure>' for name, data in pictures)
-    return f'<section><h2>Pictures</h2><div class="panels">{items}</div></section>'
+    first = next(iter(pictures.values()))[0]
+    return (f'<figure class="picture opening">{image(first)}<figcaption>The dataset {escape(first.scene)} after '
+            f'{first.about["steps"]} steps; <a href="#pictures">all datasets, and the error on them</a></figcaption></figure>')
+
+
+def pictures_section(pictures, left_out):
+    """The deformed body and the error on it, a dataset a row."""
+    if not pictures and not left_out:
+        return ""
+    errors = {scene: pair[1].about for scene, pair in pictures.items()}
+    title = "The datasets deformed, and the error on them"
+    if errors:
+        scene, about = max(errors.items(), key=lambda item: item[1]["largest"])
+        title += f": the largest, {figures.error_text(about['largest'])}, is on {scene}"
+    rows = []
+    for scene, pair in pictures.items():
+        figures_of = "".join(f'<figure class="picture">{image(picture)}<figcaption>{escape(shown_by(picture))}</figcaption>'
+                             "</figure>" for picture in pair)
+        heading = escape(scene) + ", " + figures.engineering(pair[0].about["particles"], "particles")
+        rows.append(f'<div class="pair" data-scene="{escape(scene)}"><h3>{heading}</h3>'
+                    f'<div class="panels">{figures_of}</div></div>')
+    renderers = figures.listed(dict.fromkeys(picture.about["renderer"] for pair in pictures.values() for picture in pair))
+    note = (f"Runs of the machine that made this page, in the formulation and precision that were the fastest on the "
+            f"dataset, drawn by {renderers}. The error is each particle's distance from where float64 has it after the same "
+            "steps, in the dataset's unit of length, on a logarithmic scale." if pictures else "")
+    without = "".join(f'<p class="caption">Without a picture: {escape(figures.listed(scenes))} ({escape(reason)}).</p>'
+                      for scenes, reason in left_out)
+    return (f'<section id="pictures"><h2>{escape(title)}</h2><p class="note">{escape(note)}</p>{"".join(rows)}{without}'
+            "</section>")
 
 
 def sources_section(results):
@@ -292,8 +342,8 @@ def compact(figure):
             "panels": [{"match": panel.match, "spec": panel.spec, "step": panel.step} for panel in figure.panels]}
 
 
-def page(results, pictures):
-    """The whole page as text."""
+def page(results, pictures, left_out):
+    """The whole page as text: pictures by dataset, and (datasets, why they have none)."""
     # The machine with most rows of time comes first everywhere.
     weight = collections.Counter()
     for result in results:
@@ -301,7 +351,7 @@ def page(results, pictures):
     results = sorted(results, key=lambda result: -weight[result.machine])
     charts, drawn = figures.all_figures(results)
     rows, runs = reading.measured(results), figures.latest_runs(results)
-    title, opening = answer(charts, results, rows, runs, drawn)
+    title, opening = answer(charts, results, rows, runs, drawn, pictures)
     data = json.dumps({"figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
     files = importlib.resources.files(__package__)
     style, script = ((files / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
@@ -311,7 +361,7 @@ def page(results, pictures):
         '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
         f"<title>{escape(title)}</title><style>{style}</style></head><body>", opening,
         '<noscript><p>The figures below need JavaScript; all of it is in this file.</p></noscript>',
-        filters(charts, results), *map(figure_section, drawn), pictures_section(pictures), sources_section(results),
+        filters(charts, results), *map(figure_section, drawn), pictures_section(pictures, left_out), sources_section(results),
         f'</main><script type="application/json" id="report">{script_safe(data)}</script>'
         f"<script>{script_safe_bundle()}</script><script>{script}</script></body></html>\n"))
 

@@ -71,7 +71,7 @@ function applyFilters() {
     for (const section of document.querySelectorAll("section[data-figure]")) {
         section.querySelector(".empty").hidden = section.querySelector("figure:not([hidden])") !== null;
     }
-    for (const row of document.querySelectorAll("tr[data-scene]")) {
+    for (const row of document.querySelectorAll("tr[data-scene], .pair[data-scene]")) {
         row.hidden = scene.value !== "" && row.dataset.scene !== scene.value;
     }
     document.querySelectorAll("details[data-figure][open]").forEach(fillTable);

@@ -10,6 +10,8 @@ import pathlib
 import re
 from dataclasses import dataclass, field
 
+import versions
+
 class Positive(float):
     """In the tables below: a number above zero."""
 
@@ -36,7 +38,7 @@ REQUIRED = {
 OPTIONAL = {
     **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
                      "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
-                     "measured"), float),
+                     "measured", "particles"), float),
     **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str),
 }
 WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
@@ -129,6 +131,8 @@ def read(path):
         raise BadInput(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     if not isinstance(data, dict):
         raise BadInput(f"{path}: {shown(data)}; expected the result of a study")
+    if reason := versions.unread(data):
+        raise BadInput(f"{path}: {reason}")
     context = need(path, "", data, "context", dict)
     about = need(path, "context", context, "voxspring", dict)
     where = "context.voxspring"
@@ -241,6 +245,7 @@ def pareto(results):
     return [{"machine": result.machine, "device": row["device"], "scene": row["scene"], "backend": row["backend"],
              "family": family(row["backend"]), "contender": contender(row), "formulation": row["formulation"],
              "precision": row["precision"], "fraction": row["fraction_of_stable"], "steps": row["steps"],
+             "particles": row.get("particles"),
              "end_time": row["end_time"], "seconds": row["seconds"], "total": row["total_error_relative_l2"],
              "rounding": row.get("error_relative_l2"), "front": row["on_front"]}
             for result in results for row in result.lists["pareto"]

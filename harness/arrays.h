@@ -1,0 +1,47 @@
+// Arrays as file formats take them: their bytes as they lie in memory, little endian, and what these are.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+#include <glm/vec3.hpp>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+namespace voxspring {
+
+static_assert(std::endian::native == std::endian::little, "arrays are written as they lie in memory");
+
+/// `count` elements of `components` numbers each.
+struct ArrayBytes {
+    char kind = 'f';        ///< 'f' floating point, 'i' signed and 'u' unsigned integers, as numpy says it
+    std::size_t width = 0;  ///< bytes a number
+    std::size_t components = 1;
+    std::size_t count = 0;
+    std::string_view bytes;
+};
+
+/// Of a vector of numbers or of three of them each. `values` must outlive the view.
+template <class Value>
+ArrayBytes bytes_of(const std::vector<Value>& values) {
+    const auto described = [&](auto number, std::size_t components) -> ArrayBytes {
+        using Number = decltype(number);
+        static_assert(std::is_arithmetic_v<Number>);
+        char kind = 'f';
+        if (std::is_integral_v<Number>) kind = std::is_signed_v<Number> ? 'i' : 'u';
+        return {kind,
+                sizeof(Number),
+                components,
+                values.size(),
+                {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(Value)}};
+    };
+    if constexpr (std::is_arithmetic_v<Value>) {
+        return described(Value{}, 1);
+    } else {
+        using Number = typename Value::value_type;
+        static_assert(sizeof(Value) == 3 * sizeof(Number));
+        return described(Number{}, 3);
+    }
+}
+
+}  // namespace voxspring

@@ -1,0 +1,11 @@
+// Versions of the files that results/*.schema.json describe. One is raised with its schema where an older
+// reader would misread a newer file; results/README.md says when.
+#pragma once
+
+namespace voxspring {
+
+inline constexpr int scene_schema_version = 1;
+inline constexpr int study_schema_version = 1;
+inline constexpr int result_schema_version = 1;
+
+}  // namespace voxspring

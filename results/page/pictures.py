@@ -1,0 +1,190 @@
+"""Pictures of the datasets: which to draw, drawing them with the program, and reading them back.
+
+A dataset's pictures are of the body after a run in the formulation and precision that its results say are the fastest: one
+coloured by displacement, one by the error against float64. Of the sizes of a dataset that differ in nothing else, one is
+drawn. A picture says itself what it shows (its text "voxspring", JSON), so that nothing here is taken on trust.
+"""
+
+import json
+import re
+import struct
+import subprocess
+import zlib
+from dataclasses import dataclass
+
+from . import reading
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+COLOURED_BY = ("displacement", "error")
+SIZE = "560x420"
+# Particle updates of a run, which float64 on one core takes about two seconds for, and the most steps.
+UPDATES = 30_000_000
+MOST_STEPS = 2000
+# Of several sizes the largest up to this one is drawn, which leaves it some hundred steps to move; without one the smallest.
+FAMILIAR = 100_000
+# Beyond this not even a few steps are drawn.
+MOST_PARTICLES = 4_000_000
+SECONDS = 120
+# A built-in scene, perhaps in another size. Nothing else that a file calls a scene gets onto the program's command line.
+NAME = re.compile(r"\w+(@\w+)?")
+ABOUT = {"scene": str, "particles": int, "steps": int, "coloured_by": str, "backend": str, "largest": float, "renderer": str}
+
+
+@dataclass
+class Wanted:
+    """What a dataset is to be drawn with."""
+
+    scene: str
+    particles: int
+    formulation: str
+    precision: str
+
+    @property
+    def steps(self):
+        steps = max(1, min(MOST_STEPS, UPDATES // self.particles))
+        return steps if steps < 100 else steps // 100 * 100
+
+    def name(self, coloured_by):
+        words = (self.scene, self.formulation, self.precision, str(self.steps), SIZE, coloured_by)
+        return "-".join(re.sub(r"[^\w@]", "_", word) for word in words) + ".png"
+
+    def command(self, program, path, coloured_by):
+        return [program, "run", self.scene, "--steps", str(self.steps), "--size", SIZE, "--colour", coloured_by,
+                "--backend", f"auto:formulation={self.formulation},precision={self.precision}", "--out", path]
+
+
+@dataclass
+class Picture:
+    about: dict
+    data: bytes
+
+    @property
+    def scene(self):
+        return self.about["scene"]
+
+    @property
+    def coloured_by(self):
+        return self.about["coloured_by"]
+
+    @property
+    def width(self):
+        return struct.unpack(">I", self.data[16:20])[0]
+
+    @property
+    def height(self):
+        return struct.unpack(">I", self.data[20:24])[0]
+
+
+def family(scene):
+    return scene.split("@")[0]
+
+
+def choose(results):
+    """What to draw of the timed datasets, the least boxlike first, and (scenes, reason) of what is left out."""
+    runs = [{**run, "microseconds": run["seconds"] / run["steps"] * 1e6} for run in reading.pareto(results)
+            if run["particles"]]
+    best = {}
+    for row in reading.measured(results) + runs:
+        if row["scene"] not in best or row["microseconds"] < best[row["scene"]]["microseconds"]:
+            best[row["scene"]] = row
+    families = {}
+    others = [scene for scene in best if not NAME.fullmatch(scene)]
+    for row in sorted((row for row in best.values() if row["scene"] not in others), key=lambda row: row["particles"]):
+        families.setdefault(family(row["scene"]), []).append(row)
+    chosen, sizes, large = [], [], []
+    for group in families.values():
+        drawable = [row for row in group if row["particles"] <= MOST_PARTICLES]
+        large += [row["scene"] for row in group if row["particles"] > MOST_PARTICLES]
+        if not drawable:
+            continue
+        row = ([row for row in drawable if row["particles"] <= FAMILIAR] or drawable[:1])[-1]
+        chosen.append(Wanted(row["scene"], row["particles"], row["formulation"], row["precision"]))
+        sizes += [other["scene"] for other in drawable if other is not row]
+    left_out = [(sizes, "as those shown, in another size")] if sizes else []
+    if others:
+        left_out.append((others, "no built-in scene has such a name"))
+    if large:
+        left_out.append((large, f"more than {MOST_PARTICLES // 1_000_000} million particles"))
+    # A body with a shape of its own is what one remembers.
+    chosen.sort(key=lambda wanted: (not wanted.scene.startswith("heart"), reading.natural(wanted.scene)))
+    return chosen, left_out
+
+
+def text_of(path, data):
+    """The text "voxspring" of a PNG file whose chunks are whole to the last."""
+    place, text = len(SIGNATURE), None
+    if not data.startswith(SIGNATURE):
+        raise reading.BadInput(f"{path}: begins with {data[:8]!r}; expected a PNG file")
+    while place + 12 <= len(data):
+        length = struct.unpack(">I", data[place:place + 4])[0]
+        kind, body = data[place + 4:place + 8], data[place + 8:place + 8 + length]
+        end = data[place + 8 + length:place + 12 + length]
+        if len(end) < 4 or struct.unpack(">I", end)[0] != zlib.crc32(kind + body):
+            break
+        if kind == b"tEXt" and body.startswith(b"voxspring\0"):
+            text = body[len(b"voxspring\0"):].decode("latin-1")
+        if kind == b"IEND" and text is not None:
+            return text
+        place += 12 + length
+    raise reading.BadInput(f"{path}: is cut off or has no text voxspring; expected a picture that voxspring run --out drew")
+
+
+def read(path):
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise reading.BadInput(f"{path}: {error.strerror}") from None
+    text = text_of(path, data)
+    try:
+        about = json.loads(text)
+    except ValueError:
+        about = None
+    if not isinstance(about, dict):
+        raise reading.BadInput(f"{path}: voxspring: {reading.shown(text)}; expected an object")
+    for key, kind in ABOUT.items():
+        reading.need(path, "voxspring", about, key, kind)
+    if about["coloured_by"] not in COLOURED_BY:
+        raise reading.BadInput(f"{path}: voxspring.coloured_by: {reading.shown(about['coloured_by'])}; expected one of "
+                               f"{', '.join(COLOURED_BY)}")
+    return Picture(about, data)
+
+
+def draw(program, folder, wanted, coloured_by):
+    """Draws a picture into the folder unless one is there that is younger than the program; why it could not, or nothing."""
+    path = folder / wanted.name(coloured_by)
+    try:
+        if path.exists() and path.stat().st_mtime > program.stat().st_mtime:
+            return ""
+        # What an older program drew is not what this one draws.
+        path.unlink(missing_ok=True)
+        done = subprocess.run(wanted.command(program, path, coloured_by), capture_output=True, text=True, timeout=SECONDS)
+    except OSError as error:
+        raise reading.BadInput(f"--program {program}: {error.strerror}") from None
+    except subprocess.TimeoutExpired:
+        return f"not drawn within {SECONDS} seconds"
+    lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+    reason = lines[-1].removeprefix("voxspring: ")
+    return "" if done.returncode == 0 else reason if len(reason) <= 120 else reason[:117] + "..."
+
+
+def gather(results, folder, program):
+    """By dataset its two pictures in the folder, drawn by the program if there is one; and (scenes, reason) left out."""
+    chosen, left_out = choose(results)
+    if program:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise reading.BadInput(f"--pictures {folder}: {error.strerror}") from None
+    found, missing = {}, {}
+    for wanted in chosen:
+        for coloured_by in COLOURED_BY:
+            reason = draw(program, folder, wanted, coloured_by) if program else ""
+            path = folder / wanted.name(coloured_by)
+            if not reason and not path.exists():
+                reason = f"no {path.name} among the pictures"
+            if reason:
+                missing.setdefault(reason, []).append(wanted.scene)
+                break
+        else:
+            found[wanted.scene] = [read(folder / wanted.name(coloured_by)) for coloured_by in COLOURED_BY]
+    return found, left_out + [(scenes, reason) for reason, scenes in missing.items()]
