@@ -295,7 +295,7 @@ class Diff(unittest.TestCase):
                 found = self.judge(path, path)[1]
                 self.assertLessEqual(set(found["counts"]),
                                      {"same", "too few repetitions", "still fails", "too noisy to tell"})
-        older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json") for name in ("figure7", "formulations"))
+        older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json") for name in ("tuning", "formulations"))
         found = self.judge(older, newer)[1]
         self.assertEqual(found["counts"]["not comparable"], 24, "position, 1000 and 10000 steps")
         self.assertTrue(any("24 contenders" in note for note in found["notes"]), found["notes"])
