@@ -182,8 +182,8 @@ Worker::Worker(const std::function<std::unique_ptr<Answerer>()>& make, Seconds t
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
         throw std::system_error(errno, std::generic_category(), "cannot start another process");
-    // No other thread is alive in a forked copy. GCC's OpenMP ends its own for that, to start them again where
-    // they are needed; LLVM's knows that it has been forked, and takes no more than note of this.
+    // No other thread is alive in a forked copy. GCC's OpenMP ends its own for that, to start them again
+    // where they are needed; LLVM's knows that it has been forked, and takes no more than note of this.
     omp_pause_resource_all(omp_pause_soft);
     // What is free need not be copied.
     malloc_trim(0);
