@@ -11,6 +11,7 @@
 #include <string>
 
 #include "backends/limits.h"
+#include "backends/registry.h"
 #include "cuda/work.h"
 #include "tests/support.h"
 
