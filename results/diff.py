@@ -80,6 +80,7 @@ class Row:
     errors: dict = dataclasses.field(default_factory=dict)
     floors: dict = dataclasses.field(default_factory=dict)
     chaotic: bool = False
+    noisy: list = dataclasses.field(default_factory=list)  # why its run says that its times are not to be trusted
     failure: str = ""
 
 
@@ -142,6 +143,7 @@ class Result:
         entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")
                               if key in row)
         entry.chaotic = self.get(row, at, "chaotic", bool, False)
+        entry.noisy = [str(reason) for reason in self.get(row, at, "noisy", list, [])]
         if list_name == "stress":
             if row.get("gate_is") == "at most" and row.get("unit") in STRESS_ERRORS:
                 entry.errors["measured"] = self.get(row, at, "measured", float)
@@ -256,7 +258,7 @@ def grown(old, new, factor):
 
 def pair(old, new, options):
     """A list of compared rows, as results/diff.schema.json has them."""
-    compared = []
+    compared, marked = [], {}
     for identity, place in dict.fromkeys([*old.rows, *new.rows]):
         before, after = old.rows.get((identity, place), []), new.rows.get((identity, place), [])
         for index in range(max(len(before), len(after))):
@@ -271,6 +273,7 @@ def pair(old, new, options):
                           if dict(a.measure).get(key, value) != value]
                 if not differ and min(row["repetitions"]) >= MINIMUM_REPETITIONS:
                     row["time"] = compare_times(a.times, b.times)
+                    marked[id(row)] = "; ".join(dict.fromkeys(a.noisy + b.noisy))
                 row["verdict"], row["detail"] = judge_state(a, b, row, differ, options)
             elif b:
                 failed = identity in old.unmeasured["failed"]
@@ -285,6 +288,9 @@ def pair(old, new, options):
     for row in compared:
         if row["time"] and row["verdict"] in ("", "error grew"):
             verdict = judge_time(row["time"], options.threshold)
+            if marked[id(row)] and verdict in ("slower", "faster"):
+                verdict = "too noisy to tell"
+                row["detail"] = "; ".join(filter(None, (row["detail"], marked[id(row)])))
             if not row["verdict"]:
                 row["verdict"] = verdict
             elif verdict in ("slower", "faster"):

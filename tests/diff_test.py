@@ -120,6 +120,12 @@ class Diff(unittest.TestCase):
         self.assertEqual((row["repetitions"], row["time"]), ([9, 8], None))
         for noise in (0.1, 0.3):
             self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, noise=noise))
+        # A run that says so of itself is believed; an error that grew is one all the same.
+        noisy = {"noisy": ["the card's clock moved (between 1200 and 1980 MHz)"]}
+        row = self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, **noisy))
+        self.assertIn("the card's clock moved", row["detail"])
+        self.assert_first("same", result(PLAIN), changed(**noisy))
+        self.assert_first("error grew", result(PLAIN), changed(time=11, error_max=1e-3, **noisy))
         self.assert_first("slower", result(PLAIN), changed(time=40, noise=0.1))
 
     def test_the_rule(self):

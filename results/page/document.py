@@ -107,7 +107,8 @@ def fastest_table(charts, entries, papers):
         cells = [strategy(best["contender"]) + (remark(f"{paper:.2f} times as fast as the best of the paper's strategies")
                                                 if paper else ""),
                  f"<b>{escape(figures.time_text(best['microseconds']))}</b>"
-                 + small(figures.engineering(best["spring_rate"], "springs/s")),
+                 + small(figures.engineering(best["spring_rate"], "springs/s"))
+                 + (remark("not to be trusted: " + best["noisy"]) if best["noisy"] else ""),
                  strip(charts, each, (min(times), max(times))), limit]
         if best["rounding"] is None:
             cells.append("–")

@@ -231,6 +231,7 @@ def measured(results):
                 "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),
                 "edit_microseconds": edit * 1e6 if edit is not None else None,
                 "without_edits": row.get("seconds_per_step_without_edits"),
+                "noisy": "; ".join(row.get("noisy", [])),
             })
     return rows
 
