@@ -19,6 +19,7 @@
 #include "backends/registry.h"
 #include "harness/bad_input.h"
 #include "harness/commands.h"
+#include "tests/volume_files.h"
 
 namespace voxspring::testing {
 namespace {
@@ -368,9 +369,9 @@ TEST(Study, WithoutABackendIsRefused) { EXPECT_THROW(run_study(study_of({"left_o
 
 class StudyFile : public ::testing::Test {
 protected:
-    std::filesystem::path path_ = std::filesystem::path(::testing::TempDir()) / "study_test.json";
+    TemporaryFolder folder_;
+    std::filesystem::path path_ = folder_.path() / "study_test.json";
     void write(const std::string& text) { std::ofstream(path_) << text; }
-    void TearDown() override { std::filesystem::remove(path_); }
     std::string refusal() {
         try {
             load_study(path_.string());
@@ -445,12 +446,8 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
 /// Parameters: the call in which the device is lost, and the number of that call.
 class LostDevice : public StudyFile, public ::testing::WithParamInterface<std::pair<const char*, int>> {
 protected:
-    std::filesystem::path out_ = std::filesystem::path(::testing::TempDir()) / "study_test_out.json";
-    void TearDown() override {
-        StudyFile::TearDown();
-        std::filesystem::remove(out_);
-        device = {};
-    }
+    std::filesystem::path out_ = folder_.path() / "out.json";
+    void TearDown() override { device = {}; }
 };
 
 // Two contenders, each of which warms up (upload, step, synchronize), is timed four times (upload,
