@@ -5,6 +5,7 @@ build/report-venv, which `./run test` installs; where either is missing all of t
 """
 
 import copy
+import functools
 import html
 import itertools
 import json
@@ -78,7 +79,8 @@ if scene.startswith("scalpel"):
     sys.exit("voxspring: no blade")
 rules = dict(word.split("=") for word in options["--backend"].split(":")[1].split(","))
 with open(options["--out"], "wb") as file:
-    file.write(png({"scene": scene, "particles": 1234, "steps": int(options["--steps"]), "renderer": "a test",
+    particles = json.load(open(sys.argv[0] + ".particles"))[scene]
+    file.write(png({"scene": scene, "particles": particles, "steps": int(options["--steps"]), "renderer": "a test",
                     "backend": f"cpu_parallel/{rules['formulation']}/{rules['precision']}",
                     "coloured_by": options["--colour"], "largest": 3.4e-05 if error else 6.742}))
 '''
@@ -87,8 +89,20 @@ ABOUT = {"scene": "box@32", "particles": 32768, "steps": 900, "coloured_by": "er
          "backend": "cpu_parallel/position/float32", "renderer": "a test"}
 
 
+@functools.cache
+def particles():
+    """Of each dataset of the committed results, as the program would count them, and of one more."""
+    counts = {"mine@8x8x9": 8}
+    for path in H200.parent.glob("*/*.json"):
+        result = json.loads(path.read_text())
+        counts |= {row["scene"]: row["particles"] for key in ("benchmarks", "pareto") for row in result.get(key, [])
+                   if "particles" in row}
+    return counts
+
+
 def write_program(folder):
     path = folder / "voxspring"
+    (folder / "voxspring.particles").write_text(json.dumps(particles()))
     path.write_text(PROGRAM)
     path.chmod(0o755)
     return path
@@ -597,6 +611,15 @@ class Parts(InTemporaryFolder):
         self.assertEqual(left_out, [(evil, "no built-in scene has such a name")])
         calls = pathlib.Path(f"{program}.calls").read_text().splitlines()
         self.assertEqual({json.loads(line)[1] for line in calls}, {"mine@8x8x9"})
+
+    def test_a_volume_named_like_a_built_in_scene_is_not_shown_as_that(self):
+        result = json.loads((H200 / "table1.json").read_text())
+        rows = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median" and row["scene"] == "heart"]
+        result["benchmarks"] = [{**row, "particles": row["particles"] - 1} for row in rows]
+        results = reading.read_all([self.write("mine.json", result)])
+        found, left_out = pictures.gather(results, self.folder / "pictures", write_program(self.folder))
+        self.assertEqual(found, {})
+        self.assertEqual(left_out, [(["heart"], "the built-in scene of that name is another body")])
 
     def test_pictures_that_are_none_are_refused(self):
         good = png(ABOUT)

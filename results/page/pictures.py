@@ -186,5 +186,9 @@ def gather(results, folder, program):
                 missing.setdefault(reason, []).append(wanted.scene)
                 break
         else:
-            found[wanted.scene] = [read(folder / wanted.name(coloured_by)) for coloured_by in COLOURED_BY]
+            drawn = [read(folder / wanted.name(coloured_by)) for coloured_by in COLOURED_BY]
+            if all(picture.about["particles"] == wanted.particles for picture in drawn):
+                found[wanted.scene] = drawn
+            else:
+                missing.setdefault("the built-in scene of that name is another body", []).append(wanted.scene)
     return found, left_out + [(scenes, reason) for reason, scenes in missing.items()]
