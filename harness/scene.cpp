@@ -34,10 +34,9 @@ bool ends_with(const std::string& text, const std::string& end) {
 /// The file's name without folder and extension.
 std::string stem(const std::string& file) {
     std::string name = std::filesystem::path(file).filename().string();
-    for (const std::string extension : {".json", ".nii.gz", ".nii", ".nrrd"}) {
-        if (name.size() > extension.size() && ends_with(name, extension))
-            return name.substr(0, name.size() - extension.size());
-    }
+    const std::string extension = ".json";
+    if (name.size() > extension.size() && ends_with(name, extension))
+        name.resize(name.size() - extension.size());
     return name;
 }
 
@@ -390,7 +389,8 @@ SceneFile volume_with_parameters_of_heart(const std::string& file) {
 Scene load_scene(const std::string& argument, const Limits& limits) {
     if (is_volume_name(argument)) {
         Scene scene = build(volume_with_parameters_of_heart(argument), argument, limits);
-        scene.name = stem(argument);
+        // With its ending: a volume called heart is not the scene heart.
+        scene.name = std::filesystem::path(argument).filename().string();
         return scene;
     }
     const Resize resize = split_resize(argument);

@@ -18,8 +18,8 @@ struct ScheduledEdit {
 };
 
 struct Scene {
-    /// What result rows call it: the built-in name or the file's stem, with "@W x H x D" (no blanks) or "@N"
-    /// where the argument resized it. Has no '/'.
+    /// What result rows call it: the built-in name or a scene file's stem, with "@W x H x D" (no blanks) or
+    /// "@N" where the argument resized it; a volume's file name. Has no '/'.
     std::string name;
     std::string description;  ///< one sentence; may be empty
     Problem problem;

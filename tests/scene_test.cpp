@@ -334,7 +334,7 @@ TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
         "wall.seg.nii.gz", gzipped(nifti_file(nifti_header({4, 5, 6}, 2, {0.5F, 0.5F, 2}), data)));
     const Scene scene = load_scene(file, small);
     const Scene heart = load_scene("heart");
-    EXPECT_EQ(scene.name, "wall.seg");
+    EXPECT_EQ(scene.name, "wall.seg.nii.gz");
     EXPECT_EQ(scene.problem.particle_count(), 120u);
     EXPECT_EQ(scene.problem.lattice.spacing, glm::dvec3(0.5, 0.5, 2));
     EXPECT_EQ(scene.problem.gravity, heart.problem.gravity);
