@@ -208,7 +208,10 @@ public:
             const nlohmann::json warm = contender_.ask(
                 {{"do", "warm up"}, {"batches", course_.batch.rewind ? 1 : 1 + done}}, "warming up");
             if (known("warm")) return;
-            contender_.record().keep("step work", contender_.ask({{"do", "step work"}}, "counting its work"));
+            // An earlier session may have been cut short between the two.
+            if (!known("step work"))
+                contender_.record().keep("step work",
+                                         contender_.ask({{"do", "step work"}}, "counting its work"));
             contender_.record().keep("warm", warm);
         });
     }

@@ -61,6 +61,19 @@ def lines_of(journal):
     return found
 
 
+def cpu_ticks_of_session(session):
+    """Of all processes of a session, so far."""
+    ticks = 0
+    for stat in pathlib.Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue  # it has ended meanwhile
+        if int(fields[3]) == session:
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks
+
+
 class Overnight(unittest.TestCase):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()
@@ -197,8 +210,8 @@ class Kills(Overnight):
         repetitions = 20
         self.study(backends=["cpu_reference", "cpu_parallel", "slow"], steps=20, repetitions=repetitions,
                    scenes=[{"scene": "box@6"}, {"scene": "box@8"}, {"scene": "beam@3x3x9"}])
-        # Some 5 s in all, of which the half of the sessions that come to it do 50 ms each.
-        lines, ran = self.kill_and_resume(25, " repetition ", 0.1, seed=1)
+        # Some 5 s in all, of which the half of the sessions that come to it do 100 ms each.
+        lines, ran = self.kill_and_resume(25, " repetition ", 0.2, seed=1)
         result = self.result()
         self.assertEqual(ran.stderr.count("cut short"), 0, "a torn line was dropped by an earlier session")
         names = collections.Counter(row["name"] for row in result["benchmarks"] if row["run_type"] == "iteration")
@@ -221,7 +234,8 @@ class Kills(Overnight):
                 scene, label, number = measured.groups()
                 self.assertAlmostEqual(times[int(scene), label, int(number)],
                                        json.loads(line)["value"]["device_seconds"] / 20 * 1e6, places=9)
-        self.assertGreater(kept, repetitions, "the kills came too early to prove anything")
+        # Tens of them; fewer where sanitizers or others take the time.
+        self.assertGreater(kept, 5, "the kills came too early to prove anything")
         self.assertTrue(any(row.get("resumed") for row in result["benchmarks"]))
 
     def test_rows_of_other_kinds_are_there_once(self):
@@ -297,6 +311,12 @@ class Interruptions(Overnight):
         ran = self.start(start_new_session=True)
         self.addCleanup(ran.kill)
         self.wait_for(lambda: self.journal.exists() and "introduction" in self.journal.read_text(), "it does not begin")
+        # It hangs once none of its processes has taken time for a while.
+        def idle():
+            before = cpu_ticks_of_session(ran.pid)
+            time.sleep(0.5)
+            return cpu_ticks_of_session(ran.pid) == before
+        self.wait_for(idle, "it does not hang")
         os.killpg(ran.pid, signal.SIGINT)
         time.sleep(0.2)
         self.assertIsNone(ran.poll(), "the first one waits for what is in flight")
