@@ -59,14 +59,13 @@ const std::vector<Rule>& rules() {
     constexpr double least_marched = 6e6;  // particles from which on columns fill a card
     constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
     static const std::vector<Rule> list = {
-        // fastest.json: the box of 32^3 0.87 against 2.12 of cuda_implicit_cached:fetch=l1, the heart 1.30
-        // against 2.80 of cuda_explicit_delta. An edit lays its tables out anew, 7 ms.
+        // fastest.json: the box of 32^3 0.89 against 2.05 of cuda_implicit_cached:fetch=l1, the heart 1.29
+        // against 2.59 of cuda_explicit_delta. edits.json: an edit lays its tables out anew, 11 ms.
         {"cuda_resident", "", 0, most_resident, 0, any_occupancy, false,
          "state stays on the chip from step to step"},
-        // fastest.json: the box of 256^3 167 against 297 of cuda_implicit_cached:fetch=l1, that of 128^3 52
-        // against 46, the heart of 480x408x368 403 against 284 of cuda_explicit_delta. An edit lays its plan
-        // out anew: incision@256
-        // 16862 against 299.
+        // fastest.json: the box of 256^3 168 against 294 of cuda_implicit_cached:fetch=l1, that of 128^3 52
+        // against 45, the heart of 480x408x368 409 against 283 of cuda_explicit_delta. edits.json: an edit
+        // lays its plan out anew, 0.4 ms on the box of 32^3.
         {"cuda_march", "", least_marched, any_number, sparse, any_occupancy, false,
          "each thread marches along a column and reads a particle once"},
         {"cuda_explicit_delta", "", 0, any_number, 0, sparse, true,

@@ -4,43 +4,13 @@
 
 #include "harness/bad_input.h"
 #include "harness/interruption.h"
+#include "harness/limits.h"
 #include "harness/playback.h"
 
 namespace voxspring {
 namespace {
 
 using Clock = std::chrono::steady_clock;
-
-nlohmann::json to_json(const DeviceLimits& limits) {
-    nlohmann::json json = {{"copy", limits.copy_bytes_per_second},
-                           {"cached_copy", limits.cached_copy_bytes_per_second},
-                           {"cache", limits.cache_bytes},
-                           {"launch", limits.launch_seconds},
-                           {"float32", limits.float32_operations_per_second}};
-    const auto add = [&](const char* name, const std::optional<double>& value) {
-        if (value) json[name] = *value;
-    };
-    add("grid_barrier", limits.grid_barrier_seconds);
-    add("exchange", limits.exchange_seconds);
-    add("float64", limits.float64_operations_per_second);
-    add("compute_shader_float32", limits.compute_shader_float32_operations_per_second);
-    return json;
-}
-
-DeviceLimits limits_of(const nlohmann::json& json) {
-    const auto optional = [&](const char* name) {
-        return json.contains(name) ? std::optional(json.at(name).get<double>()) : std::nullopt;
-    };
-    return {.copy_bytes_per_second = json.at("copy"),
-            .cached_copy_bytes_per_second = json.at("cached_copy"),
-            .cache_bytes = json.at("cache"),
-            .launch_seconds = json.at("launch"),
-            .grid_barrier_seconds = optional("grid_barrier"),
-            .exchange_seconds = optional("exchange"),
-            .float32_operations_per_second = json.at("float32"),
-            .float64_operations_per_second = optional("float64"),
-            .compute_shader_float32_operations_per_second = optional("compute_shader_float32")};
-}
 
 /// A contender in its process.
 class Host : public Answerer {
@@ -152,7 +122,7 @@ DeviceLimits Contender::measure_limits(Record record) {
     }
     const nlohmann::json& known = *record.find(device);
     if (known.is_string()) throw DeviceError(known.get<std::string>());
-    return limits_of(known);
+    return device_limits_of(known);
 }
 
 std::optional<std::string> failure_of(const std::function<void()>& action) {

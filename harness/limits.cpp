@@ -15,9 +15,16 @@ std::string family_of(const Capabilities& capabilities) {
 }
 
 nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& limits) {
-    nlohmann::json all = {{"api", capabilities.api},
-                          {"device", capabilities.device},
-                          {"copy_bytes_per_second", limits.copy_bytes_per_second},
+    nlohmann::json all = to_json(limits);
+    all["api"] = capabilities.api;
+    all["device"] = capabilities.device;
+    return all;
+}
+
+}  // namespace
+
+nlohmann::json to_json(const DeviceLimits& limits) {
+    nlohmann::json all = {{"copy_bytes_per_second", limits.copy_bytes_per_second},
                           {"cached_copy_bytes_per_second", limits.cached_copy_bytes_per_second},
                           {"cache_bytes", limits.cache_bytes},
                           {"launch_seconds", limits.launch_seconds},
@@ -32,7 +39,21 @@ nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& li
     return all;
 }
 
-}  // namespace
+DeviceLimits device_limits_of(const nlohmann::json& json) {
+    const auto optional = [&](const char* name) {
+        return json.contains(name) ? std::optional(json.at(name).get<double>()) : std::nullopt;
+    };
+    return {.copy_bytes_per_second = json.at("copy_bytes_per_second"),
+            .cached_copy_bytes_per_second = json.at("cached_copy_bytes_per_second"),
+            .cache_bytes = json.at("cache_bytes"),
+            .launch_seconds = json.at("launch_seconds"),
+            .grid_barrier_seconds = optional("grid_barrier_seconds"),
+            .exchange_seconds = optional("exchange_seconds"),
+            .float32_operations_per_second = json.at("float32_operations_per_second"),
+            .float64_operations_per_second = optional("float64_operations_per_second"),
+            .compute_shader_float32_operations_per_second =
+                optional("compute_shader_float32_operations_per_second")};
+}
 
 std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
                                                const std::function<DeviceLimits()>& measure) {

@@ -12,6 +12,10 @@
 
 namespace voxspring {
 
+/// The limits that apply, by the names of the result's schema, and back.
+nlohmann::json to_json(const DeviceLimits& limits);
+DeviceLimits device_limits_of(const nlohmann::json& json);
+
 /// The limits of every device that was measured, by family: "CUDA", "OpenGL" (draws), "OpenGL compute",
 /// "CPU".
 class MeasuredLimits {

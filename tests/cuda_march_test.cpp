@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 #include <stdexcept>
@@ -309,6 +311,31 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
     if (in_some) {
         EXPECT_GT(warps, 0);
     }
+}
+
+// Nothing of a particle that is not finite comes through to those that it has no spring to.
+TYPED_TEST(MarchBody, AStrayParticleStaysAlone) {
+    Problem problem = lattice(solid({13, 9, 8}));
+    const std::size_t stray = (std::size_t(4) * 9 + 4) * 13 + 6;
+    for (const Direction& direction : directions()) {  // a full box: voxels are particles
+        const auto other = std::size_t(std::ptrdiff_t(stray) + problem.lattice.stride(direction));
+        problem.lattice.mask[stray] &= ~(1U << direction.bit);
+        problem.lattice.mask[other] &= ~(1U << (direction.bit ^ 1));
+    }
+    State start = random_state(problem, 0.05, 7);
+    Simulation<TypeParam> sound(problem, start);
+    sound.run(3);
+    start.displacement[stray] = glm::dvec3(std::numeric_limits<double>::quiet_NaN());
+    Simulation<TypeParam> simulation(problem, start);
+    simulation.run(3);
+    const State expected = sound.download(), state = simulation.download();
+    ASSERT_EQ(problem.lattice.mask[stray] & NEIGHBOUR_BITS, 0U);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        if (i != stray) {
+            ASSERT_EQ(state.displacement[i], expected.displacement[i]) << i;
+        }
+    }
+    EXPECT_TRUE(std::isnan(state.displacement[stray].x));
 }
 
 TYPED_TEST(MarchBody, PacksAndUnpacks) {
