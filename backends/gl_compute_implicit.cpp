@@ -115,7 +115,7 @@ private:
         program.set("dims", problem.lattice.dims);
         program.set("first_word", step.first);
         program.set("rest_length", step.rest_length);
-        program.set("deficit", step.deficit);
+        program.set("rest_deficit", step.deficit);
         std::array<float, 3> stiffness{1, 1, 1};  // materials carry it themselves
         if (!problem.has_materials()) std::copy_n(step.stiffness, 3, stiffness.begin());
         program.set("group_stiffness", stiffness);

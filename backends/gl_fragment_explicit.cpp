@@ -8,6 +8,7 @@
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
 #include "backends/physics/neighbours.h"
+#include "cuda/layout.h"
 
 namespace voxspring {
 namespace {
@@ -129,7 +130,7 @@ private:
         const auto add = [&](std::size_t i, const ListedSpring& s) {
             const std::size_t slot = degree[i]++ * texels + i;
             neighbour[slot] = list_entry(s.neighbour, s.bit);
-            if (own_values) spring[slot] = {float(s.stiffness), float(s.rest_length)};
+            if (own_values) spring[slot] = constants_of(problem, std::uint32_t(i), s);
             if (own_rests_) own_rest[slot] = rest_of(problem, std::uint32_t(i), s);
         };
 
@@ -168,10 +169,20 @@ private:
         return layout;
     }
 
-    /// What own_rest_ holds of a spring of particle i.
+    /// What spring_ holds of a spring of particle i.
+    glm::vec2 constants_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) const {
+        if (s.bit >= 0) {
+            const Direction& direction = directions()[std::size_t(s.bit)];
+            return {float(s.stiffness), cuda::listed_length<float>(problem, direction, formulation())};
+        }
+        const Spring spring{i, s.neighbour, s.stiffness, s.rest_length};
+        return {float(s.stiffness), cuda::listed_length<float>(spring, formulation())};
+    }
+    /// What own_rest_ holds of it.
     static glm::vec4 rest_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) {
         if (s.bit >= 0) return glm::vec4(0);
-        return gl::at_rest(rest_spring(problem, {i, s.neighbour, s.stiffness, s.rest_length}));
+        const auto rest = cuda::own_rest_of<float>(problem, i, s.neighbour, s.rest_length);
+        return {rest.offset.x, rest.offset.y, rest.offset.z, rest.deficit};
     }
 
     gl::Defines specialise(const Problem& problem) const override {
@@ -183,13 +194,14 @@ private:
         return defines;
     }
 
-    void set_uniforms(const gl::Program& program, const Problem& problem) const override {
+    void set_uniforms(const gl::Program& program, const Problem& problem) override {
         std::array<float, 3> rest_length{};
         std::array<float, 3> stiffness{};
         for (const Direction& direction : directions()) {
             rest_length[std::size_t(direction.group)] =
-                float(problem.rest_length[std::size_t(direction.bit)]);
+                cuda::listed_length<float>(problem, direction, formulation());
         }
+        if (!by_increments(formulation())) measure(rest_length);
         std::copy(problem.group_stiffness.begin(), problem.group_stiffness.end(), stiffness.begin());
         program.set("rest_length", rest_length);
         program.set("group_stiffness", stiffness);
@@ -209,7 +221,7 @@ private:
             for (const ListedSpring& s : edit.springs_of(touched)) {
                 texels.neighbour.push_back(list_entry(s.neighbour, s.bit));
                 bits += per_spring_ ? 1U : 1U << count_bits * int(directions()[std::size_t(s.bit)].group);
-                if (per_spring_) texels.spring.emplace_back(float(s.stiffness), float(s.rest_length));
+                if (per_spring_) texels.spring.push_back(constants_of(edited, touched.particle, s));
                 if (own_rests_) texels.own_rest.push_back(rest_of(edited, touched.particle, s));
             }
             texels.particles.push_back({texel_of(touched.particle), bits, touched.begin, touched.end});

@@ -7,6 +7,8 @@
 
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
+#include "backends/physics/neighbours.h"
+#include "cuda/layout.h"
 
 namespace voxspring {
 namespace {
@@ -63,7 +65,7 @@ public:
 
     StepWork step_work(const Problem& problem) const override {
         StepWork work = fragment_work(problem, problem.lattice.voxel_count());
-        // series_stiffness() and its product with the group's.
+        // fast_series_stiffness() and the product with it.
         if (all_terms() || problem.has_materials()) work.operations += 2 * count_springs(problem).total() * 3;
         return work;
     }
@@ -81,9 +83,11 @@ private:
 
     gl::Defines specialise(const Problem&) const override { return {}; }
 
-    void set_uniforms(const gl::Program& program, const Problem& problem) const override {
-        std::array<float, neighbour_count> rest_length{};
-        std::copy(problem.rest_length.begin(), problem.rest_length.end(), rest_length.begin());
+    void set_uniforms(const gl::Program& program, const Problem& problem) override {
+        std::array<float, neighbour_count / 2> rest_length{};
+        for (std::size_t b = 0; b < rest_length.size(); ++b)
+            rest_length[b] = cuda::listed_length<float>(problem, directions()[2 * b], formulation());
+        if (!by_increments(formulation())) measure(rest_length);
         program.set("rest_length", rest_length);
         // Materials carry the stiffness themselves.
         std::array<float, 3> stiffness{1, 1, 1};

@@ -30,20 +30,6 @@ std::uint64_t pull_operations(const Direction& direction, Formulation formulatio
 /// Of a spring beyond the lattice, which may lie along no axis.
 const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::corner};
 
-/// Of every spring, evaluated once.
-template <class Real>
-std::uint64_t all_pulls(const Problem& problem, Formulation formulation) {
-    const SpringCounts springs = count_springs(problem);
-    std::uint64_t operations = springs.beyond * pull_operations<Real>(oblique, formulation);
-    // Springs of a group lie along as many axes.
-    for (std::size_t g = 0; g < 3; ++g) {
-        const auto of_group = std::find_if(directions().begin(), directions().end(),
-                                           [&](const Direction& d) { return std::size_t(d.group) == g; });
-        operations += springs.group[g] * pull_operations<Real>(*of_group, formulation);
-    }
-    return operations;
-}
-
 /// fast_series_stiffness(), the sum of its arguments included, and the density's multiplication by it.
 template <class Real>
 constexpr std::uint64_t material_operations = single<Real> ? 1 + 1 + 1 : 1 + 5 + 1;
@@ -93,12 +79,25 @@ std::uint64_t spring_ends(const Problem& problem) { return 2 * count_springs(pro
 }  // namespace
 
 template <class Real>
+std::uint64_t pull_operations(const Problem& problem, Formulation formulation) {
+    const SpringCounts springs = count_springs(problem);
+    std::uint64_t operations = springs.beyond * pull_operations<Real>(oblique, formulation);
+    // Springs of a group lie along as many axes.
+    for (std::size_t g = 0; g < 3; ++g) {
+        const auto of_group = std::find_if(directions().begin(), directions().end(),
+                                           [&](const Direction& d) { return std::size_t(d.group) == g; });
+        operations += springs.group[g] * pull_operations<Real>(*of_group, formulation);
+    }
+    return operations;
+}
+
+template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
     if (problem.has_materials()) work.bytes += problem.particle_count() * sizeof(Real);  // compliance
     const std::uint64_t material = problem.has_materials() ? material_operations<Real> : 0;
     work.operations += problem.particle_count() * group_operations(problem) +
-                       2 * all_pulls<Real>(problem, formulation) +
+                       2 * pull_operations<Real>(problem, formulation) +
                        spring_ends(problem) * (material + vector_operations);
     return work;
 }
@@ -150,7 +149,7 @@ StepWork explicit_work(const Problem& problem, bool secondary, Formulation formu
     StepWork work = motion_work<Real>(problem, formulation);
     const std::uint64_t ends = spring_ends(problem);
     work.bytes += ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0));
-    work.operations += 2 * all_pulls<Real>(problem, formulation) + ends * vector_operations;
+    work.operations += 2 * pull_operations<Real>(problem, formulation) + ends * vector_operations;
     // The stiffness: once a spring end, or once a group.
     work.operations += secondary ? ends : problem.particle_count() * group_operations(problem);
     return work;
@@ -179,10 +178,12 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     work.bytes += force_read_and_written + particles * sizeof(Word<Real>) +
                   springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>));
     // The stiffness, the force, and its addition to either end.
-    work.operations += all_pulls<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);
+    work.operations += pull_operations<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);
     return work;
 }
 
+template std::uint64_t pull_operations<float>(const Problem&, Formulation);
+template std::uint64_t pull_operations<double>(const Problem&, Formulation);
 template StepWork implicit_work<float>(const Problem&, Formulation);
 template StepWork implicit_work<double>(const Problem&, Formulation);
 template StepWork march_work<float>(const Problem&, Formulation);

@@ -8,6 +8,10 @@
 
 namespace voxspring::cuda {
 
+/// Floating-point operations of unit_pull() on every spring, each evaluated once.
+template <class Real>
+std::uint64_t pull_operations(const Problem& problem, Formulation formulation);
+
 /// Of particles by grid offset. Words of inactive voxels do not count, nor neighbours a second time.
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation);

@@ -4,8 +4,8 @@
 // A word has a particle's x or u in xyz and its bits in w (neighbours.h). A step reads words and writes next
 // words, which held those of t - dt; increments lie in arrays of their own, which it overwrites in place: x
 // of all words, then y, then z, `pitch` apart.
-#include "inverse_root.h"
 #include "motion.glsl"
+#include "pull.glsl"
 
 #ifdef TEXTURE
 layout(binding = 0) uniform samplerBuffer words;
@@ -54,33 +54,6 @@ vec3 between(Point from, Point to) {
     relative += from.low - to.low;
 #endif
     return relative;
-}
-
-// The force of a spring of stiffness 1 is xyz times w. `relative` is x_i - x_j or u_i - u_j, `rest` X_j - X_i
-// and the rest deficit (spring.h), `rest_length` as measured_length() gives it or, by increments, as it is.
-vec4 unit_pull(vec3 relative, vec4 rest, float rest_length) {
-#ifdef ON_POSITIONS
-    precise vec3 offset = relative;
-#else
-    // Less what is zero folds away, which plus zero would not.
-    precise vec3 offset = relative - rest.xyz;
-#endif
-    precise float squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
-#ifdef BY_INCREMENTS
-    precise vec3 sum = offset - rest.xyz;
-    precise float deficit = fma(-relative.x, sum.x, fma(-relative.y, sum.y, fma(-relative.z, sum.z, rest.w)));
-    precise float density = unit_strain_density(squared, rest_length, deficit);
-#else
-    precise float density = unit_force_density(squared, rest_length, inverse_root(squared));
-#endif
-    return vec4(offset, density);
-}
-
-// xyz times w added to `sum`.
-vec3 with_pull(vec4 pull, vec3 sum) {
-    precise vec3 more =
-        vec3(fma(pull.x, pull.w, sum.x), fma(pull.y, pull.w, sum.y), fma(pull.z, pull.w, sum.z));
-    return more;
 }
 
 vec3 before_of(int index) {

@@ -27,17 +27,8 @@ uniform int first_word;
 // By mask bit / 2.
 uniform float rest_length[13];
 uniform float group_stiffness[3];
-#ifdef DEFICITS
-uniform float deficit[13];
-#define DEFICIT(bit) deficit[(bit) / 2]
-#else
-#define DEFICIT(bit) 0.0
-#endif
 
 int word_of(ivec3 voxel) { return first_word + voxel.x + dims.x * (voxel.y + dims.y * voxel.z); }
-
-// `steps` spacings; of none a zero that the compiler knows.
-float spaced(int steps, float spacing) { return steps == 0 ? 0.0 : steps > 0 ? spacing : -spacing; }
 
 #ifdef TILE
 // The group's voxels and a frame of one around them, an array an axis, so that neighbouring invocations read
@@ -98,12 +89,12 @@ vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits
 #else
 #define WITH_MATERIAL(dx, dy, dz)
 #endif
-#define ADD(bit, dx, dy, dz)                                                                                 \
-    {                                                                                                        \
-        vec4 rest = vec4(spaced(dx, spacing.x), spaced(dy, spacing.y), spaced(dz, spacing.z), DEFICIT(bit)); \
-        precise vec4 pull = unit_pull(between(here, NEIGHBOUR(dx, dy, dz)), rest, rest_length[(bit) / 2]);   \
-        WITH_MATERIAL(dx, dy, dz)                                                                            \
-        if (whole || (bits & (1u << (bit))) != 0u) group = with_pull(pull, group);                           \
+#define ADD(bit, dx, dy, dz)                                                                          \
+    {                                                                                                 \
+        precise vec4 pull = unit_pull(between(here, NEIGHBOUR(dx, dy, dz)), REST_OF(bit, dx, dy, dz), \
+                                      rest_length[(bit) / 2]);                                        \
+        WITH_MATERIAL(dx, dy, dz)                                                                     \
+        if (whole || (bits & (1u << (bit))) != 0u) group = with_pull(pull, group);                    \
     }
 #ifdef FACES
     group = vec3(0);

@@ -4,13 +4,14 @@
 // w counts those of each group, COUNT_BITS bits a group, and the group has them. FACES, EDGES and CORNERS
 // are defined where the scene has springs of that group, OWN_REST where it has springs beyond the lattice and
 // the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
+#include "measured.glsl"
 #include "particle.glsl"
 
 // Layer k: each particle's neighbour k, a list entry as in neighbours.h.
 layout(binding = 6) uniform usampler2DArray neighbour;
-// Layer k: stiffness and rest length of each particle's spring k.
+// Layer k: stiffness and rest length of each particle's spring k; the length squared but by increments.
 layout(binding = 7) uniform sampler2DArray spring;
-// Layer k: what rest_of() is to a direction, where entry k says OWN_DIRECTION.
+// Layer k: X_j - X_i and the rest deficit, where entry k says OWN_DIRECTION.
 layout(binding = 8) uniform sampler2DArray own_rest;
 
 uniform float rest_length[3];
@@ -27,16 +28,25 @@ ivec3 offset_of(uint direction) {
     return ivec3(offsets >> (2u * direction & 31u) & 3u) - 1;
 }
 
-vec3 pull_of(Particle particle, uint k, float rest_length, float stiffness) {
+vec4 listed_pull(Particle particle, uint k, float spring_length) {
     uint entry = texelFetch(neighbour, ivec3(particle.texel, k), 0).x;
     uint index = entry & LISTED_INDEX;
     uint direction = entry >> LISTED_INDEX_BITS;
     ivec2 there = ivec2(index & ((1u << WIDTH_BITS) - 1u), index >> WIDTH_BITS);
-    vec4 at_rest = rest_of(offset_of(direction), direction);
 #ifdef OWN_REST
-    if (direction == OWN_DIRECTION) at_rest = texelFetch(own_rest, ivec3(particle.texel, k), 0);
+    if (direction == OWN_DIRECTION)
+        return pull_of(particle, there, texelFetch(own_rest, ivec3(particle.texel, k), 0), spring_length);
 #endif
-    return pull(particle, there, at_rest, rest_length, stiffness);
+    return pull_of(particle, there, vec4(vec3(offset_of(direction)) * spacing, DEFICIT(direction)),
+                   spring_length);
+}
+
+// Adds it to `force`. Each spring is scaled by itself, so that those with a stiffness of their own change no
+// bit of the others.
+vec3 with_listed(Particle particle, uint k, float spring_length, float stiffness, vec3 force) {
+    precise vec4 pull = listed_pull(particle, k, spring_length);
+    pull.w *= stiffness;
+    return with_pull(pull, force);
 }
 
 void main() {
@@ -47,13 +57,16 @@ void main() {
 #ifdef PER_SPRING
     for (uint end = bits & NEIGHBOUR_BITS; k < end; ++k) {
         vec2 own = texelFetch(spring, ivec3(particle.texel, k), 0).xy;
-        force += pull_of(particle, k, own.y, own.x);
+#ifndef BY_INCREMENTS
+        own.y = measured_or_zero(own.y);
+#endif
+        force = with_listed(particle, k, own.y, own.x, force);
     }
 #else
     uint end = 0u;
 #define ADD(group)                                                   \
     end += bits >> (COUNT_BITS * group) & ((1u << COUNT_BITS) - 1u); \
-    for (; k < end; ++k) force += pull_of(particle, k, rest_length[group], group_stiffness[group]);
+    for (; k < end; ++k) force = with_listed(particle, k, rest_length[group], group_stiffness[group], force);
 #ifdef FACES
     ADD(0)
 #endif

@@ -2,7 +2,7 @@
 // particle's own. FACES, EDGES and CORNERS are defined where the scene has springs of that group.
 #include "particle.glsl"
 
-uniform float rest_length[26];  // by mask bit
+uniform float rest_length[13];  // by mask bit / 2
 uniform float group_stiffness[3];
 
 uniform int slice_width;
@@ -19,31 +19,37 @@ void main() {
     ivec2 above = texel.x < last_column ? ivec2(slice_width, 0) : ivec2(-last_column, slice_height);
 #ifdef MATERIALS
     float compliance = texelFetch(material, texel, 0).x;
-#define STIFFNESS(group, there) \
-    (group_stiffness[group] * series_stiffness(compliance, texelFetch(material, there, 0).x))
+#define WITH_MATERIAL                                                                              \
+    precise float stiffness = fast_series_stiffness(compliance, texelFetch(material, there, 0).x); \
+    pull.w *= stiffness;
 #else
-#define STIFFNESS(group, there) group_stiffness[group]
+#define WITH_MATERIAL
 #endif
 
-#define ADD(bit, dx, dy, dz, group)                                                         \
-    if ((bits & (1u << bit)) != 0u) {                                                       \
-        ivec2 there = texel + ivec2(dx, dy) + (dz < 0 ? below : dz > 0 ? above : ivec2(0)); \
-        force += pull(particle, there, rest_of(ivec3(dx, dy, dz), bit), rest_length[bit],   \
-                      STIFFNESS(group, there));                                             \
+#define ADD(bit, dx, dy, dz)                                                                            \
+    if ((bits & (1u << bit)) != 0u) {                                                                   \
+        ivec2 there = texel + ivec2(dx, dy) + (dz < 0 ? below : dz > 0 ? above : ivec2(0));             \
+        precise vec4 pull = pull_of(particle, there, REST_OF(bit, dx, dy, dz), rest_length[(bit) / 2]); \
+        WITH_MATERIAL                                                                                   \
+        group = with_pull(pull, group);                                                                 \
     }
-#define ADD_FACE(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 0)
-#define ADD_EDGE(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 1)
-#define ADD_CORNER(bit, dx, dy, dz) ADD(bit, dx, dy, dz, 2)
 
     precise vec3 force = vec3(0);
+    precise vec3 group;
 #ifdef FACES
-    FACE_NEIGHBOURS(ADD_FACE)
+    group = vec3(0);
+    FACE_NEIGHBOURS(ADD)
+    force = group * group_stiffness[0];
 #endif
 #ifdef EDGES
-    EDGE_NEIGHBOURS(ADD_EDGE)
+    group = vec3(0);
+    EDGE_NEIGHBOURS(ADD)
+    force += group * group_stiffness[1];
 #endif
 #ifdef CORNERS
-    CORNER_NEIGHBOURS(ADD_CORNER)
+    group = vec3(0);
+    CORNER_NEIGHBOURS(ADD)
+    force += group * group_stiffness[2];
 #endif
     advance(particle, force);
 }

@@ -1,5 +1,6 @@
 // What a fragment does for its particle however it finds the neighbours: read, pull, integrate, write.
 #include "motion.glsl"
+#include "pull.glsl"
 
 // Stencil before shader: a masked texel costs no invocation.
 layout(early_fragment_tests) in;
@@ -27,9 +28,6 @@ layout(binding = 5) uniform sampler2D material;
 #else
 uniform float inverse_mass;
 #define INVERSE_MASS(texel) inverse_mass
-#endif
-#ifdef DEFICITS
-uniform float rest_deficit[32];  // by direction as a list entry has it (neighbours.h)
 #endif
 
 layout(location = 0) out vec4 next;
@@ -59,29 +57,13 @@ Particle own_particle() {
 
 uint bits_of(Particle particle) { return floatBitsToUint(particle.here.w); }
 
-// How a lattice spring lies at rest. xyz: X_i - X_j; w: rest deficit (spring.h).
-vec4 rest_of(ivec3 offset, uint direction) {
-#ifdef DEFICITS
-    return vec4(vec3(offset) * -spacing, rest_deficit[direction]);
-#else
-    return vec4(vec3(offset) * -spacing, 0);
-#endif
-}
-
-// Force on the particle of its spring to the one in texel `there`, which lies at rest as rest_of() says.
-vec3 pull(Particle particle, ivec2 there, vec4 at_rest, float rest_length, float stiffness) {
+// unit_pull() on the particle of its spring to the one in texel `there`.
+vec4 pull_of(Particle particle, ivec2 there, vec4 rest, float rest_length) {
     precise vec3 relative = particle.here.xyz - texelFetch(position, there, 0).xyz;
 #ifdef COMPENSATED
     relative += particle.low - texelFetch(position_low, there, 0).xyz;
 #endif
-#ifdef BY_INCREMENTS
-    return strain_force(relative, at_rest.xyz, rest_length, at_rest.w, stiffness, shortest_squared);
-#elif defined(ON_POSITIONS)
-    return spring_force(relative, rest_length, stiffness, shortest_squared);
-#else
-    precise vec3 offset = at_rest.xyz + relative;
-    return spring_force(offset, rest_length, stiffness, shortest_squared);
-#endif
+    return unit_pull(relative, rest, rest_length);
 }
 
 // Writes the particle's state at t + dt, under the sum of its spring forces at t.

@@ -221,8 +221,6 @@ TEST_P(Conformance, RestStaysRestToTheBit) {
     // It rounds 2 - lambda and 1 - lambda apart: a force in proportion to the absolute position.
     const Formulation formulation = spec.options.formulation;
     if (formulation == Formulation::paper) GTEST_SKIP() << "not promised by the paper's step";
-    if (spec.entry->name.starts_with("gl") && !by_increments(formulation))
-        GTEST_SKIP() << "not promised by OpenGL";
     Problem problem = make_lattice_problem(random_grid({12, 11, 10}, 0.8, 3), NEIGHBOUR_BITS);
     if (!backend->unsupported(problem).empty() && may_refuse(spec, problem))
         problem = make_lattice_problem(random_grid({12, 11, 10}, 0.8, 3), FACE_BITS | EDGE_BITS);

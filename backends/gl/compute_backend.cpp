@@ -24,14 +24,6 @@ enum Binding : GLuint {
     inverse_masses
 };
 
-/// Work groups of 64 invocations that stride over `count` things, as shaders/watch.comp, measure.comp and
-/// edit_*.comp do.
-GLuint striding_groups(std::size_t count) {
-    constexpr std::size_t group = 64;
-    constexpr std::size_t most = 65535;  // that every driver takes
-    return GLuint(std::min((count + group - 1) / group, most));
-}
-
 /// `values`, or `count` times `neutral` where a problem without them is to have them all the same.
 template <class T>
 std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count, const T& neutral) {
@@ -40,30 +32,6 @@ std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count,
 }
 
 }  // namespace
-
-void StorageBuffer::replace(const Context& context, std::span<const std::byte> values) {
-    *this = {};  // the old one goes first
-    if (values.empty()) return;
-    buffer_ = make_buffer(context);
-    bytes_ = values.size();
-    glNamedBufferStorage(get(), GLsizeiptr(bytes_), values.data(), GL_DYNAMIC_STORAGE_BIT);
-    context.check("allocating a storage buffer");
-}
-
-void StorageBuffer::upload(const Context& context, std::span<const std::byte> values) {
-    if (buffer_.get() == 0 || bytes_ != values.size()) {
-        replace(context, values);
-        return;
-    }
-    // No barrier keeps NVIDIA's driver (580.159) from overtaking dispatches that still read the buffer.
-    glFinish();
-    glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
-}
-
-void StorageBuffer::download(std::span<std::byte> values) const {
-    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-    if (!values.empty()) glGetNamedBufferSubData(get(), 0, GLsizeiptr(values.size()), values.data());
-}
 
 ComputeBackend::ComputeBackend(const Options& options, std::string shader)
     : GlBackend(options),
@@ -209,26 +177,6 @@ State ComputeBackend::download() {
     out(packed.increment_low, increment_low_);
     context().check("downloading");
     return cuda::unpack<float>(*problem_, packed, layout_.placement, formulation());
-}
-
-void ComputeBackend::measure(const StorageBuffer& squares, std::size_t count, int stride, int offset) {
-    if (measure_program_.get() == 0) measure_program_ = Program(context(), load_source("measure.comp", {}));
-    squares.bind(0);
-    measure_program_.set("count", int(count));
-    measure_program_.set("stride", stride);
-    measure_program_.set("offset", offset);
-    glUseProgram(measure_program_.get());
-    glDispatchCompute(striding_groups(count), 1, 1);
-    glMemoryBarrier(barrier_);
-}
-
-void ComputeBackend::measure(std::span<float> squares) {
-    std::vector<float> lengths(squares.begin(), squares.end());
-    StorageBuffer buffer;
-    buffer.upload(context(), lengths);
-    measure(buffer, lengths.size(), 1, 0);
-    buffer.download(lengths);
-    std::copy(lengths.begin(), lengths.end(), squares.begin());
 }
 
 glm::ivec3 ComputeBackend::rows_of_groups(int groups) {

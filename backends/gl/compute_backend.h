@@ -10,41 +10,10 @@
 #include <vector>
 
 #include "backends/gl/gl_backend.h"
+#include "backends/gl/storage_buffer.h"
 #include "cuda/layout.h"
 
 namespace voxspring::gl {
-
-/// An array in device memory for shaders to read and write.
-class StorageBuffer {
-public:
-    /// Replaces what it held, if anything; nothing if `values` are empty. Waits for all that is enqueued, or
-    /// takes new storage.
-    template <class T>
-    void upload(const Context& context, const std::vector<T>& values) {
-        upload(context, std::as_bytes(std::span(values)));
-    }
-    /// The same in new storage: what is enqueued goes on with the old.
-    template <class T>
-    void replace(const Context& context, const std::vector<T>& values) {
-        replace(context, std::as_bytes(std::span(values)));
-    }
-    /// The first values.size() of them, once everything enqueued has run.
-    template <class T>
-    void download(std::vector<T>& values) const {
-        download(std::as_writable_bytes(std::span(values)));
-    }
-    GLuint get() const { return buffer_.get(); }
-    std::size_t bytes() const { return bytes_; }
-    void bind(GLuint binding) const { glBindBufferBase(GL_SHADER_STORAGE_BUFFER, binding, get()); }
-
-private:
-    void upload(const Context& context, std::span<const std::byte> values);
-    void replace(const Context& context, std::span<const std::byte> values);
-    void download(std::span<std::byte> values) const;
-
-    Buffer buffer_;
-    std::size_t bytes_ = 0;
-};
 
 class ComputeBackend : public GlBackend {
 public:
@@ -80,10 +49,6 @@ protected:
     virtual void set_uniforms(const Program& program, const Problem& problem) = 0;
 
     static constexpr GLuint first_own_binding = 8;
-    /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h).
-    void measure(std::span<float> squares);
-    /// The same in place of numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all.
-    void measure(const StorageBuffer& squares, std::size_t count, int stride, int offset);
     /// Work groups in rows of no more than every driver takes; there may be some more than asked for.
     static glm::ivec3 rows_of_groups(int groups);
     /// Goes on with `edited`, whose springs the caller sees to.
@@ -117,7 +82,7 @@ private:
     std::map<std::string, Program> programs_;  // by their text: an edit may go back to the one before
     const Program* program_ = nullptr;
     double compile_seconds_ = 0;
-    Program measure_program_, bits_program_;
+    Program bits_program_;
     StorageBuffer edited_;
 
     const Problem* problem_ = nullptr;

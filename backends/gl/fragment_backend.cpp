@@ -8,6 +8,7 @@
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
 #include "backends/physics/neighbours.h"
+#include "cuda/work.h"
 
 namespace voxspring::gl {
 namespace {
@@ -16,8 +17,6 @@ namespace {
 constexpr GLuint state_unit = 0;  // up to four of them
 constexpr GLuint load_unit = 4;
 constexpr GLuint material_unit = 5;
-/// Directions that a list entry can tell apart.
-constexpr std::size_t direction_codes = std::size_t(1) << (32 - LISTED_INDEX_BITS);
 
 constexpr float nan = std::numeric_limits<float>::quiet_NaN();
 /// What a texel without a particle holds.
@@ -41,16 +40,6 @@ glm::vec3 stored(Formulation formulation, const Problem& problem, const State& s
     if (on_positions(formulation)) place += problem.rest_position[particle];
     if (age == 1) place -= state.increment[particle];
     return glm::vec3(place);
-}
-
-/// Floating-point operations on one end of a spring, as GLSL may fuse them.
-std::uint64_t pull_operations(Formulation formulation) {
-    // Offset from the neighbour 3, its square 3, larger() and root 1 each, force and sum 3.
-    constexpr std::uint64_t every = 3 + 3 + 1 + 1 + 3;
-    // force_density() 3; on displacements the rest offset.
-    if (!by_increments(formulation)) return every + 3 + (on_positions(formulation) ? 0 : 3);
-    // Rest offset 3, and once more 3, deficit 3, the rest of strain_density() 4; the low parts' difference.
-    return every + 13 + (formulation == Formulation::compensated ? 6 : 0);
 }
 
 /// Operations on vectors of one step of a particle whose forces are summed.
@@ -164,14 +153,14 @@ void FragmentBackend::make_program(const Problem& problem) {
     if (fragment.text != fragment_text_) {
         program_ = Program(context(), load_source("full_screen.vert", {}), fragment);
         fragment_text_ = fragment.text;
-        glUseProgram(program_.get());
     }
-    std::array<float, direction_codes> deficit{};
+    std::array<float, neighbour_count / 2> deficit{};
     for (const Direction& direction : directions())
-        deficit[std::size_t(direction.bit)] = float(rest_spring(problem, direction).deficit);
+        deficit[std::size_t(direction.bit / 2)] = float(rest_spring(problem, direction).deficit);
     program_.set("rest_deficit", deficit);
     set_motion(program_, problem);
     set_uniforms(program_, problem);
+    glUseProgram(program_.get());
 }
 
 void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
@@ -198,15 +187,8 @@ void FragmentBackend::write(const TexelEdit& edit) {
         edit_defines_ = defines;
     }
     const auto send = [&](GLuint binding, const auto& values) {
-        // A buffer of its own for every edit: no barrier keeps NVIDIA's driver (580.159) from writing into
-        // one that dispatches before still read.
-        edit_buffers_[binding] = make_buffer(context());
-        const GLuint buffer = edit_buffers_[binding].get();
-        // One element at least: an empty buffer cannot be bound.
-        const std::size_t bytes = std::max<std::size_t>(values.size(), 1) * sizeof(values[0]);
-        glNamedBufferData(buffer, GLsizeiptr(bytes), values.empty() ? nullptr : values.data(),
-                          GL_STREAM_DRAW);
-        glBindBufferBase(GL_SHADER_STORAGE_BUFFER, binding, buffer);
+        edit_buffers_[binding].replace(context(), values);
+        edit_buffers_[binding].bind(binding);
     };
     send(0, edit.particles);
     send(1, edit.neighbour);
@@ -219,8 +201,7 @@ void FragmentBackend::write(const TexelEdit& edit) {
     // Image stores may overtake the texture fetches of steps before them: those wait for no barrier, these
     // do.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
-    constexpr std::size_t group = 64, most_groups = 65535;
-    glDispatchCompute(GLuint(std::min((edit.particles.size() + group - 1) / group, most_groups)), 1, 1);
+    glDispatchCompute(striding_groups(edit.particles.size()), 1, 1);
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT |
                     GL_TEXTURE_UPDATE_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
     glUseProgram(program_.get());
@@ -324,13 +305,12 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
     // Two frames of one target are read and one is written, or one of several targets read and one written.
     const std::uint64_t texels_moved =
         by_increments(formulation()) ? 2 * target_count_of(formulation()) : frame_count_of(formulation());
-    return {.bytes = (masked_ ? particles : unmasked) * texels_moved * std::uint64_t(rgba32f.bytes) +
-                     particles * std::uint64_t((loads ? rgba32f.bytes : 0) + (materials ? rg32f.bytes : 0)),
-            .operations = particles * 3 * vectors +
-                          2 * count_springs(problem).total() * pull_operations(formulation())};
+    return {
+        .bytes = (masked_ ? particles : unmasked) * texels_moved * std::uint64_t(rgba32f.bytes) +
+                 particles * std::uint64_t((loads ? rgba32f.bytes : 0) + (materials ? rg32f.bytes : 0)),
+        .operations = particles * 3 * vectors + 2 * (cuda::pull_operations<float>(problem, formulation()) +
+                                                     3 * count_springs(problem).total())};  // its sum
 }
-
-glm::vec4 at_rest(const RestSpring& rest) { return {glm::vec3(rest.offset), float(rest.deficit)}; }
 
 std::map<std::string, TuningValues> fragment_tuning() {
     return {{"mask", {"stencil", "none"}}, {"terms", {"needed", "all"}}};

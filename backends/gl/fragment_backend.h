@@ -57,8 +57,8 @@ protected:
         };
         std::vector<Particle> particles;
         std::vector<std::uint32_t> neighbour;  ///< list entries (neighbours.h)
-        std::vector<glm::vec2> spring;         ///< stiffness and rest length; empty where groups have them
-        std::vector<glm::vec4> own_rest;       ///< at_rest(); empty where no spring leaves the lattice
+        std::vector<glm::vec2> spring;         ///< as the shader reads them; empty where groups have them
+        std::vector<glm::vec4> own_rest;       ///< the same; empty where no spring leaves the lattice
     };
 
     /// `fragment_shader`: the file in shaders/.
@@ -69,7 +69,7 @@ protected:
     virtual Layout lay_out(const Problem& problem) = 0;
     /// What specialises the fragment shader beyond the terms that it shares (shaders/particle.glsl).
     virtual Defines specialise(const Problem& problem) const = 0;
-    virtual void set_uniforms(const Program& program, const Problem& problem) const = 0;
+    virtual void set_uniforms(const Program& program, const Problem& problem) = 0;
     /// Whether what lay_out() made and specialise() said hold for `edited` too.
     virtual bool has_room(const Problem& edited, const SpringEdit& edit) const = 0;
     /// The particles that `edit` touched, for what lay_out() made.
@@ -118,17 +118,14 @@ private:
     Program program_;
     std::string fragment_text_;  // that program_ was made of
     Program edit_program_;
-    Defines edit_defines_;                // that edit_program_ was made with
-    std::array<Buffer, 4> edit_buffers_;  // shaders/edit.comp's, of the latest edit
+    Defines edit_defines_;                       // that edit_program_ was made with
+    std::array<StorageBuffer, 4> edit_buffers_;  // shaders/edit.comp's, of the latest edit
 
     const Problem* problem_ = nullptr;
     glm::ivec2 size_{0};
     std::vector<std::uint32_t> texel_;
     std::size_t current_ = 0;
 };
-
-/// How a spring lies at rest, as the shaders have it: X_i - X_j, and the rest deficit in w.
-glm::vec4 at_rest(const RestSpring& rest);
 
 /// The tuning parameters of every FragmentBackend.
 std::map<std::string, TuningValues> fragment_tuning();

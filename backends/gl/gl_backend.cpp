@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <vector>
 
 #include "backends/physics/neighbours.h"
 
@@ -60,6 +61,26 @@ void GlBackend::look() {
     glUseProgram(watch_program_.get());
     enqueue_look();
     glUseProgram(GLuint(stepping));
+}
+
+void GlBackend::measure(const StorageBuffer& squares, std::size_t count, int stride, int offset) {
+    if (measure_program_.get() == 0) measure_program_ = Program(context_, load_source("measure.comp", {}));
+    squares.bind(0);
+    measure_program_.set("count", int(count));
+    measure_program_.set("stride", stride);
+    measure_program_.set("offset", offset);
+    glUseProgram(measure_program_.get());
+    glDispatchCompute(striding_groups(count), 1, 1);
+    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
+}
+
+void GlBackend::measure(std::span<float> squares) {
+    std::vector<float> lengths(squares.begin(), squares.end());
+    StorageBuffer buffer;
+    buffer.upload(context_, lengths);
+    measure(buffer, lengths.size(), 1, 0);
+    buffer.download(lengths);
+    std::copy(lengths.begin(), lengths.end(), squares.begin());
 }
 
 std::optional<Departure> GlBackend::departure() {

@@ -4,10 +4,12 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 
 #include "backends/gl/context.h"
 #include "backends/gl/handles.h"
 #include "backends/gl/program.h"
+#include "backends/gl/storage_buffer.h"
 #include "backends/registry.h"
 
 namespace voxspring::gl {
@@ -31,6 +33,11 @@ protected:
     /// shaders/watch.comp beyond the formulation.
     void rewind(const Defines& more = {});
 
+    /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h).
+    void measure(std::span<float> squares);
+    /// The same in place of numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all.
+    void measure(const StorageBuffer& squares, std::size_t count, int stride, int offset);
+
 private:
     /// Enqueues one step.
     virtual void enqueue_step() = 0;
@@ -45,6 +52,7 @@ private:
     Formulation formulation_;
     bool all_terms_;
     Query begin_, end_;
+    Program measure_program_;
     Program watch_program_;   // made with the first upload that is watched
     Buffer found_;            // shaders/watch.comp's
     std::int64_t steps_ = 0;  // since upload()

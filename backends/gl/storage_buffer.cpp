@@ -1,0 +1,37 @@
+#include "backends/gl/storage_buffer.h"
+
+#include <algorithm>
+
+namespace voxspring::gl {
+
+void StorageBuffer::replace(const Context& context, std::span<const std::byte> values) {
+    *this = {};  // the old one goes first
+    if (values.empty()) return;
+    buffer_ = make_buffer(context);
+    bytes_ = values.size();
+    glNamedBufferStorage(get(), GLsizeiptr(bytes_), values.data(), GL_DYNAMIC_STORAGE_BIT);
+    context.check("allocating a storage buffer");
+}
+
+void StorageBuffer::upload(const Context& context, std::span<const std::byte> values) {
+    if (buffer_.get() == 0 || bytes_ != values.size()) {
+        replace(context, values);
+        return;
+    }
+    // No barrier keeps NVIDIA's driver (580.159) from overtaking dispatches that still read the buffer.
+    glFinish();
+    glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
+}
+
+void StorageBuffer::download(std::span<std::byte> values) const {
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    if (!values.empty()) glGetNamedBufferSubData(get(), 0, GLsizeiptr(values.size()), values.data());
+}
+
+GLuint striding_groups(std::size_t count) {
+    constexpr std::size_t group = 64;
+    constexpr std::size_t most = 65535;  // that every driver takes
+    return GLuint(std::min((count + group - 1) / group, most));
+}
+
+}  // namespace voxspring::gl
