@@ -102,6 +102,7 @@ public:
     StepWork step_work(const Problem& problem) const override {
         StepWork work = fragment_work(problem, problem.particle_count());
         const std::uint64_t ends = 2 * count_springs(problem).total();
+        work.operations += ends;  // each is scaled by its stiffness
         work.bytes += ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0));
         if (own_rests(problem)) work.bytes += 2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes);
         return work;
