@@ -74,7 +74,6 @@ def draw_fronts(axes, rows):
         axes.step(*zip(*front), where="post", color="#444444", linewidth=1.1, linestyle=style, zorder=2,
                   label=f"front on {short(device)}")
     axes.set(xscale="log", yscale="log", xlabel=f"run time to t = {rows[0]['end_time']:.3g} (s)")
-    axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=7.5, loc="lower left")
 
 
 def draw_curves(axes, rows):
@@ -110,6 +109,8 @@ def draw(rows):
                for name, colour in COLOURS.items() if any(name == formulation for formulation, _ in used)]
     handles += [Line2D([], [], color="#444444", marker=MARKERS[name], markersize=4, linestyle=DASHES[name], label=name)
                 for name in DASHES if any(name == precision for _, precision in used)]
+    fronts = [panel.get_legend_handles_labels() for panel in panels[0]]
+    handles += list({label: line for lines, labels in fronts for line, label in zip(lines, labels)}.values())
     figure.get_layout_engine().set(rect=(0, 0.05, 1, 0.95))
     figure.legend(handles=handles, loc="lower center", ncols=-(-len(handles) // (1 if len(scenes) > 1 else 2)),
                   frameon=False)
