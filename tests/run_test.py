@@ -1,0 +1,109 @@
+"""Tests of the script `run` with stand-ins for what it calls: dpkg-query, cmake, git and the program."""
+
+import os
+import pathlib
+import shutil
+import subprocess
+import tempfile
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+# Says that every package it is asked for is installed, but those of $MISSING.
+DPKG_QUERY = """#!/bin/bash
+for package in "${@:3}"; do
+    [[ " ${MISSING:-} " = *" $package "* ]] || echo "$package installed"
+done
+"""
+
+
+class Study(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.tree = pathlib.Path(folder.name).resolve() / "tree"
+        (self.tree / "build/release").mkdir(parents=True)
+        self.local = self.tree / "results/local"
+        self.local.mkdir(parents=True)
+        shutil.copy(ROOT / "run", self.tree)
+        shutil.copy(ROOT / "CMakePresets.json", self.tree)
+        # The script goes where there is no tool but these.
+        self.tools = pathlib.Path(folder.name) / "tools"
+        self.tools.mkdir()
+        for tool in ("bash", "cat", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "rm", "tail", "touch"):
+            (self.tools / tool).symlink_to(shutil.which(tool))
+        self.write(self.tools / "dpkg-query", DPKG_QUERY)
+        self.write(self.tools / "cmake", "#!/bin/bash\n")
+        self.write(self.tree / "build/release/voxspring", '#!/bin/bash\nprintf "%s\\n" "$@"\n')
+        (self.tree / "build/release/build.ninja").touch()
+
+    @staticmethod
+    def write(path, text):
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def run_script(self, *arguments, **environment):
+        return subprocess.run([self.tree / "run", *arguments], capture_output=True, text=True, timeout=60, check=False,
+                              env={"PATH": str(self.tools), **environment})
+
+    def program_arguments(self, *arguments):
+        done = self.run_script(*arguments)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lines = done.stdout.splitlines()
+        self.assertEqual(lines[0], "Building.")
+        return lines[1:]
+
+    def cut_short(self, name, age):
+        journal = self.local / f"{name}.json.journal"
+        journal.touch()
+        os.utime(journal, (1e9 - age, 1e9 - age))
+        return str(journal.with_suffix(""))
+
+    def test_runs_the_default_study_into_results_local(self):
+        *first, result = self.program_arguments("study")
+        self.assertEqual(first, ["study", "default", "--out"])
+        self.assertRegex(result, f"^{self.local}/[0-9]{{4}}-[0-9]{{2}}-[0-9]{{2}}T[0-9]{{6}}Z-unversioned[.]json$")
+        self.assertEqual(self.program_arguments("study", "--repetitions", "3")[:4],
+                         ["study", "default", "--repetitions", "3"])
+
+    def test_passes_on_where_the_result_goes(self):
+        for out in (["--out", "a b.json"], ["--out=a b.json"]):
+            self.assertEqual(self.program_arguments("study", "table1", *out), ["study", "table1", *out])
+
+    def test_resume_goes_on_with_the_study_that_was_cut_short_last(self):
+        self.cut_short("older", 20)
+        latest = self.cut_short("latest", 10)
+        self.cut_short("oldest", 30)
+        self.assertEqual(self.program_arguments("study", "smoke", "--resume"),
+                         ["study", "smoke", "--resume", "--out", latest])
+
+    def test_resume_with_a_result_of_its_own_goes_on_with_that(self):
+        self.cut_short("other", 10)
+        arguments = ["study", "smoke", "--resume", "--out", "mine.json"]
+        self.assertEqual(self.program_arguments(*arguments), arguments)
+
+    def test_resume_of_nothing_is_refused(self):
+        (self.local / "finished.json").touch()
+        done = self.run_script("study", "--resume")
+        self.assertEqual(done.returncode, 2)
+        self.assertIn(f"there is nothing to resume: no study in {self.local} was cut short", done.stderr)
+
+    def test_names_the_packages_that_are_missing(self):
+        done = self.run_script("study", MISSING="cmake libepoxy-dev")
+        self.assertEqual(done.returncode, 2)
+        self.assertEqual(done.stdout, "Missing packages:\n  cmake\n  libepoxy-dev\n")
+        self.assertIn("there is no apt-get here", done.stderr)
+
+    def test_a_build_that_fails_ends_it(self):
+        self.write(self.tools / "cmake", "#!/bin/bash\necho broken >&2\nexit 1\n")
+        done = self.run_script("study")
+        self.assertEqual((done.returncode, done.stdout, done.stderr), (1, "Building.\n", "broken\n"))
+
+    def test_says_how_it_is_used(self):
+        self.assertEqual(self.run_script("help").returncode, 0)
+        self.assertEqual(self.run_script("stduy").returncode, 2)
+        self.assertIn("./run study", self.run_script("stduy").stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
