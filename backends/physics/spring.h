@@ -1,4 +1,5 @@
-// The spring force and the integrators, written once for every language and precision.
+// The integrators, written once for every language and precision, and the spring force by IEEE's root, as
+// processors step it; GPUs have that of inverse_root.h.
 // Rasmusson, Mosegaard and Sorensen (2008), section 2, in the formulations of formulation.h.
 #ifndef VOXSPRING_SPRING_H
 #define VOXSPRING_SPRING_H
