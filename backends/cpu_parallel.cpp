@@ -109,7 +109,7 @@ double flush_threshold(const Options& options) {
     if (!by_increments(options.formulation)) {
         throw BadSpecification("backend cpu_parallel: rest=flush is for increment and compensated");
     }
-    return 1e-12;
+    return flushed_below;
 }
 
 /// Scalars of a particle's state: positions or displacements of two steps, or those and the increment.

@@ -63,7 +63,8 @@ void CudaBackend::step(int count) {
 void CudaBackend::enqueue_steps(int count) {
     for (int k = graph_lengths - 1; k >= 0; --k) {
         for (; count >= 1 << k; count -= 1 << k) {
-            std::optional<Graph>& graph = graphs_[std::size_t(current_)][std::size_t(k)];
+            std::optional<Graph>& graph =
+                graphs_[std::size_t(kind_of_step())][std::size_t(current_)][std::size_t(k)];
             if (!graph) {
                 graph.emplace(Graph::capture(stream_, [&] {
                     for (int n = 0; n < 1 << k; ++n) enqueue_step((current_ + n) % 2);

@@ -41,6 +41,8 @@ protected:
     void stepped(int count);
     /// Whether there are looks.
     bool watched() const { return watch_.every > 0; }
+    /// Enqueues `count` steps, and looks between them: graphs of single ones unless overridden.
+    virtual void enqueue_steps(int count);
 
 private:
     /// Empty, or why the strategy cannot run `problem`, memory aside.
@@ -50,12 +52,12 @@ private:
     virtual std::uint64_t bytes_held() const = 0;
     /// Enqueue one step that reads buffer `reading`; not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
+    /// Which of two kinds of step that is now, 0 or 1.
+    virtual int kind_of_step() const { return 0; }
 
     /// Enqueue a look at x(t).
     virtual void enqueue_look(const Look& look, Fault* fault) = 0;
     void look();
-    /// Enqueues `count` steps, and looks between them: graphs of single ones unless overridden.
-    virtual void enqueue_steps(int count);
 
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }
@@ -70,9 +72,9 @@ private:
     Buffer<Fault> fault_;         ///< one
     /// The longest graph has 2^8 steps: enough that its launch costs nothing beside them.
     static constexpr int graph_lengths = 9;
-    /// graphs_[b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a batch
-    /// of steps that was run once since upload() captures nothing when it is timed.
-    std::array<std::array<std::optional<Graph>, graph_lengths>, 2> graphs_;
+    /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a
+    /// batch of steps that was run once since upload() captures nothing when it is timed.
+    std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
 };
 
 }  // namespace voxspring::cuda

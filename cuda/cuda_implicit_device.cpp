@@ -13,7 +13,8 @@ const Registered entry({
     .tuning = tuning({{"block", implicit_blocks},
                       {"fetch", {"cg", "l1"}},
                       {"registers", implicit_registers},
-                      {"interior", implicit_interior}}),
+                      {"interior", implicit_interior},
+                      {"rest", implicit_rest}}),
     .make = make_implicit,
     .bytes = implicit_bytes,
 });

@@ -14,7 +14,8 @@ const Registered entry({
     .formulations = every_formulation,
     .tuning = tuning({{"block", {"64x4", "32x8", "32x4", "16x16"}},
                       {"registers", implicit_registers},
-                      {"interior", implicit_interior}}),
+                      {"interior", implicit_interior},
+                      {"rest", implicit_rest}}),
     .make = make_tiled,
     .bytes = implicit_bytes,
 });

@@ -4,6 +4,7 @@
 
 #include "cuda/measure.h"
 #include "cuda/particles.h"
+#include "cuda/resting.h"
 #include "cuda/work.h"
 
 namespace voxspring::cuda {
@@ -28,7 +29,8 @@ public:
           shape_(BlockShape::parse(options.tuning.at("block"))),
           registers_(options.tuning.at("registers")),
           interior_(options.tuning.at("interior")),
-          tiled_(tiled) {}
+          tiled_(tiled),
+          resting_(options) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->synchronize();
@@ -45,11 +47,20 @@ public:
                                        : dim3(blocks_for(std::size_t(lattice.dims.x), launch.block.x),
                                               blocks_for(std::size_t(lattice.dims.y), launch.block.y),
                                               blocks_for(std::size_t(lattice.dims.z), launch.block.z));
+        resting_.upload(problem, state, shape_, this->stream());
         launch.kernel = this->kernel(source(problem, launch.grid));
+        // Compiled where it is of use, and kept with what the graphs hold of it.
+        if (resting_.may_look()) {
+            std::shared_ptr<const Kernel> kernel =
+                this->kernel(source(problem, launch.grid, resting_.terms()));
+            if (kernel != resting_kernel_) this->forget_graphs();
+            resting_kernel_ = std::move(kernel);
+        }
         if (tiled_) launch.shared_bytes = tile_bytes();
         launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
+        launch.step.reports = resting_.reports(0);
         if (!by_increments(this->formulation()))
             measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
@@ -58,6 +69,16 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         this->follow(edited);
         this->write_masks(edit);
+        resting_.wake(this->stream());
+    }
+
+    WorkCount count_work() override {
+        if (!resting_.may_look()) return {};
+        const bool looks = resting_.looks();
+        this->step(1);
+        return {{"tiles", resting_.blocks()},
+                {"tiles_stepped",
+                 looks ? resting_.blocks_stepped(this->current(), this->stream()) : resting_.blocks()}};
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -74,14 +95,36 @@ private:
         if (tiled_ && tile_bytes() > this->device().shared_bytes())
             return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
                    std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
+        if (std::string why = resting_.refused(problem.lattice, shape_); !why.empty()) return why;
         return too_many_words<Real>(place_on_grid(problem.lattice).words, this->device(),
                                     this->family().fetch);
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
-        return implicit_bytes<Real>(problem, shape_, this->formulation());
+        return implicit_bytes<Real>(problem, shape_, this->formulation()) +
+               resting_.bytes_needed(problem.lattice, shape_);
     }
     std::uint64_t bytes_held() const override {
-        return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes();
+        return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes() + resting_.bytes_held();
+    }
+
+    int kind_of_step() const override { return resting_.looks() ? 1 : 0; }
+    void enqueue_step(int reading) override {
+        if (!resting_.looks()) {
+            ParticleBackend<Real, ImplicitStep<Real>>::enqueue_step(reading);
+            return;
+        }
+        const auto& launch = this->launch();
+        ImplicitStep<Real> step = launch.step;
+        step.reports = resting_.reports(reading);
+        this->launch_kernel(*resting_kernel_, launch.grid, launch.block, launch.shared_bytes, step, reading);
+    }
+    void enqueue_steps(int count) override {
+        while (count > 0) {
+            const int steps = std::min(count, resting_.steps_to_decision());
+            CudaBackend::enqueue_steps(steps);
+            resting_.stepped(steps, this->current(), this->stream());
+            count -= steps;
+        }
     }
 
     std::size_t tile_bytes() const {
@@ -89,10 +132,10 @@ private:
         return axes * 3 * std::size_t(shape_.x + 2) * std::size_t(shape_.y + 2) * sizeof(Real);
     }
 
-    KernelSource source(const Problem& problem, dim3 grid) const {
+    KernelSource source(const Problem& problem, dim3 grid, std::uint32_t more_terms = 0) const {
         KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
                                                     this->blocks_with(registers_for(grid), most_threads),
-                                                    votes(grid) ? term_interior : 0);
+                                                    (votes(grid) ? term_interior : 0) | more_terms);
         if (tiled_) {
             source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
             source.macros["WIDTH"] = std::to_string(shape_.x);
@@ -137,11 +180,14 @@ private:
     const std::string registers_;
     const std::string interior_;
     const bool tiled_;
+    Resting resting_;
+    std::shared_ptr<const Kernel> resting_kernel_;
     Buffer<BlockOrigin> origins_;
     Buffer<Real> compliance_;
 };
 
 std::unique_ptr<Backend> make(const KernelFamily& family, const Options& options, bool tiled) {
+    Resting::check(options);
     if (family.precision == Precision::float32)
         return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
     return std::make_unique<ImplicitBackend<double>>(family, options, tiled);

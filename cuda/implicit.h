@@ -25,6 +25,8 @@ inline const TuningValues implicit_blocks = {"32x4x2",  "32x8x1", "64x4x1", "128
 /// group at once. On a large one other threads run meanwhile, and few registers make room for more of them.
 /// By the lattice's size and the formulation: auto.
 inline const TuningValues implicit_registers = {"auto", "32", "40", "48", "64", "128"};
+/// What becomes of blocks at rest (resting.h).
+inline const TuningValues implicit_rest = {"auto", "step", "skip", "flush"};
 /// Whether a warp whose particles all have all neighbours goes a way without masks; by the lattice's size:
 /// auto.
 inline const TuningValues implicit_interior = {"auto", "mask", "vote"};

@@ -623,11 +623,23 @@ BlockShape BlockShape::parse(const std::string& text) {
     return shape;
 }
 
+namespace {
+
+int whole_blocks(int extent, int block) { return (extent + block - 1) / block; }
+
+}  // namespace
+
+ReportGrid::ReportGrid(const Lattice& lattice, BlockShape shape)
+    : shape_(shape),
+      row_(std::size_t(whole_blocks(lattice.dims.x, shape.x)) + 2),
+      slice_((std::size_t(whole_blocks(lattice.dims.y, shape.y)) + 2) * row_),
+      size_((std::size_t(whole_blocks(lattice.dims.z, shape.z)) + 2) * slice_) {}
+
 std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape) {
-    const auto blocks = [](int extent, int block) { return (extent + block - 1) / block; };
-    const int nx = blocks(lattice.dims.x, shape.x);
-    const int ny = blocks(lattice.dims.y, shape.y);
-    const int nz = blocks(lattice.dims.z, shape.z);
+    const int nx = whole_blocks(lattice.dims.x, shape.x);
+    const int ny = whole_blocks(lattice.dims.y, shape.y);
+    const int nz = whole_blocks(lattice.dims.z, shape.z);
+    const ReportGrid reports(lattice, shape);
     std::vector<std::uint8_t> active(std::size_t(nx) * std::size_t(ny) * std::size_t(nz));
     for (const std::uint32_t voxel : lattice.voxel) {
         const glm::ivec3 c = lattice.coordinates(voxel);
@@ -640,9 +652,9 @@ std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape)
     std::vector<BlockOrigin> origins;
     for (std::size_t b = 0; b < active.size(); ++b) {
         if (active[b] == 0) continue;
-        origins.push_back({int(b % std::size_t(nx)) * shape.x,
-                           int(b / std::size_t(nx) % std::size_t(ny)) * shape.y,
-                           int(b / std::size_t(nx) / std::size_t(ny)) * shape.z, 0});
+        const int x = int(b % std::size_t(nx)), y = int(b / std::size_t(nx) % std::size_t(ny)),
+                  z = int(b / std::size_t(nx) / std::size_t(ny));
+        origins.push_back({x * shape.x, y * shape.y, z * shape.z, int(reports.of_block(x, y, z))});
     }
     return origins;
 }

@@ -221,6 +221,26 @@ struct BlockShape {
     bool operator==(const BlockShape&) const = default;
 };
 
+/// Where the reports of a lattice's blocks stand (kernels/resting.h).
+class ReportGrid {
+public:
+    ReportGrid(const Lattice& lattice, BlockShape shape);
+    std::size_t row() const { return row_; }
+    std::size_t slice() const { return slice_; }
+    std::size_t size() const { return size_; }
+    std::size_t of_block(int x, int y, int z) const {
+        return std::size_t(x + 1) + std::size_t(y + 1) * row_ + std::size_t(z + 1) * slice_;
+    }
+    std::size_t of_voxel(const Lattice& lattice, std::uint32_t voxel) const {
+        const glm::ivec3 c = lattice.coordinates(voxel);
+        return of_block(c.x / shape_.x, c.y / shape_.y, c.z / shape_.z);
+    }
+
+private:
+    BlockShape shape_;
+    std::size_t row_, slice_, size_;
+};
+
 /// Origins of the blocks that hold an active voxel; empty if all do and the blocks' own coordinates, within
 /// CUDA's limits on a grid of blocks, give the origins.
 std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape);

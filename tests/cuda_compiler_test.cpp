@@ -57,7 +57,8 @@ TEST_P(Compiler, CompilesEveryKernel) {
                         const std::string terms =
                             everything ? std::to_string(NEIGHBOUR_BITS) + "u," +
                                              std::to_string(all_terms | term_own_rests | term_own_springs |
-                                                            term_interior | term_refined_root) +
+                                                            term_interior | term_refined_root | term_resting |
+                                                            term_flush) +
                                              "u,true"
                                        : std::to_string(FACE_BITS | EDGE_BITS) + "u," +
                                              std::to_string(term_gravity | term_pins) + "u,false";

@@ -134,6 +134,9 @@ struct Variant {
     /// What a scene of the paper's two groups needs: `terms`.
     template <std::uint32_t terms>
     using Needed = KernelTerms<f, FACE_BITS | EDGE_BITS, terms, false>;
+    /// What a free lattice needs, blocks at rest left out.
+    template <std::uint32_t terms>
+    using Resting = Needed<term_damping | term_resting | terms>;
 };
 
 template <class Real>
@@ -241,6 +244,7 @@ public:
           needed_(has_common_terms(problem)),
           compliance_(pack_compliance<Real>(problem, place_on_grid(problem.lattice))),
           step_(make_implicit_step<Real>(problem, place_on_grid(problem.lattice), V::formulation)),
+          report_grid_(problem.lattice, shape),
           origins_(active_blocks(problem.lattice, shape)) {
         measure<Real>(step_.rest_length, V::formulation);
         step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
@@ -253,36 +257,92 @@ public:
         origins_.clear();
         for (int z = 0; z < step_.nz; z += shape_.z) {
             for (int y = 0; y < step_.ny; y += shape_.y) {
-                for (int x = 0; x < step_.nx; x += shape_.x) origins_.push_back({x, y, z, 0});
+                for (int x = 0; x < step_.nx; x += shape_.x) {
+                    const std::size_t report =
+                        report_grid_.of_block(x / shape_.x, y / shape_.y, z / shape_.z);
+                    origins_.push_back({x, y, z, int(report)});
+                }
             }
         }
     }
 
     /// The kernel that asks for everything at run time.
     void use_general_kernel() { needed_ = false; }
+    /// The kernel of a free lattice.
+    void use_damping_alone() { damping_alone_ = true; }
     /// The kernel that does without masks where no neighbour is missing.
     void use_interior() { interior_ = true; }
+    /// The kernel that leaves out blocks at rest, with a flush or without.
+    void use_reports(bool flush) {
+        resting_ = flush ? Rests::flushed : Rests::yes;
+        for (auto& reports : reports_) reports.assign(report_grid_.size(), 0);
+        for (const BlockOrigin& o : origins_) reports_[0][std::size_t(o.report)] = any_changed;
+    }
+    /// In the latest step.
+    std::size_t blocks_stepped() const {
+        return std::size_t(std::count_if(reports_[0].begin(), reports_[0].end(),
+                                         [](std::uint64_t said) { return (said & any_stepped) != 0; }));
+    }
+    std::size_t blocks() const { return origins_.size(); }
 
 protected:
-    void step_once(const Current& current, const Output<Real>& output) override {
-        with_terms<V>(needed_, interior_, [&]<class Terms>(Terms) {
-            for (const BlockOrigin& o : origins_) {
-                for (int z = 0; z < shape_.z; ++z) {
-                    for (int y = 0; y < shape_.y; ++y) {
-                        for (int x = 0; x < shape_.x; ++x)
-                            step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output);
-                    }
+    template <class Terms>
+    void step_blocks(const Current& current, const Output<Real>& output) {
+        for (const BlockOrigin& o : origins_) {
+            for (int z = 0; z < shape_.z; ++z) {
+                for (int y = 0; y < shape_.y; ++y) {
+                    for (int x = 0; x < shape_.x; ++x)
+                        step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output);
                 }
             }
-        });
+        }
+    }
+
+    template <class Terms>
+    void step_lively_blocks(const Current& current, const Output<Real>& output) {
+        step_.reports = {int(report_grid_.row()), int(report_grid_.slice()), reports_[0].data(),
+                         reports_[1].data()};
+        for (const BlockOrigin& o : origins_) {
+            // A warp overwrites its byte.
+            reports_[1][std::size_t(o.report)] = 0;
+            const bool lively = is_lively<Terms>(step_.reports, o.report);
+            for (int thread = 0; thread < shape_.x * shape_.y * shape_.z; ++thread) {
+                const int x = thread % shape_.x, y = thread / shape_.x % shape_.y,
+                          z = thread / shape_.x / shape_.y;
+                const bool changed =
+                    lively && step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output);
+                report<Terms>(step_.reports, o.report, lively, changed);
+            }
+        }
+        std::swap(reports_[0], reports_[1]);
+    }
+
+    void step_once(const Current& current, const Output<Real>& output) override {
+        if (resting_ != Rests::no) {
+            if (resting_ == Rests::yes) {
+                step_lively_blocks<typename V::template Resting<0>>(current, output);
+            } else {
+                step_lively_blocks<typename V::template Resting<term_flush>>(current, output);
+            }
+            return;
+        }
+        if (damping_alone_) {
+            step_blocks<typename V::template Needed<term_damping>>(current, output);
+            return;
+        }
+        with_terms<V>(needed_, interior_, [&]<class Terms>(Terms) { step_blocks<Terms>(current, output); });
     }
 
     BlockShape shape_;
     bool needed_;
     bool interior_ = false;
+    bool damping_alone_ = false;
+    enum class Rests : std::uint8_t { no, yes, flushed } resting_ = Rests::no;
     std::vector<Real> compliance_;
     ImplicitStep<Real> step_;
+    ReportGrid report_grid_;
     std::vector<BlockOrigin> origins_;
+    std::array<std::vector<std::uint64_t>, 2> reports_;  ///< of the step before and of this one
 };
 
 /// The same by way of a tile, which starts as NaN: what a thread needs, some thread has loaded.
@@ -647,6 +707,43 @@ TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
     EXPECT_EQ(general.download().displacement, expected.displacement);
 }
 
+// A block is left out where nothing in it or around it changed in the step before.
+TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
+    constexpr bool drifts = TypeParam::formulation == Formulation::paper;
+    Problem box = make_lattice_problem(solid({40, 12, 10}), FACE_BITS | EDGE_BITS);
+    // Neighbours beside each other and across corners, and blocks with nobody.
+    Problem sparse = make_lattice_problem(random_grid({44, 12, 10}, 0.6, 11), FACE_BITS | EDGE_BITS);
+    for (Problem* problem : {&box, &sparse}) {
+        problem->damping = 0.01;
+        problem->time_step = 0.25;
+        State start = state_at_rest(*problem);
+        start.displacement[0] = {0.3, -0.2, 0.1};
+        for (const char* shape : {"8x2x2", "4x4x4", "8x4x1"}) {
+            SCOPED_TRACE(shape);
+            ImplicitSimulation<TypeParam> plain(*problem, start, BlockShape::parse(shape)),
+                resting(*problem, start, BlockShape::parse(shape)),
+                flushing(*problem, start, BlockShape::parse(shape));
+            plain.use_damping_alone();
+            resting.use_reports(false);
+            resting.poison();
+            std::size_t fewest = resting.blocks();
+            for (int n = 0; n < 32; ++n) {
+                plain.step(1);
+                resting.step(1);
+                if (n > 0) fewest = std::min(fewest, resting.blocks_stepped());
+                EXPECT_EQ(resting.download().displacement, plain.download().displacement);
+                EXPECT_EQ(resting.download().increment, plain.download().increment);
+            }
+            EXPECT_EQ(fewest < resting.blocks() / 2, !drifts);
+            if constexpr (by_increments(TypeParam::formulation)) {
+                flushing.use_reports(true);
+                flushing.step(32);
+                EXPECT_LT(flushing.blocks_stepped(), resting.blocks_stepped());
+            }
+        }
+    }
+}
+
 // --- Layouts ---------------------------------------------------------------------------------------------
 
 using Pair = std::pair<std::uint32_t, std::uint32_t>;
@@ -859,7 +956,7 @@ TEST(ActiveBlocks, AreListedOnlyWhereTheyDoNotCoverTheLattice) {
     const std::vector<BlockOrigin> tall =
         active_blocks(lattice(solid({1, 1, 70000})).lattice, BlockShape::parse("32x8"));
     ASSERT_EQ(tall.size(), 70000U);
-    EXPECT_EQ(tall.back(), (BlockOrigin{0, 0, 69999, 0}));
+    EXPECT_EQ(tall.back(), (BlockOrigin{0, 0, 69999, 1 + 3 + 70000 * 9}));
 }
 
 TEST(ActiveBlocks, ShapesAreParsed) {

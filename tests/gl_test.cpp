@@ -104,11 +104,6 @@ State after(Backend& backend, const Problem& problem, int steps) {
     return backend.download();
 }
 
-void expect_same_bits(const State& one, const State& other) {
-    EXPECT_EQ(one.displacement, other.displacement);
-    EXPECT_EQ(one.increment, other.increment);
-}
-
 TEST_P(GlFragment, SamplesPassedAreTheActiveParticles) {
     const Problem problem = plain_problem();
     const auto masked = make(GetParam() + ",mask=stencil");

@@ -1,6 +1,8 @@
 // Small problems and states that several tests share.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <cstdint>
 #include <functional>
@@ -75,6 +77,25 @@ inline State random_state(const Problem& problem, double amplitude, unsigned see
     }
     return state;
 }
+
+inline void expect_same_bits(const State& a, const State& b) {
+    EXPECT_EQ(a.displacement, b.displacement);
+    EXPECT_EQ(a.increment, b.increment);
+}
+
+/// A free lattice with one corner pulled out: a wave runs into what is at rest.
+struct Poked {
+    Problem problem;
+    State start;
+
+    explicit Poked(glm::ivec3 dims = {64, 24, 24})
+        : problem(make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS)) {
+        problem.damping = 0.01;
+        problem.time_step = 0.28;
+        start = state_at_rest(problem);
+        start.displacement[0] = {-0.5, -0.25, 0.125};
+    }
+};
 
 /// Pins the particles of the lowest slice that has any.
 inline void pin_base(Problem& problem) {

@@ -35,6 +35,10 @@ inline constexpr std::array all_formulations = {Formulation::paper, Formulation:
 std::string to_string(Formulation formulation);
 #endif
 
+/// Components of u and v that `rest=flush` makes zero, by increments: their tails reach everywhere, and would
+/// keep all of a body from coming to rest to the bit.
+inline constexpr double flushed_below = 1e-12;
+
 /// Whether the state is x rather than u.
 VOXSPRING_HOST_DEVICE constexpr bool on_positions(Formulation formulation) {
     return formulation <= Formulation::position;

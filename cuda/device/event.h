@@ -13,6 +13,7 @@ public:
         handle_ = Handle<cudaEvent_t, cudaEventDestroy>(event);
     }
     void record(const Stream& stream) { check(cudaEventRecord(handle_.get(), stream.get())); }
+    void wait() const { check(cudaEventSynchronize(handle_.get())); }
     /// Seconds from `begin` to this one, both of which the device has passed.
     double seconds_since(const Event& begin) const {
         float milliseconds = 0;

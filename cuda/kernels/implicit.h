@@ -3,6 +3,7 @@
 #pragma once
 
 #include "cuda/kernels/motion.h"
+#include "cuda/kernels/resting.h"
 
 namespace voxspring::cuda {
 
@@ -21,15 +22,17 @@ struct ImplicitStep {
     Real stiffness[3];       ///< of each spring group, where there is one material
     const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
     Motion<Real> motion;
+    BlockReports reports;  ///< where blocks at rest are not stepped
     bool operator==(const ImplicitStep&) const = default;
 };
 
 #ifdef __CUDACC__
-/// Voxel that a block begins at.
 template <class Real>
 __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
     if (step.origins != nullptr) return step.origins[blockIdx.x];
-    return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z), 0};
+    return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z),
+            int(blockIdx.x + 1) + int(blockIdx.y + 1) * step.reports.row +
+                int(blockIdx.z + 1) * step.reports.slice};
 }
 #endif
 
@@ -148,17 +151,18 @@ VOXSPRING_HOST_DEVICE bool all_whole(std::uint32_t bits) {
     }
 }
 
-/// Steps the particle of element `index`, if there is one. `self` is what the reader has of it.
+/// Steps the particle of element `index`, if there is one. `self` is what the reader has of it. Returns
+/// whether a bit of it changed.
 template <class Terms, class Real, class Neighbour, class Compliance>
-VOXSPRING_HOST_DEVICE void step_voxel(const ImplicitStep<Real>& step, int index,
+VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
                                       const Self<Real, Terms::split>& self, const Output<Real>& output,
                                       Neighbour neighbour, Compliance compliance) {
-    if (self.bits == 0) return;
+    if (self.bits == 0) return false;
     const Before<Real> before = load_before<Terms>(output, index);
     const Vector<Real> force = all_whole<Terms>(self.bits)
                                    ? implicit_force<Terms, true>(step, self, neighbour, compliance)
                                    : implicit_force<Terms, false>(step, self, neighbour, compliance);
-    advance<Terms>(step.motion, output, index, self, before, force);
+    return advance<Terms>(step.motion, output, index, self, before, force);
 }
 
 /// A neighbour fetch from memory: `current.point(index, dx)` is that of element index + dx.
@@ -183,15 +187,15 @@ struct GridCompliance {
 
 /// One thread of a kernel that fetches neighbours from memory: the voxel (x, y, z), which may lie outside.
 template <class Terms, class Real, class Current>
-VOXSPRING_HOST_DEVICE void step_from_memory(const ImplicitStep<Real>& step, int x, int y, int z,
+VOXSPRING_HOST_DEVICE bool step_from_memory(const ImplicitStep<Real>& step, int x, int y, int z,
                                             const Current& current, const Output<Real>& output) {
-    if (x >= step.nx || y >= step.ny || z >= step.nz) return;
+    if (x >= step.nx || y >= step.ny || z >= step.nz) return false;
     const int row = step.nx;
     const int slice = step.nx * step.ny;
     const int index = step.first + x + row * y + slice * z;
-    step_voxel<Terms>(step, index, current.self(index), output,
-                      GridNeighbours<Current>{current, index, row, slice},
-                      GridCompliance<Real>{step.compliance, index, row, slice});
+    return step_voxel<Terms>(step, index, current.self(index), output,
+                             GridNeighbours<Current>{current, index, row, slice},
+                             GridCompliance<Real>{step.compliance, index, row, slice});
 }
 
 /// Three slices of a tile of W x H particles and a frame of one particle around it, in shared memory: the

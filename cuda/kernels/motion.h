@@ -151,6 +151,19 @@ VOXSPRING_HOST_DEVICE Before<Real> load_before(const Output<Real>& output, int i
     }
 }
 
+/// Zero in the place of components that are less than flushed_below.
+template <class Real>
+VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v) {
+    const auto far = [](Real a) { return a < Real(flushed_below) && a > -Real(flushed_below) ? Real(0) : a; };
+    return {far(v.x), far(v.y), far(v.z)};
+}
+/// `low` without the components whose `high` is 0.
+template <class Real>
+VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
+    const auto kept = [](Real h, Real l) { return h != 0 ? l : Real(0); };
+    return {kept(high.x, low.x), kept(high.y, low.y), kept(high.z, low.z)};
+}
+
 /// A particle after a step.
 template <class Real, bool split>
 struct Moved {
@@ -187,13 +200,24 @@ VOXSPRING_HOST_DEVICE Moved<Real, Terms::split> moved(const Motion<Real>& motion
             Vector<Real> v = split_high(before.high, before.low, change, none);
             Vector<Real> v_low = split_low(before.high, before.low, change, none);
             if (pinned) v = v_low = none;
-            const Vector<Real> u = split_high(at, self.point.low, v, v_low);
-            const Vector<Real> u_low = split_low(at, self.point.low, v, v_low);
+            Vector<Real> u = split_high(at, self.point.low, v, v_low);
+            Vector<Real> u_low = split_low(at, self.point.low, v, v_low);
+            if constexpr (Terms::compiled(term_flush)) {
+                v = flushed(v);
+                u = flushed(u);
+                v_low = low_of(v, v_low);
+                u_low = low_of(u, u_low);
+            }
             return {{pinned ? at : u, pinned ? self.point.low : u_low}, {v, v_low}};
         } else {
             Vector<Real> v = before.high + change;
             if (pinned) v = {0, 0, 0};
-            return {{pinned ? at : at + v}, {v, {}}};
+            Vector<Real> u = at + v;
+            if constexpr (Terms::compiled(term_flush)) {
+                v = flushed(v);
+                u = flushed(u);
+            }
+            return {{pinned ? at : u}, {v, {}}};
         }
     } else {
         Vector<Real> next;
@@ -207,9 +231,10 @@ VOXSPRING_HOST_DEVICE Moved<Real, Terms::split> moved(const Motion<Real>& motion
     }
 }
 
-/// Moves the particle of word `index` on by one step under `force`.
+/// Moves the particle of word `index` on by one step under `force`. Returns whether that changed a bit of its
+/// state.
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE void advance(const Motion<Real>& motion, const Output<Real>& output, int index,
+VOXSPRING_HOST_DEVICE bool advance(const Motion<Real>& motion, const Output<Real>& output, int index,
                                    const Self<Real, Terms::split>& self, const Before<Real>& before,
                                    Vector<Real> force) {
     const Moved<Real, Terms::split> next = moved<Terms>(motion, index, self, before, force);
@@ -219,6 +244,10 @@ VOXSPRING_HOST_DEVICE void advance(const Motion<Real>& motion, const Output<Real
         store_axes(output.increment_low + index, output.pitch, next.before.low);
         store(output.next_low + index, Particle<Real>{next.point.low, 0});
     }
+    bool same = same_bits(next.before.high, before.high) && same_bits(next.point.high, self.point.high);
+    if constexpr (Terms::split)
+        same = same && same_bits(next.before.low, before.low) && same_bits(next.point.low, self.point.low);
+    return !same;
 }
 
 }  // namespace voxspring::cuda

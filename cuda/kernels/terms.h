@@ -18,6 +18,8 @@ inline constexpr std::uint32_t term_own_rests = 32;     ///< springs beyond the 
 inline constexpr std::uint32_t term_refined_root = 64;  ///< refined_strain_density()
 inline constexpr std::uint32_t term_interior = 128;     ///< no masks where no neighbour is missing
 inline constexpr std::uint32_t term_own_springs = 256;  ///< springs beyond the lattice, by deltas
+inline constexpr std::uint32_t term_resting = 512;      ///< blocks at rest are not stepped (resting.h)
+inline constexpr std::uint32_t term_flush = 1024;       ///< what is less than flushed_below is zero
 inline constexpr std::uint32_t all_terms =
     term_materials | term_damping | term_gravity | term_pins | term_loads;
 

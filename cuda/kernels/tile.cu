@@ -10,6 +10,10 @@ KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_consta
             const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
     auto& tile = *reinterpret_cast<Tile<Real, Terms::split, WIDTH, HEIGHT>*>(shared_memory);
     const BlockOrigin origin = block_origin(step);
+    if (!is_lively<Terms>(step.reports, origin.report)) {
+        report<Terms>(step.reports, origin.report, false, false);
+        return;
+    }
     const int tx = int(threadIdx.x), ty = int(threadIdx.y);
     const int x = origin.x + tx, y = origin.y + ty;
     const int row = step.nx, slice = step.nx * step.ny;
@@ -18,10 +22,13 @@ KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_consta
     Self<Real, Terms::split> self{};
     if (inside) self = tile.fill(tx, ty, index, row, slice, Reader<Real, Terms::split, Fetch>{high, low});
     __syncthreads();
-    if (!inside) return;
-    step_voxel<Terms>(step, index, self, output,
-                      TileNeighbours<Real, Terms::split, WIDTH, HEIGHT>{tile, tx, ty},
-                      GridCompliance<Real>{step.compliance, index, row, slice});
+    bool changed = false;
+    if (inside) {
+        changed = step_voxel<Terms>(step, index, self, output,
+                                    TileNeighbours<Real, Terms::split, WIDTH, HEIGHT>{tile, tx, ty},
+                                    GridCompliance<Real>{step.compliance, index, row, slice});
+    }
+    report<Terms>(step.reports, origin.report, true, changed);
 }
 
 }  // namespace voxspring::cuda

@@ -95,7 +95,8 @@ struct alignas(16) FourDeltas {
 
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
-    int x, y, z, unused;
+    int x, y, z;
+    int report;  ///< where its report stands (resting.h)
     bool operator==(const BlockOrigin&) const = default;
 };
 
@@ -121,6 +122,19 @@ VOXSPRING_HOST_DEVICE Particle<Real> load_past_l1(const Word<Real>* word) {
 #else
     return {word->position, std::uint32_t(word->bits)};
 #endif
+}
+
+template <class Real>
+VOXSPRING_HOST_DEVICE bool same_bits(Real a, Real b) {
+    if constexpr (sizeof(Real) == sizeof(float)) {
+        return __builtin_bit_cast(std::uint32_t, a) == __builtin_bit_cast(std::uint32_t, b);
+    } else {
+        return __builtin_bit_cast(std::uint64_t, a) == __builtin_bit_cast(std::uint64_t, b);
+    }
+}
+template <class Real>
+VOXSPRING_HOST_DEVICE bool same_bits(Vector<Real> a, Vector<Real> b) {
+    return same_bits(a.x, b.x) && same_bits(a.y, b.y) && same_bits(a.z, b.z);
 }
 
 /// Memory that the kernel does not write, through L1: ld.global.nc.

@@ -1,0 +1,207 @@
+// Tiles at rest, on every backend that leaves them out: that no bit changes, that they are left out, and
+// where that is not worth it. A backend without its device is skipped, or fails if VOXSPRING_REQUIRE names
+// it.
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/verify.h"
+#include "tests/required.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+bool on_processor(const BackendSpec& spec) { return spec.entry->name == "cpu_parallel"; }
+
+class Resting : public ::testing::TestWithParam<std::string> {
+protected:
+    void SetUp() override { make_or_skip(BackendSpec::parse(text), any_); }
+
+    std::unique_ptr<Backend> make(const std::string& how) const {
+        return BackendSpec::parse(text + "," + how).make();
+    }
+    /// Ways to skip tiles at rest, that may differ in who looks at which of them.
+    std::vector<std::string> ways() const {
+        if (on_processor(spec)) return {"rest=skip,threads=1", "rest=skip,threads=3", "rest=skip,threads=7"};
+        return {"rest=skip"};
+    }
+
+    const std::string text = GetParam();
+    const BackendSpec spec = BackendSpec::parse(text);
+
+private:
+    std::unique_ptr<Backend> any_;
+};
+
+TEST_P(Resting, SkippingChangesNoBitAndSkips) {
+    const Poked poked;
+    const bool drifts = spec.options.formulation == Formulation::paper;
+    const bool narrow = on_processor(spec) && spec.options.precision == Precision::float64;
+    const auto plain = make("rest=step");
+    std::vector<std::string> hows = ways();
+    if (on_processor(spec)) hows.push_back("rest=auto");
+    for (const std::string& how : hows) {
+        SCOPED_TRACE(how);
+        const auto resting = make(how);
+        for (Backend* b : {plain.get(), resting.get()}) b->upload(poked.problem, poked.start);
+        for (const int steps : {1, 1, 1, 7, 30, 41}) {
+            for (Backend* b : {plain.get(), resting.get()}) b->step(steps);
+            expect_same_bits(plain->download(), resting->download());
+            if (steps != 7 || drifts) continue;
+            const WorkCount work = resting->count_work();
+            plain->step(1);
+            // Of 16 x 4 x 4 particles, of half as many in float64, or of 256 in any shape.
+            EXPECT_EQ(work.at("tiles"), narrow ? 8u * 6 * 6 : 4u * 6 * 6);
+            EXPECT_LT(work.at("tiles_stepped"), work.at("tiles") / 2);
+            // The wave has come ten voxels far, and touches tiles next to those that it is in.
+            EXPECT_GE(work.at("tiles_stepped"), 2u * 3 * 3);
+        }
+    }
+    EXPECT_TRUE(plain->count_work().empty());
+}
+
+TEST_P(Resting, EditsAndUploadsWakeWhatTheyTouch) {
+    const Poked poked;
+    const auto play = [&](const std::string& how) {
+        const auto backend = make(how);
+        Problem now = poked.problem;
+        backend->upload(now, poked.start);
+        std::vector<State> states;
+        const auto step = [&](int count) {
+            backend->step(count);
+            states.push_back(backend->download());
+        };
+        step(12);
+        SpringEditor editor(now);
+        // Far from the wave, and where it is.
+        for (const Shape& shape : {Shape(Plane{{40.5, 0, 0}, {1, 0, 0}}), Shape(Ball{{3, 3, 3}, 2.5})}) {
+            backend->edit(now, editor.cut(shape));
+            step(9);
+            backend->edit(now, editor.suture(shape, 1.5));
+            step(3);
+        }
+        // Away from rest, all of it and then a part.
+        backend->upload(now, random_state(now, 0.05, 35));
+        step(5);
+        State start = state_at_rest(now);
+        start.increment.back().z = 0.01;
+        backend->upload(now, start);
+        step(20);
+        return states;
+    };
+    const std::vector<State> plain = play("rest=step"), resting = play(ways().back());
+    for (std::size_t n = 0; n < plain.size(); ++n) {
+        SCOPED_TRACE(n);
+        expect_same_bits(plain[n], resting[n]);
+    }
+}
+
+// An edit changes the forces of what rests where the springs that it adds are not at rest.
+TEST_P(Resting, AnEditOfWhatRestsUnderStressMovesIt) {
+    Problem problem = make_lattice_problem(solid({40, 8, 8}), FACE_BITS);
+    problem.damping = 0.01;
+    problem.time_step = 0.28;
+    std::vector<std::uint8_t> pinned(problem.particle_count());
+    State start = state_at_rest(problem);
+    // Two pinned halves, the one moved away: what joins them is stretched, and at rest since pinned.
+    for (std::size_t i = 0; i < pinned.size(); ++i) {
+        pinned[i] = problem.rest_position[i] != glm::dvec3(20, 4, 4);
+        if (problem.rest_position[i].x > 20) start.displacement[i].x = 0.25;
+    }
+    pin(problem, pinned);
+    SpringEditor(problem).cut(Ball{{20, 4, 4}, 1.5});
+    const auto end = [&](const std::string& how) {
+        const auto backend = make(how);
+        Problem now = problem;
+        backend->upload(now, start);
+        backend->step(10);
+        SpringEditor editor(now);
+        backend->edit(now, editor.suture(Ball{{20, 4, 4}, 1.5}, 1.5));
+        backend->step(10);
+        return backend->download();
+    };
+    const State plain = end("rest=step");
+    expect_same_bits(plain, end("rest=skip"));
+    EXPECT_NE(plain.displacement, start.displacement);
+}
+
+// By increments tails reach everywhere within as many steps as the lattice is wide. Left to itself a backend
+// looks where that can pay, stops where it does not, and may look again later: nothing that moved meanwhile
+// is at rest.
+TEST_P(Resting, AutoChangesNoBitAndSkipsWhatRests) {
+    const Poked poked({64, 64, 32});
+    const bool drifts = spec.options.formulation == Formulation::paper;
+    const auto plain = make("rest=step"), choosing = make("rest=auto");
+    for (Backend* b : {plain.get(), choosing.get()}) b->upload(poked.problem, poked.start);
+    // By then every tile has moved, twice 64 steps of looking were in vain, and it looks once more.
+    for (const int steps : {20, 200, 300}) {
+        for (Backend* b : {plain.get(), choosing.get()}) b->step(steps);
+        const WorkCount work = choosing->count_work();
+        plain->step(1);
+        expect_same_bits(plain->download(), choosing->download());
+        if (steps == 20 && !drifts) {
+            EXPECT_LT(work.at("tiles_stepped"), work.at("tiles"));
+        } else if (steps > 20 && by_increments(spec.options.formulation)) {
+            EXPECT_EQ(work.at("tiles_stepped"), work.at("tiles"));
+        }
+    }
+    // Everything moves.
+    choosing->upload(poked.problem, random_state(poked.problem, 0.05, 36));
+    choosing->step(20);
+    const WorkCount moving = choosing->count_work();
+    EXPECT_TRUE(moving.empty() || moving.at("tiles_stepped") == moving.at("tiles"));
+    Problem falling = poked.problem;
+    falling.gravity = {0, 0, -1e-3};
+    choosing->upload(falling, poked.start);
+    EXPECT_TRUE(choosing->count_work().empty());
+}
+
+// Without a flush the tails of `increment` reach everywhere: tiny, but not zero.
+TEST_P(Resting, FlushingRestsMoreForAnErrorOfWhatItFlushes) {
+    if (!by_increments(spec.options.formulation)) {
+        EXPECT_THROW(make("rest=flush"), BadSpecification);
+        return;
+    }
+    const Poked poked;
+    const auto run = [&](const std::string& how, WorkCount& work) {
+        const auto backend = make(how);
+        backend->upload(poked.problem, poked.start);
+        backend->step(30);
+        work = backend->count_work();
+        backend->step(200);
+        return backend->download();
+    };
+    WorkCount skipping, flushing;
+    const State exact = run("rest=skip", skipping), flushed = run("rest=flush", flushing);
+    EXPECT_LT(flushing.at("tiles_stepped"), skipping.at("tiles_stepped"));
+    // 2e-7 was measured on a larger lattice.
+    EXPECT_LT(compare(poked.problem, flushed, exact, spec.options.precision, 231).relative_l2, 1e-6);
+}
+
+std::vector<std::string> specifications() {
+    std::vector<std::string> all;
+    for (const auto& [name, entry] : registry()) {
+        if (!entry.tuning.contains("rest")) continue;
+        for (const Precision precision : entry.precisions) {
+            for (const Formulation formulation : entry.formulations)
+                all.push_back(name + ":precision=" + to_string(precision) +
+                              ",formulation=" + to_string(formulation));
+        }
+    }
+    return all;
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, Resting, ::testing::ValuesIn(specifications()), [](const auto& tested) {
+    std::string name = tested.param;
+    for (char& c : name) {
+        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
+    }
+    return name;
+});
+
+}  // namespace
+}  // namespace voxspring::testing
