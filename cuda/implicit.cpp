@@ -49,18 +49,25 @@ public:
                                               blocks_for(std::size_t(lattice.dims.z), launch.block.z));
         resting_.upload(problem, state, shape_, this->stream());
         launch.kernel = this->kernel(source(problem, launch.grid));
+        if (tiled_) launch.shared_bytes = tile_bytes();
         // Compiled where it is of use, and kept with what the graphs hold of it.
         if (resting_.may_look()) {
             std::shared_ptr<const Kernel> kernel =
                 this->kernel(source(problem, launch.grid, resting_.terms()));
             if (kernel != resting_kernel_) this->forget_graphs();
             resting_kernel_ = std::move(kernel);
+            resting_kernel_->allow_shared(launch.shared_bytes);
+            // As many as may run at once at most: how many have something to do is known on the device alone.
+            const int at_once =
+                this->device().multiprocessors() * this->blocks_with(32, shape_.x * shape_.y * shape_.z);
+            resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
         }
-        if (tiled_) launch.shared_bytes = tile_bytes();
         launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
+        // For resume(), which is to see where these have moved.
         launch.step.reports = resting_.reports(0);
+        launch.step.lively = resting_.lively(0);
         if (!by_increments(this->formulation()))
             measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
@@ -116,7 +123,10 @@ private:
         const auto& launch = this->launch();
         ImplicitStep<Real> step = launch.step;
         step.reports = resting_.reports(reading);
-        this->launch_kernel(*resting_kernel_, launch.grid, launch.block, launch.shared_bytes, step, reading);
+        step.lively = resting_.lively(reading);
+        resting_.enqueue_list(reading, this->stream());
+        this->launch_kernel(*resting_kernel_, resting_grid_, launch.block, launch.shared_bytes, step,
+                            reading);
     }
     void enqueue_steps(int count) override {
         while (count > 0) {
@@ -182,6 +192,7 @@ private:
     const bool tiled_;
     Resting resting_;
     std::shared_ptr<const Kernel> resting_kernel_;
+    dim3 resting_grid_;
     Buffer<BlockOrigin> origins_;
     Buffer<Real> compliance_;
 };

@@ -635,27 +635,29 @@ ReportGrid::ReportGrid(const Lattice& lattice, BlockShape shape)
       slice_((std::size_t(whole_blocks(lattice.dims.y, shape.y)) + 2) * row_),
       size_((std::size_t(whole_blocks(lattice.dims.z, shape.z)) + 2) * slice_) {}
 
-std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape) {
-    const int nx = whole_blocks(lattice.dims.x, shape.x);
-    const int ny = whole_blocks(lattice.dims.y, shape.y);
-    const int nz = whole_blocks(lattice.dims.z, shape.z);
+std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape) {
     const ReportGrid reports(lattice, shape);
-    std::vector<std::uint8_t> active(std::size_t(nx) * std::size_t(ny) * std::size_t(nz));
-    for (const std::uint32_t voxel : lattice.voxel) {
-        const glm::ivec3 c = lattice.coordinates(voxel);
-        active[(std::size_t(c.z / shape.z) * std::size_t(ny) + std::size_t(c.y / shape.y)) * std::size_t(nx) +
-               std::size_t(c.x / shape.x)] = 1;
-    }
-    constexpr int most_blocks = 65535;  // along y and z
-    const bool all = std::find(active.begin(), active.end(), std::uint8_t(0)) == active.end();
-    if (all && ny <= most_blocks && nz <= most_blocks) return {};
+    std::vector<std::uint8_t> active(reports.size());
+    for (const std::uint32_t voxel : lattice.voxel) active[reports.of_voxel(lattice, voxel)] = 1;
     std::vector<BlockOrigin> origins;
-    for (std::size_t b = 0; b < active.size(); ++b) {
-        if (active[b] == 0) continue;
-        const int x = int(b % std::size_t(nx)), y = int(b / std::size_t(nx) % std::size_t(ny)),
-                  z = int(b / std::size_t(nx) / std::size_t(ny));
-        origins.push_back({x * shape.x, y * shape.y, z * shape.z, int(reports.of_block(x, y, z))});
+    for (int z = 0; z * shape.z < lattice.dims.z; ++z) {
+        for (int y = 0; y * shape.y < lattice.dims.y; ++y) {
+            for (int x = 0; x * shape.x < lattice.dims.x; ++x) {
+                const std::size_t report = reports.of_block(x, y, z);
+                if (active[report] != 0)
+                    origins.push_back({x * shape.x, y * shape.y, z * shape.z, int(report)});
+            }
+        }
     }
+    return origins;
+}
+
+std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape) {
+    std::vector<BlockOrigin> origins = list_blocks(lattice, shape);
+    const std::int64_t x = whole_blocks(lattice.dims.x, shape.x), y = whole_blocks(lattice.dims.y, shape.y),
+                       z = whole_blocks(lattice.dims.z, shape.z);
+    constexpr int most_blocks = 65535;  // along y and z
+    if (std::int64_t(origins.size()) == x * y * z && y <= most_blocks && z <= most_blocks) return {};
     return origins;
 }
 

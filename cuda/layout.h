@@ -241,7 +241,9 @@ private:
     std::size_t row_, slice_, size_;
 };
 
-/// Origins of the blocks that hold an active voxel; empty if all do and the blocks' own coordinates, within
+/// Origins of the blocks that hold an active voxel, x fastest.
+std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
+/// The same an active voxel; empty if all do and the blocks' own coordinates, within
 /// CUDA's limits on a grid of blocks, give the origins.
 std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape);
 

@@ -53,11 +53,13 @@ std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
 }
 
 std::uint64_t Resting::bytes_needed(const Lattice& lattice, BlockShape shape) const {
-    return way_ == Way::step ? 0 : 3 * ReportGrid(lattice, shape).size() * sizeof(std::uint64_t);
+    const std::size_t size = ReportGrid(lattice, shape).size();
+    return way_ == Way::step ? 0 : size * (3 * sizeof(std::uint64_t) + 2 * sizeof(BlockOrigin));
 }
 
 std::uint64_t Resting::bytes_held() const {
-    return awake_.bytes() + reports_[0].bytes() + reports_[1].bytes();
+    return all_.bytes() + listed_.bytes() + counts_.bytes() + awake_.bytes() + reports_[0].bytes() +
+           reports_[1].bytes();
 }
 
 void Resting::upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream) {
@@ -68,12 +70,16 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     if (way_ == Way::decide && (!at_ease || grid.size() < least_blocks ||
                                 grid.size() > std::size_t(std::numeric_limits<int>::max())))
         return;
-    std::vector<std::uint64_t> awake(grid.size());
-    for (const std::uint32_t voxel : problem.lattice.voxel)
-        awake[grid.of_voxel(problem.lattice, voxel)] = any_changed | any_stepped;
-    blocks_ = count_stepped(awake);
-    if (way_ == Way::decide && (blocks_ < least_blocks || !pays(count_moved(problem, state, shape, blocks_))))
+    const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
+    const std::size_t count = all.size();
+    if (way_ == Way::decide &&
+        (count < least_blocks || !pays(count_moved(problem, state, shape, count), count)))
         return;
+    std::vector<std::uint64_t> awake(grid.size());
+    for (const BlockOrigin& block : all) awake[std::size_t(block.report)] = any_changed | any_stepped;
+    all_.upload(all, stream);
+    listed_.resize(count);
+    counts_.resize(2);
     may_look_ = looking_ = true;
     row_ = int(grid.row());
     slice_ = int(grid.slice());
@@ -86,6 +92,7 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
 
 void Resting::wake(const Stream& stream) {
     if (!may_look_) return;
+    counts_.fill_with_zeros(stream);
     for (const Buffer<std::uint64_t>& reports : reports_)
         cuda::check(cudaMemcpyAsync(reports.data(), awake_.data(), awake_.bytes(), cudaMemcpyDeviceToDevice,
                                     stream.get()));
@@ -94,6 +101,11 @@ void Resting::wake(const Stream& stream) {
 BlockReports Resting::reports(int reading) const {
     if (!may_look_) return {};
     return {row_, slice_, reports_[std::size_t(reading)].data(), reports_[std::size_t(1 - reading)].data()};
+}
+
+LivelyBlocks Resting::lively(int reading) const {
+    if (!may_look_) return {};
+    return {listed_.data(), counts_.data() + reading, counts_.data() + 1 - reading};
 }
 
 void Resting::stepped(int count, int current, const Stream& stream) {
@@ -108,7 +120,7 @@ void Resting::stepped(int count, int current, const Stream& stream) {
     }
     if (std::exchange(asked_, false)) {
         copied_.wait();
-        if (!pays(count_stepped(seen_.values()))) {
+        if (!pays(count_stepped(seen_.values()), blocks())) {
             looking_ = false;
             left_ = pause_;
             pause_ = std::min(2 * pause_, longest_pause);

@@ -305,13 +305,12 @@ protected:
         for (const BlockOrigin& o : origins_) {
             // A warp overwrites its byte.
             reports_[1][std::size_t(o.report)] = 0;
-            const bool lively = is_lively<Terms>(step_.reports, o.report);
+            if (!is_lively(step_.reports, o.report)) continue;
             for (int thread = 0; thread < shape_.x * shape_.y * shape_.z; ++thread) {
                 const int x = thread % shape_.x, y = thread / shape_.x % shape_.y,
                           z = thread / shape_.x / shape_.y;
-                const bool changed =
-                    lively && step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output);
-                report<Terms>(step_.reports, o.report, lively, changed);
+                report<Terms>(step_.reports, o.report,
+                              step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output));
             }
         }
         std::swap(reports_[0], reports_[1]);

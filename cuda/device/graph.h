@@ -18,6 +18,8 @@ public:
             // Ends the capture, so that the stream can be destroyed.
             if (cudaStreamEndCapture(stream.get(), &graph) == cudaSuccess)
                 static_cast<void>(cudaGraphDestroy(graph));
+            // What went wrong is on its way; the next to ask for the latest error has nothing to do with it.
+            static_cast<void>(cudaGetLastError());
             throw;
         }
         check(cudaStreamEndCapture(stream.get(), &graph));

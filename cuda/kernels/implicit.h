@@ -23,6 +23,7 @@ struct ImplicitStep {
     const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
     Motion<Real> motion;
     BlockReports reports;  ///< where blocks at rest are not stepped
+    LivelyBlocks lively;   ///< likewise
     bool operator==(const ImplicitStep&) const = default;
 };
 
@@ -30,9 +31,19 @@ struct ImplicitStep {
 template <class Real>
 __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
     if (step.origins != nullptr) return step.origins[blockIdx.x];
-    return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z),
-            int(blockIdx.x + 1) + int(blockIdx.y + 1) * step.reports.row +
-                int(blockIdx.z + 1) * step.reports.slice};
+    return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z), 0};
+}
+
+/// step_block(origin) of each block that this block of threads is to step.
+template <class Terms, class Real, class StepBlock>
+__device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_block) {
+    if constexpr (!Terms::compiled(term_resting)) {
+        step_block(block_origin(step));
+    } else {
+        const unsigned count = *step.lively.count;
+        for (unsigned b = blockIdx.x; b < count; b += gridDim.x) step_block(step.lively.origins[b]);
+        if (blockIdx.x == 0 && (threadIdx.x | threadIdx.y | threadIdx.z) == 0) *step.lively.next_count = 0;
+    }
 }
 #endif
 

@@ -9,26 +9,25 @@ extern __shared__ __align__(16) unsigned char shared_memory[];
 KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_constant__ Fetch high,
             const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
     auto& tile = *reinterpret_cast<Tile<Real, Terms::split, WIDTH, HEIGHT>*>(shared_memory);
-    const BlockOrigin origin = block_origin(step);
-    if (!is_lively<Terms>(step.reports, origin.report)) {
-        report<Terms>(step.reports, origin.report, false, false);
-        return;
-    }
     const int tx = int(threadIdx.x), ty = int(threadIdx.y);
-    const int x = origin.x + tx, y = origin.y + ty;
     const int row = step.nx, slice = step.nx * step.ny;
-    const int index = step.first + x + row * y + slice * origin.z;
-    const bool inside = x < step.nx && y < step.ny;
-    Self<Real, Terms::split> self{};
-    if (inside) self = tile.fill(tx, ty, index, row, slice, Reader<Real, Terms::split, Fetch>{high, low});
-    __syncthreads();
-    bool changed = false;
-    if (inside) {
-        changed = step_voxel<Terms>(step, index, self, output,
-                                    TileNeighbours<Real, Terms::split, WIDTH, HEIGHT>{tile, tx, ty},
-                                    GridCompliance<Real>{step.compliance, index, row, slice});
-    }
-    report<Terms>(step.reports, origin.report, true, changed);
+    for_each_block<Terms>(step, [&](const BlockOrigin& origin) {
+        const int x = origin.x + tx, y = origin.y + ty;
+        const int index = step.first + x + row * y + slice * origin.z;
+        const bool inside = x < step.nx && y < step.ny;
+        Self<Real, Terms::split> self{};
+        if (inside) self = tile.fill(tx, ty, index, row, slice, Reader<Real, Terms::split, Fetch>{high, low});
+        __syncthreads();
+        bool changed = false;
+        if (inside) {
+            changed = step_voxel<Terms>(step, index, self, output,
+                                        TileNeighbours<Real, Terms::split, WIDTH, HEIGHT>{tile, tx, ty},
+                                        GridCompliance<Real>{step.compliance, index, row, slice});
+        }
+        report<Terms>(step.reports, origin.report, changed);
+        // The next block's tile overwrites this one's.
+        if (Terms::compiled(term_resting)) __syncthreads();
+    });
 }
 
 }  // namespace voxspring::cuda
