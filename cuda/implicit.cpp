@@ -48,25 +48,24 @@ public:
                                               blocks_for(std::size_t(lattice.dims.y), launch.block.y),
                                               blocks_for(std::size_t(lattice.dims.z), launch.block.z));
         resting_.upload(problem, state, shape_, this->stream());
-        launch.kernel = this->kernel(source(problem, launch.grid));
+        launch.kernel = this->kernel(source(problem, launch.grid, registers_for(launch.grid)));
         if (tiled_) launch.shared_bytes = tile_bytes();
         // Compiled where it is of use, and kept with what the graphs hold of it.
         if (resting_.may_look()) {
             std::shared_ptr<const Kernel> kernel =
-                this->kernel(source(problem, launch.grid, resting_.terms()));
+                this->kernel(source(problem, launch.grid, resting_registers, resting_.terms()));
             if (kernel != resting_kernel_) this->forget_graphs();
             resting_kernel_ = std::move(kernel);
             resting_kernel_->allow_shared(launch.shared_bytes);
             // As many as may run at once at most: how many have something to do is known on the device alone.
-            const int at_once =
-                this->device().multiprocessors() * this->blocks_with(32, shape_.x * shape_.y * shape_.z);
+            const int at_once = this->device().multiprocessors() *
+                                this->blocks_with(resting_registers, shape_.x * shape_.y * shape_.z);
             resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
         }
         launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
         // For resume(), which is to see where these have moved.
-        launch.step.reports = resting_.reports(0);
         launch.step.lively = resting_.lively(0);
         if (!by_increments(this->formulation()))
             measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
@@ -76,7 +75,7 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         this->follow(edited);
         this->write_masks(edit);
-        resting_.wake(this->stream());
+        resting_.wake(this->current(), this->stream());
     }
 
     WorkCount count_work() override {
@@ -84,8 +83,7 @@ public:
         const bool looks = resting_.looks();
         this->step(1);
         return {{"tiles", resting_.blocks()},
-                {"tiles_stepped",
-                 looks ? resting_.blocks_stepped(this->current(), this->stream()) : resting_.blocks()}};
+                {"tiles_stepped", looks ? resting_.blocks_stepped(this->stream()) : resting_.blocks()}};
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -122,9 +120,7 @@ private:
         }
         const auto& launch = this->launch();
         ImplicitStep<Real> step = launch.step;
-        step.reports = resting_.reports(reading);
         step.lively = resting_.lively(reading);
-        resting_.enqueue_list(reading, this->stream());
         this->launch_kernel(*resting_kernel_, resting_grid_, launch.block, launch.shared_bytes, step,
                             reading);
     }
@@ -142,9 +138,10 @@ private:
         return axes * 3 * std::size_t(shape_.x + 2) * std::size_t(shape_.y + 2) * sizeof(Real);
     }
 
-    KernelSource source(const Problem& problem, dim3 grid, std::uint32_t more_terms = 0) const {
+    KernelSource source(const Problem& problem, dim3 grid, int registers,
+                        std::uint32_t more_terms = 0) const {
         KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
-                                                    this->blocks_with(registers_for(grid), most_threads),
+                                                    this->blocks_with(registers, most_threads),
                                                     (votes(grid) ? term_interior : 0) | more_terms);
         if (tiled_) {
             source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
@@ -185,6 +182,10 @@ private:
     bool votes(dim3 grid) const {
         return interior_ == "auto" ? !runs_at_once(grid, 64) : interior_ == "vote";
     }
+
+    /// Of a thread that takes several blocks, and keeps what it compares with what it wrote: with 32 a step
+    /// of all blocks of a large box took four times as long.
+    static constexpr int resting_registers = 64;
 
     const BlockShape shape_;
     const std::string registers_;

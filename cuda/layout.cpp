@@ -629,23 +629,23 @@ int whole_blocks(int extent, int block) { return (extent + block - 1) / block; }
 
 }  // namespace
 
-ReportGrid::ReportGrid(const Lattice& lattice, BlockShape shape)
+BlockGrid::BlockGrid(const Lattice& lattice, BlockShape shape)
     : shape_(shape),
       row_(std::size_t(whole_blocks(lattice.dims.x, shape.x)) + 2),
       slice_((std::size_t(whole_blocks(lattice.dims.y, shape.y)) + 2) * row_),
-      size_((std::size_t(whole_blocks(lattice.dims.z, shape.z)) + 2) * slice_) {}
+      places_((std::size_t(whole_blocks(lattice.dims.z, shape.z)) + 2) * slice_) {}
 
 std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape) {
-    const ReportGrid reports(lattice, shape);
-    std::vector<std::uint8_t> active(reports.size());
-    for (const std::uint32_t voxel : lattice.voxel) active[reports.of_voxel(lattice, voxel)] = 1;
+    const BlockGrid grid(lattice, shape);
+    std::vector<std::uint8_t> active(grid.places());
+    for (const std::uint32_t voxel : lattice.voxel) active[grid.place_of(lattice, voxel)] = 1;
     std::vector<BlockOrigin> origins;
     for (int z = 0; z * shape.z < lattice.dims.z; ++z) {
         for (int y = 0; y * shape.y < lattice.dims.y; ++y) {
             for (int x = 0; x * shape.x < lattice.dims.x; ++x) {
-                const std::size_t report = reports.of_block(x, y, z);
-                if (active[report] != 0)
-                    origins.push_back({x * shape.x, y * shape.y, z * shape.z, int(report)});
+                const std::size_t place = grid.place(x, y, z);
+                if (active[place] != 0)
+                    origins.push_back({x * shape.x, y * shape.y, z * shape.z, int(place)});
             }
         }
     }

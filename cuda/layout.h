@@ -221,24 +221,26 @@ struct BlockShape {
     bool operator==(const BlockShape&) const = default;
 };
 
-/// Where the reports of a lattice's blocks stand (kernels/resting.h).
-class ReportGrid {
+/// A place for each block of a lattice, with a frame of one block around them (kernels/resting.h).
+class BlockGrid {
 public:
-    ReportGrid(const Lattice& lattice, BlockShape shape);
+    BlockGrid(const Lattice& lattice, BlockShape shape);
+    /// From a place to the next along y and z.
     std::size_t row() const { return row_; }
     std::size_t slice() const { return slice_; }
-    std::size_t size() const { return size_; }
-    std::size_t of_block(int x, int y, int z) const {
+    std::size_t places() const { return places_; }
+    /// Of block (x, y, z).
+    std::size_t place(int x, int y, int z) const {
         return std::size_t(x + 1) + std::size_t(y + 1) * row_ + std::size_t(z + 1) * slice_;
     }
-    std::size_t of_voxel(const Lattice& lattice, std::uint32_t voxel) const {
+    std::size_t place_of(const Lattice& lattice, std::uint32_t voxel) const {
         const glm::ivec3 c = lattice.coordinates(voxel);
-        return of_block(c.x / shape_.x, c.y / shape_.y, c.z / shape_.z);
+        return place(c.x / shape_.x, c.y / shape_.y, c.z / shape_.z);
     }
 
 private:
     BlockShape shape_;
-    std::size_t row_, slice_, size_;
+    std::size_t row_, slice_, places_;
 };
 
 /// Origins of the blocks that hold an active voxel, x fastest.

@@ -201,6 +201,7 @@ protected:
         motion.load = load_.empty() ? nullptr : load_.data();
         motion.inverse_masses = inverse_masses_.empty() ? nullptr : inverse_masses_.data();
     }
+    const Problem& problem() const { return *problem_; }
     virtual const NeighbourLists<Real>* lists() const { return nullptr; }
     virtual void step_once(const Current& current, const Output<Real>& output) = 0;
 
@@ -244,7 +245,7 @@ public:
           needed_(has_common_terms(problem)),
           compliance_(pack_compliance<Real>(problem, place_on_grid(problem.lattice))),
           step_(make_implicit_step<Real>(problem, place_on_grid(problem.lattice), V::formulation)),
-          report_grid_(problem.lattice, shape),
+          block_grid_(problem.lattice, shape),
           origins_(active_blocks(problem.lattice, shape)) {
         measure<Real>(step_.rest_length, V::formulation);
         step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
@@ -257,11 +258,7 @@ public:
         origins_.clear();
         for (int z = 0; z < step_.nz; z += shape_.z) {
             for (int y = 0; y < step_.ny; y += shape_.y) {
-                for (int x = 0; x < step_.nx; x += shape_.x) {
-                    const std::size_t report =
-                        report_grid_.of_block(x / shape_.x, y / shape_.y, z / shape_.z);
-                    origins_.push_back({x, y, z, int(report)});
-                }
+                for (int x = 0; x < step_.nx; x += shape_.x) origins_.push_back({x, y, z, 0});
             }
         }
     }
@@ -273,17 +270,23 @@ public:
     /// The kernel that does without masks where no neighbour is missing.
     void use_interior() { interior_ = true; }
     /// The kernel that leaves out blocks at rest, with a flush or without.
-    void use_reports(bool flush) {
+    void leave_out_resting(bool flush) {
         resting_ = flush ? Rests::flushed : Rests::yes;
-        for (auto& reports : reports_) reports.assign(report_grid_.size(), 0);
-        for (const BlockOrigin& o : origins_) reports_[0][std::size_t(o.report)] = any_changed;
+        const std::vector<BlockOrigin> all = list_blocks(this->problem().lattice, shape_);
+        // The last word of each list stands behind what it has room for.
+        for (auto& list : lists_) list.assign(all.size() + 1, {-1, -1, -1, -1});
+        for (auto& marks : marks_) {
+            marks.assign(block_grid_.places(), 1);
+            for (const BlockOrigin& block : all) marks[std::size_t(block.place)] = 0;
+        }
+        std::copy(all.begin(), all.end(), lists_[0].begin());
+        for (const BlockOrigin& block : all) marks_[0][std::size_t(block.place)] = 1;
+        counts_ = {unsigned(all.size()), 0};
+        blocks_ = all.size();
     }
     /// In the latest step.
-    std::size_t blocks_stepped() const {
-        return std::size_t(std::count_if(reports_[0].begin(), reports_[0].end(),
-                                         [](std::uint64_t said) { return (said & any_stepped) != 0; }));
-    }
-    std::size_t blocks() const { return origins_.size(); }
+    std::size_t blocks_stepped() const { return taken_; }
+    std::size_t blocks() const { return blocks_; }
 
 protected:
     template <class Terms>
@@ -300,20 +303,33 @@ protected:
 
     template <class Terms>
     void step_lively_blocks(const Current& current, const Output<Real>& output) {
-        step_.reports = {int(report_grid_.row()), int(report_grid_.slice()), reports_[0].data(),
-                         reports_[1].data()};
-        for (const BlockOrigin& o : origins_) {
-            // A warp overwrites its byte.
-            reports_[1][std::size_t(o.report)] = 0;
-            if (!is_lively(step_.reports, o.report)) continue;
+        const LivelyBlocks lively{int(block_grid_.row()),
+                                  int(block_grid_.slice()),
+                                  lists_[0].data(),
+                                  lists_[1].data(),
+                                  &counts_[0],
+                                  &counts_[1],
+                                  marks_[0].data(),
+                                  marks_[1].data(),
+                                  nullptr,
+                                  nullptr};
+        taken_ = counts_[0];
+        for (std::size_t b = 0; b < taken_; ++b) {
+            const BlockOrigin& o = lists_[0][b];
+            bool changed = false;
             for (int thread = 0; thread < shape_.x * shape_.y * shape_.z; ++thread) {
                 const int x = thread % shape_.x, y = thread / shape_.x % shape_.y,
                           z = thread / shape_.x / shape_.y;
-                report<Terms>(step_.reports, o.report,
-                              step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output));
+                changed =
+                    step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output) || changed;
             }
+            list_for_next_step(lively, o, shape_.x, shape_.y, shape_.z, changed);
         }
-        std::swap(reports_[0], reports_[1]);
+        counts_[0] = 0;
+        for (const auto& list : lists_) EXPECT_EQ(list.back().place, -1);
+        std::swap(lists_[0], lists_[1]);
+        std::swap(marks_[0], marks_[1]);
+        std::swap(counts_[0], counts_[1]);
     }
 
     void step_once(const Current& current, const Output<Real>& output) override {
@@ -339,9 +355,13 @@ protected:
     enum class Rests : std::uint8_t { no, yes, flushed } resting_ = Rests::no;
     std::vector<Real> compliance_;
     ImplicitStep<Real> step_;
-    ReportGrid report_grid_;
+    BlockGrid block_grid_;
     std::vector<BlockOrigin> origins_;
-    std::array<std::vector<std::uint64_t>, 2> reports_;  ///< of the step before and of this one
+    // Of the step at hand and of the next.
+    std::array<std::vector<BlockOrigin>, 2> lists_;
+    std::array<std::vector<std::uint32_t>, 2> marks_;
+    std::array<unsigned, 2> counts_{};
+    std::size_t taken_ = 0, blocks_ = 0;
 };
 
 /// The same by way of a tile, which starts as NaN: what a thread needs, some thread has loaded.
@@ -723,7 +743,7 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
                 resting(*problem, start, BlockShape::parse(shape)),
                 flushing(*problem, start, BlockShape::parse(shape));
             plain.use_damping_alone();
-            resting.use_reports(false);
+            resting.leave_out_resting(false);
             resting.poison();
             std::size_t fewest = resting.blocks();
             for (int n = 0; n < 32; ++n) {
@@ -735,7 +755,7 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
             }
             EXPECT_EQ(fewest < resting.blocks() / 2, !drifts);
             if constexpr (by_increments(TypeParam::formulation)) {
-                flushing.use_reports(true);
+                flushing.leave_out_resting(true);
                 flushing.step(32);
                 EXPECT_LT(flushing.blocks_stepped(), resting.blocks_stepped());
             }

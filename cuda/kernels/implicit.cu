@@ -6,10 +6,9 @@ namespace voxspring::cuda {
 KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_constant__ Fetch high,
             const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
     for_each_block<Terms>(step, [&](const BlockOrigin& origin) {
-        const bool changed = step_from_memory<Terms>(step, origin.x + int(threadIdx.x),
-                                                     origin.y + int(threadIdx.y), origin.z + int(threadIdx.z),
-                                                     Reader<Real, Terms::split, Fetch>{high, low}, output);
-        report<Terms>(step.reports, origin.report, changed);
+        return step_from_memory<Terms>(step, origin.x + int(threadIdx.x), origin.y + int(threadIdx.y),
+                                       origin.z + int(threadIdx.z),
+                                       Reader<Real, Terms::split, Fetch>{high, low}, output);
     });
 }
 

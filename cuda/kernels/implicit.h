@@ -22,8 +22,7 @@ struct ImplicitStep {
     Real stiffness[3];       ///< of each spring group, where there is one material
     const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
     Motion<Real> motion;
-    BlockReports reports;  ///< where blocks at rest are not stepped
-    LivelyBlocks lively;   ///< likewise
+    LivelyBlocks lively;  ///< where blocks at rest are not stepped
     bool operator==(const ImplicitStep&) const = default;
 };
 
@@ -34,15 +33,14 @@ __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
     return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z), 0};
 }
 
-/// step_block(origin) of each block that this block of threads is to step.
+/// step_block(origin) of each block that this block of threads is to step; it returns whether the thread's
+/// particle changed.
 template <class Terms, class Real, class StepBlock>
 __device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_block) {
-    if constexpr (!Terms::compiled(term_resting)) {
-        step_block(block_origin(step));
+    if constexpr (Terms::compiled(term_resting)) {
+        for_each_lively_block(step.lively, step_block);
     } else {
-        const unsigned count = *step.lively.count;
-        for (unsigned b = blockIdx.x; b < count; b += gridDim.x) step_block(step.lively.origins[b]);
-        if (blockIdx.x == 0 && (threadIdx.x | threadIdx.y | threadIdx.z) == 0) *step.lively.next_count = 0;
+        step_block(block_origin(step));
     }
 }
 #endif

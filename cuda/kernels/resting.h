@@ -2,8 +2,9 @@
 //
 // A step is a function of a block's particles and of those around it. Where the latest step changed no bit of
 // them, the next one would change none either: it need not be taken (term_resting). What a step that is not
-// taken would write stands there: x(t) and x(t - dt) of such a block are equal. So a step begins with a list
-// of the blocks that are left, and its blocks of threads take these one after another.
+// taken would write stands there: x(t) and x(t - dt) of such a block are equal. So a block in which a step
+// changes something lists itself and those around it for the next step, which takes no other: what rests is
+// not even looked at.
 #pragma once
 
 #include "cuda/kernels/terms.h"
@@ -11,56 +12,86 @@
 
 namespace voxspring::cuda {
 
-/// What a warp says of a step.
-inline constexpr std::uint8_t warp_changed = 1, warp_stepped = 2;
-/// The same of any warp of a block, a byte each.
-inline constexpr std::uint64_t any_changed = 0x0101010101010101, any_stepped = any_changed * warp_stepped;
-
-/// What the warps of each block said of a step. A frame of blocks that say nothing surrounds those of the
-/// lattice, so that each of them has 26 neighbours.
-struct BlockReports {
-    int row, slice;               ///< from a block to the next along y and z
-    const std::uint64_t* before;  ///< of the step that led to what this one reads
-    std::uint64_t* after;         ///< of this one
-    bool operator==(const BlockReports&) const = default;
-};
-
-/// Of that neighbour, less that of the block itself; number 13 is the block.
-VOXSPRING_HOST_DEVICE inline int beside(const BlockReports& reports, int number) {
-    return number % 3 - 1 + (number / 3 % 3 - 1) * reports.row + (number / 9 - 1) * reports.slice;
-}
-
-/// Whether `block` is to be stepped: it or one around it changed.
-VOXSPRING_HOST_DEVICE inline bool is_lively(const BlockReports& reports, int block) {
-    constexpr int blocks = 27;
-    std::uint64_t said = 0;
-    for (int n = 0; n < blocks; ++n) said |= reports.before[block + beside(reports, n)];
-    return (said & any_changed) != 0;
-}
-
-/// A thread of `block`, which was stepped, says whether its particle changed. All threads of a warp do
-/// together; on the host, which has none, threads add to what was said before.
-template <class Terms>
-VOXSPRING_HOST_DEVICE void report(const BlockReports& reports, int block, bool changed) {
-    if constexpr (Terms::compiled(term_resting)) {
-#ifdef __CUDA_ARCH__
-        const unsigned thread = threadIdx.x + blockDim.x * (threadIdx.y + blockDim.y * threadIdx.z);
-        const bool any = __any_sync(~0U, int(changed)) != 0;
-        if (thread % 32 == 0)
-            reinterpret_cast<std::uint8_t*>(reports.after + block)[thread / 32] =
-                std::uint8_t(warp_stepped | (any ? warp_changed : 0));
-#else
-        reports.after[block] |= any_stepped | (changed ? any_changed : 0);
-#endif
-    }
-}
-
-/// The blocks that a step takes, listed on the device before it.
+/// The blocks that a step takes and those that the next one will. Marks have a frame of places around those
+/// of the lattice, so that each block has 26 neighbours; a place without particles is marked for ever.
 struct LivelyBlocks {
-    const BlockOrigin* origins;
-    const unsigned* count;
-    unsigned* next_count;  ///< of the step after this one: zero once this one has run
+    int row, slice;            ///< from a block's place to that of the next along y and z
+    const BlockOrigin* now;    ///< in any order
+    BlockOrigin* next;         ///< room for all
+    unsigned* now_count;       ///< zero after the step, whose list will be that of the step after the next
+    unsigned* next_count;      ///< zero before
+    std::uint32_t* now_marks;  ///< of each place whether it is listed, or has no particles
+    std::uint32_t* next_marks;
+    unsigned* finished;  ///< blocks of threads that have no more to do; zero before and after
+    unsigned* taken;     ///< blocks that the latest step took
     bool operator==(const LivelyBlocks&) const = default;
 };
+
+/// A block and those around it.
+inline constexpr int blocks_around = 27;
+
+/// Number `number` of the blocks around `origin`, of x * y * z voxels each.
+VOXSPRING_HOST_DEVICE inline BlockOrigin around(const LivelyBlocks& blocks, const BlockOrigin& origin,
+                                                int number, int x, int y, int z) {
+    const int dx = number % 3 - 1, dy = number / 3 % 3 - 1, dz = number / 9 - 1;
+    return {origin.x + dx * x, origin.y + dy * y, origin.z + dz * z,
+            origin.place + dx + dy * blocks.row + dz * blocks.slice};
+}
+
+#ifdef __CUDACC__
+__device__ inline unsigned thread_of_block() {
+    return threadIdx.x + blockDim.x * (threadIdx.y + blockDim.y * threadIdx.z);
+}
+
+/// All threads of a block, after its step, each with whether its particle changed.
+__device__ inline void list_for_next_step(const LivelyBlocks& blocks, const BlockOrigin& origin,
+                                          bool changed) {
+    const unsigned thread = thread_of_block();
+    if (__syncthreads_or(int(changed)) != 0 && thread < 32) {
+        BlockOrigin other{};
+        bool is_new = false;
+        if (thread < blocks_around) {
+            other = around(blocks, origin, int(thread), int(blockDim.x), int(blockDim.y), int(blockDim.z));
+            std::uint32_t* const mark = blocks.next_marks + other.place;
+            // Most are marked by then, and cost no exchange.
+            is_new = __ldcg(mark) == 0 && atomicExch(mark, 1U) == 0;
+        }
+        const unsigned all_new = __ballot_sync(~0U, int(is_new));
+        unsigned first = 0;
+        if (thread == 0 && all_new != 0) first = atomicAdd(blocks.next_count, unsigned(__popc(all_new)));
+        first = __shfl_sync(~0U, first, 0);
+        if (is_new) blocks.next[first + unsigned(__popc(all_new & ((1U << thread) - 1)))] = other;
+    }
+    if (thread == 0) blocks.now_marks[origin.place] = 0;
+}
+
+/// step_block(origin) of each block of the list; it returns whether the thread's particle changed. A block of
+/// threads takes one after another, since how many there are is known on the device alone.
+template <class StepBlock>
+__device__ void for_each_lively_block(const LivelyBlocks& blocks, StepBlock step_block) {
+    const unsigned count = *blocks.now_count;
+    for (unsigned b = blockIdx.x; b < count; b += gridDim.x) {
+        const BlockOrigin origin = blocks.now[b];
+        list_for_next_step(blocks, origin, step_block(origin));
+    }
+    // The last to finish; who reads zero instead of the count had nothing to do.
+    if (thread_of_block() == 0 && atomicInc(blocks.finished, gridDim.x - 1) == gridDim.x - 1) {
+        *blocks.taken = count;
+        *blocks.now_count = 0;
+    }
+}
+#else
+/// For the host, where blocks run one after another.
+inline void list_for_next_step(const LivelyBlocks& blocks, const BlockOrigin& origin, int x, int y, int z,
+                               bool changed) {
+    for (int n = 0; n < blocks_around && changed; ++n) {
+        const BlockOrigin other = around(blocks, origin, n, x, y, z);
+        if (blocks.next_marks[other.place] != 0) continue;
+        blocks.next_marks[other.place] = 1;
+        blocks.next[(*blocks.next_count)++] = other;
+    }
+    blocks.now_marks[origin.place] = 0;
+}
+#endif
 
 }  // namespace voxspring::cuda

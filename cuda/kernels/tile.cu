@@ -18,15 +18,10 @@ KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_consta
         Self<Real, Terms::split> self{};
         if (inside) self = tile.fill(tx, ty, index, row, slice, Reader<Real, Terms::split, Fetch>{high, low});
         __syncthreads();
-        bool changed = false;
-        if (inside) {
-            changed = step_voxel<Terms>(step, index, self, output,
-                                        TileNeighbours<Real, Terms::split, WIDTH, HEIGHT>{tile, tx, ty},
-                                        GridCompliance<Real>{step.compliance, index, row, slice});
-        }
-        report<Terms>(step.reports, origin.report, changed);
-        // The next block's tile overwrites this one's.
-        if (Terms::compiled(term_resting)) __syncthreads();
+        if (!inside) return false;
+        return step_voxel<Terms>(step, index, self, output,
+                                 TileNeighbours<Real, Terms::split, WIDTH, HEIGHT>{tile, tx, ty},
+                                 GridCompliance<Real>{step.compliance, index, row, slice});
     });
 }
 
