@@ -68,7 +68,7 @@ private:
     using Counts = std::array<unsigned, counts>;
 
     bool decides() const { return way_ == Way::decide && may_look_; }
-    /// On an H200 a step of all blocks takes 20 to 45% longer so, and what rests costs nothing.
+    /// On an H200 a step of all blocks takes 15 to 60% longer so, and what rests costs nothing.
     static bool pays(std::size_t lively, std::size_t blocks) { return 3 * lively <= 2 * blocks; }
 
     const Way way_;

@@ -60,12 +60,12 @@ const std::vector<Rule>& rules() {
     constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
     static const std::vector<Rule> list = {
         // fastest.json: the box of 32^3 0.89 against 2.05 of cuda_implicit_cached:fetch=l1, the heart 1.29
-        // against 2.59 of cuda_explicit_delta. edits.json: an edit lays its tables out anew, 11 ms.
+        // against 2.59 of cuda_explicit_delta. edits.json: an edit lays its tables out anew, 9 ms.
         {"cuda_resident", "", 0, most_resident, 0, any_occupancy, false,
          "state stays on the chip from step to step"},
         // fastest.json: the box of 256^3 168 against 294 of cuda_implicit_cached:fetch=l1, that of 128^3 52
         // against 45, the heart of 480x408x368 409 against 283 of cuda_explicit_delta. edits.json: an edit
-        // lays its plan out anew, 0.4 ms on the box of 32^3.
+        // lays its plan out anew, 0.35 ms on the box of 32^3.
         {"cuda_march", "", least_marched, any_number, sparse, any_occupancy, false,
          "each thread marches along a column and reads a particle once"},
         {"cuda_explicit_delta", "", 0, any_number, 0, sparse, true,
@@ -74,11 +74,14 @@ const std::vector<Rule>& rules() {
         // against 2.46.
         {"cuda_explicit_cached_grid", "", fits_one_wave, 1e5, 0, sparse, true,
          "lists of active particles alone"},
-        // figure8.json: the box of 8^3 1.81 against 2.12 of cuda_implicit_cached:fetch=l1, 16^3 2.04 against
-        // 2.30, 32^3 2.57 against 2.42.
+        // figure8.json: the box of 8^3 1.74 against 1.79 of cuda_implicit_cached:fetch=l1, 16^3 2.03 against
+        // 1.86, 32^3 2.52 against 2.05.
         {"cuda_explicit_cached_grid", "fetch=l1", 0, fits_one_wave, 0, any_occupancy, true,
          "a step is hardly more than a launch, and lists compute no address"},
-        // figure8.json: fastest from 32^3 (2.42) to 256^3 (288 against 332 of cuda_implicit_shared).
+        // figure8.json: the box of 32^3 2.05, the fastest with a launch a step; 48^3 5.08 against 4.35 of
+        // cuda_explicit_cached_grid:fetch=l1, 64^3 7.15 against 6.85 of cuda_explicit_delta, 128^3 44.3
+        // against
+        // 40.9, 256^3 299 against 323.
         {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy, true,
          "a lattice needs no lists, and L1 holds what neighbours share"},
         // tuning.json: 543 on the box of 256^3 against 1028 of cuda_explicit_cached; both take any springs.

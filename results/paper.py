@@ -17,10 +17,13 @@ RESULTS = HERE / "nvidia-h200"
 PAGE = HERE / "README.md"
 
 
+def result(study):
+    return json.loads((RESULTS / f"{study}.json").read_text())
+
+
 def medians(study):
     """The median row of each contender, in the order of the file."""
-    rows = json.loads((RESULTS / f"{study}.json").read_text())["benchmarks"]
-    return [row for row in rows if row.get("aggregate_name") == "median"]
+    return [row for row in result(study)["benchmarks"] if row.get("aggregate_name") == "median"]
 
 
 def contender(row):
@@ -158,7 +161,7 @@ def formulations():
 
 def stress():
     """The largest figure of any backend against the gates about rounding."""
-    rows = json.loads((RESULTS / "stress.json").read_text())["stress"]
+    rows = result("stress")["stress"]
     worst = {}
     for row in rows:
         if row["part"] not in (7, 9) or row["precision"] != "float32":
@@ -177,7 +180,7 @@ def stress():
 
 def stability():
     """The range of measured over theoretical limits, over all backends and scenes."""
-    rows = json.loads((RESULTS / "stability.json").read_text())["stability"]
+    rows = result("stability")["stability"]
     ranges = {}
     for row in rows:
         start = row["start"]
@@ -234,9 +237,39 @@ def fastest():
     return "\n\n".join(parts)
 
 
+def resting():
+    """A step of all tiles, one that leaves out those at rest, and what share of them it took in the end."""
+    work = {row["name"]: row["work"] for row in result("skips")["verification"] if "work" in row}
+    times = {row["name"].split("/iterations:")[0]: row["real_time"] for row in medians("skips")}
+    scenes, lines = scenes_of(medians("skips")), {}
+    for name, skipping in times.items():
+        way = next((way for way in ("skip", "flush") if name.endswith(f"/rest={way}")), None)
+        if way is None:
+            continue
+        plain = name.removesuffix(way) + "step"
+        scene, backend, formulation, *_ = name.split("/")
+        share = work[name]["tiles_stepped"] / work[name]["tiles"]
+        cells = lines.setdefault((backend, formulation, way), {})
+        cells[scene] = f"{microseconds(times[plain])} / {microseconds(skipping)} ({percent(share)})"
+    return table(["us a step of all / of what moves (tiles stepped)"] + scenes,
+                 [[f"`{backend}` {formulation}" + ", flush" * (way == "flush")] + [cells.get(scene, "-") for scene in scenes]
+                  for (backend, formulation, way), cells in sorted(lines.items())])
+
+
+def files():
+    """Of which commit and day each file is."""
+    lines = []
+    for path in sorted(RESULTS.glob("*.json")):
+        context = result(path.stem)["context"]
+        build = context["voxspring"]
+        lines.append([f"`{path.stem}`", build["commit"][:8] + " (not clean)" * (not build["clean"]),
+                      context["date"][:10]])
+    return table(["file", "commit", "day"], lines)
+
+
 TABLES = {"fastest": fastest, "limits": lambda: limits("table1"), "table1": lambda: steps("table1"), "figure7": lambda: steps("figure7"),
           "figure8": scaling, "edits": edits, "tuning": tuning, "formulations": formulations, "stress": stress,
-          "stability": stability}
+          "stability": stability, "resting": resting, "files": files}
 
 
 def main():

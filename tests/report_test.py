@@ -428,7 +428,7 @@ class Page(unittest.TestCase):
             self.assertRegex(alternatives[1], "coloured by the error against float64: at most 3.4e-5$")
         text = self.script("return document.querySelector('#pictures').innerText")
         for words in ("drawn by a test", "Without a picture: box@8, box@16, box@48, box@64, box@96 and box@128 (as those shown",
-                      "box@192, box@256, box@512, heart@480x408x368 and incision@256 (more than 4 million particles)",
+                      "box@192, box@256, box@512, heart@480x408x368, poke@192 and incision@256 (more than 4 million particles)",
                       "scalpel_1, scalpel_10 and scalpel_100 (no blade)"):
             self.assertIn(words, text)
         # The heart opens the page: beside the headline, on a phone below it.
