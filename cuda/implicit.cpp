@@ -106,7 +106,7 @@ private:
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return implicit_bytes<Real>(problem, shape_, this->formulation()) +
-               resting_.bytes_needed(problem.lattice, shape_);
+               resting_.bytes_needed(problem, shape_);
     }
     std::uint64_t bytes_held() const override {
         return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes() + resting_.bytes_held();

@@ -55,9 +55,16 @@ std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
            std::to_string(std::numeric_limits<int>::max());
 }
 
-std::uint64_t Resting::bytes_needed(const Lattice& lattice, BlockShape shape) const {
-    const std::size_t places = BlockGrid(lattice, shape).places();
-    return way_ == Way::step ? 0 : places * (4 * sizeof(std::uint32_t) + 3 * sizeof(BlockOrigin));
+bool Resting::could_look(const Problem& problem, BlockShape shape) const {
+    if (way_ != Way::decide) return way_ != Way::step;
+    const std::size_t places = BlockGrid(problem.lattice, shape).places();
+    return problem.gravity == glm::dvec3(0) && problem.load.empty() && places >= least_blocks &&
+           can_be_named(places);
+}
+
+std::uint64_t Resting::bytes_needed(const Problem& problem, BlockShape shape) const {
+    if (!could_look(problem, shape)) return 0;
+    return BlockGrid(problem.lattice, shape).places() * (4 * sizeof(std::uint32_t) + 3 * sizeof(BlockOrigin));
 }
 
 std::uint64_t Resting::bytes_held() const {
@@ -67,11 +74,8 @@ std::uint64_t Resting::bytes_held() const {
 
 void Resting::upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream) {
     may_look_ = looking_ = asked_ = false;
-    const bool at_ease = problem.gravity == glm::dvec3(0) && problem.load.empty();
+    if (!could_look(problem, shape)) return;
     const BlockGrid grid(problem.lattice, shape);
-    if (way_ == Way::step) return;
-    if (way_ == Way::decide && (!at_ease || grid.places() < least_blocks || !can_be_named(grid.places())))
-        return;
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
     const std::size_t count = all.size();
     if (way_ == Way::decide &&

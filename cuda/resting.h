@@ -26,8 +26,8 @@ public:
 
     /// Empty, or why `problem` has more blocks than can be named.
     std::string refused(const Lattice& lattice, BlockShape shape) const;
-    /// Bytes on the device.
-    std::uint64_t bytes_needed(const Lattice& lattice, BlockShape shape) const;
+    /// Bytes on the device, at most.
+    std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;
     std::uint64_t bytes_held() const;
 
     /// The first step is to take all blocks of `problem`, in which `state` is.
@@ -67,6 +67,8 @@ private:
     enum Count : std::uint8_t { listed_for_0, listed_for_1, finished, taken, counts };
     using Counts = std::array<unsigned, counts>;
 
+    /// Whether it is asked in some states of `problem`.
+    bool could_look(const Problem& problem, BlockShape shape) const;
     bool decides() const { return way_ == Way::decide && may_look_; }
     /// On an H200 a step of all blocks takes 15 to 60% longer so, and what rests costs nothing.
     static bool pays(std::size_t lively, std::size_t blocks) { return 3 * lively <= 2 * blocks; }
