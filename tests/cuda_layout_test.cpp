@@ -134,9 +134,9 @@ struct Variant {
     /// What a scene of the paper's two groups needs: `terms`.
     template <std::uint32_t terms>
     using Needed = KernelTerms<f, FACE_BITS | EDGE_BITS, terms, false>;
-    /// What a free lattice needs, blocks at rest left out.
+    /// AllTerms with blocks at rest left out, and `terms`.
     template <std::uint32_t terms>
-    using Resting = Needed<term_damping | term_resting | terms>;
+    using Resting = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_resting | terms, true>;
 };
 
 template <class Real>
@@ -265,8 +265,7 @@ public:
 
     /// The kernel that asks for everything at run time.
     void use_general_kernel() { needed_ = false; }
-    /// The kernel of a free lattice.
-    void use_damping_alone() { damping_alone_ = true; }
+
     /// The kernel that does without masks where no neighbour is missing.
     void use_interior() { interior_ = true; }
     /// The kernel that leaves out blocks at rest, with a flush or without.
@@ -341,17 +340,14 @@ protected:
             }
             return;
         }
-        if (damping_alone_) {
-            step_blocks<typename V::template Needed<term_damping>>(current, output);
-            return;
-        }
+
         with_terms<V>(needed_, interior_, [&]<class Terms>(Terms) { step_blocks<Terms>(current, output); });
     }
 
     BlockShape shape_;
     bool needed_;
     bool interior_ = false;
-    bool damping_alone_ = false;
+
     enum class Rests : std::uint8_t { no, yes, flushed } resting_ = Rests::no;
     std::vector<Real> compliance_;
     ImplicitStep<Real> step_;
@@ -742,7 +738,7 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
             ImplicitSimulation<TypeParam> plain(*problem, start, BlockShape::parse(shape)),
                 resting(*problem, start, BlockShape::parse(shape)),
                 flushing(*problem, start, BlockShape::parse(shape));
-            plain.use_damping_alone();
+
             resting.leave_out_resting(false);
             resting.poison();
             std::size_t fewest = resting.blocks();
@@ -761,6 +757,40 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
             }
         }
     }
+}
+
+// From the middle of a block everything reaches the 26 blocks around it in the same step, which none of them
+// would list for another.
+TYPED_TEST(KernelBodies, AChangeListsEveryBlockAroundIt) {
+    Problem problem = make_lattice_problem(solid({15, 15, 15}), NEIGHBOUR_BITS);
+    problem.time_step = 0.2;
+    State start = state_at_rest(problem);
+    start.displacement[problem.particle_count() / 2] = {0.1, -0.2, 0.15};
+    const BlockShape shape{5, 5, 5};
+    ImplicitSimulation<TypeParam> plain(problem, start, shape), resting(problem, start, shape);
+    resting.leave_out_resting(false);
+    for (int n = 0; n < 8; ++n) {
+        plain.step(1);
+        resting.step(1);
+        EXPECT_EQ(resting.download().displacement, plain.download().displacement) << n;
+        EXPECT_EQ(resting.download().increment, plain.download().increment) << n;
+    }
+}
+
+// Gravity stops it for a step, in every formulation without rounding: it stays where it is and is not at
+// rest.
+TYPED_TEST(KernelBodies, AParticleThatTurnsRoundIsNotAtRest) {
+    Problem problem = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
+    problem.time_step = 0.25;
+    problem.gravity = {0, 0, -1};
+    State start = state_at_rest(problem);
+    start.increment[0] = {0, 0, 0.0625};
+    ImplicitSimulation<TypeParam> resting(problem, start, BlockShape{1, 1, 1});
+    resting.leave_out_resting(false);
+    resting.step(1);
+    EXPECT_EQ(resting.download().displacement[0], glm::dvec3(0));
+    resting.step(2);
+    EXPECT_EQ(resting.download().displacement[0], glm::dvec3(0, 0, -0.1875));
 }
 
 // --- Layouts ---------------------------------------------------------------------------------------------
