@@ -12,6 +12,7 @@
 #include "cuda/march_layout.h"
 #include "harness/verify.h"
 #include "tests/required.h"
+#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -364,14 +365,6 @@ std::vector<std::string> every_specification() {
         }
     }
     return specs;
-}
-
-std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
-    std::string name = tested.param;
-    for (char& c : name) {
-        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
-    }
-    return name;
 }
 
 INSTANTIATE_TEST_SUITE_P(Backends, Conformance, ::testing::ValuesIn(every_specification()), test_name);

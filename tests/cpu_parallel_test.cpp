@@ -13,6 +13,7 @@
 #include "backends/physics/spring.h"
 #include "backends/registry.h"
 #include "harness/verify.h"
+#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -308,14 +309,6 @@ std::vector<std::string> precisions_and_formulations() {
             all.push_back("precision=" + precision + ",formulation=" + to_string(formulation));
     }
     return all;
-}
-
-std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
-    std::string name = tested.param;
-    for (char& c : name) {
-        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
-    }
-    return name;
 }
 
 INSTANTIATE_TEST_SUITE_P(Formulations, CpuParallel, ::testing::ValuesIn(precisions_and_formulations()),

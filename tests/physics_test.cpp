@@ -16,6 +16,7 @@
 #include "backends/registry.h"
 #include "harness/verify.h"
 #include "tests/required.h"
+#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -331,14 +332,6 @@ std::vector<std::string> every_backend() {
         }
     }
     return specs;
-}
-
-std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
-    std::string name = tested.param;
-    for (char& c : name) {
-        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
-    }
-    return name;
 }
 
 INSTANTIATE_TEST_SUITE_P(Backends, Physics, ::testing::ValuesIn(every_backend()), test_name);

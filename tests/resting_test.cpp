@@ -10,6 +10,7 @@
 #include "backends/registry.h"
 #include "harness/verify.h"
 #include "tests/required.h"
+#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -183,26 +184,7 @@ TEST_P(Resting, FlushingRestsMoreForAnErrorOfWhatItFlushes) {
     EXPECT_LT(compare(poked.problem, flushed, exact, spec.options.precision, 231).relative_l2, 1e-6);
 }
 
-std::vector<std::string> specifications() {
-    std::vector<std::string> all;
-    for (const auto& [name, entry] : registry()) {
-        if (!entry.tuning.contains("rest")) continue;
-        for (const Precision precision : entry.precisions) {
-            for (const Formulation formulation : entry.formulations)
-                all.push_back(name + ":precision=" + to_string(precision) +
-                              ",formulation=" + to_string(formulation));
-        }
-    }
-    return all;
-}
-
-INSTANTIATE_TEST_SUITE_P(Backends, Resting, ::testing::ValuesIn(specifications()), [](const auto& tested) {
-    std::string name = tested.param;
-    for (char& c : name) {
-        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
-    }
-    return name;
-});
+INSTANTIATE_TEST_SUITE_P(Backends, Resting, ::testing::ValuesIn(in_every_formulation("rest")), test_name);
 
 }  // namespace
 }  // namespace voxspring::testing

@@ -9,6 +9,7 @@
 
 #include "backends/registry.h"
 #include "tests/required.h"
+#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -99,26 +100,7 @@ TEST_P(Watched, LookingChangesNoBit) {
     EXPECT_EQ(unseen.increment, seen.increment);
 }
 
-std::vector<std::string> watching() {
-    std::vector<std::string> specs;
-    for (const auto& [name, entry] : registry()) {
-        for (const Precision precision : entry.precisions) {
-            for (const Formulation formulation : entry.formulations) {
-                specs.push_back(name + ":precision=" + to_string(precision) +
-                                ",formulation=" + to_string(formulation));
-            }
-        }
-    }
-    return specs;
-}
-
-INSTANTIATE_TEST_SUITE_P(Backends, Watched, ::testing::ValuesIn(watching()), [](const auto& tested) {
-    std::string name = tested.param;
-    for (char& c : name) {
-        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
-    }
-    return name;
-});
+INSTANTIATE_TEST_SUITE_P(Backends, Watched, ::testing::ValuesIn(in_every_formulation()), test_name);
 
 }  // namespace
 }  // namespace voxspring::testing
