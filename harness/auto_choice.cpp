@@ -80,8 +80,7 @@ const std::vector<Rule>& rules() {
          "a step is hardly more than a launch, and lists compute no address"},
         // figure8.json: the box of 32^3 2.05, the fastest with a launch a step; 48^3 5.08 against 4.35 of
         // cuda_explicit_cached_grid:fetch=l1, 64^3 7.15 against 6.85 of cuda_explicit_delta, 128^3 44.3
-        // against
-        // 40.9, 256^3 299 against 323.
+        // against 40.9, 256^3 299 against 323.
         {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy, true,
          "a lattice needs no lists, and L1 holds what neighbours share"},
         // tuning.json: 543 on the box of 256^3 against 1028 of cuda_explicit_cached; both take any springs.
