@@ -1,6 +1,6 @@
 // Neighbour lists with a secondary list of stiffness and rest length; positions through the texture path.
-#include "cuda/explicit.h"
-#include "cuda/tuning.h"
+#include "cuda/common/explicit.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -1,7 +1,7 @@
 // Neighbour lists of a regular grid: a counter a spring group instead of a secondary list; positions through
 // the texture path.
-#include "cuda/explicit.h"
-#include "cuda/tuning.h"
+#include "cuda/common/explicit.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

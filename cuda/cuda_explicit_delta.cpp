@@ -1,11 +1,11 @@
 // Neighbour lists compressed to what changes along a run of particles.
 #include <memory>
 
-#include "cuda/delta_lists.h"
-#include "cuda/measure.h"
-#include "cuda/particles.h"
-#include "cuda/tuning.h"
-#include "cuda/work.h"
+#include "backends/layout/delta_lists.h"
+#include "backends/layout/work.h"
+#include "cuda/common/measure.h"
+#include "cuda/common/particles.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -1,7 +1,7 @@
 // Neighbour lists in global memory, read past L1; stiffness and rest length a spring only where a scene has
 // them.
-#include "cuda/explicit.h"
-#include "cuda/tuning.h"
+#include "cuda/common/explicit.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

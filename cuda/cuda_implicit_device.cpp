@@ -1,6 +1,6 @@
 // The grid in global memory, read past L1.
-#include "cuda/implicit.h"
-#include "cuda/tuning.h"
+#include "cuda/common/implicit.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -1,7 +1,7 @@
 // The grid by way of shared memory: a block loads three slices of a tile with a frame of one particle, and
 // steps the middle slice (Figure 4).
-#include "cuda/implicit.h"
-#include "cuda/tuning.h"
+#include "cuda/common/implicit.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -1,6 +1,6 @@
 // The grid plane by plane: blocks march along z over tiles of columns, positions in structure of arrays,
 // windows filled by the tensor copy engine.
-#include "cuda/march.h"
+#include "cuda/common/march.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <memory>
 
-#include "cuda/measure.h"
-#include "cuda/particles.h"
-#include "cuda/resident_layout.h"
-#include "cuda/tuning.h"
-#include "cuda/work.h"
+#include "backends/layout/resident_layout.h"
+#include "backends/layout/work.h"
+#include "cuda/common/measure.h"
+#include "cuda/common/particles.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -2,10 +2,10 @@
 #include <algorithm>
 #include <memory>
 
-#include "cuda/measure.h"
-#include "cuda/particles.h"
-#include "cuda/tuning.h"
-#include "cuda/work.h"
+#include "backends/layout/work.h"
+#include "cuda/common/measure.h"
+#include "cuda/common/particles.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

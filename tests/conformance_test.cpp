@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
+#include "backends/layout/march_layout.h"
 #include "backends/registry.h"
-#include "cuda/march_layout.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/specifications.h"
 #include "tests/support.h"

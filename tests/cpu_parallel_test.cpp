@@ -12,7 +12,7 @@
 
 #include "backends/physics/spring.h"
 #include "backends/registry.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/specifications.h"
 #include "tests/support.h"
 

@@ -7,11 +7,11 @@
 #include <vector>
 
 #include "backends/backend.h"
-#include "cuda/compiler.h"
+#include "backends/layout/layout.h"
+#include "backends/layout/march_layout.h"
+#include "cuda/common/march.h"
+#include "cuda/device/compiler.h"
 #include "cuda/kernels/resident.h"
-#include "cuda/layout.h"
-#include "cuda/march.h"
-#include "cuda/march_layout.h"
 
 namespace voxspring::cuda {
 namespace {

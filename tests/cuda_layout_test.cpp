@@ -14,10 +14,10 @@
 #include <tuple>
 #include <utility>
 
+#include "backends/layout/delta_lists.h"
+#include "backends/layout/layout.h"
 #include "backends/registry.h"
-#include "cuda/delta_lists.h"
-#include "cuda/layout.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/support.h"
 
 namespace voxspring::cuda {

@@ -12,11 +12,11 @@
 #include <string>
 #include <tuple>
 
+#include "backends/layout/layout.h"
+#include "backends/layout/march_layout.h"
 #include "backends/physics/inverse_root.h"
 #include "backends/registry.h"
-#include "cuda/layout.h"
-#include "cuda/march_layout.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/support.h"
 
 namespace voxspring::cuda {

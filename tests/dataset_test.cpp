@@ -1,10 +1,10 @@
 // Particle and spring counts of the datasets, to the last one.
-#include "harness/dataset.h"
+#include "harness/volume/dataset.h"
 
 #include <gtest/gtest.h>
 
 #include "backends/physics/neighbours.h"
-#include "harness/bad_input.h"
+#include "harness/base/bad_input.h"
 
 namespace voxspring::testing {
 namespace {

@@ -11,14 +11,14 @@
 
 #include "backends/disk_cache.h"
 #include "backends/registry.h"
-#include "harness/advise.h"
-#include "harness/bad_input.h"
-#include "harness/conserved.h"
-#include "harness/divergence.h"
-#include "harness/errors.h"
-#include "harness/pareto.h"
-#include "harness/playback.h"
-#include "harness/reference.h"
+#include "harness/base/bad_input.h"
+#include "harness/scene/playback.h"
+#include "harness/study/advise.h"
+#include "harness/study/pareto.h"
+#include "harness/verification/conserved.h"
+#include "harness/verification/divergence.h"
+#include "harness/verification/errors.h"
+#include "harness/verification/reference.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -1,4 +1,4 @@
-// What harness/noise.cpp asks of NVML, answered by what tests/noise_test.cpp sets.
+// What harness/device/noise.cpp asks of NVML, answered by what tests/noise_test.cpp sets.
 #include <cstring>
 
 extern "C" {

@@ -1,5 +1,5 @@
 // The study `fastest` and the rules of `--backend auto`, on made-up results, on every committed one and live.
-#include "harness/fastest.h"
+#include "harness/study/fastest.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,10 +11,10 @@
 #include <sstream>
 
 #include "backends/registry.h"
-#include "harness/auto_choice.h"
-#include "harness/bad_input.h"
-#include "harness/playback.h"
-#include "harness/study.h"
+#include "harness/base/bad_input.h"
+#include "harness/scene/playback.h"
+#include "harness/study/auto_choice.h"
+#include "harness/study/study.h"
 
 namespace voxspring::testing {
 namespace {

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "backends/cpu_backend.h"
+#include "backends/cpu/cpu_backend.h"
 #include "backends/registry.h"
 
 namespace voxspring::testing {

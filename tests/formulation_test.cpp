@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "backends/registry.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -18,7 +18,7 @@
 #include "backends/gl/program.h"
 #include "backends/gl/texture.h"
 #include "backends/registry.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

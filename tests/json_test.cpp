@@ -1,12 +1,12 @@
 // The strict JSON reader: what it takes, what it refuses, and what it says about it.
-#include "harness/json.h"
+#include "harness/base/json.h"
 
 #include <gtest/gtest.h>
 
 #include <fstream>
 #include <string>
 
-#include "harness/bad_input.h"
+#include "harness/base/bad_input.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {

@@ -1,5 +1,5 @@
 // The limits of devices, the least work of a step counted by hand, and the fraction that follows from both.
-#include "harness/limits.h"
+#include "harness/device/limits.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,9 +10,9 @@
 #include <sstream>
 #include <string>
 
+#include "backends/layout/work.h"
 #include "backends/limits.h"
 #include "backends/registry.h"
-#include "cuda/work.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -1,5 +1,5 @@
 // Times that are not to be trusted are marked, for each of the reasons that there are, and others are not.
-#include "harness/noise.h"
+#include "harness/device/noise.h"
 
 #include <dlfcn.h>
 #include <gmock/gmock.h>
@@ -12,9 +12,9 @@
 #include <thread>
 #include <vector>
 
-#include "backends/cpu_backend.h"
+#include "backends/cpu/cpu_backend.h"
 #include "backends/registry.h"
-#include "harness/study.h"
+#include "harness/study/study.h"
 
 namespace voxspring::testing {
 namespace {

@@ -44,7 +44,7 @@ def processes():
 
 
 def check_of(rest):
-    """FNV-1a of 128 bits of the text behind its length, as harness/journal.cpp has it."""
+    """FNV-1a of 128 bits of the text behind its length, as harness/process/journal.cpp has it."""
     state = 0x6c62272e07bb014262b821756295c58d
     for byte in len(rest.encode()).to_bytes(8, "little") + rest.encode():
         state = (state ^ byte) * ((1 << 88) + 0x13b) % (1 << 128)

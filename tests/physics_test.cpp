@@ -2,7 +2,8 @@
 // VOXSPRING_REQUIRE (required.h) makes failures of the skips.
 //
 // Closed forms are those of the discrete recurrence, not of the differential equation, so that nothing but
-// rounding is left and rounding_tolerance() (harness/verify.h) is the bound unless a test says otherwise.
+// rounding is left and rounding_tolerance() (harness/verification/verify.h) is the bound unless a test says
+// otherwise.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -14,7 +15,7 @@
 #include <vector>
 
 #include "backends/registry.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/specifications.h"
 #include "tests/support.h"

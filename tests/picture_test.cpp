@@ -13,9 +13,9 @@
 #include <string>
 #include <vector>
 
-#include "harness/legend.h"
-#include "harness/painter.h"
-#include "harness/surface.h"
+#include "harness/export/legend.h"
+#include "harness/export/painter.h"
+#include "harness/export/surface.h"
 #include "tests/required.h"
 #include "tests/support.h"
 

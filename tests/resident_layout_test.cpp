@@ -1,5 +1,5 @@
 // The tables of the resident kernel, and its body run on the host through them.
-#include "cuda/resident_layout.h"
+#include "backends/layout/resident_layout.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <set>
 #include <tuple>
 
-#include "cuda/layout.h"
+#include "backends/layout/layout.h"
 #include "tests/support.h"
 
 namespace voxspring::cuda {

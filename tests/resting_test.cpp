@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "backends/registry.h"
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/specifications.h"
 #include "tests/support.h"

@@ -3,8 +3,8 @@
 #include <iostream>
 #include <string>
 
-#include "harness/bad_input.h"
-#include "harness/scene_file.h"
+#include "harness/base/bad_input.h"
+#include "harness/scene/scene_file.h"
 
 int main() {
     for (std::string text; std::getline(std::cin, text);) {

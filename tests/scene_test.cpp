@@ -1,5 +1,5 @@
 // Scenes: the built-in ones, what a file's keys become, and how each kind of bad input is refused.
-#include "harness/scene.h"
+#include "harness/scene/scene.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,10 +12,10 @@
 
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
-#include "harness/bad_input.h"
-#include "harness/playback.h"
-#include "harness/scene_file.h"
-#include "harness/stability.h"
+#include "harness/base/bad_input.h"
+#include "harness/scene/playback.h"
+#include "harness/scene/scene_file.h"
+#include "harness/scene/stability.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {

@@ -1,5 +1,5 @@
 // The stable time step: against closed forms, and against where the oracle really blows up.
-#include "harness/stability.h"
+#include "harness/scene/stability.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 
 #include "backends/physics/spring.h"
 #include "backends/registry.h"
-#include "harness/scene.h"
+#include "harness/scene/scene.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

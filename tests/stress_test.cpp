@@ -1,6 +1,6 @@
 // The stress suite on every backend and formulation of this machine, and what all of them make of degenerate
 // input. A backend without its device is skipped, or fails if VOXSPRING_REQUIRE names it (required.h).
-#include "harness/stress.h"
+#include "harness/study/stress.h"
 
 #include <gtest/gtest.h>
 
@@ -11,9 +11,9 @@
 #include <set>
 
 #include "backends/registry.h"
-#include "harness/scene.h"
-#include "harness/stability_study.h"
-#include "harness/verify.h"
+#include "harness/scene/scene.h"
+#include "harness/study/stability_study.h"
+#include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/support.h"
 

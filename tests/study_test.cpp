@@ -1,5 +1,5 @@
 // The study on backends that misbehave: each takes down its own row and nothing else.
-#include "harness/study.h"
+#include "harness/study/study.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -15,10 +15,10 @@
 #include <set>
 #include <sstream>
 
-#include "backends/cpu_backend.h"
+#include "backends/cpu/cpu_backend.h"
 #include "backends/registry.h"
-#include "harness/bad_input.h"
-#include "harness/commands.h"
+#include "harness/base/bad_input.h"
+#include "harness/cli/commands.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {

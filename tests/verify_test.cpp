@@ -1,5 +1,5 @@
 // The verifier, above all on states that must fail.
-#include "harness/verify.h"
+#include "harness/verification/verify.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

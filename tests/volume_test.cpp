@@ -1,5 +1,5 @@
 // NIfTI and NRRD files: every scalar type, byte order and encoding, and files that are cut short or lie.
-#include "harness/volume.h"
+#include "harness/volume/volume.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <new>
 #include <sstream>
 
-#include "harness/bad_input.h"
+#include "harness/base/bad_input.h"
 #include "tests/volume_files.h"
 
 namespace {

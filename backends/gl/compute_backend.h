@@ -11,7 +11,7 @@
 
 #include "backends/gl/gl_backend.h"
 #include "backends/gl/storage_buffer.h"
-#include "cuda/layout.h"
+#include "backends/layout/layout.h"
 
 namespace voxspring::gl {
 

@@ -7,8 +7,8 @@
 
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
+#include "backends/layout/work.h"
 #include "backends/physics/neighbours.h"
-#include "cuda/work.h"
 
 namespace voxspring::gl {
 namespace {

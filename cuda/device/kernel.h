@@ -4,7 +4,7 @@
 #include <array>
 #include <memory>
 
-#include "cuda/compiler.h"
+#include "cuda/device/compiler.h"
 #include "cuda/device/device.h"
 #include "cuda/device/stream.h"
 

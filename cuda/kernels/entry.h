@@ -1,5 +1,5 @@
-// What a kernel file is compiled with at run time (cuda/compiler.h): REAL, FETCH, TERMS, THREADS and BLOCKS
-// are macros. A kernel's arguments are those of cuda/particles.h.
+// What a kernel file is compiled with at run time (cuda/device/compiler.h): REAL, FETCH, TERMS, THREADS and
+// BLOCKS are macros. A kernel's arguments are those of cuda/common/particles.h.
 #pragma once
 
 #include "cuda/kernels/fetch.h"

@@ -1,5 +1,6 @@
 // One launch for many steps: a block keeps its particles in registers, and what their springs reach in shared
-// memory; points at borders travel through L2 (exchange.h). The tables are built by cuda/resident_layout.h.
+// memory; points at borders travel through L2 (exchange.h). The tables are built by
+// backends/layout/resident_layout.h.
 #pragma once
 
 #include "cuda/kernels/exchange.h"

@@ -96,7 +96,7 @@ struct alignas(16) FourDeltas {
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
     int x, y, z;
-    int place;  ///< of the block (BlockGrid of cuda/layout.h)
+    int place;  ///< of the block (BlockGrid of backends/layout/layout.h)
     bool operator==(const BlockOrigin&) const = default;
 };
 

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "backends/physics/neighbours.h"
-#include "harness/result.h"
-#include "harness/scene.h"
-#include "harness/study.h"
+#include "harness/results/result.h"
+#include "harness/scene/scene.h"
+#include "harness/study/study.h"
 
 using namespace voxspring;
 

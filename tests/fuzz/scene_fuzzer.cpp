@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <string>
 
-#include "harness/bad_input.h"
-#include "harness/scene.h"
+#include "harness/base/bad_input.h"
+#include "harness/scene/scene.h"
 
 namespace {
 

@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <sstream>
 
-#include "harness/bad_input.h"
-#include "harness/volume.h"
+#include "harness/base/bad_input.h"
+#include "harness/volume/volume.h"
 
 namespace {
 

@@ -1,0 +1,48 @@
+#include "backends/cpu/cpu_backend.h"
+
+#include <algorithm>
+#include <fstream>
+
+namespace voxspring {
+
+void WatchedCpuBackend::upload(const Problem& problem, const State& state) {
+    watch_ = coming_watch_;
+    steps_ = last_good_ = 0;
+    departure_.reset();
+    begin(problem, state);
+}
+
+void WatchedCpuBackend::step(int count) {
+    while (count > 0) {
+        const std::int64_t to_look = watch_.every > 0 ? watch_.every - steps_ % watch_.every : count;
+        const int steps = int(std::min<std::int64_t>(count, to_look));
+        advance(steps);
+        steps_ += steps;
+        count -= steps;
+        if (steps != to_look || watch_.every <= 0 || departure_.has_value()) continue;
+        if (within(watch_.largest_increment)) {
+            last_good_ = steps_;
+        } else {
+            departure_ = {last_good_, steps_};
+        }
+    }
+}
+
+std::string cpu_name() {
+    std::ifstream cpuinfo("/proc/cpuinfo");
+    for (std::string line; std::getline(cpuinfo, line);) {
+        if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
+    }
+    return "unknown CPU";
+}
+
+Capabilities cpu_capabilities(const std::string& target, int threads) {
+    return {.api = "CPU",
+            .device = cpu_name(),
+            .driver = target + ", " + std::to_string(threads) + (threads == 1 ? " thread" : " threads"),
+            .uuid = {},
+            .clock = "steady_clock",
+            .deterministic = true};
+}
+
+}  // namespace voxspring

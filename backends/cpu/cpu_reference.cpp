@@ -1,0 +1,179 @@
+// The oracle: float64, a plain loop over springs, one thread. Every other backend is compared with it.
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <glm/vec3.hpp>
+
+#include "backends/cpu/cpu_backend.h"
+#include "backends/physics/spring.h"
+#include "backends/registry.h"
+
+namespace voxspring {
+namespace {
+
+class CpuReference final : public WatchedCpuBackend {
+public:
+    explicit CpuReference(Formulation formulation) : formulation_(formulation) {}
+
+    Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
+
+    // Anew, which is plainly right.
+    void edit(const Problem& edited, const SpringEdit&) override {
+        problem_ = &edited;
+        springs_ = list_springs(edited);
+        rest_springs_ = list_rest_springs(edited);
+    }
+
+    State download() override {
+        State state = state_at_rest(*problem_);
+        for (std::size_t i = 0; i < at_.size(); ++i) {
+            const glm::dvec3 rest = on_positions(formulation_) ? problem_->rest_position[i] : glm::dvec3(0);
+            state.displacement[i] = at_[i] - rest + at_low_[i];
+            state.increment[i] = by_increments(formulation_) ? increment_[i] + increment_low_[i]  //
+                                                             : at_[i] - previous_[i];
+        }
+        return state;
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        const std::uint64_t particles = problem.particle_count();
+        const std::uint64_t springs = count_springs(problem).total();
+        const std::uint64_t load = problem.load.empty() ? 0 : 1;
+        const std::uint64_t lows = formulation_ == Formulation::compensated ? 1 : 0;
+        const std::uint64_t rests = on_positions(formulation_) ? 0 : 1;
+        // A spring: the difference of its ends 3, and twice that more with low parts; the offset 3 where that
+        // is not the difference; force_density() 5 + 1 + 1 + 3 or strain_density() 3 + 5 + 1 + 5 + 1 + 1 + 4;
+        // force 3, and its addition to either end 6. A particle: next_position() or increment_change() and
+        // two sums 21, each sum that is split 33 instead of 3; and 1 / mass.
+        const std::uint64_t spring =
+            3 + lows * 6 + rests * 3 + (by_increments(formulation_) ? 20 : 10) + 3 + 6;
+        const std::uint64_t particle = 21 + lows * 60 + 1 + 3 * load;
+        // Forces: zeroed, read and written with the springs, read with the particles. Positions: read with
+        // the springs, read and written with the particles; previous ones or increments the same there.
+        return {.bytes = particles * (4 + 3 + 2 + load + lows * 5) * sizeof(glm::dvec3) +
+                         springs * (sizeof(Spring) + rests * sizeof(RestSpring)),
+                .operations = springs * spring + particles * particle};
+    }
+
+private:
+    void begin(const Problem& problem, const State& state) override {
+        problem_ = &problem;
+        springs_ = list_springs(problem);
+        rest_springs_ = list_rest_springs(problem);
+        at_ = state.displacement;
+        if (on_positions(formulation_)) {
+            for (std::size_t i = 0; i < at_.size(); ++i) at_[i] += problem.rest_position[i];
+        }
+        increment_ = state.increment;
+        previous_ = at_;
+        for (std::size_t i = 0; i < at_.size(); ++i) previous_[i] -= increment_[i];
+        at_low_.assign(at_.size(), glm::dvec3(0));
+        increment_low_ = at_low_;
+    }
+
+    void advance(int count) override {
+        for (int n = 0; n < count; ++n) {
+            sum_forces();
+            for (std::size_t i = 0; i < at_.size(); ++i) {
+                if (problem_->is_pinned(i)) {
+                    hold(i);
+                } else {
+                    move(i);
+                }
+            }
+        }
+    }
+
+    bool within(double largest_increment) override {
+        for (std::size_t i = 0; i < at_.size(); ++i) {
+            const glm::dvec3 moved = by_increments(formulation_) ? increment_[i] : at_[i] - previous_[i];
+            if (!(glm::length(moved) <= largest_increment) || !std::isfinite(glm::dot(at_[i], at_[i])))
+                return false;
+        }
+        return true;
+    }
+
+    glm::dvec3 force_of(const Spring& spring, const RestSpring& rest, double shortest_squared) const {
+        const glm::dvec3 relative =
+            (at_[spring.first] - at_[spring.second]) + (at_low_[spring.first] - at_low_[spring.second]);
+        if (by_increments(formulation_)) {
+            return strain_force(relative, rest.offset, rest.length, rest.deficit, spring.stiffness,
+                                shortest_squared);
+        }
+        const glm::dvec3 offset = on_positions(formulation_) ? relative : rest.offset + relative;
+        return spring_force(offset, rest.length, spring.stiffness, shortest_squared);
+    }
+
+    void sum_forces() {
+        const double shortest_squared = problem_->shortest_squared();
+        force_.assign(at_.size(), glm::dvec3(0));
+        for (std::size_t s = 0; s < springs_.size(); ++s) {
+            const glm::dvec3 force = force_of(springs_[s], rest_springs_[s], shortest_squared);
+            force_[springs_[s].first] += force;
+            force_[springs_[s].second] -= force;
+        }
+        for (std::size_t i = 0; i < problem_->load.size(); ++i) force_[i] += problem_->load[i];
+    }
+
+    void hold(std::size_t i) {
+        previous_[i] = at_[i];
+        increment_[i] = increment_low_[i] = glm::dvec3(0);
+    }
+
+    void move(std::size_t i) {
+        const double inverse_mass = 1 / problem_->material_of(i).mass;
+        const double damping = problem_->damping;
+        const double time_step_squared = problem_->time_step * problem_->time_step;
+        if (by_increments(formulation_)) {
+            const glm::dvec3 change = increment_change(increment_[i], force_[i], inverse_mass,
+                                                       problem_->gravity, damping, time_step_squared);
+            if (formulation_ == Formulation::increment) {
+                increment_[i] += change;
+                at_[i] += increment_[i];
+            } else {
+                add(increment_[i], increment_low_[i], change, glm::dvec3(0));
+                add(at_[i], at_low_[i], increment_[i], increment_low_[i]);
+            }
+            return;
+        }
+        const glm::dvec3 next =
+            formulation_ == Formulation::paper
+                ? next_position_as_printed(at_[i], previous_[i], force_[i], inverse_mass, problem_->gravity,
+                                           2 - damping, 1 - damping, time_step_squared)
+                : next_position(at_[i], previous_[i], force_[i], inverse_mass, problem_->gravity, 1 - damping,
+                                time_step_squared);
+        previous_[i] = at_[i];
+        at_[i] = next;
+    }
+
+    static void add(glm::dvec3& high, glm::dvec3& low, const glm::dvec3& added, const glm::dvec3& added_low) {
+        const glm::dvec3 left = split_low(high, low, added, added_low);
+        high = split_high(high, low, added, added_low);
+        low = left;
+    }
+
+    const Formulation formulation_;
+    const Problem* problem_ = nullptr;
+    std::vector<Spring> springs_;
+    std::vector<RestSpring> rest_springs_;
+    /// The state, positions or displacements: `previous_` where the formulation has it, else `increment_`.
+    /// The low parts are zero but in `compensated`.
+    std::vector<glm::dvec3> at_, previous_, increment_, at_low_, increment_low_;
+    std::vector<glm::dvec3> force_;
+};
+
+const Registered entry({
+    .name = "cpu_reference",
+    .summary = "The oracle: float64, one thread, a plain loop over springs.",
+    .precisions = {Precision::float64},
+    .formulations = every_formulation,
+    .tuning = {},
+    .make = [](const Options& options) { return std::make_unique<CpuReference>(options.formulation); },
+    .bytes =
+        [](const Problem& problem, const Options&) {
+            return problem.particle_count() * 6 * sizeof(glm::dvec3) +
+                   count_springs(problem).total() * (sizeof(Spring) + sizeof(RestSpring));
+        },
+});
+
+}  // namespace
+}  // namespace voxspring

@@ -1,0 +1,94 @@
+// One thread's share of a step of cpu_parallel, compiled for every SIMD target and dispatched to the best.
+#pragma once
+
+#include <hwy/base.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "backends/cpu/simd/root.h"
+#include "backends/physics/formulation.h"
+
+namespace voxspring::cpu_parallel {
+
+/// A mask as wide as the scalars, so that both fill the same registers.
+template <class T>
+using MaskOf = hwy::MakeUnsigned<T>;
+
+/// Elements of a block: a register of the widest target.
+template <class T>
+constexpr std::ptrdiff_t block_size = 64 / sizeof(T);
+
+struct Block {
+    std::ptrdiff_t first;     ///< its first element
+    std::ptrdiff_t in_slice;  ///< the same, counted from the start of its slice of constant z
+    std::uint32_t tile;       ///< tiles.h
+    bool odd_slice;
+    bool whole;  ///< every voxel has a particle that can move and has a neighbour in every direction in use
+};
+
+/// What a step does with a tile, in any combination.
+enum TileAction : std::uint8_t {
+    tile_steps = 1,
+    tile_leaves_densities = 2,  ///< it rests, and a tile beside it steps
+    tile_falls_asleep = 4,      ///< it loses its speed
+};
+
+/// Two opposite directions, as a block in an even or an odd slice sees them.
+template <class T>
+struct Opposites {
+    std::ptrdiff_t stride;  ///< elements from a particle to the higher neighbour; to the lower: -stride
+    MaskOf<T> lower_bit, higher_bit;
+    std::array<T, 3> rest_offset;  ///< X - X_higher
+    T rest_length;
+    T rest_deficit;
+    T stiffness;
+    /// Where the force densities wait, by the particle's element in its slice: that of the spring to the
+    /// lower neighbour, left by it, and that of the spring to the higher one. Null: evaluate both springs.
+    const T* lower_density;
+    T* higher_density;
+};
+
+/// One step of one thread's share. State that the formulation does not have is null.
+template <class T>
+struct Task {
+    std::array<const T*, 3> at;  ///< x or u
+    std::array<T*, 3> next;      ///< holds the previous x or u until it is overwritten
+    std::array<const T*, 3> at_low;
+    std::array<T*, 3> next_low;
+    std::array<T*, 3> increment, increment_low;  ///< changed in place
+    std::array<const T*, 3> load;                ///< null: none
+    const MaskOf<T>* mask;
+    const T* inverse_mass;                         ///< one a particle; null: all the same
+    const T* compliance;                           ///< one a particle; null: a stiffness a direction
+    std::array<const Opposites<T>*, 2> opposites;  ///< of even and of odd slices
+    std::size_t opposites_count;
+    std::ptrdiff_t farthest;          ///< the largest of their strides: what no block before has read
+    const Block *lead, *begin, *end;  ///< densities alone are needed of [lead, begin)
+    const std::uint8_t* action;       ///< TileAction of each tile; null: all step, and `lively` is not kept
+    /// Of each tile that steps: whether that changed a bit of it or, with a `slow` above 0, whether a
+    /// particle moves that far a step.
+    std::uint8_t* lively;
+    T slow;
+    T flush;  ///< parts of u and v closer to 0 than that are set to 0; 0: none
+    T shortest_squared;
+    T uniform_inverse_mass;
+    std::array<T, 3> gravity;
+    T damping, retained, doubled;  ///< lambda, 1 - lambda and 2 - lambda
+    T time_step_squared;
+};
+
+/// Runs the task. Roots other than the exact one are for float32.
+void step(const Task<float>& task, Formulation formulation, Root root);
+void step(const Task<double>& task, Formulation formulation, Root root);
+
+/// Whether every particle of the task's blocks is finite and, in the step that led to `at`, did not move
+/// farther than that.
+bool within(const Task<float>& task, Formulation formulation, double largest_increment);
+bool within(const Task<double>& task, Formulation formulation, double largest_increment);
+
+/// The SIMD target in use.
+const char* target_name();
+
+}  // namespace voxspring::cpu_parallel

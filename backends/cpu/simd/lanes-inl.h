@@ -1,0 +1,126 @@
+// A SIMD register that the shared physics computes with, as it does with a float.
+//
+// Include it after hwy/foreach_target.h. Each SIMD target gets its own copy of everything here and of
+// spring.h, in namespace voxspring::HWY_NAMESPACE: a template that is compiled once, for the baseline,
+// cannot be inlined together with the instructions of a better target.
+#if defined(VOXSPRING_SIMD_LANES_INL_H) == defined(HWY_TARGET_TOGGLE)  // once a target: Highway's idiom
+#ifdef VOXSPRING_SIMD_LANES_INL_H
+#undef VOXSPRING_SIMD_LANES_INL_H
+#else
+#define VOXSPRING_SIMD_LANES_INL_H
+#endif
+
+#include <hwy/highway.h>
+
+#include "backends/cpu/simd/root.h"
+#include "backends/physics/portable.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace voxspring::HWY_NAMESPACE {
+
+namespace hn = hwy::HWY_NAMESPACE;
+
+/// As many scalars as a register of this target holds. Nothing is contracted, so with Root::exact a lane has
+/// the same bits on every target, and those of a scalar. The other roots are for float32.
+template <class Scalar, Root root>
+struct Lanes {
+    using T = Scalar;
+    using Tag = hn::ScalableTag<T>;
+    hn::Vec<Tag> v;
+
+    static constexpr std::size_t count() { return hn::MaxLanes(Tag()); }
+    HWY_INLINE explicit Lanes(hn::Vec<Tag> vector) : v(vector) {}
+    HWY_INLINE explicit Lanes(T scalar) : v(hn::Set(Tag(), scalar)) {}
+    /// `from` need not be aligned.
+    static HWY_INLINE Lanes load(const T* from) { return Lanes(hn::LoadU(Tag(), from)); }
+    HWY_INLINE void store(T* to) const { hn::StoreU(v, Tag(), to); }
+};
+
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator+(Lanes<T, root> a, Lanes<T, root> b) {
+    return Lanes<T, root>(hn::Add(a.v, b.v));
+}
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator-(Lanes<T, root> a, Lanes<T, root> b) {
+    return Lanes<T, root>(hn::Sub(a.v, b.v));
+}
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator*(Lanes<T, root> a, Lanes<T, root> b) {
+    return Lanes<T, root>(hn::Mul(a.v, b.v));
+}
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> operator/(Lanes<T, root> a, Lanes<T, root> b) {
+    if constexpr (root == Root::exact) {
+        return Lanes<T, root>(hn::Div(a.v, b.v));
+    } else {
+        auto inverse = hn::ApproximateReciprocal(b.v);
+        if constexpr (root == Root::refined) {
+            const typename Lanes<T, root>::Tag tag;
+            inverse = hn::Mul(inverse, hn::NegMulAdd(b.v, inverse, hn::Set(tag, T(2))));
+        }
+        return Lanes<T, root>(hn::Mul(a.v, inverse));
+    }
+}
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> sqrt(Lanes<T, root> a) {
+    if constexpr (root == Root::exact) {
+        return Lanes<T, root>(hn::Sqrt(a.v));
+    } else {
+        auto inverse = hn::ApproximateReciprocalSqrt(a.v);
+        if constexpr (root == Root::refined) {
+            const typename Lanes<T, root>::Tag tag;
+            const auto half = hn::Mul(hn::Mul(a.v, hn::Set(tag, T(0.5))), inverse);
+            inverse = hn::Mul(inverse, hn::NegMulAdd(half, inverse, hn::Set(tag, T(1.5))));
+        }
+        return Lanes<T, root>(hn::Mul(a.v, inverse));
+    }
+}
+/// `b` where `a` is NaN, like the scalar one.
+template <class T, Root root>
+HWY_INLINE Lanes<T, root> larger(Lanes<T, root> a, Lanes<T, root> b) {
+#if HWY_ARCH_X86
+    // One instruction, which gives the second operand where either is NaN or both are zero.
+    return Lanes<T, root>(hn::Max(a.v, b.v));
+#else
+    return Lanes<T, root>(hn::IfThenElse(hn::Gt(a.v, b.v), a.v, b.v));
+#endif
+}
+
+/// Three registers L: x, y and z of as many particles.
+template <class L>
+struct Lanes3 {
+    L x, y, z;
+};
+
+template <class L>
+HWY_INLINE Lanes3<L> operator+(Lanes3<L> a, Lanes3<L> b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <class L>
+HWY_INLINE Lanes3<L> operator-(Lanes3<L> a, Lanes3<L> b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <class L>
+HWY_INLINE Lanes3<L> operator-(Lanes3<L> a) {
+    return {L(hn::Neg(a.x.v)), L(hn::Neg(a.y.v)), L(hn::Neg(a.z.v))};
+}
+template <class L>
+HWY_INLINE Lanes3<L> operator*(Lanes3<L> a, L s) {
+    return {a.x * s, a.y * s, a.z * s};
+}
+/// Summed in the order of glm::dot.
+template <class L>
+HWY_INLINE L dot(Lanes3<L> a, Lanes3<L> b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+}  // namespace voxspring::HWY_NAMESPACE
+
+#undef VOXSPRING_SPRING_H
+#undef VOXSPRING_PHYSICS_NAMESPACE
+#define VOXSPRING_PHYSICS_NAMESPACE voxspring::HWY_NAMESPACE
+#include "backends/physics/spring.h"
+
+HWY_AFTER_NAMESPACE();
+
+#endif

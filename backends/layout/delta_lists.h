@@ -1,0 +1,70 @@
+// The delta-compressed lists of kernels/delta.h, built on the host and without a device.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "backends/layout/layout.h"
+#include "cuda/kernels/delta.h"
+
+namespace voxspring::cuda {
+
+/// One word a particle, with a guard on either side for the neighbours of the first and the last.
+Placement place_guarded(const Problem& problem);
+
+/// Where the lattice neighbours of every particle are.
+struct DeltaLists {
+    std::vector<Slice> slices;  ///< without springs beyond the lattice
+    std::vector<RowDeltas> lists;
+};
+/// The lists follow from the voxels and the spring groups in use, not from the springs: cuts and sutures of
+/// lattice springs change masks alone.
+DeltaLists compress_lists(const Problem& problem);
+
+/// Springs beyond the lattice slice by slice, while edits change them. A slice whose lists have no room gets
+/// new ones behind all others.
+template <class Real>
+class OwnLists {
+public:
+    OwnLists() = default;
+    /// Points `slices` at them. Rest lengths as listed_length() has them.
+    OwnLists(const Problem& problem, const Placement& placement, Formulation formulation,
+             std::span<Slice> slices);
+
+    /// A column is one slot of a slice: slice_particles elements of each of these.
+    std::span<const std::uint32_t> neighbour() const { return neighbour_; }
+    std::span<const SpringConstants<Real>> constants() const { return constants_; }
+    std::span<const SpringRest<Real>> own_rest() const { return own_rest_; }
+    std::size_t columns() const { return neighbour_.size() / slice_particles; }
+    bool empty() const { return neighbour_.empty(); }
+
+    /// What an edit changed.
+    struct Changes {
+        std::vector<EditedSlice> slices;
+        EditedLists<Real> columns;  ///< as particles of slice_particles slots each
+    };
+    Changes change(const Problem& edited, const SpringEdit& edit, std::span<Slice> slices);
+
+private:
+    /// Makes room for `slots` springs of every particle of a slice.
+    void extend(std::uint32_t number, Slice& slice, std::uint32_t slots);
+    void put(std::size_t element, const Problem& problem, std::uint32_t particle, const Spring& spring);
+    void clear(std::size_t element, std::uint32_t particle);
+    std::size_t element(const Slice& slice, std::uint32_t particle, std::uint32_t slot) const {
+        return (std::size_t(slice.own_begin) + slot) * slice_particles + particle % slice_particles;
+    }
+
+    Formulation formulation_{};
+    std::size_t first_ = 0;  ///< word
+    std::size_t particles_ = 0;
+    std::vector<std::uint32_t> neighbour_;
+    std::vector<SpringConstants<Real>> constants_;
+    std::vector<SpringRest<Real>> own_rest_;  ///< by displacements
+};
+
+/// The kernel's first argument, as make_implicit_step() leaves it.
+template <class Real>
+DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placement, Formulation formulation);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,359 @@
+#include "backends/layout/resident_layout.h"
+
+#include <algorithm>
+#include <array>
+#include <glm/common.hpp>
+#include <limits>
+#include <numeric>
+#include <unordered_map>
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr std::size_t warp = 32;
+
+std::size_t rounded_up(std::size_t value, std::size_t multiple) {
+    return (value + multiple - 1) / multiple * multiple;
+}
+
+// What is dealt out as a whole: a particle, or a row of up to 32 of them.
+struct Item {
+    glm::ivec3 at;
+    std::uint32_t begin = 0, end = 0;  // particles
+};
+
+std::vector<Item> items_of(const Problem& problem, bool rows) {
+    std::vector<Item> items;
+    for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+        glm::ivec3 at = problem.lattice.coordinates(problem.lattice.voxel[i]);
+        if (rows) at.x /= int(warp);
+        if (rows && !items.empty() && items.back().at == at) {
+            items.back().end = i + 1;
+        } else {
+            items.push_back({at, i, i + 1});
+        }
+    }
+    return items;
+}
+
+// Cuts items[begin, end) into `parts` of sizes that differ by one at most, across the longest side each time.
+void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::size_t parts,
+            std::vector<std::vector<Item>>& out) {
+    const auto first = items.begin() + std::ptrdiff_t(begin), last = items.begin() + std::ptrdiff_t(end);
+    if (parts == 1) {
+        out.emplace_back(first, last);
+        return;
+    }
+    glm::ivec3 low = first->at, high = first->at;
+    for (auto item = first; item != last; ++item) {
+        low = glm::min(low, item->at);
+        high = glm::max(high, item->at);
+    }
+    const glm::ivec3 sides = high - low;
+    int axis = sides.y > sides.x ? 1 : 0;
+    if (sides.z >= sides[axis]) axis = 2;
+    // Ties by the other axes: parts are the same whatever order the items had.
+    const auto key = [axis](const Item& item) {
+        return std::array<int, 4>{item.at[axis], item.at.z, item.at.y, item.at.x};
+    };
+    std::sort(first, last, [&](const Item& a, const Item& b) { return key(a) < key(b); });
+    const std::size_t middle = begin + (end - begin) * (parts / 2) / parts;
+    bisect(items, begin, middle, parts / 2, out);
+    bisect(items, middle, end, parts - parts / 2, out);
+}
+
+// The particles of each block; `none` fills lanes of a row that have none.
+std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int most_blocks, bool rows) {
+    std::vector<Item> items = items_of(problem, rows);
+    const std::size_t most = std::min(std::size_t(most_blocks), items.size());
+    std::size_t parts = most;
+    if (rows) {
+        // As many rows as the busiest block needs anyway, in as few blocks as hold them all.
+        const std::size_t rows_a_block = (items.size() + most - 1) / most;
+        parts = (items.size() + rows_a_block - 1) / rows_a_block;
+    }
+    std::vector<std::vector<Item>> dealt;
+    bisect(items, 0, items.size(), parts, dealt);
+    std::vector<std::vector<std::uint32_t>> blocks;
+    for (std::vector<Item>& part : dealt) {
+        std::sort(part.begin(), part.end(), [](const Item& a, const Item& b) { return a.begin < b.begin; });
+        std::vector<std::uint32_t>& lanes = blocks.emplace_back();
+        for (const Item& item : part) {
+            if (rows) lanes.resize(rounded_up(lanes.size(), warp), resident_none);
+            const std::size_t row = lanes.size();
+            for (std::uint32_t i = item.begin; i < item.end; ++i) {
+                if (rows) {
+                    const auto x =
+                        std::size_t(problem.lattice.voxel[i]) % std::size_t(problem.lattice.dims.x);
+                    lanes.resize(row + x % warp, resident_none);
+                }
+                lanes.push_back(i);
+            }
+        }
+    }
+    return blocks;
+}
+
+// Whether rows of 32 waste no more than a tenth of their lanes.
+bool rows_are_full(const Problem& problem) {
+    return 10 * problem.particle_count() >= 9 * warp * items_of(problem, true).size();
+}
+
+// A linear function of the coordinates that says which bank of shared memory a point is in: a warp whose
+// points are in different banks finds their neighbours in one direction in different banks too.
+struct Banks {
+    int y = 0, z = 0;
+    std::size_t of(const glm::ivec3& at) const {
+        return std::size_t(std::uint32_t(at.x + y * at.y + z * at.z) % warp);
+    }
+};
+
+// Slots of one block's points.
+class Slots {
+public:
+    explicit Slots(Banks banks) : banks_(banks) {}
+    int take(const glm::ivec3& at) {
+        const std::size_t bank = banks_.of(at);
+        const std::size_t slot = taken_[bank]++ * warp + bank;
+        size_ = std::max(size_, slot + 1);
+        return int(slot);
+    }
+    std::size_t size() const { return size_; }
+
+private:
+    Banks banks_;
+    std::array<std::size_t, warp> taken_{};
+    std::size_t size_ = 0;
+};
+
+class Layout {
+public:
+    Layout(const Problem& problem, int pollers, bool overlap,
+           const std::vector<std::vector<std::uint32_t>>& blocks)
+        : problem_(problem),
+          voxel_particle_(particle_of_voxel(problem.lattice)),
+          blocks_(blocks),
+          block_of_(problem.particle_count()),
+          overlap_(overlap) {
+        out_.blocks = int(blocks.size());
+        out_.pollers = pollers;
+        for (const auto& lanes : blocks)
+            out_.lanes = std::max(out_.lanes, int(rounded_up(lanes.size(), warp)));
+        for (std::size_t b = 0; b < blocks.size(); ++b) {
+            for (const std::uint32_t i : blocks[b]) {
+                if (i != resident_none) block_of_[i] = std::uint32_t(b);
+            }
+        }
+    }
+
+    ResidentLayout make() {
+        find_borders();
+        publish();
+        const std::size_t lanes = out_.lane_count();
+        out_.particle.assign(lanes, resident_none);
+        out_.own_slot.assign(lanes, 0);
+        out_.slot.assign(neighbour_bits * lanes, 0);
+        out_.border.assign(lanes / warp, mixed_border);
+        std::vector<std::size_t> slots(blocks_.size());
+#pragma omp parallel for schedule(dynamic)
+        for (std::ptrdiff_t b = 0; b < std::ptrdiff_t(blocks_.size()); ++b)
+            slots[std::size_t(b)] = place(std::size_t(b));
+        out_.slots = int(rounded_up(*std::max_element(slots.begin(), slots.end()), warp));
+        for (const std::uint8_t border : out_.border) out_.border_kinds |= 1U << (border & border_kind_bits);
+        return std::move(out_);
+    }
+
+private:
+    glm::ivec3 at(std::uint32_t i) const { return problem_.lattice.coordinates(problem_.lattice.voxel[i]); }
+
+    template <class Visit>
+    void visit_neighbours(std::uint32_t i, Visit visit) const {
+        for (const Direction& direction : directions()) {
+            if ((problem_.lattice.mask[i] >> direction.bit & 1U) == 0) continue;
+            const auto voxel = std::ptrdiff_t(problem_.lattice.voxel[i]) + problem_.lattice.stride(direction);
+            visit(direction, voxel_particle_[std::size_t(voxel)]);
+        }
+    }
+
+    // Particles of other blocks that each block reaches, ascending.
+    void find_borders() {
+        reached_.resize(blocks_.size());
+#pragma omp parallel for schedule(dynamic)
+        for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n) {
+            const auto b = std::size_t(n);
+            std::vector<std::uint32_t>& reached = reached_[b];
+            for (const std::uint32_t i : blocks_[b]) {
+                if (i == resident_none) continue;
+                visit_neighbours(i, [&](const Direction&, std::uint32_t j) {
+                    if (block_of_[j] != b) reached.push_back(j);
+                });
+            }
+            std::sort(reached.begin(), reached.end());
+            reached.erase(std::unique(reached.begin(), reached.end()), reached.end());
+        }
+        std::size_t most = 0;
+        for (const auto& reached : reached_) most = std::max(most, reached.size());
+        out_.rounds = std::max(1, int((most + std::size_t(out_.pollers) - 1) / std::size_t(out_.pollers)));
+    }
+
+    // Gives a place in the exchange to what is reached: that of a block together, in the order of its lanes.
+    void publish() {
+        std::vector<std::uint8_t> is_reached(problem_.particle_count());
+        for (const auto& reached : reached_) {
+            for (const std::uint32_t j : reached) is_reached[j] = 1;
+        }
+        published_.assign(problem_.particle_count(), resident_none);
+        out_.published.assign(out_.lane_count(), resident_none);
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            for (std::size_t lane = 0; lane < blocks_[b].size(); ++lane) {
+                const std::uint32_t i = blocks_[b][lane];
+                if (i == resident_none || is_reached[i] == 0) continue;
+                published_[i] = out_.published_count++;
+                out_.published[b * std::size_t(out_.lanes) + lane] = published_[i];
+            }
+        }
+        const std::size_t polls =
+            std::size_t(out_.rounds) * std::size_t(out_.blocks) * std::size_t(out_.pollers);
+        out_.polled.assign(polls, resident_none);
+        out_.polled_word.assign(polls, 0);
+        out_.polled_slot.assign(polls, 0);
+    }
+
+    // The banks in which the warps of a block meet the fewest conflicts.
+    Banks choose_banks(const std::vector<std::uint32_t>& lanes) const {
+        std::vector<glm::ivec3> points;
+        for (const std::uint32_t i : lanes) points.push_back(i == resident_none ? glm::ivec3(-1) : at(i));
+        Banks best;
+        std::size_t fewest = std::numeric_limits<std::size_t>::max();
+        for (int y = 0; y < int(warp); ++y) {
+            for (int z = 0; z < int(warp); ++z) {
+                const Banks banks{y, z};
+                std::size_t conflicts = 0;
+                for (std::size_t first = 0; first < points.size() && conflicts < fewest; first += warp) {
+                    std::array<std::size_t, warp> taken{};
+                    std::size_t most = 0;
+                    for (std::size_t n = first; n < std::min(first + warp, points.size()); ++n) {
+                        if (lanes[n] != resident_none) most = std::max(most, ++taken[banks.of(points[n])]);
+                    }
+                    conflicts += most;
+                }
+                if (conflicts >= fewest) continue;
+                fewest = conflicts;
+                best = banks;
+            }
+        }
+        return best;
+    }
+
+    // Fills in what block b has. Returns how many slots it takes.
+    std::size_t place(std::size_t b) {
+        const std::vector<std::uint32_t>& lanes = blocks_[b];
+        const std::size_t first = b * std::size_t(out_.lanes);
+        Slots slots(choose_banks(lanes));
+        std::unordered_map<std::uint32_t, int> slot_of;
+        std::vector<std::size_t> idle;
+        for (std::size_t lane = 0; lane < std::size_t(out_.lanes); ++lane) {
+            const std::uint32_t i = lane < lanes.size() ? lanes[lane] : resident_none;
+            if (i == resident_none) {
+                idle.push_back(lane);
+                continue;
+            }
+            out_.particle[first + lane] = i;
+            out_.own_slot[first + lane] = std::uint16_t(slot_of[i] = slots.take(at(i)));
+        }
+        const std::vector<std::uint32_t>& reached = reached_[b];
+        const auto pollers = std::size_t(out_.pollers);
+        for (std::size_t n = 0; n < reached.size(); ++n) {
+            const std::size_t poll = (n / pollers * blocks_.size() + b) * pollers + n % pollers;
+            out_.polled[poll] = published_[reached[n]];
+            out_.polled_word[poll] = reached[n];
+            out_.polled_slot[poll] = std::uint16_t(slot_of[reached[n]] = slots.take(at(reached[n])));
+        }
+        // Idle lanes write somewhere that nobody reads.
+        const std::size_t size = slots.size() + (idle.empty() ? 0 : 1);
+        for (const std::size_t lane : idle) out_.own_slot[first + lane] = std::uint16_t(slots.size());
+
+        for (std::size_t row = 0; row < std::size_t(out_.lanes) / warp; ++row)
+            out_.border[first / warp + row] = std::uint8_t(border_of(b, row * warp));
+        for (std::size_t lane = 0; lane < std::size_t(out_.lanes); ++lane) {
+            for (std::size_t bit = 0; bit < neighbour_bits; ++bit)
+                out_.slot[bit * out_.lane_count() + first + lane] = out_.own_slot[first + lane];
+            if (lane >= lanes.size() || lanes[lane] == resident_none) continue;
+            const int border = out_.border[(first + lane) / warp];
+            visit_neighbours(lanes[lane], [&](const Direction& direction, std::uint32_t j) {
+                const auto bit = std::size_t(mirrored(direction, border));
+                out_.slot[bit * out_.lane_count() + first + lane] = std::uint16_t(slot_of.at(j));
+            });
+        }
+        return size;
+    }
+
+    // What a warp with this border calls a direction.
+    static int mirrored(const Direction& direction, int border) {
+        const glm::ivec3 o = direction.offset;
+        return bit_of(o.x, (border & mirrored_y) != 0 ? -o.y : o.y, (border & mirrored_z) != 0 ? -o.z : o.z);
+    }
+
+    // The border of the warp whose lanes begin at `first`.
+    int border_of(std::size_t b, std::size_t first) const {
+        if (!overlap_) return mixed_border;
+        const std::vector<std::uint32_t>& lanes = blocks_[b];
+        std::uint32_t within = 0, beyond = 0;  // mask bits
+        for (std::size_t lane = first; lane < std::min(first + warp, lanes.size()); ++lane) {
+            if (lanes[lane] == resident_none) continue;
+            visit_neighbours(lanes[lane], [&](const Direction& direction, std::uint32_t j) {
+                (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
+            });
+        }
+        // Where there is nothing the border may be said to be: the more warps of a block are alike the
+        // better.
+        int best = mixed_border;
+        for (int y = -1; y <= 1; ++y) {
+            for (int z = -1; z <= 1; ++z) {
+                std::uint32_t across = 0;
+                for (const Direction& direction : directions()) {
+                    const glm::ivec3 o = direction.offset;
+                    if ((y != 0 && o.y == y) || (z != 0 && o.z == z)) across |= 1U << direction.bit;
+                }
+                if ((within & across) != 0 || (beyond & ~across) != 0) continue;
+                const int kind = (y != 0 ? 2 : 0) + (z != 0 ? 1 : 0);
+                if (best == mixed_border || kind > (best & border_kind_bits))
+                    best = kind + (y < 0 ? mirrored_y : 0) + (z < 0 ? mirrored_z : 0);
+            }
+        }
+        return best;
+    }
+
+    const Problem& problem_;
+    const std::vector<std::uint32_t> voxel_particle_;
+    const std::vector<std::vector<std::uint32_t>>& blocks_;
+    std::vector<std::uint32_t> block_of_;
+    bool overlap_;
+    std::vector<std::vector<std::uint32_t>> reached_;
+    std::vector<std::uint32_t> published_;
+    ResidentLayout out_;
+};
+
+}  // namespace
+
+ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
+                                bool overlap) {
+    const bool rows =
+        partition == Partition::rows || (partition == Partition::automatic && rows_are_full(problem));
+    return Layout(problem, pollers, overlap, deal_out(problem, blocks, rows)).make();
+}
+
+std::string too_much_for_a_block(const ResidentLayout& layout) {
+    const auto beyond = [](int value, int most, const std::string& what) {
+        return std::to_string(value) + " " + what + " exceed the " + std::to_string(most) +
+               " that a resident block may have";
+    };
+    if (layout.lanes > most_resident_lanes) return beyond(layout.lanes, most_resident_lanes, "particles");
+    if (layout.rounds > most_resident_rounds)
+        return beyond(layout.rounds * layout.pollers, most_resident_rounds * layout.pollers,
+                      "neighbours in other blocks");
+    if (layout.slots > most_resident_slots) return beyond(layout.slots, most_resident_slots, "points");
+    return {};
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,98 @@
+#include "cuda/common/cuda_backend.h"
+
+#include <algorithm>
+#include <iomanip>
+#include <limits>
+#include <span>
+#include <sstream>
+
+namespace voxspring::cuda {
+namespace {
+
+std::string gibibytes(std::uint64_t bytes) {
+    std::ostringstream text;
+    text << std::fixed << std::setprecision(2) << double(bytes) / double(1 << 30) << " GiB";
+    return text.str();
+}
+
+}  // namespace
+
+Capabilities CudaBackend::capabilities() const {
+    return {.api = Device::runtime_version(),
+            .device = device_.name(),
+            .driver = Device::driver_version(),
+            .uuid = device_.uuid(),
+            .clock = "CUDA event",
+            .deterministic = true,
+            .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}}};
+}
+
+std::string CudaBackend::unsupported(const Problem& problem) const {
+    if (std::string why = refused(problem); !why.empty()) return why;
+    // What the last upload took is given back, or taken over, by the next.
+    const std::uint64_t available = device_.free_bytes() + bytes_held();
+    const std::uint64_t needed = bytes_needed(problem);
+    if (needed <= available) return {};
+    return "needs " + gibibytes(needed) + " of device memory, " + gibibytes(available) + " are free";
+}
+
+void CudaBackend::forget_graphs() {
+    stream_.synchronize();  // what was captured may still run
+    graphs_ = {};
+}
+
+void CudaBackend::rewind() {
+    current_ = 0;
+    watch_ = next_watch_;
+    steps_ = last_look_ = 0;
+    const Fault none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
+    if (watch_.every > 0) fault_.upload(std::span(&none, 1), stream_);
+}
+
+void CudaBackend::step(int count) {
+    // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no
+    // longer than its launch; who asks for more looks than that gets them at their price.
+    const bool often = watch_.every > 0 && watch_.every < 32;
+    while (count > 0) {
+        const int steps = often ? std::min(count, watch_.every - int(steps_ - last_look_)) : count;
+        enqueue_steps(steps);
+        count -= steps;
+    }
+}
+
+void CudaBackend::enqueue_steps(int count) {
+    for (int k = graph_lengths - 1; k >= 0; --k) {
+        for (; count >= 1 << k; count -= 1 << k) {
+            std::optional<Graph>& graph =
+                graphs_[std::size_t(kind_of_step())][std::size_t(current_)][std::size_t(k)];
+            if (!graph) {
+                graph.emplace(Graph::capture(stream_, [&] {
+                    for (int n = 0; n < 1 << k; ++n) enqueue_step((current_ + n) % 2);
+                }));
+            }
+            graph->launch(stream_);
+            if (k == 0) current_ = 1 - current_;
+            stepped(1 << k);
+        }
+    }
+}
+
+void CudaBackend::stepped(int count) {
+    steps_ += count;
+    if (watch_.every > 0 && steps_ - last_look_ >= watch_.every) look();
+}
+
+void CudaBackend::look() {
+    enqueue_look({steps_, last_look_, watch_.largest_increment}, fault_.data());
+    last_look_ = steps_;
+}
+
+std::optional<Departure> CudaBackend::departure() {
+    if (watch_.every == 0) return std::nullopt;
+    Fault fault{};
+    fault_.download(std::span(&fault, 1), stream_);
+    if (fault.step == std::numeric_limits<long long>::max()) return std::nullopt;
+    return Departure{fault.last, fault.step};
+}
+
+}  // namespace voxspring::cuda

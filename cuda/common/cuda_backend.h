@@ -1,0 +1,80 @@
+// What every CUDA backend shares and no kernel is part of: the device, its clock, and the replay of steps.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include "backends/backend.h"
+#include "cuda/common/watch.h"
+#include "cuda/device/buffer.h"
+#include "cuda/device/device.h"
+#include "cuda/device/event.h"
+#include "cuda/device/graph.h"
+#include "cuda/device/limits.h"
+
+namespace voxspring::cuda {
+
+/// A backend whose two position buffers take turns: a step reads one and overwrites x(t - dt) in the other.
+class CudaBackend : public Backend {
+public:
+    Capabilities capabilities() const override;
+    std::string unsupported(const Problem& problem) const final;
+    void step(int count) final;
+    void watch(const Watch& watch) final { next_watch_ = watch; }
+    std::optional<Departure> departure() final;
+    void synchronize() final { stream_.synchronize(); }
+    DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
+
+protected:
+    const Device& device() const { return device_; }
+    const Stream& stream() const { return stream_; }
+    /// The buffer that holds x(t), 0 or 1.
+    int current() const { return current_; }
+
+    /// Stand at step 0 with x(t) in buffer 0.
+    void rewind();
+    /// To be called when what enqueue_step() enqueues has changed.
+    void forget_graphs();
+
+    /// To be called when that many more steps have been enqueued: looks if it is time to.
+    void stepped(int count);
+    /// Whether there are looks.
+    bool watched() const { return watch_.every > 0; }
+    /// Enqueues `count` steps, and looks between them: graphs of single ones unless overridden.
+    virtual void enqueue_steps(int count);
+
+private:
+    /// Empty, or why the strategy cannot run `problem`, memory aside.
+    virtual std::string refused(const Problem& problem) const = 0;
+    /// Device memory that upload(problem) would take, and that the last one took.
+    virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
+    virtual std::uint64_t bytes_held() const = 0;
+    /// Enqueue one step that reads buffer `reading`; not called where enqueue_steps() is overridden.
+    virtual void enqueue_step(int reading) = 0;
+    /// Which of two kinds of step that is now, 0 or 1.
+    virtual int kind_of_step() const { return 0; }
+
+    /// Enqueue a look at x(t).
+    virtual void enqueue_look(const Look& look, Fault* fault) = 0;
+    void look();
+
+    void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
+    double seconds_between_marks() const final { return end_.seconds_since(begin_); }
+
+    Device device_;  // first: its absence is found before anything is created on it
+    Stream stream_;
+    Event begin_, end_;
+    int current_ = 0;
+    Watch watch_, next_watch_;
+    std::int64_t steps_ = 0;      ///< since upload()
+    std::int64_t last_look_ = 0;  ///< after how many of them
+    Buffer<Fault> fault_;         ///< one
+    /// The longest graph has 2^8 steps: enough that its launch costs nothing beside them.
+    static constexpr int graph_lengths = 9;
+    /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a
+    /// batch of steps that was run once since upload() captures nothing when it is timed.
+    std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,84 @@
+#include "cuda/common/edit.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr unsigned block = 128;
+
+__device__ std::size_t thread_number() { return std::size_t(blockIdx.x) * blockDim.x + threadIdx.x; }
+
+template <class Real>
+__global__ void bits_kernel(Word<Real>* words, const EditedWord* edited, std::size_t count) {
+    if (thread_number() < count) write_bits(words, edited[thread_number()]);
+}
+
+template <class Real>
+__global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape shape, Word<Real>* words,
+                            std::uint32_t* neighbour, SpringConstants<Real>* constants,
+                            SpringRest<Real>* own_rest) {
+    const std::size_t n = thread_number();
+    if (n >= slots) return;
+    write_slot(rows, n, shape, neighbour, constants, own_rest);
+    // One thread of a row.
+    const std::size_t row = n / shape.slots;
+    if (words != nullptr && n % shape.slots == 0)
+        write_bits(words, EditedWord{rows.particle[row], rows.bits[row]});
+}
+
+__global__ void slices_kernel(const EditedSlice* edited, std::size_t count, Slice* slices) {
+    if (thread_number() < count) slices[edited[thread_number()].number] = edited[thread_number()].slice;
+}
+
+template <class Real>
+__global__ void springs_kernel(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
+                               SpringConstants<Real>* constants, SpringRest<Real>* own_rest) {
+    if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, own_rest);
+}
+
+unsigned blocks_for(std::size_t count) { return unsigned((count + block - 1) / block); }
+
+}  // namespace
+
+template <class Real>
+void write_bits(Word<Real>* words, const EditedWord* edited, std::size_t count, const Stream& stream) {
+    if (count == 0) return;
+    bits_kernel<<<blocks_for(count), block, 0, stream.get()>>>(words, edited, count);
+    check(cudaGetLastError());
+}
+
+template <class Real>
+void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape, Word<Real>* words,
+                std::uint32_t* neighbour, SpringConstants<Real>* constants, SpringRest<Real>* own_rest,
+                const Stream& stream) {
+    const std::size_t slots = count * shape.slots;
+    if (slots == 0) return;
+    rows_kernel<<<blocks_for(slots), block, 0, stream.get()>>>(rows, slots, shape, words, neighbour,
+                                                               constants, own_rest);
+    check(cudaGetLastError());
+}
+
+template <class Real>
+void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
+                   SpringConstants<Real>* constants, SpringRest<Real>* own_rest, const Stream& stream) {
+    if (count == 0) return;
+    springs_kernel<<<blocks_for(count), block, 0, stream.get()>>>(edited, count, ends, constants, own_rest);
+    check(cudaGetLastError());
+}
+
+void write_slices(const EditedSlice* edited, std::size_t count, Slice* slices, const Stream& stream) {
+    if (count == 0) return;
+    slices_kernel<<<blocks_for(count), block, 0, stream.get()>>>(edited, count, slices);
+    check(cudaGetLastError());
+}
+
+#define FOR_PRECISION(Real)                                                                                  \
+    template void write_bits(Word<Real>*, const EditedWord*, std::size_t, const Stream&);                    \
+    template void write_rows(const EditedRows<Real>&, std::size_t, const ListShape&, Word<Real>*,            \
+                             std::uint32_t*, SpringConstants<Real>*, SpringRest<Real>*, const Stream&);      \
+    template void write_springs(const EditedSpring<Real>*, std::size_t, SpringEnds*, SpringConstants<Real>*, \
+                                SpringRest<Real>*, const Stream&);
+FOR_PRECISION(float)
+FOR_PRECISION(double)
+#undef FOR_PRECISION
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,82 @@
+// Puts what an edit changed on the device.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstring>
+#include <span>
+#include <vector>
+
+#include "backends/layout/layout.h"
+#include "cuda/device/buffer.h"
+#include "cuda/kernels/edit.h"
+
+namespace voxspring::cuda {
+
+/// Device memory for values on their way to a kernel; grows by doubling, so that edits seldom allocate.
+template <class T>
+class Staging {
+public:
+    /// The values on the device, until the next call: both are ordered by `stream`.
+    const T* send(std::span<const T> values, const Stream& stream) {
+        if (values.size() > buffer_.size()) buffer_.resize(std::max(values.size(), 2 * buffer_.size()));
+        if (!values.empty())
+            check(cudaMemcpyAsync(buffer_.data(), values.data(), values.size_bytes(), cudaMemcpyHostToDevice,
+                                  stream.get()));
+        return buffer_.data();
+    }
+    std::size_t bytes() const { return buffer_.bytes(); }
+
+private:
+    Buffer<T> buffer_;
+};
+
+/// The lists of some particles on their way to a kernel, all in one copy.
+template <class Real>
+class StagedRows {
+public:
+    /// `squared`: as in EditedRows.
+    EditedRows<Real> send(const EditedLists<Real>& edited, bool squared, const Stream& stream) {
+        bytes_.clear();
+        const std::size_t particle = append(edited.particle), bits = append(edited.lists.bits);
+        const std::size_t neighbour = append(edited.lists.neighbour),
+                          constants = append(edited.lists.constants),
+                          own_rest = append(edited.lists.own_rest);
+        const std::byte* on_device = staging_.send(std::span<const std::byte>(bytes_), stream);
+        const auto at = [&]<class T>(const std::vector<T>& values, std::size_t offset) {
+            return values.empty() ? nullptr : reinterpret_cast<const T*>(on_device + offset);
+        };
+        return {at(edited.particle, particle),         at(edited.lists.bits, bits),
+                at(edited.lists.neighbour, neighbour), at(edited.lists.constants, constants),
+                at(edited.lists.own_rest, own_rest),   squared};
+    }
+    std::size_t bytes() const { return staging_.bytes(); }
+
+private:
+    template <class T>
+    std::size_t append(const std::vector<T>& values) {
+        constexpr std::size_t alignment = 16;
+        const std::size_t offset = (bytes_.size() + alignment - 1) / alignment * alignment;
+        bytes_.resize(offset + values.size() * sizeof(T));
+        if (!values.empty()) std::memcpy(bytes_.data() + offset, values.data(), values.size() * sizeof(T));
+        return offset;
+    }
+
+    std::vector<std::byte> bytes_;
+    Staging<std::byte> staging_;
+};
+
+/// Each enqueues one kernel.
+template <class Real>
+void write_bits(Word<Real>* words, const EditedWord* edited, std::size_t count, const Stream& stream);
+/// `count` rows and, unless `words` is null, the bits of their particles.
+template <class Real>
+void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape, Word<Real>* words,
+                std::uint32_t* neighbour, SpringConstants<Real>* constants, SpringRest<Real>* own_rest,
+                const Stream& stream);
+void write_slices(const EditedSlice* edited, std::size_t count, Slice* slices, const Stream& stream);
+template <class Real>
+void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
+                   SpringConstants<Real>* constants, SpringRest<Real>* own_rest, const Stream& stream);
+
+}  // namespace voxspring::cuda

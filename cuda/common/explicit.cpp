@@ -1,0 +1,168 @@
+#include "cuda/common/explicit.h"
+
+#include <numeric>
+#include <utility>
+
+#include "backends/layout/work.h"
+#include "cuda/common/measure.h"
+#include "cuda/common/particles.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr int most_threads = 512;
+
+struct ListOptions {
+    Secondary secondary = Secondary::always;
+    ListLayout layout = ListLayout::vertical;
+    unsigned block = 128;  ///< threads
+
+    ListOptions(Secondary when, const Options& options)
+        : secondary(when),
+          layout(options.tuning.at("layout") == "vertical" ? ListLayout::vertical : ListLayout::concatenated),
+          block(unsigned(std::stoul(options.tuning.at("block")))) {}
+
+    bool has_secondary(const Problem& problem) const {
+        return secondary == Secondary::always ||
+               (secondary == Secondary::where_needed && !beyond_groups(problem).empty());
+    }
+};
+
+template <class Real>
+std::uint64_t explicit_bytes(const Problem& problem, const ListOptions& options, Formulation formulation) {
+    const bool secondary = options.has_secondary(problem);
+    const bool own_rest = !problem.springs.empty() && !on_positions(formulation);
+    const std::uint32_t slots = secondary ? slots_by_springs(problem) : slots_by_groups(problem);
+    return particle_bytes<Real>(problem, place_compact(problem), formulation) +
+           list_size(problem.particle_count(), slots, options.layout) *
+               (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0) +
+                (own_rest ? sizeof(SpringRest<Real>) : 0));
+}
+
+template <class Real>
+class ExplicitBackend final : public ParticleBackend<Real, ExplicitStep<Real>> {
+public:
+    ExplicitBackend(const KernelFamily& family, const ListOptions& options)
+        : ParticleBackend<Real, ExplicitStep<Real>>(family), options_(options) {}
+
+    void upload(const Problem& problem, const State& state) override {
+        this->synchronize();
+        this->start_compiling();
+        const auto [launch, bits] = lay_out(problem);
+        this->start(problem, state, place_compact(problem), bits, launch);
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        if (edit.empty()) return;
+        const ExplicitStep<Real>& step = this->launch().step;
+        const bool secondary = options_.has_secondary(edited);
+        if (secondary != (step.constants != nullptr) || longest_list(edit) > step.shape.slots ||
+            (needs_own_rest(edited) && step.own_rest == nullptr)) {
+            lay_out_anew(edited);
+            return;
+        }
+        const Formulation formulation = this->formulation();
+        const EditedLists<Real> rows =
+            secondary ? edited_by_springs<Real>(edited, edit, step.shape.slots, formulation)
+                      : edited_by_groups<Real>(edited, edit, step.shape.slots, formulation);
+        write_rows(edited_rows_.send(rows, !by_increments(formulation), this->stream()), rows.particle.size(),
+                   step.shape, this->current_words(), neighbour_.data(), constants_.data(), own_rest_.data(),
+                   this->stream());
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        return explicit_work<Real>(problem, options_.has_secondary(problem), this->formulation());
+    }
+
+private:
+    struct LaidOut {
+        typename ExplicitBackend::Launch launch;
+        std::vector<std::uint32_t> bits;
+    };
+
+    bool needs_own_rest(const Problem& problem) const {
+        return !problem.springs.empty() && !on_positions(this->formulation());
+    }
+
+    /// Makes and uploads the lists.
+    LaidOut lay_out(const Problem& problem) {
+        const bool secondary = options_.has_secondary(problem);
+        const Formulation formulation = this->formulation();
+        NeighbourLists<Real> lists = secondary ? list_by_springs<Real>(problem, options_.layout, formulation)
+                                               : list_by_groups<Real>(problem, options_.layout, formulation);
+        neighbour_.upload(lists.neighbour, this->stream());
+        constants_.upload(lists.constants, this->stream());
+        own_rest_.upload(lists.own_rest, this->stream());
+
+        typename ExplicitBackend::Launch launch;
+        launch.block = dim3(options_.block);
+        launch.grid = dim3(blocks_for(problem.particle_count(), options_.block));
+        launch.step = make_explicit_step<Real>(problem, lists, formulation);
+        launch.step.neighbour = neighbour_.data();
+        launch.step.constants = constants_.data();
+        launch.step.own_rest = own_rest_.data();
+        if (!by_increments(formulation)) {
+            measure_rest_lengths(constants_, this->stream());
+            measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
+        }
+        constexpr int blocks = sizeof(Real) == sizeof(float) ? 2 : 1;
+        KernelSource source = this->family().source("explicit.cu", problem, most_threads, blocks,
+                                                    needs_own_rest(problem) ? term_own_rests : 0);
+        if (secondary) source.macros["SECONDARY"] = "1";
+        launch.kernel = this->kernel(source);
+        return {launch, std::move(lists.bits)};
+    }
+
+    /// Longer lists, or lists of the other kind, for the particles where they are.
+    void lay_out_anew(const Problem& edited) {
+        this->synchronize();
+        auto [launch, bits] = lay_out(edited);
+        launch.step.motion = this->launch().step.motion;
+        this->resume(launch);
+        std::vector<std::uint32_t> all(edited.particle_count());
+        std::iota(all.begin(), all.end(), 0U);
+        this->write_particle_bits(all, bits);
+    }
+
+    std::string refused(const Problem& problem) const override {
+        if (options_.secondary == Secondary::never) {
+            if (const std::string why = beyond_groups(problem); !why.empty())
+                return "a counter a spring group holds no constants of single springs: " + why;
+        }
+        if (std::string why = beyond_entries(problem, this->formulation()); !why.empty()) return why;
+        return too_many_words<Real>(problem.particle_count(), this->device(), this->family().fetch);
+    }
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return explicit_bytes<Real>(problem, options_, this->formulation());
+    }
+    std::uint64_t bytes_held() const override {
+        return this->particle_bytes_held() + neighbour_.bytes() + constants_.bytes() + own_rest_.bytes() +
+               edited_rows_.bytes();
+    }
+
+    const ListOptions options_;
+    Buffer<std::uint32_t> neighbour_;
+    Buffer<SpringConstants<Real>> constants_;
+    Buffer<SpringRest<Real>> own_rest_;
+    StagedRows<Real> edited_rows_;
+};
+
+}  // namespace
+
+std::uint64_t explicit_bytes(const Problem& problem, const Options& options, Secondary secondary) {
+    const ListOptions chosen(secondary, options);
+    return options.precision == Precision::float32
+               ? explicit_bytes<float>(problem, chosen, options.formulation)
+               : explicit_bytes<double>(problem, chosen, options.formulation);
+}
+
+std::unique_ptr<Backend> make_explicit(const Options& options, Secondary secondary) {
+    const ListOptions chosen(secondary, options);
+    const KernelFamily family(options, fetch_path(options.tuning.at("fetch")));
+    if (options.precision == Precision::float32)
+        return std::make_unique<ExplicitBackend<float>>(family, chosen);
+    return std::make_unique<ExplicitBackend<double>>(family, chosen);
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,226 @@
+#include "cuda/common/implicit.h"
+
+#include <algorithm>
+
+#include "backends/layout/work.h"
+#include "cuda/common/measure.h"
+#include "cuda/common/particles.h"
+#include "cuda/common/resting.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr int most_threads = 256;
+
+template <class Real>
+std::uint64_t implicit_bytes(const Problem& problem, BlockShape shape, Formulation formulation) {
+    const Placement placement = place_on_grid(problem.lattice);
+    return particle_bytes<Real>(problem, placement, formulation) +
+           (problem.has_materials() ? placement.words * sizeof(Real) : 0) +
+           active_blocks(problem.lattice, shape).size() * sizeof(BlockOrigin);
+}
+
+template <class Real>
+class ImplicitBackend final : public ParticleBackend<Real, ImplicitStep<Real>> {
+public:
+    /// `tiled`: by way of shared memory.
+    ImplicitBackend(const KernelFamily& family, const Options& options, bool tiled)
+        : ParticleBackend<Real, ImplicitStep<Real>>(family),
+          shape_(BlockShape::parse(options.tuning.at("block"))),
+          registers_(options.tuning.at("registers")),
+          interior_(options.tuning.at("interior")),
+          tiled_(tiled),
+          resting_(options) {}
+
+    void upload(const Problem& problem, const State& state) override {
+        this->synchronize();
+        this->start_compiling();
+        const Lattice& lattice = problem.lattice;
+        const Placement placement = place_on_grid(lattice);
+        const std::vector<BlockOrigin> origins = active_blocks(lattice, shape_);
+        origins_.upload(origins, this->stream());
+        compliance_.upload(pack_compliance<Real>(problem, placement), this->stream());
+
+        typename ImplicitBackend::Launch launch;
+        launch.block = dim3(unsigned(shape_.x), unsigned(shape_.y), unsigned(shape_.z));
+        launch.grid = !origins.empty() ? dim3(unsigned(origins.size()))
+                                       : dim3(blocks_for(std::size_t(lattice.dims.x), launch.block.x),
+                                              blocks_for(std::size_t(lattice.dims.y), launch.block.y),
+                                              blocks_for(std::size_t(lattice.dims.z), launch.block.z));
+        resting_.upload(problem, state, shape_, this->stream());
+        launch.kernel = this->kernel(source(problem, launch.grid, registers_for(launch.grid)));
+        if (tiled_) launch.shared_bytes = tile_bytes();
+        // Compiled where it is of use, and kept with what the graphs hold of it.
+        if (resting_.may_look()) {
+            std::shared_ptr<const Kernel> kernel =
+                this->kernel(source(problem, launch.grid, resting_registers, resting_.terms()));
+            if (kernel != resting_kernel_) this->forget_graphs();
+            resting_kernel_ = std::move(kernel);
+            resting_kernel_->allow_shared(launch.shared_bytes);
+            // As many as may run at once at most: how many have something to do is known on the device alone.
+            const int at_once = this->device().multiprocessors() *
+                                this->blocks_with(resting_registers, shape_.x * shape_.y * shape_.z);
+            resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
+        }
+        launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
+        launch.step.origins = origins_.data();
+        launch.step.compliance = compliance_.data();
+        // For resume(), which is to see where these have moved.
+        launch.step.lively = resting_.lively(0);
+        if (!by_increments(this->formulation()))
+            measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
+        this->start(problem, state, placement, lattice.mask, launch);
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->follow(edited);
+        this->write_masks(edit);
+        resting_.wake(this->current(), this->stream());
+    }
+
+    WorkCount count_work() override {
+        if (!resting_.may_look()) return {};
+        const bool looks = resting_.looks();
+        this->step(1);
+        return {{"tiles", resting_.blocks()},
+                {"tiles_stepped", looks ? resting_.blocks_stepped(this->stream()) : resting_.blocks()}};
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        return implicit_work<Real>(problem, this->formulation());
+    }
+
+private:
+    std::string refused(const Problem& problem) const override {
+        if (problem.lattice.voxel_count() == 0)
+            return "implicit addressing needs a regular grid and the network lies on none";
+        if (!problem.springs.empty())
+            return "implicit addressing has no place for springs between particles that are no grid "
+                   "neighbours";
+        if (tiled_ && tile_bytes() > this->device().shared_bytes())
+            return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
+                   std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
+        if (std::string why = resting_.refused(problem.lattice, shape_); !why.empty()) return why;
+        return too_many_words<Real>(place_on_grid(problem.lattice).words, this->device(),
+                                    this->family().fetch);
+    }
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return implicit_bytes<Real>(problem, shape_, this->formulation()) +
+               resting_.bytes_needed(problem, shape_);
+    }
+    std::uint64_t bytes_held() const override {
+        return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes() + resting_.bytes_held();
+    }
+
+    int kind_of_step() const override { return resting_.looks() ? 1 : 0; }
+    void enqueue_step(int reading) override {
+        if (!resting_.looks()) {
+            ParticleBackend<Real, ImplicitStep<Real>>::enqueue_step(reading);
+            return;
+        }
+        const auto& launch = this->launch();
+        ImplicitStep<Real> step = launch.step;
+        step.lively = resting_.lively(reading);
+        this->launch_kernel(*resting_kernel_, resting_grid_, launch.block, launch.shared_bytes, step,
+                            reading);
+    }
+    void enqueue_steps(int count) override {
+        while (count > 0) {
+            const int steps = std::min(count, resting_.steps_to_decision());
+            CudaBackend::enqueue_steps(steps);
+            resting_.stepped(steps, this->current(), this->stream());
+            count -= steps;
+        }
+    }
+
+    std::size_t tile_bytes() const {
+        const std::size_t axes = this->formulation() == Formulation::compensated ? 6 : 3;
+        return axes * 3 * std::size_t(shape_.x + 2) * std::size_t(shape_.y + 2) * sizeof(Real);
+    }
+
+    KernelSource source(const Problem& problem, dim3 grid, int registers,
+                        std::uint32_t more_terms = 0) const {
+        KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
+                                                    this->blocks_with(registers, most_threads),
+                                                    (votes(grid) ? term_interior : 0) | more_terms);
+        if (tiled_) {
+            source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
+            source.macros["WIDTH"] = std::to_string(shape_.x);
+            source.macros["HEIGHT"] = std::to_string(shape_.y);
+        }
+        return source;
+    }
+
+    bool runs_at_once(dim3 grid, int registers) const {
+        const std::size_t threads =
+            std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
+        return threads <= std::size_t(this->device().multiprocessors()) * most_threads *
+                              std::size_t(this->blocks_with(registers, most_threads));
+    }
+
+    int registers_for(dim3 grid) const {
+        if (registers_ != "auto") return std::stoi(registers_);
+        for (const int many : {128, 64}) {
+            if (runs_at_once(grid, many)) return many;
+        }
+        // What was fastest on an H200, box 160^3 and 256^3 (study `tuning`).
+        switch (this->formulation()) {
+            case Formulation::paper:
+            case Formulation::position:
+                return 32;
+            case Formulation::displacement:
+                return 40;
+            case Formulation::increment:
+                return 48;
+            case Formulation::compensated:
+                break;
+        }
+        return 64;
+    }
+
+    /// Where all threads run at once the vote is one more thing to wait for.
+    bool votes(dim3 grid) const {
+        return interior_ == "auto" ? !runs_at_once(grid, 64) : interior_ == "vote";
+    }
+
+    /// Of a thread that takes several blocks, and keeps what it compares with what it wrote: with 32 a step
+    /// of all blocks of a large box took four times as long.
+    static constexpr int resting_registers = 64;
+
+    const BlockShape shape_;
+    const std::string registers_;
+    const std::string interior_;
+    const bool tiled_;
+    Resting resting_;
+    std::shared_ptr<const Kernel> resting_kernel_;
+    dim3 resting_grid_;
+    Buffer<BlockOrigin> origins_;
+    Buffer<Real> compliance_;
+};
+
+std::unique_ptr<Backend> make(const KernelFamily& family, const Options& options, bool tiled) {
+    Resting::check(options);
+    if (family.precision == Precision::float32)
+        return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
+    return std::make_unique<ImplicitBackend<double>>(family, options, tiled);
+}
+
+}  // namespace
+
+std::uint64_t implicit_bytes(const Problem& problem, const Options& options) {
+    const BlockShape shape = BlockShape::parse(options.tuning.at("block"));
+    return options.precision == Precision::float32
+               ? implicit_bytes<float>(problem, shape, options.formulation)
+               : implicit_bytes<double>(problem, shape, options.formulation);
+}
+
+std::unique_ptr<Backend> make_implicit(const Options& options) {
+    return make(KernelFamily(options, fetch_path(options.tuning.at("fetch"))), options, false);
+}
+
+// The tile is the cache, so it is filled past L1.
+std::unique_ptr<Backend> make_tiled(const Options& options) {
+    return make(KernelFamily(options, Fetch::past_l1), options, true);
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,59 @@
+#include "cuda/common/particles.h"
+
+namespace voxspring::cuda {
+
+Fetch fetch_path(const std::string& tuned) {
+    if (tuned == "cg") return Fetch::past_l1;
+    return tuned == "texture" ? Fetch::texture : Fetch::through_l1;
+}
+
+KernelFamily::KernelFamily(const Options& options, Fetch path)
+    : precision(options.precision),
+      formulation(options.formulation),
+      fetch(path),
+      all_terms(options.tuning.at("terms") == "all"),
+      refined_root(options.tuning.at("root") == "refined") {}
+
+KernelSource KernelFamily::source(const std::string& file, const Problem& problem, int threads, int blocks,
+                                  std::uint32_t more_terms) const {
+    const std::uint32_t terms = (all_terms ? cuda::all_terms : terms_of(problem)) | more_terms |
+                                (refined_root ? term_refined_root : 0);
+    const std::uint32_t groups = all_terms ? NEIGHBOUR_BITS : problem.group_bits;
+    const char* const paths[] = {"PastL1", "ThroughL1", "ThroughTexture"};
+    return {file,
+            {{"REAL", precision == Precision::float32 ? "float" : "double"},
+             {"FETCH", paths[std::size_t(fetch)]},
+             {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," + std::to_string(groups) +
+                           "u," + std::to_string(terms) + "u," + (all_terms ? "true" : "false") + ">"},
+             {"THREADS", std::to_string(threads)},
+             {"BLOCKS", std::to_string(blocks)}}};
+}
+
+template <class Real>
+std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation) {
+    const bool split = formulation == Formulation::compensated;
+    const std::uint64_t axes = 3 * increment_pitch(placement) * sizeof(Real);
+    return placement.words *
+               ((split ? 4 : 2) * sizeof(Word<Real>) + (problem.load.empty() ? 0 : sizeof(Vector<Real>)) +
+                (problem.has_materials() ? sizeof(Real) : 0)) +
+           (by_increments(formulation) ? axes : 0) + (split ? axes : 0);
+}
+
+template <class Real>
+std::string too_many_words(std::size_t words, const Device& device, Fetch fetch) {
+    if (words > most_words)
+        return std::to_string(words) + " words of positions exceed the index limit of " +
+               std::to_string(most_words);
+    const std::size_t texels = fetch == Fetch::texture ? words * texels_per_word<Real> : 0;
+    if (texels > device.most_texels())
+        return std::to_string(texels) + " texels of positions exceed the device's limit of " +
+               std::to_string(device.most_texels()) + " for a texture on linear memory";
+    return {};
+}
+
+template std::uint64_t particle_bytes<float>(const Problem&, const Placement&, Formulation);
+template std::uint64_t particle_bytes<double>(const Problem&, const Placement&, Formulation);
+template std::string too_many_words<float>(std::size_t, const Device&, Fetch);
+template std::string too_many_words<double>(std::size_t, const Device&, Fetch);
+
+}  // namespace voxspring::cuda

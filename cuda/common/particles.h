@@ -1,0 +1,253 @@
+// What every strategy's backend shares: the buffers of particles, per-particle arrays and the launch of a
+// step.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/layout/layout.h"
+#include "cuda/common/cuda_backend.h"
+#include "cuda/common/edit.h"
+#include "cuda/common/watch.h"
+#include "cuda/device/kernel.h"
+#include "cuda/device/texture.h"
+
+namespace voxspring::cuda {
+
+/// Blocks of `block` threads for `count` of them.
+inline unsigned blocks_for(std::size_t count, unsigned block) {
+    return unsigned((count + block - 1) / block);
+}
+
+/// The type of kernels/fetch.h by which kernels read positions.
+enum class Fetch : std::uint8_t { past_l1, through_l1, texture };
+/// From the tuning values "cg", "l1" and "texture".
+Fetch fetch_path(const std::string& tuned);
+
+/// A 16-byte texel at least: what a texture fetch gets at once.
+template <class Real>
+inline constexpr std::size_t texels_per_word = sizeof(Word<Real>) / 16;
+
+/// What the kernels of a specification have in common.
+struct KernelFamily {
+    Precision precision;
+    Formulation formulation;
+    Fetch fetch;
+    bool all_terms;     ///< compiled in, and asked for at run time (tuning `terms`)
+    bool refined_root;  ///< tuning `root`
+
+    explicit KernelFamily(const Options& options, Fetch path);
+    /// The kernel in `file` for a scene, with at most `threads` a block and at least room for `blocks` on an
+    /// SM. `more_terms`: beyond terms_of(problem).
+    KernelSource source(const std::string& file, const Problem& problem, int threads, int blocks,
+                        std::uint32_t more_terms = 0) const;
+};
+
+/// Bytes of the arrays that ParticleBackend keeps.
+template <class Real>
+std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation);
+
+/// Empty, or why an array of `words` words cannot be indexed or, through a texture, fetched.
+template <class Real>
+std::string too_many_words(std::size_t words, const Device& device, Fetch fetch);
+
+/// A backend with one kernel that reads all positions and moves every particle by one step. `Step` is that
+/// kernel's first argument and has a member `motion`; a reader of positions, one of their low parts and what
+/// the step writes follow (kernels/*.cu).
+template <class Real, class Step>
+class ParticleBackend : public CudaBackend {
+public:
+    State download() final {
+        PackedState<Real> packed;
+        const auto out = [&](auto& values, const auto& buffer) {
+            values.resize(buffer.size());
+            buffer.download(values, stream());
+        };
+        out(packed.current, words_[std::size_t(current())]);
+        if (!by_increments(family_.formulation)) out(packed.previous, words_[std::size_t(1 - current())]);
+        out(packed.current_low, low_[std::size_t(current())]);
+        out(packed.increment, increment_);
+        out(packed.increment_low, increment_low_);
+        return unpack(*problem_, packed, placement_, family_.formulation);
+    }
+
+    double compile_seconds() const final { return compile_seconds_; }
+
+protected:
+    explicit ParticleBackend(const KernelFamily& family) : family_(family) {}
+
+    struct Launch {
+        std::shared_ptr<const Kernel> kernel;
+        dim3 grid, block;
+        std::size_t shared_bytes = 0;
+        Step step;
+    };
+
+    const KernelFamily& family() const { return family_; }
+    Formulation formulation() const { return family_.formulation; }
+
+    /// To be called first in upload().
+    void start_compiling() { compile_seconds_ = 0; }
+    std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
+        return Kernel::get(source, device(), compile_seconds_);
+    }
+
+    /// Blocks of `threads` that an SM has room for when a thread has `registers`, twice as many in float64.
+    int blocks_with(int registers, int threads) const {
+        constexpr int registers_per_sm = 65536;  // of every architecture
+        const int at_most = device().threads_per_multiprocessor() / threads;
+        const int width = sizeof(Real) / sizeof(float);
+        return std::clamp(registers_per_sm / (threads * registers * width), 1, at_most);
+    }
+
+    /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points
+    /// the step's motion at the arrays kept here.
+    void start(const Problem& problem, const State& state, const Placement& placement,
+               std::span<const std::uint32_t> bits, Launch launch) {
+        problem_ = &problem;
+        placement_ = placement;
+        bool moved = false;
+        {
+            PackedState<Real> packed = pack<Real>(problem, state, placement, bits, family_.formulation);
+            const bool increments = by_increments(family_.formulation);
+            moved = upload_words(words_, 0, packed.current) || moved;
+            // By increments a step writes every particle's word here before any reads it.
+            moved = upload_words(words_, 1, increments ? packed.current : packed.previous) || moved;
+            moved = upload_words(low_, 0, packed.current_low) || moved;
+            moved = upload_words(low_, 1, packed.current_low) || moved;
+            moved = upload_axes(increment_, packed.increment) || moved;
+            moved = upload_axes(increment_low_, packed.increment_low) || moved;
+        }
+        load_.upload(pack_load<Real>(problem, placement), stream());
+        inverse_masses_.upload(pack_inverse_masses<Real>(problem, placement), stream());
+        launch.step.motion.load = load_.data();
+        launch.step.motion.inverse_masses = inverse_masses_.data();
+        rewind();
+        resume(launch, moved);
+    }
+
+    /// Goes on with `launch`, whose motion points where the one before it did.
+    void resume(const Launch& launch, bool words_moved = false) {
+        const bool changed = words_moved || launch.kernel != launch_.kernel ||
+                             !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
+                             !(launch.step == launch_.step);
+        launch_ = launch;
+        if (!changed) return;
+        launch.kernel->allow_shared(launch.shared_bytes);
+        this->forget_graphs();
+    }
+    const Launch& launch() const { return launch_; }
+
+    /// From here on the particles have `edited`'s springs; the caller sees to it.
+    void follow(const Problem& edited) { problem_ = &edited; }
+
+    /// x(t) of every word.
+    Word<Real>* current_words() const { return words_[std::size_t(current())].data(); }
+
+    /// Gives particles new bits, which every step copies on from the buffer that it reads.
+    void write_particle_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits) {
+        std::vector<EditedWord> edited;
+        edited.reserve(particles.size());
+        for (std::size_t n = 0; n < particles.size(); ++n)
+            edited.push_back({std::uint32_t(placement_.at(particles[n])), bits[n]});
+        write_bits(current_words(), edited_words_.send(std::span<const EditedWord>(edited), stream()),
+                   edited.size(), stream());
+    }
+
+    /// The same with the masks of what an edit touched.
+    void write_masks(const SpringEdit& edit) {
+        std::vector<std::uint32_t> particles, masks;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            particles.push_back(touched.particle);
+            masks.push_back(touched.mask);
+        }
+        write_particle_bits(particles, masks);
+    }
+
+    std::uint64_t particle_bytes_held() const {
+        return words_[0].bytes() + words_[1].bytes() + low_[0].bytes() + low_[1].bytes() +
+               increment_.bytes() + increment_low_.bytes() + load_.bytes() + inverse_masses_.bytes() +
+               edited_words_.bytes();
+    }
+
+    /// Enqueues a kernel with the arguments that all have.
+    void launch_kernel(const Kernel& kernel, dim3 grid, dim3 block, std::size_t shared_bytes,
+                       const Step& step, int reading) const {
+        const auto from = std::size_t(reading), to = std::size_t(1 - reading);
+        const Output<Real> output{words_[to].data(), low_[to].data(), increment_.data(),
+                                  increment_low_.data(), increment_pitch(placement_)};
+        kernel.launch(stream(), grid, block, shared_bytes, step, source(words_[from], textures_[0][from]),
+                      source(low_[from], textures_[1][from]), output);
+    }
+
+    /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu).
+    template <class... Arguments>
+    void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const Step& step,
+                               const Arguments&... arguments) const {
+        Word<Real>* const words = words_[std::size_t(current())].data();
+        Word<Real>* const previous = words_[std::size_t(1 - current())].data();
+        Real* const increment = increment_.data();
+        const std::size_t pitch = increment_pitch(placement_);
+        kernel.launch_together(stream(), grid, block, step, words, previous, increment, pitch, arguments...);
+    }
+
+    void enqueue_step(int reading) override {
+        launch_kernel(*launch_.kernel, launch_.grid, launch_.block, launch_.shared_bytes, launch_.step,
+                      reading);
+    }
+
+private:
+    static bool same(dim3 a, dim3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+    using Pair = std::array<Buffer<Word<Real>>, 2>;
+
+    // True if the words moved.
+    bool upload_words(Pair& pair, std::size_t which, const std::vector<Word<Real>>& words) {
+        Buffer<Word<Real>>& buffer = pair[which];
+        const bool moved = buffer.size() != words.size();
+        Texture& texture = textures_[&pair == &words_ ? 0 : 1][which];
+        if (moved) texture = {};
+        buffer.upload(words, stream());
+        if (moved && !words.empty() && family_.fetch == Fetch::texture)
+            texture = make_texture(buffer, sizeof(Real) == sizeof(float) ? cudaChannelFormatKindFloat
+                                                                         : cudaChannelFormatKindSigned);
+        return moved;
+    }
+    bool upload_axes(Buffer<Real>& buffer, const std::vector<Real>& values) {
+        const bool moved = buffer.size() != values.size();
+        buffer.upload(values, stream());
+        return moved;
+    }
+
+    /// What a Fetch of kernels/fetch.h holds.
+    std::uint64_t source(const Buffer<Word<Real>>& buffer, const Texture& texture) const {
+        return family_.fetch == Fetch::texture ? texture.get()
+                                               : reinterpret_cast<std::uintptr_t>(buffer.data());
+    }
+
+    void enqueue_look(const Look& look, Fault* fault) override {
+        const auto now = std::size_t(current());
+        const Word<Real>* const before =
+            by_increments(family_.formulation) ? nullptr : words_[1 - now].data();
+        look_at(words_[now].data(), before, increment_.data(), increment_pitch(placement_), placement_.words,
+                look, fault, stream());
+    }
+
+    const KernelFamily family_;
+    const Problem* problem_ = nullptr;
+    Placement placement_;
+    Pair words_, low_;
+    std::array<std::array<Texture, 2>, 2> textures_;  // of words_ and low_
+    Buffer<Real> increment_, increment_low_;
+    Buffer<Vector<Real>> load_;
+    Buffer<Real> inverse_masses_;
+    Staging<EditedWord> edited_words_;
+    Launch launch_{};
+    double compile_seconds_ = 0;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,151 @@
+#include "cuda/device/compiler.h"
+
+#include <nvrtc.h>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <source_location>
+#include <vector>
+
+#include "backends/backend.h"
+#include "backends/disk_cache.h"
+#include "embedded_kernels.h"  // generated
+
+namespace voxspring::cuda {
+namespace {
+
+void check(nvrtcResult result, const std::source_location& where = std::source_location::current()) {
+    if (result != NVRTC_SUCCESS)
+        throw DeviceError(std::string("NVRTC: ") + nvrtcGetErrorString(result) +
+                          " (compiler.cpp:" + std::to_string(where.line()) + ")");
+}
+
+/// What kernels use of the standard library, which NVRTC does not bring.
+const std::map<std::string, std::string> standard_headers = {
+    {"cstddef", "namespace std { using size_t = decltype(sizeof(0)); using ptrdiff_t = long; }"},
+    {"cstdint",
+     "namespace std { using uint8_t = unsigned char; using uint16_t = unsigned short; using int32_t = int; "
+     "using uint32_t = unsigned; using uint64_t = unsigned long; }"},
+    {"cfloat", "#define FLT_MIN 1.17549435e-38F\n#define DBL_MIN 2.2250738585072014e-308"},
+    {"cmath",
+     "namespace std {\n"
+     "__device__ inline float fma(float a, float b, float c) { return __fmaf_rn(a, b, c); }\n"
+     "__device__ inline double fma(double a, double b, double c) { return __fma_rn(a, b, c); }\n"
+     "__device__ inline float sqrt(float a) { return __fsqrt_rn(a); }\n"
+     "__device__ inline double sqrt(double a) { return __dsqrt_rn(a); }\n"
+     "}"},
+    {"type_traits",
+     "namespace std {\n"
+     "template <bool, class A, class> struct conditional { using type = A; };\n"
+     "template <class A, class B> struct conditional<false, A, B> { using type = B; };\n"
+     "template <bool b, class A, class B> using conditional_t = typename conditional<b, A, B>::type;\n"
+     "}"}};
+
+/// By the name in the #include.
+std::map<std::string, std::string> headers() {
+    std::map<std::string, std::string> all;
+    for (const auto& [name, text] : standard_headers) all.emplace(name, "#pragma once\n" + text);
+    for (const auto& [path, text] : embedded_kernels) {
+        all.emplace(path, text);
+        // spring.h names its neighbour so, as GLSL wants it.
+        if (path == "backends/physics/portable.h") all.emplace("portable.h", text);
+    }
+    return all;
+}
+
+class Program {
+public:
+    Program(const std::string& text, const std::string& name,
+            const std::map<std::string, std::string>& headers) {
+        std::vector<const char*> texts, names;
+        for (const auto& [header, content] : headers) {
+            names.push_back(header.c_str());
+            texts.push_back(content.c_str());
+        }
+        check(nvrtcCreateProgram(&program_, text.c_str(), name.c_str(), int(names.size()), texts.data(),
+                                 names.data()));
+    }
+    Program(const Program&) = delete;
+    Program& operator=(const Program&) = delete;
+    ~Program() { nvrtcDestroyProgram(&program_); }
+
+    /// `get_size` and `get_text` as NVRTC has them.
+    std::string take(nvrtcResult (*get_size)(nvrtcProgram, std::size_t*),
+                     nvrtcResult (*get_text)(nvrtcProgram, char*)) const {
+        std::size_t size = 0;
+        check(get_size(program_, &size));
+        std::string text(size, '\0');
+        check(get_text(program_, text.data()));
+        return text;
+    }
+    nvrtcProgram get() const { return program_; }
+
+private:
+    nvrtcProgram program_ = nullptr;
+};
+
+/// The architecture to compile for, and whether its machine code will run on the card.
+std::pair<int, bool> nearest(int architecture) {
+    int count = 0;
+    check(nvrtcGetNumSupportedArchs(&count));
+    std::vector<int> known(std::size_t(count), 0);
+    check(nvrtcGetSupportedArchs(known.data()));
+    if (std::find(known.begin(), known.end(), architecture) != known.end()) return {architecture, true};
+    // A driver compiles the PTX of an older one.
+    int best = 0;
+    for (const int a : known) best = a <= architecture ? std::max(best, a) : best;
+    if (best == 0)
+        throw DeviceError("NVRTC compiles for compute capability " + std::to_string(known.front() / 10) +
+                          "." + std::to_string(known.front() % 10) + " and later");
+    return {best, false};
+}
+
+}  // namespace
+
+CompiledKernel compile(const KernelSource& source, int architecture) {
+    const auto [target, exact] = nearest(architecture);
+    int major = 0, minor = 0;
+    check(nvrtcVersion(&major, &minor));
+    const std::string name = "cuda/kernels/" + source.file;
+    // No contraction: what fused multiply-adds there are stand in the source, so that bits depend on nothing
+    // else.
+    std::vector<std::string> options = {
+        std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") + std::to_string(target),
+        "--std=c++20", "--fmad=false", "--extra-device-vectorization"};
+    for (const auto& [macro, value] : source.macros)
+        options.push_back("--define-macro=" + macro + "=" + value);
+
+    static const auto all_headers = headers();
+    Hash inputs;
+    inputs.add_number(major);
+    inputs.add_number(minor);
+    inputs.add(name);
+    for (const auto& [header, content] : all_headers) {
+        inputs.add(header);
+        inputs.add(content);
+    }
+    inputs.add(embedded_kernels.at(name));
+    for (const std::string& option : options) inputs.add(option);
+    const std::filesystem::path user = DiskCache::folder_of_user();
+    constexpr std::uint64_t most_bytes = std::uint64_t(256) << 20;
+    const DiskCache cache(user.empty() ? user : user / "kernels", most_bytes);
+    const std::string key = inputs.text();
+    if (auto found = cache.find(key)) return {std::move(*found), 0};
+
+    using Clock = std::chrono::steady_clock;
+    const auto begin = Clock::now();
+    const Program program(std::string(embedded_kernels.at(name)), name, all_headers);
+    std::vector<const char*> arguments;
+    for (const std::string& option : options) arguments.push_back(option.c_str());
+    if (nvrtcCompileProgram(program.get(), int(arguments.size()), arguments.data()) != NVRTC_SUCCESS)
+        throw DeviceError("NVRTC: " + program.take(nvrtcGetProgramLogSize, nvrtcGetProgramLog));
+    CompiledKernel compiled;
+    compiled.code =
+        exact ? program.take(nvrtcGetCUBINSize, nvrtcGetCUBIN) : program.take(nvrtcGetPTXSize, nvrtcGetPTX);
+    compiled.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    cache.keep(key, compiled.code);
+    return compiled;
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,45 @@
+#include "harness/base/bad_input.h"
+
+#include <array>
+#include <cstddef>
+#include <cstdio>
+
+namespace voxspring {
+namespace {
+
+/// `text` without control characters and, beyond `longest` bytes, without its end.
+std::string printable(std::string_view text, std::size_t longest) {
+    std::string out;
+    for (const char c : text) {
+        if (out.size() >= longest) {
+            // A cut inside a UTF-8 sequence would leave half a character.
+            while (!out.empty() && (static_cast<unsigned char>(out.back()) & 0xC0u) == 0x80u) out.pop_back();
+            if (!out.empty() && (static_cast<unsigned char>(out.back()) & 0x80u) != 0) out.pop_back();
+            return out + "...";
+        }
+        const auto byte = static_cast<unsigned char>(c);
+        if (byte < 0x20 || byte == 0x7F) {
+            std::array<char, 5> escaped{};
+            std::snprintf(escaped.data(), escaped.size(), "\\x%02x", unsigned{byte});
+            out += escaped.data();
+        } else {
+            out += c;
+        }
+    }
+    return out;
+}
+
+std::string line(std::string_view file, std::string_view key, std::string_view value,
+                 std::string_view accepted) {
+    std::string text = printable(file, 500) + ": ";
+    if (!key.empty()) text += printable(key, 200) + ": ";
+    return text + printable(value, 80) + " is not accepted; expected " + printable(accepted, 1000);
+}
+
+}  // namespace
+
+BadInput::BadInput(std::string_view file, std::string_view key, std::string_view value,
+                   std::string_view accepted)
+    : std::runtime_error(line(file, key, value, accepted)) {}
+
+}  // namespace voxspring

@@ -1,0 +1,308 @@
+#include "harness/base/json.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "harness/base/bad_input.h"
+
+namespace voxspring {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t deepest = 32;
+constexpr std::size_t largest_file = std::size_t{16} << 20;
+
+std::string join(const std::vector<std::string>& words) {
+    std::string text;
+    for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+    return text;
+}
+
+std::string format(double number) {
+    std::ostringstream text;
+    text << number;
+    return text.str();
+}
+
+std::string range(double low, double high) { return " from " + format(low) + " to " + format(high); }
+
+std::string compact(const json& value) { return value.dump(-1, ' ', true, json::error_handler_t::replace); }
+
+std::string child_path(const std::string& parent, const std::string& key) {
+    return parent.empty() ? key : parent + "." + key;
+}
+
+/// Builds the document and refuses what the grammar allows but a user cannot have meant.
+class Builder final : public nlohmann::json_sax<json> {
+public:
+    Builder(std::string_view text, const std::string& file) : text_(text), file_(file) {}
+
+    bool null() override { return add(nullptr); }
+    bool boolean(bool value) override { return add(value); }
+    bool number_integer(number_integer_t value) override { return add(value); }
+    bool number_unsigned(number_unsigned_t value) override { return add(value); }
+    bool number_float(number_float_t value, const string_t&) override { return add(value); }
+    bool string(string_t& value) override { return add(std::move(value)); }
+    bool binary(binary_t&) override { return false; }
+
+    bool start_object(std::size_t) override { return open(json::object()); }
+    bool start_array(std::size_t) override { return open(json::array()); }
+    bool end_object() override { return close(); }
+    bool end_array() override { return close(); }
+
+    bool key(string_t& name) override {
+        if (open_.back()->contains(name)) {
+            throw BadInput(file_, child_path(path(), name), "a second value", "each key once");
+        }
+        keys_.back() = std::move(name);
+        return true;
+    }
+
+    bool parse_error(std::size_t position, const std::string&, const json::exception& error) override {
+        const std::string_view read = text_.substr(0, std::min(position, text_.size()));
+        const auto line = 1 + std::count(read.begin(), read.end(), '\n');
+        const std::size_t column = std::max<std::size_t>(read.size() - (read.rfind('\n') + 1), 1);
+        const std::string place = "line " + std::to_string(line) + ", column " + std::to_string(column);
+        const bool overflow = dynamic_cast<const json::out_of_range*>(&error) != nullptr;
+        throw BadInput(file_, place, position > text_.size() ? "the end of the text" : last_word(read),
+                       overflow ? "a number that a 64-bit float can hold" : "JSON: " + grammar(error.what()));
+    }
+
+    json& root() { return root_; }
+
+private:
+    /// The last character and what comes before it up to a blank or a bracket, colon or comma.
+    static std::string_view last_word(std::string_view text) {
+        if (text.empty()) return text;
+        const auto before = text.find_last_of(" \t\r\n,:[]{}", text.size() - 2);
+        return text.size() == 1 || before == std::string_view::npos ? text : text.substr(before + 1);
+    }
+
+    /// What the parser's message says was expected, or what it says is wrong with the token.
+    static std::string grammar(const std::string& message) {
+        if (const auto at = message.rfind("; expected "); at != std::string::npos)
+            return message.substr(at + 11);
+        const auto from = message.find(" - ");
+        std::string why = from == std::string::npos ? message : message.substr(from + 3);
+        return why.substr(0, why.rfind("; last read"));
+    }
+
+    std::string path() const {
+        std::string path;
+        for (std::size_t level = 0; level + 1 < open_.size(); ++level) {
+            path = open_[level]->is_array() ? path + "[" + std::to_string(open_[level]->size() - 1) + "]"
+                                            : child_path(path, keys_[level]);
+        }
+        return path;
+    }
+
+    json* place(json value) {
+        if (open_.empty()) {
+            root_ = std::move(value);
+            return &root_;
+        }
+        json& parent = *open_.back();
+        if (parent.is_array()) {
+            parent.push_back(std::move(value));
+            return &parent.back();
+        }
+        return &(parent[keys_.back()] = std::move(value));
+    }
+
+    bool add(json value) {
+        place(std::move(value));
+        return true;
+    }
+
+    bool open(json value) {
+        if (open_.size() == deepest) {
+            throw BadInput(file_, path(), "deeper nesting",
+                           "at most " + std::to_string(deepest) + " objects and arrays inside one another");
+        }
+        open_.push_back(place(std::move(value)));
+        keys_.emplace_back();
+        return true;
+    }
+
+    bool close() {
+        open_.pop_back();
+        keys_.pop_back();
+        return true;
+    }
+
+    std::string_view text_;
+    const std::string& file_;
+    json root_;
+    // Only the last element of an array is ever open, so no pointer here outlives a reallocation.
+    std::vector<json*> open_;
+    std::vector<std::string> keys_;  ///< one an open level: the key whose value is being read
+};
+
+}  // namespace
+
+struct JsonValue::Document {
+    std::string file;
+    json root;
+};
+
+JsonValue::JsonValue(std::shared_ptr<const Document> document, const json* value, std::string path)
+    : document_(std::move(document)), value_(value), path_(std::move(path)) {}
+
+bool JsonValue::is_number() const { return value_->is_number(); }
+bool JsonValue::is_string() const { return value_->is_string(); }
+bool JsonValue::is_array() const { return value_->is_array(); }
+bool JsonValue::is_object() const { return value_->is_object(); }
+
+double JsonValue::number() const {
+    if (!is_number()) refuse("a number");
+    return value_->get<double>();
+}
+
+double JsonValue::number(double low, double high) const {
+    const std::string accepted = "a number" + range(low, high);
+    if (!is_number()) refuse(accepted);
+    const auto number = value_->get<double>();
+    if (!(number >= low && number <= high)) refuse(accepted);
+    return number;
+}
+
+std::int64_t JsonValue::integer(std::int64_t low, std::int64_t high) const {
+    const std::string accepted = "a whole number from " + std::to_string(low) + " to " + std::to_string(high);
+    if (!is_number()) refuse(accepted);
+    // Exact: the bounds are within +-(2^53 - 1), and no integer beyond them rounds to one of them.
+    const auto number = value_->get<double>();
+    if (!(number >= double(low) && number <= double(high)) || std::floor(number) != number) refuse(accepted);
+    return static_cast<std::int64_t>(number);
+}
+
+bool JsonValue::boolean() const {
+    if (!value_->is_boolean()) refuse("true or false");
+    return value_->get<bool>();
+}
+
+std::string JsonValue::string() const {
+    if (!is_string() || value_->get_ref<const std::string&>().empty()) refuse("a string that is not empty");
+    return value_->get<std::string>();
+}
+
+std::string JsonValue::one_of(const std::vector<std::string>& accepted) const {
+    if (is_string()) {
+        const auto& text = value_->get_ref<const std::string&>();
+        if (std::find(accepted.begin(), accepted.end(), text) != accepted.end()) return text;
+    }
+    refuse("one of " + join(accepted));
+}
+
+glm::dvec3 JsonValue::vec3(double limit) const {
+    if (!is_array() || value_->size() != 3) refuse("an array of 3 numbers");
+    const std::vector<JsonValue> component = array();
+    return {component[0].number(-limit, limit), component[1].number(-limit, limit),
+            component[2].number(-limit, limit)};
+}
+
+std::vector<JsonValue> JsonValue::array(std::size_t shortest, std::size_t longest) const {
+    std::string accepted = "an array";
+    if (shortest == longest) {
+        accepted += " of " + std::to_string(shortest) + " elements";
+    } else if (longest < ~std::size_t{0}) {
+        accepted += " of " + std::to_string(shortest) + " to " + std::to_string(longest) + " elements";
+    } else if (shortest > 0) {
+        accepted += " of " + std::to_string(shortest) + " elements or more";
+    }
+    if (!is_array() || value_->size() < shortest || value_->size() > longest) refuse(accepted);
+    std::vector<JsonValue> elements;
+    elements.reserve(value_->size());
+    for (const json& element : *value_) {
+        elements.push_back(
+            JsonValue(document_, &element, path_ + "[" + std::to_string(elements.size()) + "]"));
+    }
+    return elements;
+}
+
+JsonObject JsonValue::object() const { return JsonObject(*this); }
+
+void JsonValue::refuse(std::string_view accepted) const { throw BadInput(file(), path_, text(), accepted); }
+
+const std::string& JsonValue::file() const { return document_->file; }
+
+std::string JsonValue::text() const { return compact(*value_); }
+
+JsonObject::JsonObject(JsonValue value) : value_(std::move(value)) {
+    if (!value_.is_object()) value_.refuse("an object");
+}
+
+JsonValue JsonObject::member(const std::string& key) const {
+    return {value_.document_, &value_.value_->at(key), child_path(value_.path_, key)};
+}
+
+bool JsonObject::contains(const std::string& key) const { return value_.value_->contains(key); }
+
+std::optional<JsonValue> JsonObject::find(const std::string& key) {
+    accepted_.push_back(key);
+    if (!contains(key)) return std::nullopt;
+    return member(key);
+}
+
+JsonValue JsonObject::require(const std::string& key, std::string_view accepted) {
+    accepted_.push_back(key);
+    if (!contains(key)) throw BadInput(value_.file(), child_path(value_.path_, key), "nothing", accepted);
+    return member(key);
+}
+
+std::vector<std::pair<std::string, JsonValue>> JsonObject::items() {
+    std::vector<std::pair<std::string, JsonValue>> members;
+    for (const auto& item : value_.value_->items()) {
+        accepted_.push_back(item.key());
+        members.emplace_back(item.key(), member(item.key()));
+    }
+    return members;
+}
+
+void JsonObject::finish() const {
+    for (const auto& item : value_.value_->items()) {
+        if (std::find(accepted_.begin(), accepted_.end(), item.key()) != accepted_.end()) continue;
+        const std::string where = value_.path_.empty() ? "" : " of " + value_.path_;
+        throw BadInput(value_.file(), child_path(value_.path_, item.key()), compact(item.value()),
+                       "the keys" + where + ": " + join(accepted_));
+    }
+}
+
+JsonObject parse_json(std::string_view text, const std::string& file) {
+    Builder builder(text, file);
+    json::sax_parse(text, &builder);
+    auto document = std::make_shared<JsonValue::Document>();
+    document->file = file;
+    document->root = std::move(builder.root());
+    const json* root = &document->root;
+    return JsonObject(JsonValue(std::move(document), root, ""));
+}
+
+void check_schema_version(JsonObject& document, int newest) {
+    const auto version = document.find("schema_version");
+    if (!version) return;
+    const double number = version->is_number() ? version->number() : 0;
+    if (number < 1 || number > newest || std::floor(number) != number)
+        version->refuse((newest > 1 ? "1 to " : "") + std::to_string(newest) +
+                        ": this program reads no other version");
+}
+
+JsonObject read_json(const std::filesystem::path& file) {
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(file, error))
+        throw BadInput(file.string(), "", "no file", "a JSON file");
+    if (const auto size = std::filesystem::file_size(file, error); error || size > largest_file) {
+        throw BadInput(file.string(), "", std::to_string(size) + " bytes",
+                       "a file of at most " + std::to_string(largest_file) + " bytes");
+    }
+    std::ifstream stream(file, std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+    if (!stream) throw BadInput(file.string(), "", "an unreadable file", "a file that can be read");
+    return parse_json(text, file.string());
+}
+
+}  // namespace voxspring

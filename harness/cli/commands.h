@@ -1,0 +1,46 @@
+// What each subcommand does, apart from reading the command line.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "harness/export/export.h"
+#include "harness/study/study.h"
+
+namespace voxspring {
+
+/// `voxspring list`: backends, available or why not; built-in scenes and studies.
+void list_everything(bool json, std::ostream& out);
+
+/// `voxspring limits`: what each device can do at best, measured now.
+void list_limits(bool json, std::ostream& out);
+
+/// `voxspring info`: dims, particles, springs, memory and time step of a scene. Throws BadInput.
+void describe_scene(const std::string& scene, bool json, std::ostream& out);
+
+struct RunOptions {
+    std::string backend;
+    int steps = 100;
+    ExportOptions out;
+};
+
+/// `voxspring run`: returns the exit code. Throws BadInput, BadSpecification.
+int run_scene(const std::string& scene, const RunOptions& options, std::ostream& out);
+
+/// `voxspring study`: returns the exit code. Throws BadInput, BadSpecification.
+int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);
+
+struct AdviseOptions {
+    double error = 0;                              ///< the largest total error that will do, relative L2
+    std::optional<std::filesystem::path> results;  ///< of a pareto study; nothing: measure
+    StudyOptions study;                            ///< of the measurement
+};
+
+/// `voxspring advise`: returns the exit code, 1 if no configuration reaches the error. Throws BadInput,
+/// BadSpecification.
+int print_advice(const std::string& scene, const AdviseOptions& options, std::ostream& out);
+
+}  // namespace voxspring

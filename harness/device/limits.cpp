@@ -1,0 +1,120 @@
+#include "harness/device/limits.h"
+
+#include <cmath>
+
+#include "harness/base/text.h"
+
+namespace voxspring {
+namespace {
+
+/// "CUDA" of "CUDA 13.0", "OpenGL compute" of "OpenGL compute 4.5 core".
+std::string family_of(const Capabilities& capabilities) {
+    const std::string& api = capabilities.api;
+    const std::size_t version = api.find_first_of("0123456789");
+    return version == std::string::npos ? api : api.substr(0, api.find_last_not_of(' ', version - 1) + 1);
+}
+
+nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& limits) {
+    nlohmann::json all = to_json(limits);
+    all["api"] = capabilities.api;
+    all["device"] = capabilities.device;
+    return all;
+}
+
+}  // namespace
+
+nlohmann::json to_json(const DeviceLimits& limits) {
+    nlohmann::json all = {{"copy_bytes_per_second", limits.copy_bytes_per_second},
+                          {"cached_copy_bytes_per_second", limits.cached_copy_bytes_per_second},
+                          {"cache_bytes", limits.cache_bytes},
+                          {"launch_seconds", limits.launch_seconds},
+                          {"float32_operations_per_second", limits.float32_operations_per_second}};
+    const auto add = [&](const char* name, const std::optional<double>& value) {
+        if (value) all[name] = *value;
+    };
+    add("grid_barrier_seconds", limits.grid_barrier_seconds);
+    add("exchange_seconds", limits.exchange_seconds);
+    add("float64_operations_per_second", limits.float64_operations_per_second);
+    add("compute_shader_float32_operations_per_second", limits.compute_shader_float32_operations_per_second);
+    return all;
+}
+
+DeviceLimits device_limits_of(const nlohmann::json& json) {
+    const auto optional = [&](const char* name) {
+        return json.contains(name) ? std::optional(json.at(name).get<double>()) : std::nullopt;
+    };
+    return {.copy_bytes_per_second = json.at("copy_bytes_per_second"),
+            .cached_copy_bytes_per_second = json.at("cached_copy_bytes_per_second"),
+            .cache_bytes = json.at("cache_bytes"),
+            .launch_seconds = json.at("launch_seconds"),
+            .grid_barrier_seconds = optional("grid_barrier_seconds"),
+            .exchange_seconds = optional("exchange_seconds"),
+            .float32_operations_per_second = json.at("float32_operations_per_second"),
+            .float64_operations_per_second = optional("float64_operations_per_second"),
+            .compute_shader_float32_operations_per_second =
+                optional("compute_shader_float32_operations_per_second")};
+}
+
+std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
+                                               const std::function<DeviceLimits()>& measure) {
+    const std::string family = family_of(capabilities);
+    if (const auto known = limits_.find(family); known != limits_.end()) return known->second;
+    std::optional<DeviceLimits> limits;
+    try {
+        limits = measure();
+        json_[family] = describe(capabilities, *limits);
+    } catch (const Unavailable& absent) {
+        json_[family] = absent.what();
+    } catch (const DeviceError& error) {
+        json_[family] = error.what();
+    }
+    limits_[family] = limits;
+    return limits;
+}
+
+nlohmann::json limit_fields(const std::optional<StepLimit>& limit, std::optional<double> step_seconds) {
+    nlohmann::json fields = {
+        {"limit_seconds", nullptr}, {"limited_by", nullptr}, {"fraction_of_limit", nullptr}};
+    if (!limit) return fields;
+    fields["limit_seconds"] = limit->seconds;
+    fields["limited_by"] = limit->limited_by;
+    if (step_seconds && *step_seconds > 0) fields["fraction_of_limit"] = limit->seconds / *step_seconds;
+    return fields;
+}
+
+void print_limits(const nlohmann::json& limits, std::ostream& out) {
+    for (const auto& [family, device] : limits.items()) {
+        out << "limits of " << family << ": ";
+        if (device.is_string()) {
+            out << "not measured: " << device.get<std::string>() << "\n";
+            continue;
+        }
+        // Clang 14 captures no structured binding.
+        const auto value = [&limit = device](const char* name) { return limit.value(name, 0.0); };
+        out << si(value("copy_bytes_per_second"), "B/s");
+        if (value("cache_bytes") > 0) {
+            out << ", " << si(value("cached_copy_bytes_per_second"), "B/s") << " in "
+                << si(value("cache_bytes"), "B") << " of cache";
+        }
+        if (value("launch_seconds") > 0) out << ", a launch " << si(value("launch_seconds"), "s");
+        if (value("grid_barrier_seconds") > 0)
+            out << ", a grid barrier " << si(value("grid_barrier_seconds"), "s");
+        if (value("exchange_seconds") > 0)
+            out << ", an exchange between blocks " << si(value("exchange_seconds"), "s");
+        const double fragment = value("float32_operations_per_second");
+        const double compute = value("compute_shader_float32_operations_per_second");
+        out << ", float32 " << si(fragment, "op/s");
+        if (value("float64_operations_per_second") > 0)
+            out << ", float64 " << si(value("float64_operations_per_second"), "op/s");
+        if (compute > 0) out << ", compute shaders " << si(compute, "op/s");
+        out << " (" << device.at("device").get<std::string>() << ")\n";
+        if (fragment < compute / 4) {
+            out << "    " << family << " runs fragment shaders on this device with 1/"
+                << std::lround(compute / fragment)
+                << " of the arithmetic of compute shaders: its rows say what that part of the device can "
+                   "do, not what the API can\n";
+        }
+    }
+}
+
+}  // namespace voxspring

@@ -1,0 +1,155 @@
+#include "harness/device/noise.h"
+
+#include <dlfcn.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <stdexcept>
+
+namespace voxspring {
+namespace {
+
+/// Of at least one value, between two of them linearly.
+double quantile(std::vector<double> values, double fraction) {
+    std::sort(values.begin(), values.end());
+    const double place = fraction * double(values.size() - 1);
+    const auto below = std::size_t(place);
+    const auto above = std::min(below + 1, values.size() - 1);
+    return values[below] + (place - double(below)) * (values[above] - values[below]);
+}
+
+std::string percent(double fraction) { return std::to_string(std::lround(100 * fraction)) + "%"; }
+
+}  // namespace
+
+double spin_seconds() {
+    using Clock = std::chrono::steady_clock;
+    constexpr int tries = 3, additions = 20000;
+    double least = std::numeric_limits<double>::infinity();
+    volatile std::uint64_t result = 1;
+    for (int i = 0; i < tries; ++i) {
+        const auto begin = Clock::now();
+        std::uint64_t x = result;
+        // Each waits for the one before it, whatever the compiler and the core do.
+        for (int k = 0; k < additions; ++k) x = x * 6364136223846793005u + 1442695040888963407u;
+        result = x;
+        least = std::min(least, std::chrono::duration<double>(Clock::now() - begin).count());
+    }
+    return least;
+}
+
+std::optional<double> waited_seconds() {
+    std::error_code none;
+    std::optional<double> sum;
+    for (const auto& thread : std::filesystem::directory_iterator("/proc/self/task", none)) {
+        std::ifstream schedstat(thread.path() / "schedstat");
+        std::uint64_t ran = 0, waited = 0;
+        if (schedstat >> ran >> waited) sum = sum.value_or(0) + 1e-9 * double(waited);
+    }
+    return sum;
+}
+
+/// Of NVML, which has no header here: its functions and constants are a stable binary interface.
+struct Card::Library {
+    static constexpr int success = 0, too_small = 7, clock_of_multiprocessors = 1;
+    using Device = void*;
+
+    void* handle = nullptr;
+    Device device = nullptr;
+    int (*shutdown)() = nullptr;
+    int (*clock)(Device, int, unsigned*) = nullptr;
+    int (*processes)(Device, unsigned*, void*) = nullptr;
+
+    template <class Function>
+    void find(Function*& function, const char* name) const {
+        function = reinterpret_cast<Function*>(dlsym(handle, name));
+    }
+};
+
+Card::Card(const std::string& uuid) : library_(std::make_unique<Library>()) {
+    const char* name = "libnvidia-ml.so.1";
+    library_->handle = dlopen(name, RTLD_NOW | RTLD_LOCAL);
+    if (library_->handle == nullptr) throw std::runtime_error(std::string("there is no ") + name);
+    int (*initialize)() = nullptr;
+    int (*by_uuid)(const char*, Library::Device*) = nullptr;
+    library_->find(initialize, "nvmlInit_v2");
+    library_->find(by_uuid, "nvmlDeviceGetHandleByUUID");
+    library_->find(library_->shutdown, "nvmlShutdown");
+    library_->find(library_->clock, "nvmlDeviceGetClockInfo");
+    library_->find(library_->processes, "nvmlDeviceGetComputeRunningProcesses_v3");
+    const bool complete = initialize != nullptr && by_uuid != nullptr && library_->shutdown != nullptr;
+    if (!complete || initialize() != Library::success) {
+        dlclose(library_->handle);
+        throw std::runtime_error(std::string(name) + " does not start");
+    }
+    if (by_uuid(uuid.c_str(), &library_->device) != Library::success) {
+        library_->shutdown();
+        dlclose(library_->handle);
+        throw std::runtime_error(std::string(name) + " knows no card " + uuid);
+    }
+}
+
+Card::~Card() {
+    library_->shutdown();
+    dlclose(library_->handle);
+}
+
+std::optional<unsigned> Card::clock_mhz() const {
+    unsigned mhz = 0;
+    if (library_->clock == nullptr ||
+        library_->clock(library_->device, Library::clock_of_multiprocessors, &mhz) != Library::success)
+        return std::nullopt;
+    return mhz;
+}
+
+std::optional<unsigned> Card::process_count() const {
+    unsigned count = 0;
+    if (library_->processes == nullptr) return std::nullopt;
+    const int answer = library_->processes(library_->device, &count, nullptr);
+    if (answer != Library::success && answer != Library::too_small) return std::nullopt;
+    return count;
+}
+
+std::vector<std::string> reasons_of_noise(const Observed& observed) {
+    std::vector<std::string> reasons;
+    const auto add = [&](const std::string& kind, const std::string& figure) {
+        reasons.push_back(kind + " (" + figure + ")");
+    };
+    // Of fewer repetitions quartiles say nothing.
+    constexpr std::size_t fewest = 4;
+    if (observed.seconds.size() >= fewest) {
+        const double median = quantile(observed.seconds, 0.5);
+        const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
+        if (spread > most_spread)
+            add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
+    }
+    if (!observed.spins.empty()) {
+        const auto [least, most] = std::minmax_element(observed.spins.begin(), observed.spins.end());
+        const double change = *most / *least - 1;
+        if (change > most_clock_change) add("the processor's clock moved", "by " + percent(change));
+    }
+    if (!observed.waits.empty()) {
+        const double waiting = quantile(observed.waits, 0.5);
+        if (waiting > most_waiting)
+            add("its threads waited for a processor", percent(waiting) + " of the time");
+    }
+    if (!observed.card_mhz.empty()) {
+        const auto [least, most] = std::minmax_element(observed.card_mhz.begin(), observed.card_mhz.end());
+        if (*most > (1 + most_clock_change) * *least)
+            add("the card's clock moved",
+                "between " + std::to_string(*least) + " and " + std::to_string(*most) + " MHz");
+    }
+    if (!observed.other_users.empty()) {
+        const unsigned most = *std::max_element(observed.other_users.begin(), observed.other_users.end());
+        if (most > 0) add("other processes computed on the card", std::to_string(most));
+    }
+    return reasons;
+}
+
+}  // namespace voxspring

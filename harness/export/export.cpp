@@ -1,0 +1,227 @@
+#include "harness/export/export.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdio>
+#include <set>
+#include <utility>
+
+#include "harness/base/bad_input.h"
+#include "harness/base/files.h"
+#include "harness/export/export_formats.h"
+#include "harness/export/pictures.h"
+
+namespace voxspring {
+namespace {
+
+/// The shortest text that reads back as the same bits.
+template <class Number>
+void append_number(std::string& text, Number number) {
+    std::array<char, 32> digits{};
+    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), number).ptr;
+    text.append(digits.data(), end);
+}
+
+std::string csv(const Snapshot& snapshot) {
+    const Problem& problem = snapshot.problem;
+    const std::vector<glm::dvec3> position = positions(snapshot);
+    const std::vector<glm::dvec3> velocity = velocities(snapshot);
+    std::string text =
+        "voxel_x,voxel_y,voxel_z,x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,"
+        "velocity_z\n";
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        const glm::ivec3 voxel = problem.lattice.coordinates(problem.lattice.voxel[i]);
+        for (int axis = 0; axis < 3; ++axis) {
+            if (axis > 0) text += ',';
+            append_number(text, voxel[axis]);
+        }
+        for (const glm::dvec3& v : {position[i], snapshot.state.displacement[i], velocity[i]}) {
+            for (int axis = 0; axis < 3; ++axis) {
+                text += ',';
+                append_number(text, v[axis]);
+            }
+        }
+        text += '\n';
+    }
+    return text;
+}
+
+std::string escaped(const std::string& text) {
+    std::string out;
+    for (const char c : text) {
+        switch (c) {
+            case '&':
+                out += "&amp;";
+                break;
+            case '<':
+                out += "&lt;";
+                break;
+            case '"':
+                out += "&quot;";
+                break;
+            default:
+                out += c;
+        }
+    }
+    return out;
+}
+
+std::string endings() {
+    std::string text;
+    for (const Writer& writer : writers()) text += (text.empty() ? "" : ", ") + std::string(writer.ending);
+    return text;
+}
+
+const Writer& writer_of(const std::filesystem::path& path) {
+    const auto& all = writers();
+    const auto found =
+        std::find_if(all.begin(), all.end(), [&](const Writer& w) { return path.extension() == w.ending; });
+    if (found == all.end())
+        throw BadInput("command line", "--out", path.string(), "a path that ends in one of " + endings());
+    return *found;
+}
+
+/// "640x480".
+glm::ivec2 parse_size(const std::string& text) {
+    glm::ivec2 size(0);
+    int read = 0;
+    if (std::sscanf(text.c_str(), "%5dx%5d%n", &size.x, &size.y, &read) != 2 ||
+        std::size_t(read) != text.size() || std::min(size.x, size.y) < least_side ||
+        std::max(size.x, size.y) > most_side) {
+        throw BadInput("command line", "--size", text,
+                       "WIDTHxHEIGHT in pixels, each from " + std::to_string(least_side) + " to " +
+                           std::to_string(most_side));
+    }
+    return size;
+}
+
+std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
+
+}  // namespace
+
+std::vector<glm::dvec3> positions(const Snapshot& snapshot) {
+    std::vector<glm::dvec3> position = snapshot.problem.rest_position;
+    for (std::size_t i = 0; i < position.size(); ++i) position[i] += snapshot.state.displacement[i];
+    return position;
+}
+
+std::vector<glm::dvec3> velocities(const Snapshot& snapshot) {
+    std::vector<glm::dvec3> velocity = snapshot.state.increment;
+    for (glm::dvec3& v : velocity) v /= snapshot.problem.time_step;
+    return velocity;
+}
+
+const std::vector<Writer>& writers() {
+    static const std::vector<Writer> all = {
+        {".csv", "one line a particle: voxel, position, displacement, velocity", false, csv},
+        {".npz", "numpy arrays: particles, springs, grid and time", false, npz},
+        {".png", "a picture of the body, drawn by OpenGL: see --colour and --size", false, nullptr},
+        {".vti", "ParaView's grid: a point a voxel", true, vti},
+        {".vtu", "ParaView's body: a point a particle where it is now, a line a spring", true, vtu},
+    };
+    return all;
+}
+
+std::string list_formats() {
+    std::string text;
+    for (const Writer& writer : writers())
+        text += "\n" + std::string(writer.ending) + ": " + std::string(writer.description);
+    return text;
+}
+
+Exports::Exports(const ExportOptions& options, int steps) : steps_(steps) {
+    const auto& every = options.every;
+    if (every && options.out.empty() && !options.frames) {
+        throw BadInput("command line", "--every", std::to_string(*every),
+                       "an --out beside it, which names the series: a path that ends in one of " + endings());
+    }
+    std::set<std::filesystem::path> collections;
+    for (const std::filesystem::path& path : options.out) {
+        const Writer& writer = writer_of(path);
+        check_writable(path, "--out", std::string(writer.ending));
+        if (every && writer.collected && !collections.insert(collection_of(path)).second) {
+            throw BadInput("command line", "--out", path.string(),
+                           "a name of its own for each series: another one has " +
+                               collection_of(path).filename().string() + " already");
+        }
+        files_.push_back({path, &writer, every, {}});
+    }
+    if (options.frames) {
+        const std::filesystem::path path = *options.frames / "frame.png";
+        std::error_code error;  // check_writable says what is wrong with the folder
+        std::filesystem::create_directories(*options.frames, error);
+        check_writable(path, "--frames", ".png");
+        files_.push_back({path, &writer_of(path), every.value_or((steps - 1) / most_frames + 1), {}});
+    }
+    const bool any = std::any_of(files_.begin(), files_.end(), is_picture);
+    for (const auto& [name, value] : {std::pair{"--colour", options.colour}, {"--size", options.size}}) {
+        if (!any && value) {
+            throw BadInput("command line", name, *value,
+                           "an --out that ends in .png, or --frames, beside it");
+        }
+    }
+    const Colouring colouring = options.colour ? parse_colouring(*options.colour) : Colouring::displacement;
+    const glm::ivec2 size = options.size ? parse_size(*options.size) : default_size;
+    if (any) pictures_ = std::make_unique<Pictures>(colouring, size);
+}
+
+Exports::~Exports() = default;
+
+int Exports::next(int step) const {
+    int next = steps_;
+    // Every series has its next file at its next multiple.
+    for (const File& file : files_) {
+        if (file.every && *file.every <= steps_ - step)
+            next = std::min(next, step + *file.every - step % *file.every);
+    }
+    return next;
+}
+
+bool Exports::is_due(const File& file, std::int64_t step) const {
+    return step == steps_ || (file.every && step % *file.every == 0);
+}
+
+bool Exports::looks_ahead() const {
+    return std::any_of(files_.begin(), files_.end(),
+                       [](const File& file) { return is_picture(file) && file.every; });
+}
+
+void Exports::look_at(const Snapshot& snapshot) {
+    if (std::any_of(files_.begin(), files_.end(),
+                    [&](const File& file) { return is_picture(file) && is_due(file, snapshot.step); })) {
+        pictures_->look_at(snapshot);
+    }
+}
+
+std::string Exports::name_in_series(const std::filesystem::path& path, std::int64_t step) const {
+    // As many digits in each name, so that they sort by step.
+    const std::size_t digits = std::max<std::size_t>(6, std::to_string(steps_).size());
+    std::string number = std::to_string(step);
+    number.insert(0, digits - number.size(), '0');
+    return path.stem().string() + "_" + number + path.extension().string();
+}
+
+void Exports::write(const Snapshot& snapshot) {
+    for (File& file : files_) {
+        if (!is_due(file, snapshot.step)) continue;
+        const std::string contents =
+            is_picture(file) ? pictures_->png(snapshot) : file.writer->contents(snapshot);
+        if (!file.every) {
+            write_atomically(file.path, contents);
+            continue;
+        }
+        const std::string name = name_in_series(file.path, snapshot.step);
+        write_atomically(file.path.parent_path() / name, contents);
+        if (!file.writer->collected) continue;
+        file.listed += R"(    <DataSet timestep=")";
+        append_number(file.listed, snapshot.time);
+        file.listed += R"(" part="0" file=")" + escaped(name) + "\"/>\n";
+        write_atomically(collection_of(file.path),
+                         "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n"
+                         "  <Collection>\n" +
+                             file.listed + "  </Collection>\n</VTKFile>\n");
+    }
+}
+
+}  // namespace voxspring

@@ -1,0 +1,393 @@
+#include "harness/export/export_formats.h"
+
+#include <minizip/zip.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdio>
+#include <glm/geometric.hpp>
+#include <limits>
+#include <memory>
+#include <new>
+#include <stdexcept>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "backends/physics/neighbours.h"
+#include "backends/physics/spring.h"
+#include "harness/export/arrays.h"
+
+namespace voxspring {
+namespace {
+
+/// The springs of a problem, an array a quantity, in the order of list_springs().
+struct SpringArrays {
+    std::vector<std::uint32_t> ends;  ///< two a spring
+    std::vector<double> rest_length, stiffness, tension;
+};
+
+SpringArrays spring_arrays(const Snapshot& snapshot) {
+    const Problem& problem = snapshot.problem;
+    const std::vector<glm::dvec3>& displacement = snapshot.state.displacement;
+    const double shortest_squared = problem.shortest_squared();
+    SpringArrays all;
+    const std::size_t count = count_springs(problem).total();
+    all.ends.reserve(2 * count);
+    for (auto* values : {&all.rest_length, &all.stiffness, &all.tension}) values->reserve(count);
+    const auto add = [&](std::uint32_t i, std::uint32_t j, double stiffness, const RestSpring& rest) {
+        const glm::dvec3 relative = displacement[i] - displacement[j];
+        all.ends.insert(all.ends.end(), {i, j});
+        all.rest_length.push_back(rest.length);
+        all.stiffness.push_back(stiffness);
+        all.tension.push_back(
+            -glm::length(rest.offset + relative) *
+            strain_density(relative, rest.offset, rest.length, rest.deficit, stiffness, shortest_squared));
+    };
+    std::array<RestSpring, neighbour_count> rest{};
+    for (const Direction& direction : directions())
+        rest[std::size_t(direction.bit)] = rest_spring(problem, direction);
+    const LatticeSprings lattice(problem);
+    for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
+        lattice.of(i, [&](std::uint32_t j, const Direction& direction) {
+            add(std::uint32_t(i), j, problem.spring_stiffness(i, j, direction),
+                rest[std::size_t(direction.bit)]);
+        });
+    }
+    for (const Spring& spring : problem.springs)
+        add(spring.first, spring.second, spring.stiffness, rest_spring(problem, spring));
+    return all;
+}
+
+std::vector<double> masses(const Problem& problem) {
+    std::vector<double> mass(problem.particle_count());
+    for (std::size_t i = 0; i < mass.size(); ++i) mass[i] = problem.material_of(i).mass;
+    return mass;
+}
+
+/// `values`, or as many zeros as there are particles where the problem has none.
+std::vector<std::uint8_t> or_zeros(const std::vector<std::uint8_t>& values, const Problem& problem) {
+    return values.empty() ? std::vector<std::uint8_t>(problem.particle_count()) : values;
+}
+
+std::vector<glm::ivec3> voxels(const Lattice& lattice) {
+    std::vector<glm::ivec3> voxel;
+    voxel.reserve(lattice.voxel.size());
+    for (const std::uint32_t index : lattice.voxel) voxel.push_back(lattice.coordinates(index));
+    return voxel;
+}
+
+/// One value a voxel of one a particle; Value{} where a voxel is inactive.
+template <class Value>
+std::vector<Value> on_grid(const Lattice& lattice, const std::vector<Value>& of_particle) {
+    std::vector<Value> grid(lattice.voxel_count(), Value{});
+    for (std::size_t i = 0; i < of_particle.size(); ++i) grid[lattice.voxel[i]] = of_particle[i];
+    return grid;
+}
+
+// --- VTK's XML files ----------------------------------------------------------------------------------
+
+/// One whose arrays follow the XML as they lie in memory ("appended raw").
+class VtkFile {
+public:
+    /// `type` is VTK's name of the dataset.
+    explicit VtkFile(const std::string& type)
+        : xml_("<?xml version=\"1.0\"?>\n<VTKFile type=\"" + type +
+               "\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n") {}
+
+    /// A tag, such as `Piece NumberOfPoints="3"`, which end() closes.
+    void begin(const std::string& tag) {
+        xml_ += "<" + tag + ">\n";
+        open_.push_back(tag.substr(0, tag.find(' ')));
+    }
+    void end() {
+        xml_ += "</" + open_.back() + ">\n";
+        open_.pop_back();
+    }
+
+    template <class Value>
+    void array(const std::string& name, std::vector<Value> values) {
+        const ArrayBytes array = bytes_of(values);
+        xml_ +=
+            "<DataArray type=\"" + vtk_type(array) + "\" Name=\"" + name + "\" NumberOfComponents=\"" +
+            std::to_string(array.components) + "\"" +
+            // Nothing else says how long an array of field data is.
+            (open_.back() == "FieldData" ? " NumberOfTuples=\"" + std::to_string(array.count) + "\"" : "") +
+            " format=\"appended\" offset=\"" + std::to_string(offset_) + "\"/>\n";
+        offset_ += sizeof(std::uint64_t) + array.bytes.size();
+        blocks_.push_back(std::make_unique<Block<Value>>(std::move(values)));
+    }
+
+    /// The whole file. Gives back each array once it is in there.
+    std::string bytes() {
+        std::string file = std::move(xml_);
+        file += "<AppendedData encoding=\"raw\">\n_";
+        const std::string tail = "\n</AppendedData>\n</VTKFile>\n";
+        file.reserve(file.size() + offset_ + tail.size());
+        for (auto& block : blocks_) {
+            const std::string_view contents = block->bytes();
+            const std::uint64_t size = contents.size();
+            file.append(reinterpret_cast<const char*>(&size), sizeof size);
+            file += contents;
+            block.reset();
+        }
+        file += tail;
+        return file;
+    }
+
+private:
+    struct AnyBlock {
+        AnyBlock() = default;
+        AnyBlock(const AnyBlock&) = delete;
+        AnyBlock& operator=(const AnyBlock&) = delete;
+        virtual ~AnyBlock() = default;
+        virtual std::string_view bytes() const = 0;
+    };
+    template <class Value>
+    struct Block : AnyBlock {
+        explicit Block(std::vector<Value> v) : values(std::move(v)) {}
+        std::string_view bytes() const override { return bytes_of(values).bytes; }
+        std::vector<Value> values;
+    };
+
+    static std::string vtk_type(const ArrayBytes& array) {
+        const char* kind = array.kind == 'f' ? "Float" : array.kind == 'i' ? "Int" : "UInt";
+        return kind + std::to_string(8 * array.width);
+    }
+
+    std::string xml_;
+    std::vector<std::string> open_;
+    std::vector<std::unique_ptr<AnyBlock>> blocks_;
+    std::uint64_t offset_ = 0;
+};
+
+/// When the state was: ParaView knows the first by its name.
+void add_time(VtkFile& file, const Snapshot& snapshot) {
+    file.begin("FieldData");
+    file.array("TimeValue", std::vector<double>{snapshot.time});
+    file.array("step", std::vector<std::int64_t>{snapshot.step});
+    file.end();
+}
+
+/// What lines of two points each are, in integers of a width that the last of them fits.
+template <class Index>
+void add_lines(VtkFile& file, const std::vector<std::uint32_t>& ends) {
+    file.array("connectivity", std::vector<Index>(ends.begin(), ends.end()));
+    std::vector<Index> offsets(ends.size() / 2);
+    for (std::size_t cell = 0; cell < offsets.size(); ++cell) offsets[cell] = Index(2 * (cell + 1));
+    file.array("offsets", std::move(offsets));
+}
+
+std::string attribute(const std::string& name, std::size_t value) {
+    return " " + name + "=\"" + std::to_string(value) + "\"";
+}
+
+// --- numpy's files ------------------------------------------------------------------------------------
+
+/// A zip file in memory, for minizip.
+struct ZipMemory {
+    std::string bytes;
+    std::size_t position = 0;
+
+    static ZipMemory& of(voidpf stream) { return *static_cast<ZipMemory*>(stream); }
+    static voidpf open(voidpf memory, const void*, int) { return memory; }
+    static uLong read(voidpf, voidpf, void*, uLong) { return 0; }  // a file that is only written
+    static uLong write(voidpf, voidpf stream, const void* from, uLong size) {
+        ZipMemory& memory = of(stream);
+        try {
+            memory.bytes.resize(std::max(memory.bytes.size(), memory.position + size));
+        } catch (const std::bad_alloc&) {
+            return 0;  // an exception must not cross minizip
+        }
+        std::copy_n(static_cast<const char*>(from), size,
+                    memory.bytes.begin() + std::ptrdiff_t(memory.position));
+        memory.position += size;
+        return size;
+    }
+    static ZPOS64_T tell(voidpf, voidpf stream) { return of(stream).position; }
+    static long seek(voidpf, voidpf stream, ZPOS64_T offset, int origin) {
+        ZipMemory& memory = of(stream);
+        if (origin == ZLIB_FILEFUNC_SEEK_CUR) offset += memory.position;
+        if (origin == ZLIB_FILEFUNC_SEEK_END) offset += memory.bytes.size();
+        if (offset > memory.bytes.size()) return -1;
+        memory.position = offset;
+        return 0;
+    }
+    static int close(voidpf, voidpf) { return 0; }
+    static int error(voidpf, voidpf) { return 0; }
+};
+
+/// A zip of arrays as numpy.savez() writes it.
+class NpzFile {
+public:
+    NpzFile() {
+        zlib_filefunc64_def functions{ZipMemory::open, ZipMemory::read,  ZipMemory::write, ZipMemory::tell,
+                                      ZipMemory::seek, ZipMemory::close, ZipMemory::error, &memory_};
+        file_.reset(zipOpen2_64("", APPEND_STATUS_CREATE, nullptr, &functions));
+        check(file_ ? ZIP_OK : ZIP_ERRNO);
+    }
+
+    /// `shape` as numpy writes it: "(3,)".
+    void array(const std::string& name, const std::string& shape, const ArrayBytes& array) {
+        std::string header = std::string("{'descr': '") + (array.width == 1 ? '|' : '<') + array.kind +
+                             std::to_string(array.width) + "', 'fortran_order': False, 'shape': " + shape +
+                             ", }";
+        // Data begin at a multiple of 64, after the magic string, its version and the header's size.
+        constexpr std::size_t before = 10, alignment = 64;
+        header.append(alignment - 1 - (before + header.size()) % alignment, ' ');
+        header += '\n';
+        std::string begin = "\x93NUMPY";
+        begin += {'\x01', '\x00', char(header.size() % 256), char(header.size() / 256)};
+        begin += header;
+
+        // The first day that a zip knows: the same state gives the same file.
+        zip_fileinfo info{};
+        info.tmz_date.tm_year = 1980;
+        info.tmz_date.tm_mday = 1;
+        const int zip64 = array.bytes.size() > std::numeric_limits<std::int32_t>::max() ? 1 : 0;
+        check(zipOpenNewFileInZip64(file_.get(), (name + ".npy").c_str(), &info, nullptr, 0, nullptr, 0,
+                                    nullptr, 0, 0, zip64));
+        append(begin);
+        append(array.bytes);
+        check(zipCloseFileInZip(file_.get()));
+    }
+    template <class Value>
+    void array(const std::string& name, const std::vector<Value>& values) {
+        const ArrayBytes bytes = bytes_of(values);
+        array(name,
+              "(" + std::to_string(bytes.count) + "," +
+                  (bytes.components > 1 ? " " + std::to_string(bytes.components) : "") + ")",
+              bytes);
+    }
+    template <class Number>
+    void scalar(const std::string& name, Number value) {
+        array(name, "()", bytes_of(std::vector<Number>{value}));
+    }
+
+    /// The whole file, which ends here.
+    std::string bytes() {
+        check(zipClose(file_.release(), nullptr));
+        return std::move(memory_.bytes);
+    }
+
+private:
+    struct Close {
+        void operator()(zipFile file) const { zipClose(file, nullptr); }
+    };
+    static void check(int status) {
+        if (status != ZIP_OK) throw std::runtime_error("cannot make a .npz file: not enough memory");
+    }
+    void append(std::string_view bytes) {
+        constexpr std::size_t most = 1u << 30;  // of one call
+        for (; !bytes.empty(); bytes.remove_prefix(std::min(most, bytes.size()))) {
+            check(zipWriteInFileInZip(file_.get(), bytes.data(), unsigned(std::min(most, bytes.size()))));
+        }
+    }
+
+    ZipMemory memory_;  // before the file, which writes to it until it is closed
+    std::unique_ptr<std::remove_pointer_t<zipFile>, Close> file_;
+};
+
+}  // namespace
+
+std::string vti(const Snapshot& snapshot) {
+    const Problem& problem = snapshot.problem;
+    const Lattice& lattice = problem.lattice;
+    if (lattice.voxel_count() == 0) throw std::invalid_argument("a problem without a lattice has no grid");
+    const auto extent = [&] {
+        std::string text;
+        for (int axis = 0; axis < 3; ++axis)
+            text += (axis > 0 ? " 0 " : "0 ") + std::to_string(lattice.dims[axis] - 1);
+        return "\"" + text + "\"";
+    }();
+    std::array<char, 100> spacing{};
+    std::snprintf(spacing.data(), spacing.size(), "\"%.17g %.17g %.17g\"", lattice.spacing.x,
+                  lattice.spacing.y, lattice.spacing.z);
+    std::vector<std::uint8_t> label = or_zeros(problem.material, problem);
+    for (std::uint8_t& material : label) ++material;
+    std::vector<std::uint8_t> springs;
+    springs.reserve(lattice.mask.size());
+    for (const std::uint32_t mask : lattice.mask)
+        springs.push_back(std::uint8_t(std::popcount(mask & NEIGHBOUR_BITS)));
+
+    VtkFile file("ImageData");
+    file.begin("ImageData WholeExtent=" + extent + " Origin=\"0 0 0\" Spacing=" + spacing.data());
+    add_time(file, snapshot);
+    file.begin("Piece Extent=" + extent);
+    file.begin("PointData");
+    file.array("active", on_grid(lattice, std::vector<std::uint8_t>(problem.particle_count(), 1)));
+    file.array("label", on_grid(lattice, label));
+    file.array("pinned", on_grid(lattice, or_zeros(problem.pinned, problem)));
+    file.array("springs", on_grid(lattice, springs));
+    file.array("mass", on_grid(lattice, masses(problem)));
+    file.array("displacement", on_grid(lattice, snapshot.state.displacement));
+    file.array("velocity", on_grid(lattice, velocities(snapshot)));
+    for (int open = 0; open < 3; ++open) file.end();
+    return file.bytes();
+}
+
+std::string vtu(const Snapshot& snapshot) {
+    const Problem& problem = snapshot.problem;
+    SpringArrays springs = spring_arrays(snapshot);
+    const std::size_t count = springs.rest_length.size();
+
+    VtkFile file("UnstructuredGrid");
+    file.begin("UnstructuredGrid");
+    add_time(file, snapshot);
+    file.begin("Piece" + attribute("NumberOfPoints", problem.particle_count()) +
+               attribute("NumberOfCells", count));
+    file.begin("PointData");
+    file.array("displacement", snapshot.state.displacement);
+    file.array("velocity", velocities(snapshot));
+    file.array("mass", masses(problem));
+    file.array("pinned", or_zeros(problem.pinned, problem));
+    file.array("material", or_zeros(problem.material, problem));
+    if (problem.lattice.voxel_count() > 0) file.array("voxel", voxels(problem.lattice));
+    file.end();
+    file.begin("CellData");
+    file.array("rest_length", std::move(springs.rest_length));
+    file.array("stiffness", std::move(springs.stiffness));
+    file.array("tension", std::move(springs.tension));
+    file.end();
+    file.begin("Points");
+    file.array("Points", positions(snapshot));
+    file.end();
+    file.begin("Cells");
+    if (std::max(2 * count, problem.particle_count()) <= std::numeric_limits<std::int32_t>::max()) {
+        add_lines<std::int32_t>(file, springs.ends);
+    } else {
+        add_lines<std::int64_t>(file, springs.ends);
+    }
+    springs.ends = {};
+    constexpr std::uint8_t line = 3;  // VTK_LINE
+    file.array("types", std::vector<std::uint8_t>(count, line));
+    for (int open = 0; open < 3; ++open) file.end();
+    return file.bytes();
+}
+
+std::string npz(const Snapshot& snapshot) {
+    const Problem& problem = snapshot.problem;
+    const Lattice& lattice = problem.lattice;
+    NpzFile file;
+    file.array("position", positions(snapshot));
+    file.array("displacement", snapshot.state.displacement);
+    file.array("velocity", velocities(snapshot));
+    file.array("mass", masses(problem));
+    file.array("pinned", or_zeros(problem.pinned, problem));
+    file.array("material", or_zeros(problem.material, problem));
+    file.array("voxel", voxels(lattice));
+    const SpringArrays springs = spring_arrays(snapshot);
+    file.array("springs", "(" + std::to_string(springs.rest_length.size()) + ", 2)", bytes_of(springs.ends));
+    file.array("rest_length", springs.rest_length);
+    file.array("stiffness", springs.stiffness);
+    file.array("tension", springs.tension);
+    file.array("dims", std::vector<int>{lattice.dims.x, lattice.dims.y, lattice.dims.z});
+    file.array("spacing", std::vector<double>{lattice.spacing.x, lattice.spacing.y, lattice.spacing.z});
+    file.scalar("step", snapshot.step);
+    file.scalar("time", snapshot.time);
+    file.scalar("time_step", problem.time_step);
+    return file.bytes();
+}
+
+}  // namespace voxspring

@@ -1,0 +1,45 @@
+// The binary formats of writers() (export.h): float64 throughout, nothing of the state is lost.
+#pragma once
+
+#include <string>
+
+#include "harness/export/export.h"
+
+namespace voxspring {
+
+/// VTK ImageData: a point a voxel, at its centre. Point data, of which an inactive voxel has zeros:
+///
+///     active        uint8       1 where there is a particle
+///     label         uint8       0 where there is none, m + 1 where it is of material m
+///     pinned        uint8
+///     springs       uint8       of the lattice, that the particle still has
+///     mass          float64
+///     displacement  float64, 3
+///     velocity      float64, 3
+///
+/// Field data: TimeValue and step. Throws std::invalid_argument for a problem without a lattice.
+std::string vti(const Snapshot& snapshot);
+
+/// VTK UnstructuredGrid: a point a particle, where it is now, in canonical order; a line a spring, once, in
+/// the order of list_springs(), so that what was cut is not there. Point data: displacement, velocity
+/// (float64, 3), mass (float64), pinned, material (uint8) and, on a lattice, voxel (int32, 3). Cell data
+/// (float64): rest_length, stiffness and tension, the force with which the spring pulls its ends together,
+/// negative where it pushes. Field data: TimeValue and step.
+std::string vtu(const Snapshot& snapshot);
+
+/// A zip of numpy arrays, not compressed. With n particles in canonical order and m springs in the order of
+/// list_springs():
+///
+///     position, displacement, velocity    (n, 3) float64
+///     mass                                (n,) float64
+///     pinned, material                    (n,) uint8
+///     voxel                               (n, 3) int32, x, y, z; (0, 3) without a lattice
+///     springs                             (m, 2) uint32, the particles at its ends, the smaller first
+///     rest_length, stiffness, tension     (m,) float64, as in vtu()
+///     dims                                (3,) int32, voxels along x, y, z
+///     spacing                             (3,) float64
+///     step                                () int64
+///     time, time_step                     () float64
+std::string npz(const Snapshot& snapshot);
+
+}  // namespace voxspring

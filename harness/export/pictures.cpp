@@ -1,0 +1,65 @@
+#include "harness/export/pictures.h"
+
+#include <algorithm>
+#include <glm/geometric.hpp>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "backends/registry.h"
+#include "harness/export/export.h"
+#include "harness/verification/reference.h"
+
+namespace voxspring {
+namespace {
+
+std::vector<SurfaceVertex> surface_of(const Snapshot& snapshot, const std::vector<double>& values) {
+    return surface_of(snapshot.problem, snapshot.state.displacement, values);
+}
+
+}  // namespace
+
+Pictures::Reference::Reference(const Scene& scene)
+    : backend(BackendSpec::parse(References::specification(scene)).make()), playback(scene) {
+    playback.rewind(*backend);
+}
+
+Pictures::Pictures(Colouring colouring, glm::ivec2 size) : colouring_(colouring), painter_(size) {}
+
+std::vector<double> Pictures::values_of(const Snapshot& snapshot) {
+    std::vector<glm::dvec3> difference = snapshot.state.displacement;
+    if (colouring_ == Colouring::error) {
+        if (!reference_ || reference_->step > snapshot.step) reference_.emplace(snapshot.scene);
+        reference_->playback.run(*reference_->backend, int(snapshot.step - reference_->step));
+        reference_->step = snapshot.step;
+        const State state = reference_->backend->download();
+        for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= state.displacement[i];
+    }
+    std::vector<double> values;
+    values.reserve(difference.size());
+    for (const glm::dvec3& vector : difference) values.push_back(glm::length(vector));
+    largest_ = values.empty() ? 0 : *std::max_element(values.begin(), values.end());
+    return values;
+}
+
+void Pictures::look_at(const Snapshot& snapshot) {
+    camera_.include(surface_of(snapshot, values_of(snapshot)));
+    largest_of_all_ = std::max(largest_of_all_, largest_);
+}
+
+std::string Pictures::png(const Snapshot& snapshot) {
+    if (camera_.empty()) look_at(snapshot);
+    std::vector<double> values = values_of(snapshot);
+    const Scale scale(colouring_, largest_of_all_);
+    for (double& value : values) value = scale.place(value);
+    const std::vector<SurfaceVertex> surface = surface_of(snapshot, values);
+    const nlohmann::json about = {{"scene", snapshot.scene.name},
+                                  {"particles", snapshot.problem.particle_count()},
+                                  {"steps", snapshot.step},
+                                  {"backend", snapshot.backend},
+                                  {"coloured_by", to_string(colouring_)},
+                                  {"largest", largest_},
+                                  {"renderer", painter_.device()}};
+    return encode_png(painter_.paint(surface, camera_, scale), {{"voxspring", about.dump()}});
+}
+
+}  // namespace voxspring

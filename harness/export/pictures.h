@@ -1,0 +1,56 @@
+// The pictures that a run was asked for.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "harness/export/painter.h"
+#include "harness/scene/playback.h"
+
+namespace voxspring {
+
+struct Snapshot;
+
+/// Draws a run's snapshots. Those that it has looked at before fix what all pictures have in common: a camera
+/// that has every one of them in view, and a scale to the largest value of any. A lone picture needs no look
+/// before.
+class Pictures {
+public:
+    /// Throws Unavailable where there is no OpenGL.
+    Pictures(Colouring colouring, glm::ivec2 size);
+
+    /// Snapshots are of one scene, which is kept until the last, and come in the order of their steps; an
+    /// earlier one starts anew. Throws std::runtime_error.
+    void look_at(const Snapshot& snapshot);
+    /// A PNG file of a snapshot. It carries, as the text "voxspring", JSON with scene, particles, steps,
+    /// backend, coloured_by, the snapshot's largest value of it and the device that drew it. Throws as
+    /// look_at() does.
+    std::string png(const Snapshot& snapshot);
+
+    Colouring colouring() const { return colouring_; }
+    /// Of the colouring, in the snapshot that was seen last.
+    double largest() const { return largest_; }
+
+private:
+    /// float64 beside the run.
+    struct Reference {
+        Reference(const Scene& scene);
+        std::unique_ptr<Backend> backend;
+        Playback playback;
+        std::int64_t step = 0;
+    };
+    /// One a particle.
+    std::vector<double> values_of(const Snapshot& snapshot);
+
+    Colouring colouring_;
+    Painter painter_;
+    std::optional<Reference> reference_;
+    Camera camera_;
+    double largest_ = 0;
+    double largest_of_all_ = 0;
+};
+
+}  // namespace voxspring

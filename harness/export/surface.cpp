@@ -1,0 +1,285 @@
+#include "harness/export/surface.h"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <glm/geometric.hpp>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "backends/physics/neighbours.h"
+
+namespace voxspring {
+namespace {
+
+/// 0 to 26: which of the 27 voxels around one an offset of -1, 0 or 1 along each axis names.
+std::size_t around(glm::ivec3 offset) {
+    const int index = (offset.z + 1) * 9 + (offset.y + 1) * 3 + offset.x + 1;
+    return std::size_t(index);
+}
+
+/// The mask bit of each such offset; that of the voxel itself is not looked at.
+std::array<std::uint32_t, 27> bits_by_offset() {
+    std::array<std::uint32_t, 27> bits{};
+    for (const Direction& direction : directions()) bits[around(direction.offset)] = 1U << direction.bit;
+    return bits;
+}
+
+/// `length` times the direction of `vector`; 0 if it has none.
+glm::dvec3 scaled(glm::dvec3 vector, double length) {
+    const double own = glm::length(vector);
+    return own > 0 ? vector * (length / own) : glm::dvec3(0);
+}
+
+/// Where the shortest turn that takes the axis `from` to the direction of `to` takes another axis.
+glm::dvec3 turned_along(glm::dvec3 axis, glm::dvec3 from, glm::dvec3 to) {
+    const glm::dvec3 direction = scaled(to, 1);
+    const double squared = 1 + glm::dot(from, direction);  // of half of the sum of both, twice
+    // Half a turn may as well be one about this axis.
+    return squared > 1e-9 ? axis - (glm::dot(axis, direction) / squared) * (from + direction) : axis;
+}
+
+glm::dvec3 unit(std::size_t axis) {
+    glm::dvec3 vector(0);
+    vector[int(axis)] = 1;
+    return vector;
+}
+
+class Body {
+public:
+    Body(const Problem& problem, std::span<const glm::dvec3> displacement, std::span<const double> value)
+        : problem_(problem),
+          displacement_(displacement),
+          value_(value),
+          at_(particle_of_voxel(problem.lattice)) {}
+
+    /// The four vertices of the face of particle `i` at `voxel` on its side `direction` along `axis`.
+    std::array<SurfaceVertex, 4> face(std::uint32_t i, glm::ivec3 voxel, int axis, int direction) const {
+        const int u = (axis + 1) % 3;
+        const int v = (axis + 2) % 3;
+        // Counter-clockwise from outside: u x v is `axis`.
+        std::array<std::pair<int, int>, 4> corners = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
+        if (direction < 0) std::swap(corners[1], corners[3]);
+        std::array<SurfaceVertex, 4> vertices;
+        for (std::size_t n = 0; n < 4; ++n) {
+            glm::ivec3 sign(0);
+            sign[axis] = direction;
+            sign[u] = corners[n].first;
+            sign[v] = corners[n].second;
+            vertices[n] = corner(voxel, sign);
+        }
+        const glm::dvec3 flat = scaled(glm::cross(vertices[2].position - vertices[0].position,
+                                                  vertices[3].position - vertices[1].position),
+                                       1);
+        const Frame frame = frame_of(i, voxel);
+        const bool cut = at(voxel + step(axis, direction)) != no_particle;
+        for (std::size_t n = 0; n < 4; ++n) {
+            glm::ivec3 sign(0);
+            sign[axis] = direction;
+            sign[u] = corners[n].first;
+            sign[v] = corners[n].second;
+            glm::dvec3 smooth = cut ? flat : carried(frame, slope(voxel, sign));
+            // Where the body is as thin as a voxel or has collapsed, its slope says nothing of this face.
+            if (!(glm::dot(smooth, flat) > 0.2)) smooth = flat;
+            vertices[n].normal = smooth;
+        }
+        return vertices;
+    }
+
+    /// Whether the face of particle `i` towards its neighbour along `axis` is to be seen.
+    bool is_open(std::uint32_t i, glm::ivec3 voxel, int axis, int direction) const {
+        const glm::ivec3 offset = step(axis, direction);
+        const std::uint32_t neighbour = at(voxel + offset);
+        return neighbour == no_particle || is_cut(i, offset);
+    }
+
+private:
+    using Frame = std::array<glm::dvec3, 3>;  ///< from one voxel's centre to the next along each axis
+
+    static glm::ivec3 step(int axis, int direction) {
+        glm::ivec3 offset(0);
+        offset[axis] = direction;
+        return offset;
+    }
+
+    std::uint32_t at(glm::ivec3 voxel) const {
+        const glm::ivec3 dims = problem_.lattice.dims;
+        for (int a = 0; a < 3; ++a) {
+            if (voxel[a] < 0 || voxel[a] >= dims[a]) return no_particle;
+        }
+        return at_[(std::size_t(voxel.z) * std::size_t(dims.y) + std::size_t(voxel.y)) * std::size_t(dims.x) +
+                   std::size_t(voxel.x)];
+    }
+
+    /// Whether the springs that the problem has would join particle `i` and an active neighbour, and do not.
+    bool is_cut(std::uint32_t i, glm::ivec3 offset) const {
+        const std::uint32_t bit = bits_[around(offset)];
+        return (problem_.group_bits & bit) != 0 && (problem_.lattice.mask[i] & bit) == 0;
+    }
+
+    glm::dvec3 place(std::uint32_t i) const { return problem_.rest_position[i] + displacement_[i]; }
+
+    /// From differences to the neighbours that a particle has; along an axis where it has none, turned with
+    /// them.
+    Frame frame_of(std::uint32_t i, glm::ivec3 voxel) const {
+        Frame frame;
+        std::array<bool, 3> known{};
+        const glm::dvec3 here = place(i);
+        for (int a = 0; a < 3; ++a) {
+            glm::dvec3 sum(0);
+            int count = 0;
+            for (const int direction : {-1, 1}) {
+                const std::uint32_t j = at(voxel + step(a, direction));
+                if (j == no_particle || is_cut(i, step(a, direction))) continue;
+                sum += double(direction) * (place(j) - here);
+                ++count;
+            }
+            known[std::size_t(a)] = count > 0;
+            if (count > 0) frame[std::size_t(a)] = sum / double(count);
+        }
+        for (std::size_t a = 0; a < 3; ++a) {
+            if (known[a]) continue;
+            const std::size_t b = (a + 1) % 3;
+            const std::size_t c = (a + 2) % 3;
+            glm::dvec3 direction = unit(a);
+            if (known[b] && known[c]) {
+                direction = glm::cross(frame[b], frame[c]);
+            } else if (known[b] || known[c]) {
+                const std::size_t d = known[b] ? b : c;
+                direction = turned_along(direction, unit(d), frame[d]);
+            }
+            frame[a] = scaled(direction, problem_.lattice.spacing[int(a)]);
+            known[a] = true;
+        }
+        return frame;
+    }
+
+    /// The corner of the particle at `voxel` towards `sign`, of the eight voxels around it those that springs
+    /// hold together with it.
+    SurfaceVertex corner(glm::ivec3 voxel, glm::ivec3 sign) const {
+        std::array<std::uint32_t, 8> particle{};
+        const auto place_of = [](unsigned n) { return glm::ivec3(n & 1, n >> 1 & 1, n >> 2); };
+        for (unsigned n = 0; n < 8; ++n) particle[n] = at(voxel + sign * place_of(n));
+        unsigned inside = 1;
+        for (unsigned reached = 1; reached != 0;) {
+            unsigned next = 0;
+            for (unsigned from = 0; from < 8; ++from) {
+                if ((reached >> from & 1) == 0) continue;
+                for (unsigned to = 0; to < 8; ++to) {
+                    if ((inside >> to & 1) != 0 || particle[to] == no_particle) continue;
+                    const std::uint32_t bit = bits_[around(sign * (place_of(to) - place_of(from)))];
+                    if ((problem_.lattice.mask[particle[from]] & bit) != 0) next |= 1U << to;
+                }
+            }
+            inside |= next;
+            reached = next;
+        }
+
+        // Where edges of the block of eight centres cross the surface, on average; (0, 0, 0) is the centre of
+        // i.
+        glm::dvec3 crossing(0);
+        int crossings = 0;
+        for (unsigned n = 0; n < 8; ++n) {
+            for (unsigned a = 0; a < 3; ++a) {
+                const unsigned other = n | 1U << a;
+                if (other == n || (inside >> n & 1) == (inside >> other & 1)) continue;
+                crossing += (glm::dvec3(place_of(n)) + glm::dvec3(place_of(other))) / 2.0;
+                ++crossings;
+            }
+        }
+        crossing = crossings == 0 ? glm::dvec3(0.5) : crossing / double(crossings);
+
+        SurfaceVertex vertex;
+        double count = 0;
+        for (unsigned n = 0; n < 8; ++n) {
+            if ((inside >> n & 1) == 0) continue;
+            const Frame frame = frame_of(particle[n], voxel + sign * place_of(n));
+            const glm::dvec3 offset = glm::dvec3(sign) * (crossing - glm::dvec3(place_of(n)));
+            vertex.position +=
+                place(particle[n]) + frame[0] * offset.x + frame[1] * offset.y + frame[2] * offset.z;
+            vertex.value += value_[particle[n]];
+            ++count;
+        }
+        vertex.position /= count;
+        vertex.value /= count;
+        return vertex;
+    }
+
+    /// How active voxels thin out around a corner, at rest: outwards, over the 64 voxels nearest to it.
+    glm::dvec3 slope(glm::ivec3 voxel, glm::ivec3 sign) const {
+        // Voxels at -3/2, -1/2, 1/2 and 3/2 along each axis; binomial weights, and their differences.
+        constexpr std::array<double, 4> weight = {1, 3, 3, 1};
+        constexpr std::array<double, 4> change = {-1, -1, 1, 1};
+        const glm::ivec3 first = voxel + (sign - glm::ivec3(1)) / 2 - glm::ivec3(1);
+        glm::dvec3 sum(0);
+        for (int z = 0; z < 4; ++z) {
+            for (int y = 0; y < 4; ++y) {
+                for (int x = 0; x < 4; ++x) {
+                    if (at(first + glm::ivec3(x, y, z)) == no_particle) continue;
+                    const auto [wx, wy, wz] =
+                        std::array{weight[std::size_t(x)], weight[std::size_t(y)], weight[std::size_t(z)]};
+                    sum -= glm::dvec3(change[std::size_t(x)] * wy * wz, wx * change[std::size_t(y)] * wz,
+                                      wx * wy * change[std::size_t(z)]);
+                }
+            }
+        }
+        return sum / problem_.lattice.spacing;
+    }
+
+    /// A normal at rest as the deformation carries it along: by the cofactors of its gradient.
+    glm::dvec3 carried(const Frame& frame, glm::dvec3 normal) const {
+        const glm::dvec3 spacing = problem_.lattice.spacing;
+        const std::array<glm::dvec3, 3> gradient = {frame[0] / spacing.x, frame[1] / spacing.y,
+                                                    frame[2] / spacing.z};
+        return scaled(glm::cross(gradient[1], gradient[2]) * normal.x +
+                          glm::cross(gradient[2], gradient[0]) * normal.y +
+                          glm::cross(gradient[0], gradient[1]) * normal.z,
+                      1);
+    }
+
+    const Problem& problem_;
+    std::span<const glm::dvec3> displacement_;
+    std::span<const double> value_;
+    std::vector<std::uint32_t> at_;
+    std::array<std::uint32_t, 27> bits_ = bits_by_offset();
+};
+
+}  // namespace
+
+std::vector<SurfaceVertex> surface_of(const Problem& problem, std::span<const glm::dvec3> displacement,
+                                      std::span<const double> value) {
+    const Lattice& lattice = problem.lattice;
+    if (lattice.voxel.size() != problem.particle_count()) {
+        throw std::runtime_error("a network that lies on no lattice has no surface to draw");
+    }
+    for (std::size_t i = 0; i < displacement.size(); ++i) {
+        for (int a = 0; a < 3; ++a) {
+            if (std::isfinite(displacement[i][a])) continue;
+            throw std::runtime_error("the displacement of particle " + std::to_string(i) +
+                                     " is not finite: there is no body to draw");
+        }
+    }
+    const Body body(problem, displacement, value);
+    std::vector<SurfaceVertex> vertices;
+    for (std::size_t n = 0; n < problem.particle_count(); ++n) {
+        const auto i = std::uint32_t(n);
+        // A voxel whose face springs are all there has no open face.
+        if ((lattice.mask[n] & FACE_BITS) == FACE_BITS) continue;
+        const glm::ivec3 voxel = lattice.coordinates(lattice.voxel[n]);
+        for (int axis = 0; axis < 3; ++axis) {
+            for (const int direction : {-1, 1}) {
+                if (!body.is_open(i, voxel, axis, direction)) continue;
+                const auto face = body.face(i, voxel, axis, direction);
+                vertices.insert(vertices.end(), face.begin(), face.end());
+            }
+        }
+        if (vertices.size() > 4 * most_faces) {
+            throw std::runtime_error("the surface has more than " + std::to_string(most_faces) +
+                                     " faces, too many to draw");
+        }
+    }
+    return vertices;
+}
+
+}  // namespace voxspring

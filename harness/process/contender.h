@@ -1,0 +1,87 @@
+// A backend that a study runs a scene on, in a process of its own.
+#pragma once
+
+#include <chrono>
+#include <exception>
+#include <functional>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/process/journal.h"
+#include "harness/process/worker.h"
+#include "harness/scene/scene.h"
+
+namespace voxspring {
+
+/// What a kind of study does with one backend, in the backend's process.
+class Task {
+public:
+    Task() = default;
+    Task(const Task&) = delete;
+    Task& operator=(const Task&) = delete;
+    virtual ~Task() = default;
+    virtual nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post& post) = 0;
+};
+/// Called in the backend's process.
+using MakeTask = std::function<std::unique_ptr<Task>(const BackendSpec&)>;
+
+/// Ctrl-C was pressed: nothing further is begun.
+class Interrupted : public std::exception {
+public:
+    const char* what() const noexcept override { return "interrupted"; }
+};
+
+/// One of a scene's. Its process is started by the first question that the journal has no answer to.
+class Contender {
+public:
+    /// `scene` must outlive it.
+    Contender(BackendSpec spec, const Scene& scene, MakeTask make_task, Record record,
+              std::chrono::duration<double> timeout);
+
+    const BackendSpec& spec() const { return spec_; }
+    /// What is finished of it.
+    Record& record() { return record_; }
+
+    /// Constructs the backend, unless the journal has what that gave: its `capabilities`, `unsupported`
+    /// (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
+    nlohmann::json introduce();
+    /// Of the backend that it has been introduced with.
+    const nlohmann::json& capabilities() const { return record_.find("introduction")->at("capabilities"); }
+    /// Asks its task. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
+    /// device is not the one that the journal knows.
+    nlohmann::json ask(const nlohmann::json& question, const std::string& doing, const Post& on_news = {});
+    /// Measures the device's limits on a backend of its own, unless `record` has them. Throws as ask() does.
+    DeviceLimits measure_limits(Record record);
+
+    std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
+
+private:
+    void start();
+
+    BackendSpec spec_;
+    const Scene& scene_;
+    MakeTask make_task_;
+    Record record_;
+    std::chrono::duration<double> timeout_;
+    std::unique_ptr<Worker> process_;
+};
+
+/// Calls `action`, which is about one contender. Why it failed; nothing if it did not or was interrupted
+/// (which is to go on when the study is resumed). Throws what is not the contender's fault: BadInput,
+/// Unwritten.
+std::optional<std::string> failure_of(const std::function<void()>& action);
+
+nlohmann::json to_json(const Capabilities& capabilities);
+Capabilities capabilities_of(const nlohmann::json& json);
+
+/// What `look` says of a backend, which is constructed for that in a process of its own. Throws as
+/// Worker::ask() does.
+nlohmann::json look_at(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look,
+                       std::chrono::duration<double> timeout);
+
+}  // namespace voxspring

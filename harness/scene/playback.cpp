@@ -1,0 +1,68 @@
+#include "harness/scene/playback.h"
+
+#include <algorithm>
+
+namespace voxspring {
+
+Playback::Playback(const Scene& scene) : scene_(scene) {
+    if (!scene.edits.empty()) edited_ = scene.problem;
+}
+
+void Playback::restart() {
+    step_ = 0;
+    next_ = 0;
+    if (!edited_) return;
+    edited_->lattice.mask = scene_.problem.lattice.mask;
+    edited_->springs = scene_.problem.springs;
+}
+
+std::string Playback::unsupported(const Backend& backend) {
+    std::string reason = backend.unsupported(scene_.problem);
+    restart();
+    for (const ScheduledEdit& scheduled : scene_.edits) {
+        if (!reason.empty()) break;
+        apply(*edited_, scheduled.edit);
+        // No other edit asks for what the scene did not ask for at its start.
+        if (!scheduled.edit.leaves_lattice()) continue;
+        reason = backend.unsupported(*edited_);
+        if (!reason.empty()) reason += " (edit after step " + std::to_string(scheduled.step) + ")";
+    }
+    return reason;
+}
+
+void Playback::rewind(Backend& backend) {
+    restart();
+    backend.upload(scene_.problem, scene_.state);
+}
+
+void Playback::run(Backend& backend, int steps, const Edit& edit) {
+    const int end = step_ + steps;
+    for (; next_ < scene_.edits.size() && scene_.edits[next_].step < end; ++next_) {
+        const ScheduledEdit& scheduled = scene_.edits[next_];
+        backend.step(scheduled.step - step_);
+        step_ = scheduled.step;
+        apply(*edited_, scheduled.edit);
+        if (edit) {
+            edit(*edited_, scheduled.edit);
+        } else {
+            backend.edit(*edited_, scheduled.edit);
+        }
+    }
+    backend.step(end - step_);
+    step_ = end;
+}
+
+int Playback::edits_within(int steps) const {
+    return int(std::count_if(scene_.edits.begin(), scene_.edits.end(),
+                             [=](const ScheduledEdit& scheduled) { return scheduled.step < steps; }));
+}
+
+Problem problem_after(const Scene& scene, int steps) {
+    Problem problem = scene.problem;
+    for (const ScheduledEdit& scheduled : scene.edits) {
+        if (scheduled.step < steps) apply(problem, scheduled.edit);
+    }
+    return problem;
+}
+
+}  // namespace voxspring

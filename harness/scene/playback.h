@@ -1,0 +1,48 @@
+// A scene on a backend: its steps, with its edits between them.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "backends/backend.h"
+#include "harness/scene/scene.h"
+
+namespace voxspring {
+
+/// Plays a scene on one backend at a time.
+class Playback {
+public:
+    /// The scene must outlive it.
+    explicit Playback(const Scene& scene);
+
+    /// Empty, or why `backend` cannot run the scene from its first edit to its last.
+    std::string unsupported(const Backend& backend);
+
+    /// Uploads the scene's state at step 0.
+    void rewind(Backend& backend);
+    /// Goes on from the last rewind() by `steps` steps and the edits due before them. Asynchronous, as step()
+    /// is. `edit` takes the place of Backend::edit() where somebody has to watch.
+    using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;
+    void run(Backend& backend, int steps, const Edit& edit = {});
+
+    /// The problem as the edits up to here left it.
+    const Problem& problem() const { return edited_ ? *edited_ : scene_.problem; }
+
+    /// Edits due within the first `steps` steps.
+    int edits_within(int steps) const;
+
+private:
+    void restart();
+
+    const Scene& scene_;
+    std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty where a scene has none
+    std::size_t next_ = 0;           ///< edit
+    int step_ = 0;
+};
+
+/// The scene's problem as the edits within its first `steps` steps leave it.
+Problem problem_after(const Scene& scene, int steps);
+
+}  // namespace voxspring

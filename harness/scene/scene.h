@@ -1,0 +1,62 @@
+// A scene: what is simulated, from which state, with which time step. harness/scenes/README.md describes the
+// file format, results/scene.schema.json publishes it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "backends/physics/edit.h"
+#include "backends/physics/problem.h"
+#include "harness/volume/dataset.h"
+
+namespace voxspring {
+
+/// A change of springs after `step` steps.
+struct ScheduledEdit {
+    int step = 0;
+    SpringEdit edit;
+};
+
+struct Scene {
+    /// What result rows call it: the built-in name or a scene file's stem, with "@W x H x D" (no blanks) or
+    /// "@N" where the argument resized it; a volume's file name. Has no '/'.
+    std::string name;
+    std::string description;  ///< one sentence; may be empty
+    Problem problem;
+    State state;  ///< at step 0
+    /// By step; each one's springs are those that the edits before it left.
+    std::vector<ScheduledEdit> edits;
+    /// The largest stable time step for small displacements (stability.h), with the springs that edits add;
+    /// infinite where nothing oscillates.
+    double stable_time_step = 0;
+};
+
+/// `argument` is a built-in scene ("box"), a scene file (*.json) or a volume file (*.nii, *.nii.gz, *.nrrd),
+/// which is simulated with the parameters of the built-in scene `heart`. "@N" or "@WxHxD" after a built-in
+/// name or a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
+///
+/// Throws BadInput. Allocates in proportion to what was really read and never beyond `limits`.
+Scene load_scene(const std::string& argument, const Limits& limits = Limits::of_this_machine());
+
+/// The scene that the JSON `text` describes. `file` is what messages name and what a volume's path is
+/// relative to; its stem is the scene's name.
+Scene parse_scene(const std::string& text, const std::string& file, const Limits& limits);
+
+/// The scene of a problem that was built in memory, without edits. `state` is empty for one at rest. A time
+/// step of 0 becomes half of the stable one. Throws std::invalid_argument, saying what, where a name has a
+/// '/' or a blank, an array is neither empty, where it may be, nor of one element a particle, or a number or
+/// an index is out of its range.
+Scene scene_of(std::string name, Problem problem, State state = {});
+
+/// The problem with every spring that an edit of the scene ever adds beyond its lattice: what limits the time
+/// step.
+Problem with_all_springs(const Scene& scene);
+
+struct BuiltinScene {
+    std::string name;
+    std::string description;
+};
+/// By name.
+std::vector<BuiltinScene> builtin_scenes();
+
+}  // namespace voxspring

@@ -1,0 +1,356 @@
+#include "harness/scene/scene_file.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <string_view>
+
+#include "harness/base/bad_input.h"
+#include "harness/base/schema_versions.h"
+#include "harness/volume/dataset.h"
+
+namespace voxspring {
+namespace {
+
+constexpr std::array<SpringGroup, 3> all_groups = {SpringGroup::face, SpringGroup::edge, SpringGroup::corner};
+
+constexpr int most_edit_steps = 1'000'000'000;
+constexpr int most_edits = 1'000;
+constexpr std::size_t most_triangles = 100'000;
+constexpr std::size_t most_pairs = 100'000;
+
+constexpr std::string_view accepted_regions =
+    R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
+    R"(or {"voxel": [x, y, z]})";
+
+double positive(const JsonValue& value) { return value.number(smallest_quantity, largest_quantity); }
+
+glm::dvec3 vector(const JsonValue& value) { return value.vec3(largest_quantity); }
+
+/// Three whole numbers within [low, high].
+glm::ivec3 voxel_triple(const JsonValue& value, int low, int high) {
+    const std::vector<JsonValue> list = value.array(3, 3);
+    return {int(list[0].integer(low, high)), int(list[1].integer(low, high)),
+            int(list[2].integer(low, high))};
+}
+
+DatasetSpec read_dataset(JsonObject object) {
+    DatasetSpec dataset;
+    const std::string type =
+        object.require("type", "box, heart or volume").one_of({"box", "heart", "volume"});
+    if (type == "volume") {
+        dataset.type = DatasetType::volume;
+        dataset.file_source = object.require("file", "the path of a volume file");
+        dataset.file = dataset.file_source->string();
+        const auto threshold = object.find("threshold");
+        const auto labels = object.find("labels");
+        if (threshold) dataset.threshold = threshold->number(-largest_quantity, largest_quantity);
+        if (threshold && labels) labels->refuse("either a threshold or labels, not both");
+        if (labels) {
+            dataset.labels.emplace();
+            for (const JsonValue& label : labels->array(1, most_labels)) {
+                const std::int64_t number = label.integer(-largest_label, largest_label);
+                if (std::find(dataset.labels->begin(), dataset.labels->end(), number) !=
+                    dataset.labels->end()) {
+                    label.refuse("each label once");
+                }
+                dataset.labels->push_back(number);
+            }
+        }
+    } else {
+        dataset.type = type == "box" ? DatasetType::box : DatasetType::heart;
+        dataset.dims = voxel_triple(object.require("dims", "voxels along x, y and z"), 1, longest_side);
+    }
+    object.finish();
+    return dataset;
+}
+
+std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
+    std::vector<SpringGroup> groups;
+    for (const JsonValue& element : value.array(1, all_groups.size())) {
+        const std::string name = element.one_of({"face", "edge", "corner"});
+        for (const SpringGroup group : all_groups) {
+            if (to_string(group) != name) continue;
+            if (std::find(groups.begin(), groups.end(), group) != groups.end())
+                element.refuse("each spring group once");
+            groups.push_back(group);
+        }
+    }
+    return groups;
+}
+
+/// The label that `key` spells, as JSON spells a whole number.
+std::optional<std::int64_t> parse_label(const std::string& key) {
+    std::int64_t label = 0;
+    const char* end = key.data() + key.size();
+    const auto [stop, error] = std::from_chars(key.data(), end, label);
+    if (error != std::errc() || stop != end || std::to_string(label) != key) return std::nullopt;
+    return label >= -largest_label && label <= largest_label ? std::optional(label) : std::nullopt;
+}
+
+Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
+    Parameter parameter;
+    parameter.source = value;
+    const std::string accepted = groups_allowed
+                                     ? "a number, or an object with one number a spring group or one a label"
+                                     : "a number, or an object with one number a label";
+    if (value.is_number()) {
+        parameter.everywhere = positive(value);
+        return parameter;
+    }
+    if (!value.is_object()) value.refuse(accepted);
+    for (const auto& [key, element] : value.object().items()) {
+        const auto group = std::find_if(all_groups.begin(), all_groups.end(),
+                                        [&name = key](SpringGroup g) { return to_string(g) == name; });
+        if (groups_allowed && group != all_groups.end()) {
+            parameter.by_group[*group] = positive(element);
+        } else if (const auto label = parse_label(key)) {
+            parameter.by_label[*label] = positive(element);
+        } else {
+            throw BadInput(value.file(), value.path(), "the key \"" + key + "\"", accepted);
+        }
+    }
+    if (parameter.by_group.empty() == parameter.by_label.empty()) value.refuse(accepted);
+    return parameter;
+}
+
+/// The region whose keys `object` has, if it has any; it may have others, which the caller asks for.
+std::optional<Region> find_region(JsonObject& object) {
+    Region region{.source = object.value()};
+    const auto side = object.find("side");
+    const auto slices = object.find("slices");
+    const auto fraction = object.find("fraction");
+    const auto voxel = object.find("voxel");
+    const auto from = object.find("from");
+    const auto to = object.find("to");
+    if (!side && !slices && !fraction && !voxel && !from && !to) return std::nullopt;
+    if (int(side.has_value()) + int(voxel.has_value()) + int(from.has_value()) != 1 ||
+        from.has_value() != to.has_value() || (slices && fraction) || ((slices || fraction) && !side)) {
+        object.value().refuse(accepted_regions);
+    }
+    if (side) {
+        const std::string name = side->one_of({"x-", "x+", "y-", "y+", "z-", "z+"});
+        region.at_side = true;
+        region.axis = name[0] - 'x';
+        region.upper = name[1] == '+';
+        if (slices) region.slices = int(slices->integer(1, longest_side));
+        if (fraction) region.fraction = fraction->number(smallest_quantity, 1);
+    } else if (voxel) {
+        region.from = region.to = voxel_triple(*voxel, 0, longest_side - 1);
+    } else {
+        region.from = voxel_triple(*from, 0, longest_side - 1);
+        region.to = voxel_triple(*to, 0, longest_side - 1);
+    }
+    return region;
+}
+
+Region read_region(JsonObject& object) {
+    std::optional<Region> region = find_region(object);
+    if (!region) object.value().refuse(accepted_regions);
+    return *std::move(region);
+}
+
+Region read_region_alone(const JsonValue& value) {
+    JsonObject object = value.object();
+    Region region = read_region(object);
+    object.finish();
+    return region;
+}
+
+InitialField read_initial_field(const JsonValue& value) {
+    InitialField field;
+    if (value.is_array()) {
+        field.vector = vector(value);
+        return field;
+    }
+    const std::string accepted =
+        R"([x, y, z], {"vector": [x, y, z]} or {"random": AMPLITUDE, "seed": NUMBER}, to either a region)";
+    if (!value.is_object()) value.refuse(accepted);
+    JsonObject object = value.object();
+    const auto same = object.find("vector");
+    const auto amplitude = object.find("random");
+    if (same.has_value() == amplitude.has_value()) value.refuse(accepted);
+    if (same) {
+        field.vector = vector(*same);
+    } else {
+        field.amplitude = positive(*amplitude);
+        field.seed =
+            std::uint64_t(object.require("seed", "a whole number").integer(0, (std::int64_t{1} << 53) - 1));
+    }
+    field.region = find_region(object);
+    object.finish();
+    return field;
+}
+
+TimeStep read_time_step(const JsonValue& value) {
+    TimeStep time_step;
+    time_step.source = value;
+    if (value.is_number()) {
+        time_step.absolute = positive(value);
+        return time_step;
+    }
+    const std::string accepted =
+        R"(a number, {"fraction_of_stable": NUMBER} or {"fraction_of_limit": NUMBER})";
+    if (!value.is_object()) value.refuse(accepted);
+    JsonObject object = value.object();
+    const auto of_stable = object.find("fraction_of_stable");
+    const auto of_limit = object.find("fraction_of_limit");
+    object.finish();
+    if (of_stable.has_value() == of_limit.has_value()) value.refuse(accepted);
+    time_step.of_limit = of_limit.has_value();
+    time_step.fraction = positive(of_limit ? *of_limit : *of_stable);
+    return time_step;
+}
+
+glm::dvec3 direction(const JsonValue& value) {
+    const glm::dvec3 v = vector(value);
+    if (v == glm::dvec3(0)) value.refuse("a vector that is not zero");
+    return v;
+}
+
+/// The shape that `object` names by one of three keys; nothing if it names none.
+std::optional<Shape> read_shape(JsonObject& object, const std::string& accepted) {
+    const auto plane = object.find("plane");
+    const auto triangles = object.find("triangles");
+    const auto ball = object.find("ball");
+    const int given = int(plane.has_value()) + int(triangles.has_value()) + int(ball.has_value());
+    if (given > 1) object.value().refuse(accepted);
+    if (plane) {
+        JsonObject keys = plane->object();
+        Plane shape{vector(keys.require("point", "[x, y, z]")),
+                    direction(keys.require("normal", "[x, y, z]"))};
+        keys.finish();
+        return shape;
+    }
+    if (triangles) {
+        TrianglePatch shape;
+        for (const JsonValue& triangle : triangles->array(1, most_triangles)) {
+            const std::vector<JsonValue> corners = triangle.array(3, 3);
+            shape.triangles.push_back({vector(corners[0]), vector(corners[1]), vector(corners[2])});
+        }
+        return shape;
+    }
+    if (ball) {
+        JsonObject keys = ball->object();
+        Ball shape{vector(keys.require("centre", "[x, y, z]")), positive(keys.require("radius", "a length"))};
+        keys.finish();
+        return shape;
+    }
+    return {};
+}
+
+EditSpec read_edit(const JsonValue& value) {
+    EditSpec edit{.source = value};
+    JsonObject object = value.object();
+    edit.step = int(object.require("step", "a number of steps").integer(0, most_edit_steps));
+    const auto cut = object.find("cut");
+    const auto suture = object.find("suture");
+    const std::string one_shape = "one of plane, triangles and ball";
+    if (cut.has_value() == suture.has_value()) value.refuse("either a cut or a suture");
+    if (cut) {
+        JsonObject keys = cut->object();
+        edit.shape = read_shape(keys, one_shape);
+        if (!edit.shape) cut->refuse(one_shape);
+        keys.finish();
+    } else {
+        edit.suture = true;
+        JsonObject keys = suture->object();
+        edit.shape = read_shape(keys, one_shape);
+        const auto pairs = keys.find("pairs");
+        const auto within = keys.find("within");
+        if (edit.shape.has_value() == pairs.has_value() || edit.shape.has_value() != within.has_value())
+            suture->refuse("pairs of voxels, or " + one_shape + " with a distance \"within\"");
+        if (within) edit.within = positive(*within);
+        if (pairs) {
+            for (const JsonValue& pair : pairs->array(1, most_pairs)) {
+                const std::vector<JsonValue> ends = pair.array(2, 2);
+                edit.voxels.emplace_back(voxel_triple(ends[0], 0, longest_side - 1),
+                                         voxel_triple(ends[1], 0, longest_side - 1));
+            }
+        }
+        if (const auto stiffness = keys.find("stiffness")) edit.stiffness = positive(*stiffness);
+        keys.finish();
+    }
+    if (const auto repeat = object.find("repeat")) {
+        JsonObject keys = repeat->object();
+        edit.times = int(keys.require("times", "a whole number").integer(1, most_edits));
+        edit.every = int(keys.require("every", "a number of steps").integer(1, most_edit_steps));
+        if (const auto move = keys.find("move")) {
+            if (!edit.shape) move->refuse("a repeat without it: pairs of voxels do not move");
+            edit.move = vector(*move);
+        }
+        keys.finish();
+    }
+    object.finish();
+    return edit;
+}
+
+}  // namespace
+
+std::string to_string(SpringGroup group) {
+    switch (group) {
+        case SpringGroup::face:
+            return "face";
+        case SpringGroup::edge:
+            return "edge";
+        case SpringGroup::corner:
+            return "corner";
+    }
+    return {};
+}
+
+SceneFile read_scene_file(JsonObject document) {
+    SceneFile scene;
+    if (const auto schema = document.find("$schema")) schema->string();
+    check_schema_version(document, scene_schema_version);
+    if (const auto text = document.find("description")) scene.description = text->string();
+    scene.dataset = read_dataset(document.require("dataset", "a box, heart or volume").object());
+    if (const auto groups = document.find("spring_groups")) scene.spring_groups = read_spring_groups(*groups);
+    if (const auto spacing = document.find("spacing")) {
+        if (spacing->is_array()) {
+            const std::vector<JsonValue> list = spacing->array(3, 3);
+            scene.spacing = {positive(list[0]), positive(list[1]), positive(list[2])};
+        } else {
+            scene.spacing = glm::dvec3(positive(*spacing));
+        }
+    }
+    scene.mass.everywhere = 1;
+    scene.stiffness.everywhere = 1;
+    if (const auto mass = document.find("mass")) scene.mass = read_parameter(*mass, false);
+    if (const auto stiffness = document.find("stiffness")) scene.stiffness = read_parameter(*stiffness, true);
+    if (const auto damping = document.find("damping")) {
+        scene.damping = damping->number();
+        if (!(scene.damping >= 0 && scene.damping < 2)) damping->refuse("a number from 0 to below 2");
+    }
+    if (const auto gravity = document.find("gravity")) scene.gravity = vector(*gravity);
+    if (const auto time_step = document.find("time_step")) scene.time_step = read_time_step(*time_step);
+    if (const auto pinned = document.find("pinned")) {
+        if (pinned->is_array()) {
+            for (const JsonValue& region : pinned->array()) scene.pinned.push_back(read_region_alone(region));
+        } else {
+            scene.pinned.push_back(read_region_alone(*pinned));
+        }
+    }
+    if (const auto initial = document.find("initial")) {
+        JsonObject object = initial->object();
+        if (const auto field = object.find("displacement")) scene.displacement = read_initial_field(*field);
+        if (const auto field = object.find("velocity")) scene.velocity = read_initial_field(*field);
+        object.finish();
+    }
+    if (const auto loads = document.find("loads")) {
+        for (const JsonValue& element : loads->array()) {
+            JsonObject object = element.object();
+            Region region = read_region(object);
+            scene.loads.push_back(
+                {std::move(region), vector(object.require("force", "an array of 3 numbers"))});
+            object.finish();
+        }
+    }
+    if (const auto edits = document.find("edits")) {
+        for (const JsonValue& element : edits->array()) scene.edits.push_back(read_edit(element));
+    }
+    document.finish();
+    return scene;
+}
+
+}  // namespace voxspring

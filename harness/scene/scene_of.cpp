@@ -1,0 +1,86 @@
+// A scene of a problem that another program built, which no parser has looked at.
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <glm/vec3.hpp>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "harness/scene/scene.h"
+#include "harness/scene/stability.h"
+
+namespace voxspring {
+namespace {
+
+void require(bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument(std::string("not a scene: ") + what);
+}
+
+bool is_positive(double number) { return std::isfinite(number) && number > 0; }
+
+void check_lattice(const Lattice& lattice, std::size_t particles) {
+    if (lattice.dims == glm::ivec3(0)) {
+        require(lattice.voxel.empty() && lattice.mask.empty(), "it has voxels or masks, but dims of 0");
+        return;
+    }
+    require(lattice.dims.x > 0 && lattice.dims.y > 0 && lattice.dims.z > 0, "dims are not positive");
+    require(
+        is_positive(lattice.spacing.x) && is_positive(lattice.spacing.y) && is_positive(lattice.spacing.z),
+        "the spacing is not positive");
+    require(lattice.voxel.size() == particles, "voxel is not one a particle");
+    require(lattice.mask.size() == particles, "mask is not one a particle");
+    require(std::adjacent_find(lattice.voxel.begin(), lattice.voxel.end(), std::greater_equal<>()) ==
+                lattice.voxel.end(),
+            "voxels do not ascend");
+    require(lattice.voxel.back() < lattice.voxel_count(), "a voxel is outside of its grid");
+}
+
+void check(const Problem& problem) {
+    const std::size_t particles = problem.particle_count();
+    const auto fits = [&](const auto& array) { return array.empty() || array.size() == particles; };
+    require(particles > 0 && particles < no_particle, "it has no particles, or too many");
+    require(fits(problem.material), "material is neither empty nor one a particle");
+    require(fits(problem.pinned), "pinned is neither empty nor one a particle");
+    require(fits(problem.load), "load is neither empty nor one a particle");
+    require(!problem.materials.empty(), "it has no material");
+    for (const Material& material : problem.materials) {
+        require(is_positive(material.mass) && is_positive(material.stiffness),
+                "a mass or a stiffness is not positive");
+    }
+    for (const std::uint8_t material : problem.material)
+        require(material < problem.materials.size(), "a particle is of no material");
+    for (const Spring& spring : problem.springs) {
+        require(spring.first < spring.second && spring.second < particles,
+                "a spring's ends are not two particles, the smaller first");
+        require(is_positive(spring.stiffness), "a spring's stiffness is not positive");
+        require(std::isfinite(spring.rest_length) && spring.rest_length >= 0,
+                "a spring's rest length is negative");
+    }
+    require(problem.damping >= 0 && problem.damping < 2, "damping is not in [0, 2)");
+    check_lattice(problem.lattice, particles);
+}
+
+}  // namespace
+
+Scene scene_of(std::string name, Problem problem, State state) {
+    require(!name.empty() && name.find_first_of("/ \t\n") == std::string::npos,
+            "its name is empty or has a '/' or a blank");
+    check(problem);
+    Scene scene;
+    scene.name = std::move(name);
+    scene.problem = std::move(problem);
+    scene.stable_time_step = stable_time_step(scene.problem);
+    double& time_step = scene.problem.time_step;
+    if (time_step == 0) time_step = scene.stable_time_step / 2;
+    require(is_positive(time_step), "its time step is not positive, or there is none and nothing limits it");
+    scene.state = std::move(state);
+    const std::size_t particles = scene.problem.particle_count();
+    if (scene.state.displacement.empty() && scene.state.increment.empty())
+        scene.state = state_at_rest(scene.problem);
+    require(scene.state.displacement.size() == particles, "displacement is not one a particle");
+    require(scene.state.increment.size() == particles, "increment is not one a particle");
+    return scene;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,206 @@
+#include "harness/scene/stability.h"
+
+#include <Spectra/SymEigsSolver.h>
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <limits>
+#include <random>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+#include "backends/physics/neighbours.h"
+
+namespace voxspring {
+namespace {
+
+Eigen::Matrix3d outer_product(const glm::dvec3& r) {
+    const Eigen::Vector3d column(r.x, r.y, r.z);
+    return column * column.transpose();
+}
+
+double largest_eigenvalue(const Eigen::Matrix3d& symmetric) {
+    return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(symmetric, Eigen::EigenvaluesOnly)
+        .eigenvalues()
+        .maxCoeff();
+}
+
+/// For each particle the matrix sum_j k_ij r r^T of its springs beyond the lattice; empty if there are none.
+std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
+    std::vector<Eigen::Matrix3d> sum;
+    if (problem.springs.empty()) return sum;
+    sum.assign(problem.particle_count(), Eigen::Matrix3d::Zero());
+    for (const Spring& spring : problem.springs) {
+        const glm::dvec3 offset = problem.rest_position[spring.first] - problem.rest_position[spring.second];
+        const double length = glm::length(offset);
+        Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // of a spring without a direction
+        if (length > 0) {
+            const Eigen::Matrix3d along = outer_product(offset / length);
+            const double transverse = std::max(0.0, 1 - spring.rest_length / length);
+            matrix = along + transverse * (Eigen::Matrix3d::Identity() - along);
+        }
+        sum[spring.first] += spring.stiffness * matrix;
+        sum[spring.second] += spring.stiffness * matrix;
+    }
+    return sum;
+}
+
+/// A spring for small displacements: its force is that of `along` on the part of u_i - u_j along `direction`
+/// and of `across` on the rest.
+struct LinearSpring {
+    std::uint32_t first, second;
+    double along, across;
+    Eigen::Vector3d direction;
+};
+
+/// The springs that act on a particle that is not pinned, in units of `stiffness`.
+std::vector<LinearSpring> linear_springs(const Problem& problem, const std::vector<glm::dvec3>& displacement,
+                                         double stiffness) {
+    const double shortest = std::sqrt(problem.shortest_squared());
+    std::vector<LinearSpring> linear;
+    for (const Spring& spring : list_springs(problem)) {
+        if (problem.is_pinned(spring.first) && problem.is_pinned(spring.second)) continue;
+        glm::dvec3 offset = problem.rest_position[spring.first] - problem.rest_position[spring.second];
+        if (!displacement.empty()) offset += displacement[spring.first] - displacement[spring.second];
+        const double length = glm::length(offset);
+        const double k = spring.stiffness / stiffness;
+        // Under the shortest length the force has no direction of its own (spring.h).
+        const double across = k * (1 - spring.rest_length / std::max(length, shortest));
+        const glm::dvec3 r = length < shortest ? glm::dvec3(0) : offset / length;
+        linear.push_back(
+            {spring.first, spring.second, length < shortest ? across : k, across, {r.x, r.y, r.z}});
+    }
+    return linear;
+}
+
+/// M^-1/2 K M^-1/2 with zeros in the rows and columns of pinned particles, as Spectra multiplies with it.
+class Oscillations {
+public:
+    using Scalar = double;
+
+    Oscillations(const Problem& problem, std::vector<LinearSpring> springs)
+        : springs_(std::move(springs)), inverse_root_mass_(problem.particle_count()) {
+        for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+            inverse_root_mass_[Eigen::Index(i)] =
+                problem.is_pinned(i) ? 0 : 1 / std::sqrt(problem.material_of(i).mass);
+        }
+    }
+
+    Eigen::Index rows() const { return 3 * inverse_root_mass_.size(); }
+    Eigen::Index cols() const { return rows(); }
+
+    void perform_op(const double* from, double* to) const {
+        const Eigen::Map<const Eigen::Matrix3Xd> in(from, 3, inverse_root_mass_.size());
+        Eigen::Map<Eigen::Matrix3Xd> out(to, 3, inverse_root_mass_.size());
+        out.setZero();
+        for (const LinearSpring& spring : springs_) {
+            const Eigen::Vector3d apart = in.col(spring.first) * inverse_root_mass_[spring.first] -
+                                          in.col(spring.second) * inverse_root_mass_[spring.second];
+            const double along = (spring.along - spring.across) * spring.direction.dot(apart);
+            const Eigen::Vector3d force = spring.across * apart + along * spring.direction;
+            out.col(spring.first) += force;
+            out.col(spring.second) -= force;
+        }
+        out *= inverse_root_mass_.asDiagonal();
+    }
+
+private:
+    std::vector<LinearSpring> springs_;
+    Eigen::VectorXd inverse_root_mass_;  ///< 0 where pinned
+};
+
+/// Where the iteration starts: neighbours on a lattice against each other, as in its fastest mode, which
+/// saves it half of its steps; and a part of everything else.
+std::vector<double> fast_start(const Problem& problem) {
+    std::vector<double> start(3 * problem.particle_count());
+    std::mt19937_64 generator(1);
+    for (double& component : start) component = std::ldexp(double(generator() >> 11), -54);
+    for (std::size_t i = 0; i < problem.lattice.voxel.size(); ++i) {
+        const glm::ivec3 at = problem.lattice.coordinates(problem.lattice.voxel[i]);
+        // Not by the same amount along x, y and z: their sum might be a mode of a cube, but not the fastest.
+        for (int axis = 0; axis < 3; ++axis)
+            start[3 * i + std::size_t(axis)] += (at[axis] % 2 == 0 ? 1 : -1) * (1 + 0.1 * axis);
+    }
+    return start;
+}
+
+/// Of Lanczos' iteration: vectors that it keeps, what its residual is at the end, and when it gives up.
+constexpr Eigen::Index basis = 20;
+constexpr double residual = 1e-6;
+constexpr int most_restarts = 300;
+/// Beyond these a solution takes minutes.
+constexpr std::size_t most_oscillators = 300'000;
+
+}  // namespace
+
+double frequency_bound_squared(const Problem& problem) {
+    std::array<Eigen::Matrix3d, neighbour_count> along;
+    for (const Direction& direction : directions()) {
+        along[std::size_t(direction.bit)] =
+            outer_product(glm::normalize(glm::dvec3(direction.offset) * problem.lattice.spacing));
+    }
+    const std::vector<Eigen::Matrix3d> beyond = beyond_lattice(problem);
+    // Which particle a neighbour is matters only where materials differ.
+    const std::vector<std::uint32_t> particle =
+        problem.has_materials() ? particle_of_voxel(problem.lattice) : std::vector<std::uint32_t>{};
+    std::unordered_set<std::uint32_t> seen;  // masks, which decide the matrix where nothing else differs
+    const bool by_mask = !problem.has_materials() && beyond.empty();
+
+    double largest = 0;
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        if (problem.is_pinned(i)) continue;
+        const std::uint32_t mask = problem.lattice.mask.empty() ? 0 : problem.lattice.mask[i];
+        if (by_mask && !seen.insert(mask).second) continue;
+        Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+        if (!beyond.empty()) sum = beyond[i];
+        for (const Direction& direction : directions()) {
+            if ((mask >> direction.bit & 1u) == 0) continue;
+            std::size_t neighbour = i;
+            if (problem.has_materials()) {
+                neighbour =
+                    particle[std::size_t(problem.lattice.voxel[i] + problem.lattice.stride(direction))];
+            }
+            sum += problem.spring_stiffness(i, neighbour, direction) * along[std::size_t(direction.bit)];
+        }
+        sum /= problem.material_of(i).mass;
+        // No eigenvalue exceeds the largest row sum, so most particles need no solver.
+        if (sum.cwiseAbs().rowwise().sum().maxCoeff() > largest)
+            largest = std::max(largest, largest_eigenvalue(sum));
+    }
+    return 2 * largest;
+}
+
+Frequency true_frequency_squared(const Problem& problem, const std::vector<glm::dvec3>& displacement) {
+    if (problem.particle_count() > most_oscillators) {
+        return {{},
+                std::to_string(problem.particle_count()) + " particles are more than the " +
+                    std::to_string(most_oscillators) + " for which it is computed"};
+    }
+    const double bound = frequency_bound_squared(problem);
+    if (bound == 0) return {0, {}};
+    Oscillations oscillations(problem, linear_springs(problem, displacement, bound));
+    const Eigen::Index size = oscillations.rows();
+    Spectra::SymEigsSolver<Oscillations> solver(oscillations, 1, std::min<Eigen::Index>(size, basis));
+    solver.init(fast_start(problem).data());
+    solver.compute(Spectra::SortRule::LargestAlge, most_restarts, residual);
+    if (solver.info() != Spectra::CompInfo::Successful) {
+        return {{}, "Lanczos' iteration did not converge in " + std::to_string(most_restarts) + " restarts"};
+    }
+    return {bound * std::max(0.0, solver.eigenvalues()[0]), {}};
+}
+
+double stable_time_step(double frequency_squared, double damping) {
+    if (frequency_squared == 0) return std::numeric_limits<double>::infinity();
+    return 2 / std::sqrt(frequency_squared) * std::sqrt(1 - damping / 2);
+}
+
+double stable_time_step(const Problem& problem) {
+    return stable_time_step(frequency_bound_squared(problem), problem.damping);
+}
+
+}  // namespace voxspring

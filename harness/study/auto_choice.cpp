@@ -1,0 +1,207 @@
+#include "harness/study/auto_choice.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "harness/results/result.h"
+
+namespace voxspring {
+namespace {
+
+constexpr double any_number = std::numeric_limits<double>::infinity();
+constexpr double any_occupancy = 2;
+
+/// OpenGL on the processor says so in its device's name (Capabilities).
+bool is_software(const std::string& device) { return device.ends_with(", software"); }
+
+std::string count_text(std::uint64_t count) {
+    if (count < 1000000) return std::to_string(count);
+    return std::to_string(std::llround(double(count) * 1e-6)) + " million";
+}
+
+std::string said(const Rule& rule, const Workload& workload) {
+    return rule.backend + (rule.tuning.empty() ? "" : ":" + rule.tuning) + ", " + describe(workload) + ": " +
+           rule.reason;
+}
+
+/// "auto:a=b,c=d" with keys that leave the choice open.
+void check_options(const std::string& text) {
+    const auto colon = text.find(':');
+    if (colon == std::string::npos) return;
+    std::istringstream rest(text.substr(colon + 1));
+    for (std::string item; std::getline(rest, item, ',');) {
+        const std::string key = item.substr(0, item.find('='));
+        if (key != "formulation" && key != "precision")
+            throw BadSpecification("backend auto has no parameter '" + key +
+                                   "'; known: precision, formulation");
+    }
+}
+
+std::string options_of(const std::string& text) {
+    const auto colon = text.find(':');
+    return colon == std::string::npos ? "" : text.substr(colon + 1);
+}
+
+}  // namespace
+
+// Which figures a rule rests on stands beside it: results/nvidia-h200 and results/amd-epyc, microseconds a
+// step. fastest_test holds the rules against every results/*/fastest.json: what they take is within 10% of
+// the fastest. After a new measurement change the bounds here until it does. Beside a rule without a figure:
+// no committed result has its backend yet.
+const std::vector<Rule>& rules() {
+    // Bounds that more than one rule shares.
+    constexpr double most_resident = 6e4;  // 512 a multiprocessor of a large card
+    constexpr double sparse = 0.5;         // occupancy under which lists are shorter than a lattice
+    constexpr double least_marched = 6e6;  // particles from which on columns fill a card
+    constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
+    static const std::vector<Rule> list = {
+        // fastest.json: the box of 32^3 0.89 against 2.05 of cuda_implicit_cached:fetch=l1, the heart 1.29
+        // against 2.59 of cuda_explicit_delta. edits.json: an edit lays its tables out anew, 9 ms.
+        {"cuda_resident", "", 0, most_resident, 0, any_occupancy, false,
+         "state stays on the chip from step to step"},
+        // fastest.json: the box of 256^3 168 against 294 of cuda_implicit_cached:fetch=l1, that of 128^3 52
+        // against 45, the heart of 480x408x368 409 against 283 of cuda_explicit_delta. edits.json: an edit
+        // lays its plan out anew, 0.35 ms on the box of 32^3.
+        {"cuda_march", "", least_marched, any_number, sparse, any_occupancy, false,
+         "each thread marches along a column and reads a particle once"},
+        {"cuda_explicit_delta", "", 0, any_number, 0, sparse, true,
+         "compressed lists of active particles alone"},
+        // table1.json: the heart 2.69 against 3.39 of cuda_implicit_cached, the box of 32^3 2.61
+        // against 2.46.
+        {"cuda_explicit_cached_grid", "", fits_one_wave, 1e5, 0, sparse, true,
+         "lists of active particles alone"},
+        // figure8.json: the box of 8^3 1.74 against 1.79 of cuda_implicit_cached:fetch=l1, 16^3 2.03 against
+        // 1.86, 32^3 2.52 against 2.05.
+        {"cuda_explicit_cached_grid", "fetch=l1", 0, fits_one_wave, 0, any_occupancy, true,
+         "a step is hardly more than a launch, and lists compute no address"},
+        // figure8.json: the box of 32^3 2.05, the fastest with a launch a step; 48^3 5.08 against 4.35 of
+        // cuda_explicit_cached_grid:fetch=l1, 64^3 7.15 against 6.85 of cuda_explicit_delta, 128^3 44.3
+        // against 40.9, 256^3 299 against 323.
+        {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy, true,
+         "a lattice needs no lists, and L1 holds what neighbours share"},
+        // tuning.json: 543 on the box of 256^3 against 1028 of cuda_explicit_cached; both take any springs.
+        {"cuda_explicit_device", "fetch=l1", 0, any_number, 0, any_occupancy, true,
+         "lists, which take springs beyond the lattice"},
+        {"gl_compute_explicit", "", 0, any_number, 0, sparse, true, "lists of active particles alone"},
+        {"gl_compute_implicit", "", 0, any_number, 0, any_occupancy, true, "a lattice needs no lists"},
+        // table1.json: 34.4 against 47.0 of gl_fragment_explicit, the heart 34.6 against 51.9.
+        {"gl_fragment_implicit", "", 0, any_number, 0, any_occupancy, true,
+         "a lattice needs no lists, and the stencil mask skips what is empty"},
+        {"gl_fragment_explicit", "", 0, any_number, 0, any_occupancy, true,
+         "lists, which take springs beyond the lattice"},
+        // amd-epyc/fastest.json: several times the speed of OpenGL on the same processor.
+        {"cpu_parallel", "", 0, any_number, 0, any_occupancy, true, "every core and its registers"},
+        {"cpu_reference", "", 0, any_number, 0, any_occupancy, true,
+         "lists, which take springs beyond the lattice"}};
+    return list;
+}
+
+Workload workload_of(const Scene& scene) {
+    return {scene.problem.lattice.voxel_count(), scene.problem.particle_count(), !scene.edits.empty()};
+}
+
+bool holds(const Rule& rule, const Workload& workload) {
+    const auto particles = double(workload.particles);
+    // A network of springs without a lattice is as sparse as can be.
+    const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
+    return particles >= rule.least_particles && particles < rule.most_particles &&
+           occupancy >= rule.least_occupancy && occupancy < rule.most_occupancy &&
+           (rule.edits || !workload.edited);
+}
+
+std::string describe(const Workload& workload) {
+    if (workload.voxels == 0) return count_text(workload.particles) + " particles without a lattice";
+    if (workload.voxels == workload.particles)
+        return "a full lattice of " + count_text(workload.voxels) + " voxels";
+    return count_text(workload.particles) + " particles in " +
+           std::to_string(std::lround(100 * workload.occupancy())) + "% of " + count_text(workload.voxels) +
+           " voxels";
+}
+
+bool asks_for_auto(const std::string& text) { return text == "auto" || text.starts_with("auto:"); }
+
+void check_auto(const std::string& text) {
+    check_options(text);
+    // cpu_parallel has every formulation and precision that there is.
+    const std::string options = options_of(text);
+    if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
+}
+
+bool may_be_chosen(const BackendSpec& spec, const Backend& backend) {
+    return !spec.entry->name.starts_with("gl_") || !is_software(backend.capabilities().device);
+}
+
+Chosen choose_by_rules(const std::string& text, const Scene& scene,
+                       const std::function<bool(const BackendSpec&)>& takes) {
+    check_auto(text);
+    const Workload workload = workload_of(scene);
+    const std::string options = options_of(text);
+    for (const Rule& rule : rules()) {
+        if (!holds(rule, workload) || registry().count(rule.backend) == 0) continue;
+        const std::string both = options + (options.empty() || rule.tuning.empty() ? "" : ",") + rule.tuning;
+        try {
+            BackendSpec spec = BackendSpec::parse(rule.backend + (both.empty() ? "" : ":" + both));
+            if (takes(spec)) return {std::move(spec), said(rule, workload)};
+        } catch (const BadSpecification&) {
+            // It does not have this formulation or precision.
+        } catch (const Unavailable&) {
+            // Its device is not here.
+        }
+    }
+    throw Unavailable("no backend of this build takes the scene on a device of this machine");
+}
+
+AutoChoice choose_backend(const std::string& text, const Scene& scene,
+                          const std::function<bool(const Backend&)>& accepts) {
+    std::unique_ptr<Backend> backend;
+    Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
+        backend = spec.make();
+        return may_be_chosen(spec, *backend) && accepts(*backend);
+    });
+    return {std::move(chosen), std::move(backend)};
+}
+
+nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nlohmann::json>& rows) {
+    const nlohmann::json& first = rows.front();
+    const std::string scene = first.at("scene"), formulation = first.at("formulation"),
+                      precision = first.at("precision");
+    const Workload workload{first.at("voxels"), first.at("particles"), first.contains("edits")};
+    // A backend that has no row of this kind anywhere does not have the formulation or the precision.
+    std::set<std::string> known, refused;
+    for (const char* list : {"benchmarks", "skipped", "failed"}) {
+        for (const auto& row : result.at(list)) {
+            if (row.at("formulation") != formulation || row.at("precision") != precision) continue;
+            known.insert(row.at("backend"));
+            if (row.contains("reason") && row.at("scene") == scene) refused.insert(row.at("backend"));
+        }
+    }
+    const auto& backends = result.at("context").at("voxspring").at("backends");
+    nlohmann::json choice = {{"name", nullptr}, {"reason", "no rule holds"}, {"times_fastest", nullptr}};
+    for (const Rule& rule : rules()) {
+        if (!holds(rule, workload) || !known.contains(rule.backend) || refused.contains(rule.backend) ||
+            !backends.contains(rule.backend) ||
+            (rule.backend.starts_with("gl_") && is_software(backends.at(rule.backend).at("device"))))
+            continue;
+        choice["reason"] = said(rule, workload);
+        const std::string name = scene + "/" + rule.backend + "/" + formulation + "/" + precision +
+                                 (rule.tuning.empty() ? "" : "/" + rule.tuning);
+        double fastest = any_number, chosen = any_number;
+        for (const auto& row : rows) {
+            const double time = row.at("real_time");
+            fastest = std::min(fastest, time);
+            if (contender_name(row) == name) chosen = std::min(chosen, time);
+        }
+        if (std::isfinite(chosen)) {
+            choice["name"] = name;
+            choice["times_fastest"] = chosen / fastest;
+        }
+        break;
+    }
+    return choice;
+}
+
+}  // namespace voxspring

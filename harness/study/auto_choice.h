@@ -1,0 +1,73 @@
+// `--backend auto`: which backend to take for a dataset on the devices at hand.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/scene/scene.h"
+
+namespace voxspring {
+
+/// What the choice depends on beside the devices.
+struct Workload {
+    std::uint64_t voxels = 0, particles = 0;
+    bool edited = false;  ///< springs are cut or joined between steps
+    double occupancy() const { return double(particles) / double(voxels); }
+};
+Workload workload_of(const Scene& scene);
+
+/// A rule: a backend and the workloads for which it is the fastest that was measured. Bounds are inclusive
+/// below and exclusive above.
+struct Rule {
+    std::string backend;
+    std::string tuning;  ///< "fetch=l1": what is not at its default; empty: nothing
+    double least_particles, most_particles;
+    double least_occupancy, most_occupancy;
+    bool edits;          ///< also where springs are edited
+    std::string reason;  ///< as a user reads it
+};
+/// In the order in which they are asked: the first that holds, and whose backend is here and takes the
+/// problem, decides; OpenGL in software never does. auto_choice.cpp says which results each rests on.
+const std::vector<Rule>& rules();
+bool holds(const Rule& rule, const Workload& workload);
+
+/// "a full lattice of 134 million voxels", "29449 particles, 21% of 140760 voxels".
+std::string describe(const Workload& workload);
+
+/// What `--backend auto` takes.
+struct Chosen {
+    BackendSpec spec;
+    std::string reason;  ///< "cuda_march:fetch=l1, a full lattice ...: threads that march along columns ..."
+};
+struct AutoChoice : Chosen {
+    std::unique_ptr<Backend> backend;
+};
+
+/// Whether `text` asks for a choice: "auto" or "auto:...".
+bool asks_for_auto(const std::string& text);
+/// The choice that `text`, "auto[:formulation=...,precision=...]", leaves to the rules on this machine.
+/// `accepts` says whether a backend can run the scene (Playback::unsupported). Throws BadSpecification for
+/// other keys, and Unavailable if no backend of this build takes the scene.
+AutoChoice choose_backend(const std::string& text, const Scene& scene,
+                          const std::function<bool(const Backend&)>& accepts);
+/// The same where nothing is to be constructed here: `takes` says of a backend whether it is available, may
+/// be chosen and takes the scene.
+Chosen choose_by_rules(const std::string& text, const Scene& scene,
+                       const std::function<bool(const BackendSpec&)>& takes);
+/// Whether the rules may choose what is constructed here: OpenGL in software never is.
+bool may_be_chosen(const BackendSpec& spec, const Backend& backend);
+/// Checks what follows "auto". Throws BadSpecification.
+void check_auto(const std::string& text);
+
+/// The choice on the devices of a measured result, for the dataset that `rows`, medians of one scene,
+/// formulation and precision, are of: `name` of the chosen row, `reason`, and how many times the time of the
+/// fastest row it takes (`times_fastest`). `name` and `times_fastest` are null where what the rules take was
+/// not measured.
+nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nlohmann::json>& rows);
+
+}  // namespace voxspring

@@ -1,0 +1,105 @@
+#include "harness/study/selection.h"
+
+#include <fnmatch.h>
+
+#include <algorithm>
+#include <iterator>
+#include <optional>
+#include <set>
+#include <utility>
+
+namespace voxspring {
+namespace {
+
+/// `options` with each value that `entry` has in the place of formulation=* and precision=*.
+std::vector<std::string> each_of(const BackendEntry& entry, const std::string& options) {
+    std::vector<std::string> all = {options};
+    const auto replace = [&](const std::string& key, const auto& values) {
+        std::vector<std::string> replaced;
+        for (const std::string& one : all) {
+            const auto at = one.find(key + "=*");
+            if (at == std::string::npos) {
+                replaced.push_back(one);
+                continue;
+            }
+            for (const auto value : values) {
+                replaced.push_back(one);
+                replaced.back().replace(at + key.size() + 1, 1, to_string(value));
+            }
+        }
+        all = std::move(replaced);
+    };
+    replace("formulation", entry.formulations);
+    replace("precision", entry.precisions);
+    return all;
+}
+
+}  // namespace
+
+bool matches(const std::string& glob, const std::string& text) {
+    return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
+}
+
+std::vector<BackendSpec> expand(const std::string& pattern) {
+    const auto colon = pattern.find(':');
+    const std::string glob = pattern.substr(0, colon);
+    const std::string options = colon == std::string::npos ? "" : pattern.substr(colon);
+    std::vector<BackendSpec> specs;
+    std::optional<BadSpecification> refusal;
+    for (const auto& [name, entry] : registry()) {
+        if (!matches(glob, name)) continue;
+        try {
+            for (const std::string& one : each_of(entry, options))
+                specs.push_back(BackendSpec::parse(name + one));
+        } catch (const BadSpecification& error) {
+            if (!refusal) refusal = error;
+        }
+    }
+    if (specs.empty() && refusal) throw BadSpecification(*refusal);
+    return specs;
+}
+
+bool matches_left_out(const std::string& pattern) {
+    const std::string glob = pattern.substr(0, pattern.find(':'));
+    return std::any_of(left_out().begin(), left_out().end(),
+                       [&](const auto& backend) { return matches(glob, backend.first); });
+}
+
+std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns) {
+    std::vector<BackendSpec> specs;
+    std::set<std::string> seen;
+    for (const std::string& pattern : patterns) {
+        for (BackendSpec& spec : expand(pattern)) {
+            if (seen.insert(spec.label()).second) specs.push_back(std::move(spec));
+        }
+    }
+    return specs;
+}
+
+std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs) {
+    if (globs.empty()) return specs;
+    std::vector<BackendSpec> kept;
+    for (const std::string& glob : globs) {
+        const auto wanted = [&](const BackendSpec& spec) {
+            return matches(glob, spec.entry->name) || matches(glob, spec.label());
+        };
+        std::vector<BackendSpec> found;
+        std::copy_if(specs.begin(), specs.end(), std::back_inserter(found), wanted);
+        if (found.empty()) found = expand(glob);
+        for (BackendSpec& spec : found) {
+            const std::string label = spec.label();
+            if (std::none_of(kept.begin(), kept.end(), [&](const auto& k) { return k.label() == label; })) {
+                kept.push_back(std::move(spec));
+            }
+        }
+    }
+    return kept;
+}
+
+std::string registered_names() {
+    std::string names;
+    for (const auto& [name, entry] : registry()) names += (names.empty() ? "" : ", ") + name;
+    return names;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,60 @@
+// The ends of what can be simulated: what a backend does at rest, at the limit of stability, under large and
+// degenerate displacements, over long runs, and how far it is from float64 there.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "harness/study/suite.h"
+
+namespace voxspring {
+
+/// How long the suite runs and how large its scenes are. `full`: what its gates were measured at, seconds on
+/// a GPU or all cores. `brief`: a tenth of the steps, for an oracle or a renderer in software. `shortest`: a
+/// test's, on boxes of 8^3.
+enum class StressLengths : std::uint8_t { full, brief, shortest };
+
+/// float64 states that errors are taken against, each computed once: formulation `increment` on cpu_parallel.
+class StressReferences {
+public:
+    /// `steps` after rest. `name` says which problem it is.
+    const State& of(const std::string& name, const Problem& problem, int steps);
+
+    /// Where those are computed in another process, each is posted to this one, whose hear() keeps it.
+    void post_to(const Post& post) { post_ = post; }
+    void hear(const nlohmann::json& news);
+
+private:
+    std::map<std::string, State> states_;
+    Post post_;
+};
+
+/// Runs the suite on a backend:
+///
+/// | part | | measured |
+/// | --- | --- | --- |
+/// | 1 | unloaded at rest, damping 0, 0.01 and 0.1 | displacement |
+/// | 2 | 0.999 and 1.005 of the true limit, damping 0 to 1 | growth of a start of 0.001 spacings |
+/// | 3 | random start of +-0.3 spacings, undamped, 0.577 of the limit | least, largest energy over start |
+/// | 4 | random start of +-1 spacing, damping 0.01 | energy over that of the start |
+/// | 5 | two coincident, two swapped particles, damping 0.05 | displacement in the end |
+/// | 6 | NaN in a particle that no spring joins | others that are not the same to the bit |
+/// | 7 | a rope, a free particle far from the origin, stiffnesses 1 and 1e6 | error against float64 |
+/// | 8 | skipping of terms and of tiles at rest | particles not the same to the bit without it |
+/// | 9 | box, damped beam and heart; static box; small time steps | error against float64 |
+/// | 9 | momentum of a long run | sum over sum of sizes |
+///
+/// A gate holds for every formulation where the model itself demands it; where it is about rounding, for
+/// `increment` and `compensated`, and for the others the figure is recorded alone. Lists by name: `stress`,
+/// one row a measurement; `skipped`; and `failed`, which every gate that does not hold is in.
+void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
+                StressReferences& references, const Once& once);
+
+/// A line a measurement, scene and backend, with the figures of all formulations.
+void print_stress(const nlohmann::json& result, std::ostream& out);
+
+}  // namespace voxspring

@@ -1,0 +1,65 @@
+#include "harness/verification/errors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <glm/geometric.hpp>
+
+namespace voxspring {
+
+nlohmann::json number_or_null(double value) {
+    return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
+}
+
+namespace {
+
+/// The error that `spec` asks for. What sleeps stands still where it would have moved by less than `sleep`
+/// spacings a step: that much a step it may fall behind.
+double error_asked_for(const Problem& problem, const BackendSpec& spec, int steps) {
+    const auto sleep = spec.options.tuning.find("sleep");
+    if (sleep == spec.options.tuning.end() || sleep->second == "off") return 0;
+    const glm::dvec3 spacing = problem.lattice.spacing;
+    return steps * std::stod(sleep->second) * std::min({spacing.x, spacing.y, spacing.z});
+}
+
+}  // namespace
+
+Comparison judge(const Truth& truth, const State& state, const BackendSpec& spec) {
+    Comparison comparison =
+        compare(truth.problem, state, truth.same_step, spec.options.precision, truth.steps,
+                spec.options.formulation, error_asked_for(truth.problem, spec, truth.steps));
+    if (truth.chaos.chaotic() && comparison.finite) comparison.reason.clear();
+    return comparison;
+}
+
+nlohmann::json no_error_fields(const Truth& truth) {
+    nlohmann::json fields = {
+        {"chaotic", truth.chaos.chaotic()}, {"divergence", nullptr}, {"total_error_reason", nullptr}};
+    for (const char* field : {"error_relative_l2", "error_max", "worst_particle", "total_error_relative_l2",
+                              "total_error_max", "total_error_uncertainty", "momentum_error", "energy_error"})
+        fields[field] = nullptr;
+    if (truth.chaos.divergence) fields["divergence"] = number_or_null(*truth.chaos.divergence);
+    if (!truth.refined.reason.empty()) fields["total_error_reason"] = truth.refined.reason;
+    return fields;
+}
+
+nlohmann::json error_fields(const Truth& truth, const State& state, const Comparison& comparison) {
+    nlohmann::json fields = no_error_fields(truth);
+    fields["error_relative_l2"] = number_or_null(comparison.relative_l2);
+    fields["error_max"] = number_or_null(comparison.max);
+    fields["worst_particle"] = comparison.worst;
+    if (!comparison.finite || state.displacement.size() != truth.same_step.displacement.size()) return fields;
+    if (const auto& exact = truth.refined.displacement; !exact.empty()) {
+        double largest = 0;
+        for (std::size_t i = 0; i < exact.size(); ++i)
+            largest = std::max(largest, glm::length(state.displacement[i] - exact[i]));
+        fields["total_error_relative_l2"] = number_or_null(relative_difference(state.displacement, exact));
+        fields["total_error_max"] = largest;
+        fields["total_error_uncertainty"] = truth.refined.uncertainty;
+    }
+    const Drift drifted = drift(conserved(truth.problem, state), truth.conserved);
+    fields["momentum_error"] = number_or_null(drifted.momentum);
+    fields["energy_error"] = number_or_null(drifted.energy);
+    return fields;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,106 @@
+"""What the project's own sources include: a room includes rooms below it and itself, never one above it."""
+
+import pathlib
+import re
+import tempfile
+import unittest
+
+# From the lowest room to the highest. Rooms of one line may not include each other.
+ROOMS = [
+    ["backends/physics"],
+    ["backends/layout"],
+    ["backends"],
+    ["backends/cpu", "backends/gl", "cuda/kernels"],
+    ["cuda/device"],
+    ["cuda/common"],
+    ["cuda"],
+    ["harness/base"],
+    ["harness/volume"],
+    ["harness/scene"],
+    ["harness/device"],
+    ["harness/verification"],
+    ["harness/results"],
+    ["harness/export"],
+    ["harness/process"],
+    ["harness/study"],
+    ["harness/cli"],
+]
+LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms}
+INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
+
+
+def room_of(path):
+    """The room that a file lies in, by its path from the root; None for a generated header."""
+    for folder in pathlib.PurePosixPath(path).parents:
+        if str(folder) in LEVEL:
+            return str(folder)
+    return None
+
+
+def includes_of(root):
+    """Pairs (file, included file) of all sources below `root`, by their paths from it."""
+    for top in ("backends", "cuda", "harness"):
+        for path in sorted((root / top).rglob("*")):
+            if path.suffix in (".h", ".cpp", ".cu"):
+                for included in INCLUDE.findall(path.read_text()):
+                    beside = path.parent / included
+                    yield (path.relative_to(root).as_posix(),
+                           beside.relative_to(root).as_posix() if beside.exists() else included)
+
+
+def upward(root):
+    """The includes that point up, or sideways, as lines of text."""
+    found = []
+    for source, included in includes_of(root):
+        here, there = room_of(source), room_of(included)
+        if there and here != there and LEVEL[there] >= LEVEL[here]:
+            found.append(f"{source} includes {included}: {there} is not below {here}")
+    return found
+
+
+def circles(root):
+    """Files that include themselves by way of others."""
+    graph = {}
+    for source, included in includes_of(root):
+        graph.setdefault(source, set()).add(included)
+    found, done = [], set()
+
+    def visit(file, path):
+        if file in path:
+            found.append(" -> ".join(path[path.index(file):] + [file]))
+        elif file not in done:
+            for included in sorted(graph.get(file, ())):
+                visit(included, path + [file])
+            done.add(file)
+
+    for source in sorted(graph):
+        visit(source, [])
+    return found
+
+
+class Includes(unittest.TestCase):
+    def test_every_source_lies_in_a_room(self):
+        self.assertEqual([source for source, _ in includes_of(pathlib.Path()) if not room_of(source)], [])
+
+    def test_no_include_points_up(self):
+        self.assertEqual(upward(pathlib.Path()), [])
+
+    def test_no_header_includes_itself(self):
+        self.assertEqual(circles(pathlib.Path()), [])
+
+    def test_finds_an_upward_include_and_a_circle(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            for name, text in {"harness/base/low.h": '#include "harness/cli/high.h"\n',
+                               "harness/cli/high.h": '#include "harness/base/low.h"\n',
+                               "cuda/kernels/a.h": '#include "b.h"\n',
+                               "cuda/kernels/b.h": '#include <map>\n'}.items():
+                (root / name).parent.mkdir(parents=True, exist_ok=True)
+                (root / name).write_text(text)
+            self.assertEqual(upward(root), ["harness/base/low.h includes harness/cli/high.h: harness/cli is not "
+                                            "below harness/base"])
+            self.assertEqual(circles(root), ["harness/base/low.h -> harness/cli/high.h -> harness/base/low.h"])
+
+
+if __name__ == "__main__":
+    unittest.main()
