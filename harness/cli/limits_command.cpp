@@ -1,0 +1,28 @@
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <stdexcept>
+
+#include "backends/registry.h"
+#include "harness/cli/commands.h"
+#include "harness/device/limits.h"
+
+namespace voxspring {
+
+void list_limits(bool json, std::ostream& out) {
+    MeasuredLimits limits;
+    for (const auto& [name, entry] : registry()) {
+        const BackendSpec spec = BackendSpec::parse(name);
+        try {
+            limits.of(spec.make()->capabilities(), [&] { return spec.make()->measure_limits(); });
+        } catch (const std::runtime_error&) {
+            // `voxspring list` says why there is no such device.
+        }
+    }
+    if (json) {
+        out << limits.json().dump(2) << "\n";
+    } else {
+        print_limits(limits.json(), out);
+    }
+}
+
+}  // namespace voxspring

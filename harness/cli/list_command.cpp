@@ -1,0 +1,103 @@
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "backends/registry.h"
+#include "harness/cli/commands.h"
+#include "harness/scene/scene.h"
+#include "harness/study/study.h"
+
+namespace voxspring {
+namespace {
+
+nlohmann::json describe_backend(const BackendEntry& entry) {
+    nlohmann::json tuning = nlohmann::json::object();
+    for (const auto& [key, values] : entry.tuning) {
+        tuning[key] = values.empty() ? nlohmann::json{"auto", "positive integer"} : nlohmann::json(values);
+    }
+    nlohmann::json described = {{"name", entry.name},
+                                {"summary", entry.summary},
+                                {"formulations", nlohmann::json::array()},
+                                {"precisions", nlohmann::json::array()},
+                                {"tuning", tuning}};
+    for (const Precision precision : entry.precisions)
+        described["precisions"].push_back(to_string(precision));
+    for (const Formulation formulation : entry.formulations)
+        described["formulations"].push_back(to_string(formulation));
+    try {
+        const Capabilities capabilities = BackendSpec::parse(entry.name).make()->capabilities();
+        described["available"] = true;
+        described["api"] = capabilities.api;
+        described["device"] = capabilities.device;
+        described["driver"] = capabilities.driver;
+        described["clock"] = capabilities.clock;
+    } catch (const std::runtime_error& error) {
+        described["available"] = false;
+        described["reason"] = error.what();
+    }
+    return described;
+}
+
+nlohmann::json everything() {
+    nlohmann::json all = {{"backends", nlohmann::json::array()},
+                          {"scenes", nlohmann::json::array()},
+                          {"studies", nlohmann::json::array()}};
+    for (const auto& [name, entry] : registry()) all["backends"].push_back(describe_backend(entry));
+    for (const auto& [name, reason] : left_out()) {
+        all["backends"].push_back(
+            {{"name", name}, {"available", false}, {"reason", "not in this build: " + reason}});
+    }
+    for (const auto& scene : builtin_scenes()) {
+        all["scenes"].push_back({{"name", scene.name}, {"description", scene.description}});
+    }
+    for (const auto& study : builtin_studies()) {
+        all["studies"].push_back({{"name", study.name}, {"description", study.description}});
+    }
+    return all;
+}
+
+/// The strings of a list: "a|b".
+std::string alternatives(const nlohmann::json& list) {
+    std::string text;
+    for (const auto& value : list) text += (text.empty() ? "" : "|") + value.get<std::string>();
+    return text;
+}
+
+void print_backend(const nlohmann::json& backend, std::ostream& out) {
+    out << "  " << backend["name"].get<std::string>() << "\n";
+    if (backend.contains("summary")) out << "      " << backend["summary"].get<std::string>() << "\n";
+    if (backend["available"].get<bool>()) {
+        out << "      available: " << backend["api"].get<std::string>() << ", "
+            << backend["device"].get<std::string>() << "\n";
+    } else {
+        out << "      unavailable: " << backend["reason"].get<std::string>() << "\n";
+    }
+    if (!backend.contains("precisions")) return;
+    out << "      precision=" << alternatives(backend["precisions"])
+        << " formulation=" << alternatives(backend["formulations"]);
+    for (const auto& [key, list] : backend["tuning"].items()) out << " " << key << "=" << alternatives(list);
+    out << "\n";
+}
+
+}  // namespace
+
+void list_everything(bool json, std::ostream& out) {
+    nlohmann::json all = everything();
+    if (json) {
+        out << all.dump(2) << "\n";
+        return;
+    }
+    out << "Backends\n";
+    for (const auto& backend : all["backends"]) print_backend(backend, out);
+    for (const auto& [heading, key] : {std::pair{"Scenes", "scenes"}, std::pair{"Studies", "studies"}}) {
+        out << heading << "\n";
+        for (const auto& item : all[key]) {
+            out << "  " << item["name"].get<std::string>() << ": " << item["description"].get<std::string>()
+                << "\n";
+        }
+    }
+}
+
+}  // namespace voxspring
