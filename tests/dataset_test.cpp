@@ -62,7 +62,7 @@ TEST(Dataset, NoVoxelOfTheHeartTouchesTheBorder) {
     }
 }
 
-std::string refusal(glm::ivec3 dims, const Limits& limits) {
+std::string refusal(glm::ivec3 dims, const SceneSizeLimits& limits) {
     try {
         checked_voxel_count(dims, limits, "f", "k");
     } catch (const BadInput& refused) {
@@ -76,14 +76,15 @@ TEST(Dataset, DimsAreCheckedWithoutOverflow) {
     EXPECT_EQ(refusal({10, 10, 11}, {1000, 0}),
               "f: k: 10 x 10 x 11 is not accepted; expected at most 1000 voxels on this machine, not 1100");
     // 2^60 voxels; in 32 bits the product would be 0.
-    EXPECT_EQ(refusal({1 << 20, 1 << 20, 1 << 20}, Limits::of_this_machine()).rfind("f: k: 1048576 x ", 0),
-              0u);
+    EXPECT_EQ(
+        refusal({1 << 20, 1 << 20, 1 << 20}, SceneSizeLimits::of_this_machine()).rfind("f: k: 1048576 x ", 0),
+        0u);
     EXPECT_EQ(refusal({5, 0, 5}, {1000, 0}),
               "f: k: 5 x 0 x 5 is not accepted; expected sides from 1 to 1048576");
     EXPECT_EQ(refusal({5, 5, -5}, {1000, 0}),
               "f: k: 5 x 5 x -5 is not accepted; expected sides from 1 to 1048576");
-    EXPECT_LE(Limits::of_this_machine().voxels, 0xFFFFFFFFu);
-    EXPECT_GT(Limits::of_this_machine().particles, 1000000u);
+    EXPECT_LE(SceneSizeLimits::of_this_machine().voxels, 0xFFFFFFFFu);
+    EXPECT_GT(SceneSizeLimits::of_this_machine().particles, 1000000u);
 }
 
 }  // namespace

@@ -12,7 +12,7 @@
 #include "backends/disk_cache.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 #include "harness/study/advise.h"
 #include "harness/study/pareto.h"
 #include "harness/verification/conserved.h"
@@ -384,13 +384,13 @@ TEST(Divergence, IsFoundAtItsStep) {
     scene.problem.time_step = 1.5;
     scene.state = random_state(scene.problem, 0.1, 1);
     const auto backend = BackendSpec::parse("cpu_reference").make();
-    Playback playback(scene);
+    SceneRunner runner(scene);
     for (const int steps : {200, 20}) {  // with a look on the way and without
         const Watch watch = watch_of(scene, steps);
         backend->watch(watch);
-        playback.rewind(*backend);
-        playback.run(*backend, steps);
-        const auto departure = find_departure(*backend, playback, watch, backend->download(), steps);
+        runner.rewind(*backend);
+        runner.run(*backend, steps);
+        const auto departure = find_departure(*backend, runner, watch, backend->download(), steps);
         ASSERT_TRUE(departure) << steps;
         EXPECT_EQ(departure->found, departure->last_good + 1);
         const auto fastest_after = [&](std::int64_t n) {

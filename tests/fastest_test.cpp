@@ -12,7 +12,7 @@
 
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
 #include "harness/study/study.h"
 
@@ -231,8 +231,8 @@ TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
 
 TEST(Auto, TakesWhatRunsTheSceneOnThisMachine) {
     const Scene scene = load_scene("box@9");
-    Playback playback(scene);
-    const auto accepts = [&](const Backend& backend) { return playback.unsupported(backend).empty(); };
+    SceneRunner runner(scene);
+    const auto accepts = [&](const Backend& backend) { return runner.unsupported(backend).empty(); };
     const AutoChoice choice = choose_backend("auto:formulation=position,precision=float32", scene, accepts);
     EXPECT_EQ(choice.spec.options.formulation, Formulation::position);
     EXPECT_THAT(choice.reason, HasSubstr("a full lattice of 729 voxels"));
@@ -251,9 +251,9 @@ TEST(Auto, TakesWhatRunsTheSceneOnThisMachine) {
 TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
     Scene scene = load_scene("box@4");
     scene.problem.springs.push_back({0, 63, 1, 5});
-    Playback playback(scene);
+    SceneRunner runner(scene);
     const AutoChoice choice = choose_backend(
-        "auto", scene, [&](const Backend& backend) { return playback.unsupported(backend).empty(); });
+        "auto", scene, [&](const Backend& backend) { return runner.unsupported(backend).empty(); });
     EXPECT_EQ(choice.backend->unsupported(scene.problem), "");
     EXPECT_THAT(choice.reason, HasSubstr("lists"));
 }

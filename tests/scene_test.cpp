@@ -13,8 +13,8 @@
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
-#include "harness/scene/playback.h"
 #include "harness/scene/scene_file.h"
+#include "harness/scene/scene_runner.h"
 #include "harness/scene/stability.h"
 #include "tests/volume_files.h"
 
@@ -23,7 +23,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr Limits small{100000, 10000};
+constexpr SceneSizeLimits small{100000, 10000};
 
 Scene parse(const std::string& text) { return parse_scene(text, "scene", small); }
 
@@ -137,18 +137,18 @@ TEST(Scene, EditsPlayBetweenTheirSteps) {
     backend->step(3);
     const State by_hand = backend->download();
 
-    Playback playback(scene);
-    EXPECT_EQ(playback.edits_within(7), 1);
-    EXPECT_EQ(playback.edits_within(8), 2);
+    SceneRunner runner(scene);
+    EXPECT_EQ(runner.edits_within(7), 1);
+    EXPECT_EQ(runner.edits_within(8), 2);
     for (int time = 0; time < 2; ++time) {
-        playback.rewind(*backend);
-        playback.run(*backend, 4);
-        playback.run(*backend, 6);
+        runner.rewind(*backend);
+        runner.run(*backend, 4);
+        runner.run(*backend, 6);
         EXPECT_EQ(backend->download().displacement, by_hand.displacement);
     }
     // A backend that cannot follow says so beforehand.
     const auto implicit = BackendSpec::parse("cpu_parallel").make();
-    EXPECT_EQ(playback.unsupported(*implicit),
+    EXPECT_EQ(runner.unsupported(*implicit),
               "implicit addressing has no springs beyond the lattice (edit after step 7)");
 }
 

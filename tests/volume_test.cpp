@@ -31,16 +31,16 @@ std::atomic<std::size_t> largest_allocation{0};
 namespace voxspring::testing {
 namespace {
 
-constexpr Limits large{1000000, 1000000};
+constexpr SceneSizeLimits large{1000000, 1000000};
 
 enum class Format : std::uint8_t { nifti, nrrd };
 
-Volume read(Format format, const std::string& bytes, const Limits& limits = large) {
+Volume read(Format format, const std::string& bytes, const SceneSizeLimits& limits = large) {
     std::istringstream stream(bytes);
     return format == Format::nifti ? read_nifti(stream, "f", limits) : read_nrrd(stream, "f", limits);
 }
 
-std::string refusal(Format format, const std::string& bytes, const Limits& limits = large) {
+std::string refusal(Format format, const std::string& bytes, const SceneSizeLimits& limits = large) {
     try {
         read(format, bytes, limits);
     } catch (const BadInput& refused) {
@@ -277,7 +277,7 @@ TEST(Volume, DamagedGzipIsRefused) {
 
 // 8 GB of doubles claimed, 12 bytes there.
 TEST(Volume, AHeaderAloneAllocatesNothing) {
-    const Limits boundless{std::uint64_t{1} << 32, std::uint64_t{1} << 32};
+    const SceneSizeLimits boundless{std::uint64_t{1} << 32, std::uint64_t{1} << 32};
     const std::string data = bytes_of_values<std::uint8_t>(values);
     const std::string fields =
         "type: double\ndimension: 3\nsizes: 1000 1000 1000\nendian: little\nencoding: ";

@@ -9,8 +9,8 @@
 #include "harness/cli/commands.h"
 #include "harness/export/export.h"
 #include "harness/export/pictures.h"
-#include "harness/scene/playback.h"
 #include "harness/scene/scene.h"
+#include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
 #include "harness/verification/divergence.h"
 
@@ -40,11 +40,11 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     }
     Exports exports(options.out, options.steps);
     const Scene scene = load_scene(argument);
-    Playback playback(scene);
+    SceneRunner runner(scene);
     std::unique_ptr<Backend> backend;
     if (by_rules) {
         AutoChoice choice = choose_backend(options.backend, scene, [&](const Backend& candidate) {
-            return playback.unsupported(candidate).empty();
+            return runner.unsupported(candidate).empty();
         });
         out << "auto: " << choice.reason << "\n";
         spec = choice.spec;
@@ -52,7 +52,7 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     } else {
         backend = spec.make();
     }
-    if (const std::string why = playback.unsupported(*backend); !why.empty()) {
+    if (const std::string why = runner.unsupported(*backend); !why.empty()) {
         throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
     }
     const Watch watch = watch_of(scene, options.steps);
@@ -61,15 +61,15 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     double largest = 0;
     const auto play = [&](const auto& take) {
         timing = {};
-        playback.rewind(*backend);
+        runner.rewind(*backend);
         for (int step = 0; step < options.steps;) {
             const int end = exports.next(step);
-            const Timing batch = backend->timed([&] { playback.run(*backend, end - step); });
+            const Timing batch = backend->timed([&] { runner.run(*backend, end - step); });
             timing.device_seconds += batch.device_seconds;
             timing.host_seconds += batch.host_seconds;
             step = end;
             const State state = backend->download();
-            const auto departure = find_departure(*backend, playback, watch, state, step);
+            const auto departure = find_departure(*backend, runner, watch, state, step);
             largest = largest_displacement(state);
             if (departure || !std::isfinite(largest)) {
                 throw std::runtime_error(spec.entry->name + ": " + scene.name + " " +
@@ -77,7 +77,7 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
                                          "; time step " + std::to_string(scene.problem.time_step) +
                                          ", stable " + std::to_string(scene.stable_time_step));
             }
-            take({scene, playback.problem(), state, step, step * scene.problem.time_step, spec.label()});
+            take({scene, runner.problem(), state, step, step * scene.problem.time_step, spec.label()});
         }
     };
     if (exports.looks_ahead()) play([&](const Snapshot& snapshot) { exports.look_at(snapshot); });

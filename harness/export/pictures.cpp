@@ -19,8 +19,8 @@ std::vector<SurfaceVertex> surface_of(const Snapshot& snapshot, const std::vecto
 }  // namespace
 
 Pictures::Reference::Reference(const Scene& scene)
-    : backend(BackendSpec::parse(References::specification(scene)).make()), playback(scene) {
-    playback.rewind(*backend);
+    : backend(BackendSpec::parse(References::specification(scene)).make()), runner(scene) {
+    runner.rewind(*backend);
 }
 
 Pictures::Pictures(Colouring colouring, glm::ivec2 size) : colouring_(colouring), painter_(size) {}
@@ -29,7 +29,7 @@ std::vector<double> Pictures::values_of(const Snapshot& snapshot) {
     std::vector<glm::dvec3> difference = snapshot.state.displacement;
     if (colouring_ == Colouring::error) {
         if (!reference_ || reference_->step > snapshot.step) reference_.emplace(snapshot.scene);
-        reference_->playback.run(*reference_->backend, int(snapshot.step - reference_->step));
+        reference_->runner.run(*reference_->backend, int(snapshot.step - reference_->step));
         reference_->step = snapshot.step;
         const State state = reference_->backend->download();
         for (std::size_t i = 0; i < difference.size(); ++i) difference[i] -= state.displacement[i];

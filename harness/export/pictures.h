@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "harness/export/painter.h"
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 
 namespace voxspring {
 
@@ -39,7 +39,7 @@ private:
     struct Reference {
         Reference(const Scene& scene);
         std::unique_ptr<Backend> backend;
-        Playback playback;
+        SceneRunner runner;
         std::int64_t step = 0;
     };
     /// One a particle.

@@ -5,7 +5,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/device/limits.h"
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 
 namespace voxspring {
 namespace {
@@ -32,7 +32,7 @@ private:
         const std::chrono::duration<double> seconds = Clock::now() - begin;
         return {{"capabilities", voxspring::to_json(backend_->capabilities())},
                 {"construct_seconds", seconds.count()},
-                {"unsupported", Playback(scene_).unsupported(*backend_)}};
+                {"unsupported", SceneRunner(scene_).unsupported(*backend_)}};
     }
 
     const BackendSpec& spec_;

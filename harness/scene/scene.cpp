@@ -40,7 +40,7 @@ std::string stem(const std::string& file) {
     return name;
 }
 
-LabelledGrid load_dataset(const SceneFile& scene, const std::string& file, const Limits& limits) {
+LabelledGrid load_dataset(const SceneFile& scene, const std::string& file, const SceneSizeLimits& limits) {
     const DatasetSpec& dataset = scene.dataset;
     if (dataset.type != DatasetType::volume) {
         checked_voxel_count(dataset.dims, limits, file, "dataset.dims");
@@ -221,7 +221,7 @@ constexpr int longest_suture = 8;
 
 /// The edits in the order in which they are made, each found on what the ones before it left.
 std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
-                                          const Limits& limits) {
+                                          const SceneSizeLimits& limits) {
     struct Due {
         const EditSpec* spec;
         int time;
@@ -288,7 +288,7 @@ std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, co
     return scheduled;
 }
 
-Scene build(const SceneFile& file_says, const std::string& file, const Limits& limits) {
+Scene build(const SceneFile& file_says, const std::string& file, const SceneSizeLimits& limits) {
     LabelledGrid labelled = load_dataset(file_says, file, limits);
     if (file_says.spacing) labelled.grid.spacing = *file_says.spacing;
     const auto& label = labelled.grid.label;
@@ -386,7 +386,7 @@ SceneFile volume_with_parameters_of_heart(const std::string& file) {
 
 }  // namespace
 
-Scene load_scene(const std::string& argument, const Limits& limits) {
+Scene load_scene(const std::string& argument, const SceneSizeLimits& limits) {
     if (is_volume_name(argument)) {
         Scene scene = build(volume_with_parameters_of_heart(argument), argument, limits);
         // With its ending: a volume called heart is not the scene heart.
@@ -412,7 +412,7 @@ Scene load_scene(const std::string& argument, const Limits& limits) {
     return scene;
 }
 
-Scene parse_scene(const std::string& text, const std::string& file, const Limits& limits) {
+Scene parse_scene(const std::string& text, const std::string& file, const SceneSizeLimits& limits) {
     Scene scene = build(read_scene_file(parse_json(text, file)), file, limits);
     scene.name = stem(file);
     return scene;

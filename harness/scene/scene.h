@@ -36,11 +36,12 @@ struct Scene {
 /// name or a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
 ///
 /// Throws BadInput. Allocates in proportion to what was really read and never beyond `limits`.
-Scene load_scene(const std::string& argument, const Limits& limits = Limits::of_this_machine());
+Scene load_scene(const std::string& argument,
+                 const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
 
 /// The scene that the JSON `text` describes. `file` is what messages name and what a volume's path is
 /// relative to; its stem is the scene's name.
-Scene parse_scene(const std::string& text, const std::string& file, const Limits& limits);
+Scene parse_scene(const std::string& text, const std::string& file, const SceneSizeLimits& limits);
 
 /// The scene of a problem that was built in memory, without edits. `state` is empty for one at rest. A time
 /// step of 0 becomes half of the stable one. Throws std::invalid_argument, saying what, where a name has a

@@ -51,7 +51,7 @@ struct AutoChoice : Chosen {
 /// Whether `text` asks for a choice: "auto" or "auto:...".
 bool asks_for_auto(const std::string& text);
 /// The choice that `text`, "auto[:formulation=...,precision=...]", leaves to the rules on this machine.
-/// `accepts` says whether a backend can run the scene (Playback::unsupported). Throws BadSpecification for
+/// `accepts` says whether a backend can run the scene (SceneRunner::unsupported). Throws BadSpecification for
 /// other keys, and Unavailable if no backend of this build takes the scene.
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(const Backend&)>& accepts);

@@ -15,7 +15,7 @@
 #include "harness/base/interruption.h"
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 #include "harness/verification/errors.h"
 
@@ -60,7 +60,7 @@ public:
           batch_(batch),
           shared_(shared),
           watch_(watch_of(scene, steps_in_all(batch))),
-          playback_(scene) {}
+          runner_(scene) {}
 
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post&) override {
         const std::string what = question.at("do");
@@ -78,7 +78,7 @@ private:
     /// Reads the state that has been reached; a run that diverged fails.
     nlohmann::json read(Backend& backend, int steps) {
         const State state = backend.download();
-        if (const auto departure = find_departure(backend, playback_, watch_, state, steps))
+        if (const auto departure = find_departure(backend, runner_, watch_, state, steps))
             throw std::runtime_error(describe(*departure, watch_));
         return shared_.put(state);
     }
@@ -89,10 +89,10 @@ private:
     nlohmann::json warm_up(Backend& backend, int batches) {
         backend.watch(watch_);
         const auto begin = Clock::now();
-        playback_.rewind(backend);
+        runner_.rewind(backend);
         const double compile_seconds = backend.compile_seconds();
         const double upload_seconds = std::max(0.0, seconds_since(begin) - compile_seconds);
-        for (int i = 0; i < batches; ++i) playback_.run(backend, batch_.steps);
+        for (int i = 0; i < batches; ++i) runner_.run(backend, batch_.steps);
         backend.synchronize();
         if (backend.departure()) (void)read(backend, batches * batch_.steps);
         // Counting takes a step, which only a rewind takes back.
@@ -102,11 +102,11 @@ private:
 
     /// One timed batch, and the state that it leaves if it is the `last` one or has departed from its bounds.
     nlohmann::json repeat(Backend& backend, bool last) {
-        if (batch_.rewind) playback_.rewind(backend);
+        if (batch_.rewind) runner_.rewind(backend);
         if (backend.capabilities().api == "CPU") spread_threads();
         const auto waited_begin = waited_seconds();
         const double cpu_begin = cpu_seconds_of_thread();
-        const Timing timing = backend.timed([&] { playback_.run(backend, batch_.steps); });
+        const Timing timing = backend.timed([&] { runner_.run(backend, batch_.steps); });
         nlohmann::json answer = {{"cpu_seconds", cpu_seconds_of_thread() - cpu_begin},
                                  {"device_seconds", timing.device_seconds},
                                  {"host_seconds", timing.host_seconds}};
@@ -118,7 +118,7 @@ private:
         }
         answer["spin_seconds"] = spin_seconds();
         if (last || backend.departure()) answer["state"] = read(backend, steps_in_all(batch_));
-        if (playback_.edits_within(batch_.steps) > 0) {
+        if (runner_.edits_within(batch_.steps) > 0) {
             // Beside the batch with edits, so that both meet the same clocks.
             backend.upload(scene_.problem, scene_.state);
             const Timing plain = backend.timed([&] { backend.step(batch_.steps); });
@@ -131,11 +131,11 @@ private:
     /// three plays, since an edit is far shorter than what may interrupt it.
     nlohmann::json edits(Backend& backend) {
         constexpr int plays = 3;
-        std::vector<double> latency(std::size_t(playback_.edits_within(batch_.steps)), INFINITY);
+        std::vector<double> latency(std::size_t(runner_.edits_within(batch_.steps)), INFINITY);
         for (int play = 0; play < plays; ++play) {
             auto next = latency.begin();
-            playback_.rewind(backend);
-            playback_.run(backend, batch_.steps, [&](const Problem& edited, const SpringEdit& edit) {
+            runner_.rewind(backend);
+            runner_.run(backend, batch_.steps, [&](const Problem& edited, const SpringEdit& edit) {
                 backend.synchronize();
                 const auto begin = Clock::now();
                 backend.edit(edited, edit);
@@ -155,7 +155,7 @@ private:
     const Batch batch_;
     SharedState& shared_;
     const Watch watch_;
-    Playback playback_;
+    SceneRunner runner_;
 };
 
 StepWork step_work_of(const nlohmann::json& json) {
@@ -559,7 +559,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, cons
         return contender.capabilities().at("api").get<std::string>().starts_with("CUDA");
     };
     const auto own = std::count_if(contenders.begin(), contenders.end(), computes_on_card);
-    const Course course{scene, batch,        truth, state, Playback(scene).edits_within(batch.steps),
+    const Course course{scene, batch,        truth, state, SceneRunner(scene).edits_within(batch.steps),
                         card,  unsigned(own)};
     std::vector<Run> runs;
     for (Contender& contender : contenders) runs.emplace_back(contender, course);

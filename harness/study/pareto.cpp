@@ -12,7 +12,7 @@
 #include "harness/base/text.h"
 #include "harness/device/noise.h"
 #include "harness/results/result.h"
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 #include "harness/verification/errors.h"
 
@@ -41,12 +41,12 @@ struct Timed {
 };
 
 Timed time_runs(Backend& backend, const Scene& scene, const Watch& watch, int steps, int repetitions) {
-    Playback playback(scene);
+    SceneRunner runner(scene);
     Timed timed;
     backend.watch(watch);
     const auto once = [&] {
-        playback.rewind(backend);
-        const double seconds = backend.timed([&] { playback.run(backend, steps); }).device_seconds;
+        runner.rewind(backend);
+        const double seconds = backend.timed([&] { runner.run(backend, steps); }).device_seconds;
         timed.departure = backend.departure();
         return seconds;
     };
@@ -61,7 +61,7 @@ Timed time_runs(Backend& backend, const Scene& scene, const Watch& watch, int st
         total += timed.seconds.back();
     }
     timed.last = backend.download();
-    timed.departure = find_departure(backend, playback, watch, timed.last, steps);
+    timed.departure = find_departure(backend, runner, watch, timed.last, steps);
     return timed;
 }
 

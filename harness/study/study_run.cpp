@@ -25,8 +25,8 @@
 #include "harness/process/journal.h"
 #include "harness/process/shared_state.h"
 #include "harness/results/result.h"
-#include "harness/scene/playback.h"
 #include "harness/scene/scene.h"
+#include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
 #include "harness/study/fastest.h"
 #include "harness/study/measure.h"
@@ -75,7 +75,8 @@ public:
         if (item.built) return item.built;
         if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
         auto scene = std::make_shared<const Scene>(load_scene(item.scene));
-        if (particles_ + scene->problem.particle_count() <= Limits::of_this_machine().particles / 4) {
+        if (particles_ + scene->problem.particle_count() <=
+            SceneSizeLimits::of_this_machine().particles / 4) {
             particles_ += scene->problem.particle_count();
             kept_[item.scene] = scene;
         }
@@ -370,7 +371,7 @@ private:
             if (!asks_for_auto(pattern)) continue;
             const Chosen choice = choose_by_rules(pattern, scene, [&](const BackendSpec& spec) {
                 const auto accepts = [&](const Backend& backend) -> nlohmann::json {
-                    return may_be_chosen(spec, backend) && Playback(scene).unsupported(backend).empty();
+                    return may_be_chosen(spec, backend) && SceneRunner(scene).unsupported(backend).empty();
                 };
                 nlohmann::json accepted = false;
                 (void)failure_of([&] { accepted = look_at(spec, accepts, options_.timeout); });

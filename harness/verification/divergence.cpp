@@ -36,7 +36,7 @@ double largest_increment(const Scene& scene, int steps) {
 
 Watch watch_of(const Scene& scene, int steps) { return {largest_increment(scene, steps), look_every}; }
 
-std::optional<Departure> find_departure(Backend& backend, Playback& playback, const Watch& watch,
+std::optional<Departure> find_departure(Backend& backend, SceneRunner& runner, const Watch& watch,
                                         const State& last, int steps) {
     std::optional<Departure> departure = backend.departure();
     const double fastest = longest(last.increment);
@@ -48,8 +48,8 @@ std::optional<Departure> find_departure(Backend& backend, Playback& playback, co
     const std::int64_t end = departure ? departure->found : steps;
     if (end > longest_replay) return departure;
     backend.watch({watch.largest_increment, 1});
-    playback.rewind(backend);
-    playback.run(backend, int(end));
+    runner.rewind(backend);
+    runner.run(backend, int(end));
     const std::optional<Departure> replayed = backend.departure();
     backend.watch(watch);
     return replayed ? replayed : departure;

@@ -5,8 +5,8 @@
 #include <string>
 
 #include "backends/backend.h"
-#include "harness/scene/playback.h"
 #include "harness/scene/scene.h"
+#include "harness/scene/scene_runner.h"
 
 namespace voxspring {
 
@@ -29,7 +29,7 @@ Watch watch_of(const Scene& scene, int steps);
 /// as the backend saw it, or between its last look and `last`. The step is found by playing the scene once
 /// more under a look at every step, unless that takes more than a million steps. A `last` that is not finite
 /// and that the second run does not confirm is left to compare(). Leaves `watch` set.
-std::optional<Departure> find_departure(Backend& backend, Playback& playback, const Watch& watch,
+std::optional<Departure> find_departure(Backend& backend, SceneRunner& runner, const Watch& watch,
                                         const State& last, int steps);
 
 /// "diverged at step 128: ...", or "between steps 64 and 128".

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "backends/registry.h"
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 #include "reference_sources.h"  // generated
 
 namespace voxspring {
@@ -155,14 +155,14 @@ Scene in_steps(const Scene& scene, const Span& span, int steps) {
 bool References::is_large(const Scene& scene) {
     constexpr std::size_t most_particles = std::size_t(1) << 22;
     return scene.problem.particle_count() > most_particles &&
-           Playback(scene).unsupported(*BackendSpec::parse(reference_without_lists).make()).empty();
+           SceneRunner(scene).unsupported(*BackendSpec::parse(reference_without_lists).make()).empty();
 }
 
 State References::computed(const Scene& scene, int steps, const std::string& specification) {
     const auto backend = BackendSpec::parse(specification).make();
-    Playback playback(scene);
-    playback.rewind(*backend);
-    playback.run(*backend, steps);
+    SceneRunner runner(scene);
+    runner.rewind(*backend);
+    runner.run(*backend, steps);
     ++computed_;
     return backend->download();
 }
@@ -238,7 +238,7 @@ Chaos References::chaos(const Scene& scene, int steps) {
     if (is_large(scene)) return {};
     const std::string other = "cpu_parallel:precision=float64";
     const Formulation formulation = BackendSpec::parse(other).options.formulation;
-    if (!Playback(scene).unsupported(*BackendSpec::parse(other).make()).empty()) return {};
+    if (!SceneRunner(scene).unsupported(*BackendSpec::parse(other).make()).empty()) return {};
     const State one = run(scene, steps, "cpu_reference:formulation=" + to_string(formulation));
     return {relative_difference(run(scene, steps, other).displacement, one.displacement)};
 }

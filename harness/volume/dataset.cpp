@@ -95,7 +95,7 @@ bool in_heart(const glm::dvec3& p) {
 
 }  // namespace
 
-Limits Limits::of_this_machine() {
+SceneSizeLimits SceneSizeLimits::of_this_machine() {
     const long pages = sysconf(_SC_PHYS_PAGES);
     const long page_bytes = sysconf(_SC_PAGE_SIZE);
     const std::uint64_t bytes = std::uint64_t(std::max(pages, 1L)) * std::uint64_t(std::max(page_bytes, 1L));
@@ -107,7 +107,7 @@ std::string to_string(glm::ivec3 dims) {
     return std::to_string(dims.x) + " x " + std::to_string(dims.y) + " x " + std::to_string(dims.z);
 }
 
-std::uint64_t checked_voxel_count(glm::ivec3 dims, const Limits& limits, std::string_view file,
+std::uint64_t checked_voxel_count(glm::ivec3 dims, const SceneSizeLimits& limits, std::string_view file,
                                   std::string_view key) {
     const std::string text = to_string(dims);
     for (const int side : {dims.x, dims.y, dims.z}) {

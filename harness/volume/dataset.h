@@ -13,7 +13,7 @@
 namespace voxspring {
 
 /// The largest grid that is loaded. Checked before anything is allocated.
-struct Limits {
+struct SceneSizeLimits {
     std::uint64_t voxels = 0;     ///< of the grid; at most 2^32 - 1, so that an index fits 32 bits
     std::uint64_t particles = 0;  ///< active voxels
     /// Voxels times triangles that all edits together may look at: an hour of a slow machine.
@@ -21,7 +21,7 @@ struct Limits {
 
     /// What fits the machine's memory: 16 bytes a voxel (the largest voxel type, labels and index) and 192 a
     /// particle (the problem and two states).
-    static Limits of_this_machine();
+    static SceneSizeLimits of_this_machine();
 };
 
 /// Spacing, mass, stiffness and time step lie between these, so that no product of a few of them leaves the
@@ -39,7 +39,7 @@ inline constexpr int longest_side = 1 << 20;
 
 /// Voxels of a grid. Throws BadInput, naming `file`, `key` and the dims, if a side is not within 1 to
 /// longest_side or if there are more voxels than `limits` allows.
-std::uint64_t checked_voxel_count(glm::ivec3 dims, const Limits& limits, std::string_view file,
+std::uint64_t checked_voxel_count(glm::ivec3 dims, const SceneSizeLimits& limits, std::string_view file,
                                   std::string_view key);
 
 /// "60 x 51 x 46".

@@ -47,7 +47,7 @@ bool skip(ByteStream& bytes, std::uint64_t count) {
 
 }  // namespace
 
-Volume read_nifti(std::istream& stream, const std::string& file, const Limits& limits) {
+Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits) {
     ByteStream bytes(stream, encoding_of(stream), file);
     nifti_1_header header{};
     static_assert(sizeof header == 348);

@@ -276,7 +276,7 @@ void reverse_bytes(std::vector<std::byte>& data, std::size_t each) {
 
 }  // namespace
 
-Volume read_nrrd(std::istream& stream, const std::string& file, const Limits& limits) {
+Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits) {
     const Header header(stream, file);
     for (const std::string name : {"datafile", "lineskip", "byteskip"}) {
         if (header.find(name) != nullptr && header.require(name) != "0")

@@ -115,7 +115,7 @@ bool is_volume_name(const std::string& name) {
     return ends_with(name, ".nii") || ends_with(name, ".nii.gz") || ends_with(name, ".nrrd");
 }
 
-Volume read_volume(const std::filesystem::path& file, const Limits& limits) {
+Volume read_volume(const std::filesystem::path& file, const SceneSizeLimits& limits) {
     const std::string name = file.string();
     if (!is_volume_name(name))
         throw BadInput(name, "file name", file.filename().string(), "a .nii, .nii.gz or .nrrd file");

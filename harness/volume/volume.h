@@ -45,13 +45,13 @@ struct Volume {
 };
 
 /// Reads a .nii, .nii.gz or .nrrd file. Throws BadInput.
-Volume read_volume(const std::filesystem::path& file, const Limits& limits);
+Volume read_volume(const std::filesystem::path& file, const SceneSizeLimits& limits);
 /// Whether read_volume() takes a file of this name.
 bool is_volume_name(const std::string& name);
 
 /// The readers by themselves; `file` is what messages name. A NIfTI stream may be gzipped as a whole.
-Volume read_nifti(std::istream& stream, const std::string& file, const Limits& limits);
-Volume read_nrrd(std::istream& stream, const std::string& file, const Limits& limits);
+Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits);
+Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits);
 
 /// A grid whose material m stands for the label labels[m] of the volume.
 struct LabelledGrid {

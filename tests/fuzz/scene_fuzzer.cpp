@@ -20,7 +20,7 @@ bool finite(const glm::dvec3& v) { return std::isfinite(v.x) && std::isfinite(v.
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     // Small grids keep the rate up; volume files are read from the current folder.
-    const voxspring::Limits limits{4096, 2048, 1e6};
+    const voxspring::SceneSizeLimits limits{4096, 2048, 1e6};
     try {
         const voxspring::Scene scene =
             voxspring::parse_scene({reinterpret_cast<const char*>(data), size}, "scene.json", limits);

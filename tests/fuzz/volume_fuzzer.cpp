@@ -28,7 +28,7 @@ void try_to(const Select& select) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-    const voxspring::Limits limits{1 << 16, 1 << 16};
+    const voxspring::SceneSizeLimits limits{1 << 16, 1 << 16};
     std::istringstream stream(std::string(reinterpret_cast<const char*>(data), size));
     try {
         const voxspring::Volume volume = voxspring::READER(stream, "volume", limits);

@@ -1,14 +1,14 @@
-#include "harness/scene/playback.h"
+#include "harness/scene/scene_runner.h"
 
 #include <algorithm>
 
 namespace voxspring {
 
-Playback::Playback(const Scene& scene) : scene_(scene) {
+SceneRunner::SceneRunner(const Scene& scene) : scene_(scene) {
     if (!scene.edits.empty()) edited_ = scene.problem;
 }
 
-void Playback::restart() {
+void SceneRunner::restart() {
     step_ = 0;
     next_ = 0;
     if (!edited_) return;
@@ -16,7 +16,7 @@ void Playback::restart() {
     edited_->springs = scene_.problem.springs;
 }
 
-std::string Playback::unsupported(const Backend& backend) {
+std::string SceneRunner::unsupported(const Backend& backend) {
     std::string reason = backend.unsupported(scene_.problem);
     restart();
     for (const ScheduledEdit& scheduled : scene_.edits) {
@@ -30,12 +30,12 @@ std::string Playback::unsupported(const Backend& backend) {
     return reason;
 }
 
-void Playback::rewind(Backend& backend) {
+void SceneRunner::rewind(Backend& backend) {
     restart();
     backend.upload(scene_.problem, scene_.state);
 }
 
-void Playback::run(Backend& backend, int steps, const Edit& edit) {
+void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {
     const int end = step_ + steps;
     for (; next_ < scene_.edits.size() && scene_.edits[next_].step < end; ++next_) {
         const ScheduledEdit& scheduled = scene_.edits[next_];
@@ -52,7 +52,7 @@ void Playback::run(Backend& backend, int steps, const Edit& edit) {
     step_ = end;
 }
 
-int Playback::edits_within(int steps) const {
+int SceneRunner::edits_within(int steps) const {
     return int(std::count_if(scene_.edits.begin(), scene_.edits.end(),
                              [=](const ScheduledEdit& scheduled) { return scheduled.step < steps; }));
 }

@@ -11,11 +11,11 @@
 
 namespace voxspring {
 
-/// Plays a scene on one backend at a time.
-class Playback {
+/// Runs a scene on one backend at a time.
+class SceneRunner {
 public:
     /// The scene must outlive it.
-    explicit Playback(const Scene& scene);
+    explicit SceneRunner(const Scene& scene);
 
     /// Empty, or why `backend` cannot run the scene from its first edit to its last.
     std::string unsupported(const Backend& backend);
