@@ -26,6 +26,7 @@
 
 #include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/kernel.h"
+#include "backends/cpu/subnormals.h"
 #include "backends/cpu/tiles.h"
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
@@ -190,6 +191,7 @@ public:
           root_(root_of(options)),
           sleep_(sleep_threshold(options)),
           flush_(flush_threshold(options)),
+          flushes_subnormals_(options.tuning.at("subnormals") == "flush"),
           threads_(thread_count(options)) {}
 
     Capabilities capabilities() const override { return cpu_capabilities(target_name(), threads_); }
@@ -356,6 +358,7 @@ private:
         {
             // Each share to the same thread every time. Should OpenMP grant fewer threads, some take several.
             const auto threads = std::size_t(omp_get_num_threads());
+            const FlushSubnormals flush(flushes_subnormals_);
 #pragma omp single
             barrier.expect(int(threads));
             for (std::int64_t step = step_ + 1; step <= step_ + count; ++step) {
@@ -567,6 +570,7 @@ private:
     const Formulation formulation_;
     const Root root_;
     const double sleep_, flush_;  ///< in spacings; 0: no
+    const bool flushes_subnormals_;
     const int threads_;
     const Problem* problem_ = nullptr;
     std::int64_t step_ = 0;  ///< since upload()
@@ -612,7 +616,8 @@ const Registered entry({
                {"terms", {"needed", "all"}},
                {"root", {"exact", "refined", "raw"}},
                {"rest", {"auto", "step", "skip", "flush"}},
-               {"sleep", {"off", "1e-3", "1e-4", "1e-5", "1e-6"}}},
+               {"sleep", {"off", "1e-3", "1e-4", "1e-5", "1e-6"}},
+               {"subnormals", {"flush", "keep"}}},
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         if (options.precision == Precision::float32) return std::make_unique<CpuParallel<float>>(options);
         return std::make_unique<CpuParallel<double>>(options);
