@@ -1,7 +1,9 @@
 // The strict JSON reader: what it takes, what it refuses, and what it says about it.
 #include "harness/base/json.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <zlib.h>
 
 #include <fstream>
 #include <string>
@@ -165,6 +167,34 @@ TEST(Json, FilesAreReadWhole) {
     std::filesystem::resize_file(large, (std::uintmax_t{16} << 20) + 1);
     EXPECT_EQ(refusal([&] { read_json(large); }),
               large + ": 16777217 bytes is not accepted; expected a file of at most 16777216 bytes");
+}
+
+TEST(Json, CompressedFilesAreUnpacked) {
+    const TemporaryFolder folder;
+    const auto write = [&](const std::string& name, const std::string& text) {
+        const auto path = folder.path() / name;
+        const gzFile file = gzopen(path.c_str(), "wb");
+        EXPECT_EQ(gzwrite(file, text.data(), unsigned(text.size())), int(text.size()));
+        EXPECT_EQ(gzclose(file), Z_OK);
+        return path;
+    };
+    const std::string number = std::string(200'000, ' ') + "{\"a\": 5}";
+    const auto good = write("good.json.gz", number);
+    EXPECT_EQ(read_json(good).require("a").number(), 5);
+    // Cut off, and with a bit that its checksum does not know.
+    const auto size = std::filesystem::file_size(good);
+    std::filesystem::resize_file(good, size - 9);
+    EXPECT_THAT(refusal([&] { read_json(good); }), ::testing::HasSubstr("good.json.gz: a damaged gzip file"));
+    const auto damaged = write("damaged.json.gz", number);
+    {
+        std::fstream file(damaged, std::ios::binary | std::ios::in | std::ios::out);
+        file.seekp(std::streamoff(size) - 8).put('x');
+    }
+    EXPECT_THAT(refusal([&] { read_json(damaged); }),
+                ::testing::HasSubstr("damaged.json.gz: a damaged gzip file"));
+    EXPECT_THAT(
+        refusal([&] { read_json(write("bomb.json.gz", std::string((16 << 20) + 1, ' '))); }),
+        ::testing::HasSubstr("more when unpacked is not accepted; expected a file of at most 16777216"));
 }
 
 }  // namespace

@@ -1,9 +1,11 @@
 #include "harness/base/json.h"
 
+#include <zlib.h>
+
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <iterator>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -292,16 +294,27 @@ void check_schema_version(JsonObject& document, int newest) {
 }
 
 JsonObject read_json(const std::filesystem::path& file) {
+    const auto refuse = [&](const std::string& value, const std::string& accepted) {
+        throw BadInput(file.string(), "", value, accepted);
+    };
+    const std::string small_enough = "a file of at most " + std::to_string(largest_file) + " bytes";
     std::error_code error;
-    if (!std::filesystem::is_regular_file(file, error))
-        throw BadInput(file.string(), "", "no file", "a JSON file");
-    if (const auto size = std::filesystem::file_size(file, error); error || size > largest_file) {
-        throw BadInput(file.string(), "", std::to_string(size) + " bytes",
-                       "a file of at most " + std::to_string(largest_file) + " bytes");
+    if (!std::filesystem::is_regular_file(file, error)) refuse("no file", "a JSON file");
+    if (const auto size = std::filesystem::file_size(file, error); error || size > largest_file)
+        refuse(std::to_string(size) + " bytes", small_enough);
+    // gzread() reads what is not compressed as it is.
+    const std::unique_ptr<gzFile_s, int (*)(gzFile)> stream(gzopen(file.c_str(), "rb"), gzclose);
+    if (!stream) refuse("an unreadable file", "a file that can be read");
+    std::string text;
+    int count = 0;
+    for (char buffer[1 << 16]; (count = gzread(stream.get(), buffer, sizeof buffer)) > 0;) {
+        text.append(buffer, std::size_t(count));
+        if (text.size() > largest_file) refuse("more when unpacked", small_enough);
     }
-    std::ifstream stream(file, std::ios::binary);
-    const std::string text{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-    if (!stream) throw BadInput(file.string(), "", "an unreadable file", "a file that can be read");
+    int status = Z_OK;
+    gzerror(stream.get(), &status);
+    if (status != Z_OK)
+        refuse(status == Z_ERRNO ? "an unreadable file" : "a damaged gzip file", "a file that can be read");
     return parse_json(text, file.string());
 }
 

@@ -97,7 +97,7 @@ JsonObject parse_json(std::string_view text, const std::string& file);
 /// Refuses a document whose `schema_version` is beyond `newest`. One without is of version 1.
 void check_schema_version(JsonObject& document, int newest);
 
-/// The object in a file of at most 16 MiB.
+/// The object in a file of at most 16 MiB, unpacked first if gzip compressed it.
 JsonObject read_json(const std::filesystem::path& file);
 
 }  // namespace voxspring
