@@ -35,7 +35,7 @@ except ImportError as absent:
     print(f"diff.py: {absent}: install Debian's python3-scipy, or with pip scipy", file=sys.stderr)
     sys.exit(2)
 
-import versions
+import result_files
 
 IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # What tells the rows of one identity apart, by the list they are in.
@@ -90,13 +90,9 @@ class Result:
     def __init__(self, path, across):
         self.path = path
         try:
-            self.json = json.loads(path.read_text())
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-            refuse(f"{path}: {error}; expected a result that `voxspring study` wrote")
-        if not isinstance(self.json, dict):
-            self.refuse("the document", self.json, "an object")
-        if reason := versions.unread(self.json):
-            refuse(f"{self.path}: {reason}")
+            self.json = result_files.load(path)
+        except result_files.BadInput as error:
+            refuse(error)
         self.context = self.get(self.get(self.json, "", "context", dict), "context.", "voxspring", dict)
         self.rows = collections.defaultdict(list)
         self.unmeasured = {"failed": {}, "skipped": {}}
@@ -115,8 +111,7 @@ class Result:
             self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
 
     def refuse(self, key, value, accepted):
-        text = json.dumps(value)
-        refuse(f"{self.path}: {key}: {text if len(text) < 80 else text[:80] + '...'}: expected {accepted}")
+        refuse(f"{self.path}: {key}: {result_files.shown(value)}: expected {accepted}")
 
     def get(self, holder, at, key, kind, *default):
         """holder[key], of a kind: dict, list, str, bool or float (any finite number that is not negative, or null)."""
@@ -124,8 +119,7 @@ class Result:
             return default[0]
         value = holder.get(key)
         if kind is float:
-            good = value is None or (isinstance(value, (int, float)) and not isinstance(value, bool)
-                                     and math.isfinite(value) and value >= 0)
+            good = value is None or (result_files.is_finite(value) and value >= 0)
         else:
             good = isinstance(value, kind)
         if not good:

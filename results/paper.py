@@ -3,14 +3,15 @@
 
 Usage: paper.py [--check]
 
-A table stands between `<!-- NAME -->` and `<!-- /NAME -->`; its figures come from nvidia-h200/STUDY.json, those of
-`fastest` from the fastest.json of every machine that has one, medians over the repetitions. --check changes nothing and exits with 1 if the page is not what the results say.
+A table stands between `<!-- NAME -->` and `<!-- /NAME -->`; its figures come from nvidia-h200/STUDY.json.gz, those of
+`fastest` from the fastest.json.gz of every machine that has one, medians over the repetitions. --check changes nothing and exits with 1 if the page is not what the results say.
 """
 
-import json
 import pathlib
 import re
 import sys
+
+import result_files
 
 HERE = pathlib.Path(__file__).resolve().parent
 RESULTS = HERE / "nvidia-h200"
@@ -18,7 +19,7 @@ PAGE = HERE / "README.md"
 
 
 def result(study):
-    return json.loads((RESULTS / f"{study}.json").read_text())
+    return result_files.load(result_files.named(RESULTS, study))
 
 
 def medians(study):
@@ -62,7 +63,7 @@ def scenes_of(rows):
 
 
 def limits(study):
-    context = json.loads((RESULTS / f"{study}.json").read_text())["context"]["voxspring"]
+    context = result(study)["context"]["voxspring"]
     header = ["", "copy", "in cache", "launch", "float32", "float64", "float32 in compute shaders"]
     rows = []
     for api, limit in context["limits"].items():
@@ -214,10 +215,10 @@ def judged(target):
 def fastest():
     """For each machine the fastest strategy of each dataset, and what became of the targets."""
     parts = []
-    for path in sorted(HERE.glob("*/fastest.json")):
-        if path.parent.name == "local":
+    for path in result_files.committed(HERE):
+        if result_files.study_of(path) != "fastest":
             continue
-        result = json.loads(path.read_text())
+        result = result_files.load(path)
         context = result["context"]["voxspring"]
         rows = []
         for block in result["fastest"]:
@@ -259,10 +260,10 @@ def resting():
 def files():
     """Of which commit and day each file is."""
     lines = []
-    for path in sorted(RESULTS.glob("*.json")):
-        context = result(path.stem)["context"]
+    for path in result_files.within(RESULTS):
+        context = result_files.load(path)["context"]
         build = context["voxspring"]
-        lines.append([f"`{path.stem}`", build["commit"][:8] + " (not clean)" * (not build["clean"]),
+        lines.append([f"`{result_files.study_of(path)}`", build["commit"][:8] + " (not clean)" * (not build["clean"]),
                       context["date"][:10]])
     return table(["file", "commit", "day"], lines)
 

@@ -20,10 +20,11 @@ import jsonschema
 
 sys.path.insert(0, "results")
 import diff  # noqa: E402
+import result_files  # noqa: E402
 
 SCHEMA = json.loads(pathlib.Path("results/diff.schema.json").read_text())
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
-COMMITTED = sorted(path for path in pathlib.Path("results").glob("*/*.json"))
+COMMITTED = result_files.committed(pathlib.Path("results"))
 
 
 def identity(backend, scene="box@8", tuning="block=128"):
@@ -301,7 +302,7 @@ class Diff(unittest.TestCase):
                 found = self.judge(path, path)[1]
                 self.assertLessEqual(set(found["counts"]),
                                      {"same", "too few repetitions", "still fails", "too noisy to tell"})
-        older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json") for name in ("tuning", "formulations"))
+        older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json.gz") for name in ("tuning", "formulations"))
         found = self.judge(older, newer)[1]
         self.assertEqual(found["counts"]["not comparable"], 24, "position, 1000 and 10000 steps")
         self.assertTrue(any("24 contenders" in note for note in found["notes"]), found["notes"])

@@ -27,6 +27,7 @@ PYTHON = ROOT / "build/report-venv/bin/python"
 REPORT = ROOT / "results/report.py"
 H200 = ROOT / "results/nvidia-h200"
 sys.path.insert(0, str(ROOT / "results"))
+import result_files  # noqa: E402
 from page import pictures, reading  # noqa: E402
 SKIPPED = 77
 # What the committed results have something for.
@@ -52,8 +53,12 @@ def report(*arguments, python=(PYTHON,), largest_file=resource.RLIM_INFINITY):
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file)))
 
 
+def h200(study):
+    return result_files.load(result_files.named(H200, study))
+
+
 def medians(study):
-    rows = json.loads((H200 / f"{study}.json").read_text())["benchmarks"]
+    rows = h200(study)["benchmarks"]
     return [row for row in rows if row.get("aggregate_name") == "median"]
 
 
@@ -93,8 +98,8 @@ ABOUT = {"scene": "box@32", "particles": 32768, "steps": 900, "coloured_by": "er
 def particles():
     """Of each dataset of the committed results, as the program would count them, and of one more."""
     counts = {"mine@8x8x9": 8}
-    for path in H200.parent.glob("*/*.json"):
-        result = json.loads(path.read_text())
+    for path in result_files.committed(H200.parent):
+        result = result_files.load(path)
         counts |= {row["scene"]: row["particles"] for key in ("benchmarks", "pareto") for row in result.get(key, [])
                    if "particles" in row}
     return counts
@@ -137,7 +142,7 @@ class Input(InTemporaryFolder):
             self.assertIn(str(word), result.stderr)
 
     def test_broken_files(self):
-        good = json.loads((H200 / "figure7.json").read_text())
+        good = h200("figure7")
         def changed(change):
             result = copy.deepcopy(good)
             change(result)
@@ -157,14 +162,14 @@ class Input(InTemporaryFolder):
         for name, (content, words) in cases.items():
             with self.subTest(name):
                 self.assert_refused(report(self.write(name, content), "--out", self.out), name, *words)
-        region = json.loads((H200 / "stability.json").read_text())
+        region = h200("stability")
         region["stability_map"][0]["region"][1][2] = "melted"
         self.assert_refused(report(self.write("map.json", region), "--out", self.out), "region", "melted", "bounded")
         self.assert_refused(report(self.folder / "none.json", "--out", self.out), "none.json", "No such file")
         empty = self.folder / "empty"
         empty.mkdir()
         self.assert_refused(report(empty, "--out", self.out), empty, "no .json")
-        arguments = (H200 / "table1.json", "--out", self.out, "--pictures")
+        arguments = (H200 / "table1.json.gz", "--out", self.out, "--pictures")
         self.assert_refused(report(*arguments, self.folder, "--program", self.folder / "none"), "--program", "none",
                             "No such file")
         self.assert_refused(report(*arguments, self.write("file", ""), "--program", "none"), "--pictures", "File exists")
@@ -172,7 +177,7 @@ class Input(InTemporaryFolder):
         self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
 
     def test_where_nothing_can_be_written(self):
-        results = H200 / "table1.json"
+        results = H200 / "table1.json.gz"
         self.assert_refused(report(results, "--out", self.folder / "no/report.html"), "--out", "No such file")
         folder = self.folder / "folder.html"
         folder.mkdir()
@@ -185,19 +190,19 @@ class Input(InTemporaryFolder):
 
     def test_a_missing_package_is_named(self):
         # -S: without the folders that packages are installed to.
-        result = report(H200 / "table1.json", "--out", self.out, python=(PYTHON, "-S"))
+        result = report(H200 / "table1.json.gz", "--out", self.out, python=(PYTHON, "-S"))
         self.assert_refused(result, "is missing", "./run report")
         self.assertFalse(self.out.exists())
 
     def test_the_same_results_give_the_same_page(self):
         pages = []
         for _ in range(2):
-            self.assertEqual(report(H200 / "table1.json", "--out", self.out).returncode, 0)
+            self.assertEqual(report(H200 / "table1.json.gz", "--out", self.out).returncode, 0)
             pages.append(self.out.read_bytes())
         self.assertEqual(*pages)
 
     def test_nothing_in_the_page_can_end_its_data_early(self):
-        result = json.loads((H200 / "table1.json").read_text())
+        result = h200("table1")
         for row in result["benchmarks"]:
             row["scene"] = row["scene"].replace("heart", "</script><h1 id=evil>")
             row["name"] = row["name"].replace("heart", "</script><h1 id=evil>")
@@ -286,8 +291,7 @@ class Page(unittest.TestCase):
         cls.addClassCleanup(folder.cleanup)
         cls.path = pathlib.Path(folder.name) / "report.html"
         # Not results/local, which is the developer's own.
-        made = report(*(folder for folder in sorted(H200.parent.iterdir()) if list(folder.glob("*.json"))
-                        and folder.name != "local"), "--out", cls.path,
+        made = report(*result_files.committed(H200.parent), "--out", cls.path,
                       "--pictures", cls.path.parent / "pictures", "--program", write_program(cls.path.parent))
         if made.returncode != 0:
             raise AssertionError(made.stderr)
@@ -358,7 +362,7 @@ class Page(unittest.TestCase):
         self.browser.open(self.path)
         # Where several files have a row, the latest stands.
         latest = {}
-        files = [json.loads(path.read_text()) for path in H200.glob("*.json")]
+        files = [result_files.load(path) for path in result_files.within(H200)]
         for result in sorted(files, key=lambda result: result["context"]["date"]):
             for row in result["benchmarks"]:
                 if row.get("aggregate_name") == "median":
@@ -526,13 +530,13 @@ class Parts(InTemporaryFolder):
     """What the committed results have nothing of: several commits, the study fastest, pictures."""
 
     def test_history_across_commits(self):
-        result = json.loads((H200 / "figure7.json").read_text())
+        result = h200("figure7")
         result["context"]["date"] = "2027-01-02T03:04:05+00:00"
         result["context"]["voxspring"]["commit"] = "0123456789ab"
         for row in result["benchmarks"]:
             if row["backend"] == "cuda_scatter" and row["scene"] == "heart":
                 row["real_time"] *= 1.25
-        made = report(H200 / "figure7.json", self.write("later.json", result), "--out", self.out)
+        made = report(H200 / "figure7.json.gz", self.write("later.json", result), "--out", self.out)
         self.assertEqual((made.returncode, made.stdout), (0, f"{self.out}\n"), made.stderr)
         text = self.out.read_text()
         title = re.search(r'<section data-figure="history"><h2>(.*?)</h2>', text)[1]
@@ -541,11 +545,11 @@ class Parts(InTemporaryFolder):
         self.assertRegex(title, rf"cuda_scatter position on heart \(figure7\), from {before:.3g}.* to .*, 1\.25 times")
         self.assertIn("0123456 01-02 03:04", text)
         # One file has no history.
-        report(H200 / "figure7.json", "--out", self.out)
+        report(H200 / "figure7.json.gz", "--out", self.out)
         self.assertNotIn('data-figure="history"', self.out.read_text())
 
     def test_the_study_fastest_says_what_was_aimed_at(self):
-        result = json.loads((H200 / "table1.json").read_text())
+        result = h200("table1")
         rows = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median" and row["scene"] == "box@32"]
         best, other = sorted(rows, key=lambda row: row["real_time"])[:2]
         def winner(row):
@@ -571,7 +575,7 @@ class Parts(InTemporaryFolder):
     def test_pictures_are_drawn_once_and_anew_by_a_newer_program(self):
         program, folder = write_program(self.folder), self.folder / "a/b"
         calls = pathlib.Path(f"{program}.calls")
-        results = reading.read_all([H200 / "table1.json"])
+        results = reading.read_all([H200 / "table1.json.gz"])
         def gather(*where):
             calls.write_text("")
             found, left_out = pictures.gather(results, *where)
@@ -602,7 +606,7 @@ class Parts(InTemporaryFolder):
     def test_only_names_of_scenes_get_to_the_program(self):
         program = write_program(self.folder)
         evil = ["--out=x", "-h", "../box", "heart.json", "/etc/passwd", "box@8 --steps", "rope of mine", ""]
-        result = json.loads((H200 / "table1.json").read_text())
+        result = h200("table1")
         rows = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median"]
         result["benchmarks"] = [{**rows[0], "scene": scene, "particles": 8} for scene in evil + ["mine@8x8x9"]]
         results = reading.read_all([self.write("evil.json", result)])
@@ -613,7 +617,7 @@ class Parts(InTemporaryFolder):
         self.assertEqual({json.loads(line)[1] for line in calls}, {"mine@8x8x9"})
 
     def test_a_volume_named_like_a_built_in_scene_is_not_shown_as_that(self):
-        result = json.loads((H200 / "table1.json").read_text())
+        result = h200("table1")
         rows = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median" and row["scene"] == "heart"]
         result["benchmarks"] = [{**row, "particles": row["particles"] - 1} for row in rows]
         results = reading.read_all([self.write("mine.json", result)])
@@ -636,7 +640,7 @@ class Parts(InTemporaryFolder):
                 self.assertIn(word, str(refused.exception))
 
     def test_without_pictures_there_is_a_line_or_nothing(self):
-        self.assertEqual(report(H200 / "table1.json", "--out", self.out, "--pictures", self.folder).returncode, 0)
+        self.assertEqual(report(H200 / "table1.json.gz", "--out", self.out, "--pictures", self.folder).returncode, 0)
         self.assertEqual(self.alternatives(), [])
         self.assertIn("Without a picture: heart (no heart-position", self.out.read_text())
         self.assertNotIn('class="picture', self.out.read_text())
@@ -644,7 +648,7 @@ class Parts(InTemporaryFolder):
     def test_pictures_of_the_program_itself(self):
         if "VOXSPRING" not in os.environ:
             self.skipTest("VOXSPRING does not name the program")
-        result = json.loads((H200 / "table1.json").read_text())
+        result = h200("table1")
         small = {"heart": "heart@20x17x15", "box@32": "box@6"}
         count = {scene: json.loads(subprocess.run([os.environ["VOXSPRING"], "info", scene, "--json"], capture_output=True,
                                                   timeout=60).stdout)["active_particles"] for scene in small.values()}

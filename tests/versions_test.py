@@ -4,6 +4,7 @@ VOXSPRING names the executable; the current directory is the source tree.
 """
 
 import copy
+import gzip
 import json
 import os
 import pathlib
@@ -15,6 +16,9 @@ import unittest
 
 import jsonschema
 
+sys.path.insert(0, "results")
+import result_files  # noqa: E402
+
 VOXSPRING = os.environ["VOXSPRING"]
 RESULTS = pathlib.Path("results")
 SCHEMAS = {"scene": RESULTS / "scene.schema.json", "study": RESULTS / "study.schema.json",
@@ -25,7 +29,8 @@ REPORT_PYTHON = pathlib.Path("build/report-venv/bin/python")
 
 
 def read(path):
-    return json.loads(pathlib.Path(path).read_text())
+    text = pathlib.Path(path).read_bytes()
+    return json.loads(gzip.decompress(text) if text.startswith(result_files.GZIP) else text)
 
 
 def validator(kind):
@@ -39,7 +44,7 @@ def committed(kind):
     """Every file of a kind in the source tree. What a user measured himself, in results/local, is his own."""
     return {"scene": sorted(pathlib.Path("harness/scenes").glob("*.json")),
             "study": sorted(pathlib.Path("harness/studies").glob("*.json")),
-            "result": [OLD] + [p for p in sorted(RESULTS.glob("*/*.json")) if p.parent.name != "local"]}[kind]
+            "result": [OLD] + result_files.committed(RESULTS)}[kind]
 
 
 def run(*command):
@@ -139,9 +144,9 @@ class OtherVersions(InTemporaryFolder):
             "stability.py": lambda path: run(sys.executable, "results/stability.py", path, "--out", self.folder / "a.svg"),
             "advise": lambda path: run(VOXSPRING, "advise", "box@64", "--error", 1e-4, "--results", path),
         }
-        kind = {"pareto.py": "pareto.json", "advise": "pareto.json", "stability.py": "stability.json"}
+        kind = {"pareto.py": "pareto", "advise": "pareto", "stability.py": "stability"}
         for name, reader in readers.items():
-            good = read(RESULTS / "amd-epyc" / kind.get(name, "fastest.json"))
+            good = read(RESULTS / "amd-epyc" / f"{kind.get(name, 'fastest')}.json.gz")
             for version in (2, 0, 1.5, "one"):
                 with self.subTest(name, version=version):
                     path = self.write("newer.json", good | {"schema_version": version})

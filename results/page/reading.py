@@ -4,13 +4,14 @@ A file that is not what schema.json says is refused with its path, the key and t
 looked at, so that files of older versions, which lack newer keys, are read as well.
 """
 
-import json
 import math
 import pathlib
 import re
 from dataclasses import dataclass, field
 
-import versions
+import result_files
+from result_files import BadInput, shown
+
 
 class Positive(float):
     """In the tables below: a number above zero."""
@@ -45,10 +46,6 @@ WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a wh
         bool: "true or false", list: "a list", dict: "an object"}
 
 
-class BadInput(Exception):
-    """What the user gave cannot be used; the message says where and why."""
-
-
 @dataclass
 class Result:
     """One file. machine is what its times are of: the GPU, or the processor where there is none."""
@@ -71,15 +68,9 @@ class Result:
         return f"{self.machine}{driver}, commit {self.commit}, {self.date[:10]}"
 
 
-def shown(value):
-    text = json.dumps(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
 def is_a(value, kind):
     if kind in (float, Positive):
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        return number and (kind is float or value > 0)
+        return result_files.is_finite(value) and (kind is float or value > 0)
     if kind is int:
         return isinstance(value, int) and not isinstance(value, bool)
     return isinstance(value, kind)
@@ -125,14 +116,7 @@ def check_fastest(path, where, row):
 
 def read(path):
     """The result in a file."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise BadInput(f"{path}: {getattr(error, 'strerror', None) or error}") from None
-    if not isinstance(data, dict):
-        raise BadInput(f"{path}: {shown(data)}; expected the result of a study")
-    if reason := versions.unread(data):
-        raise BadInput(f"{path}: {reason}")
+    data = result_files.load(path)
     context = need(path, "", data, "context", dict)
     about = need(path, "context", context, "voxspring", dict)
     where = "context.voxspring"
@@ -163,19 +147,14 @@ def read(path):
                   need(path, "context", context, "date", str), lists)
 
 
-def is_schema(path):
-    """Whether a file describes results and is none, as the published schema.json beside them."""
-    return path.name.endswith("schema.json")
-
-
 def read_all(paths):
     """The results in files and, recursively, folders, by date."""
     files = []
     for path in paths:
         if path.is_dir():
-            found = sorted(file for file in path.rglob("*.json") if not is_schema(file))
+            found = result_files.within(path)
             if not found:
-                raise BadInput(f"{path}: holds no .json file; expected results of studies")
+                raise BadInput(f"{path}: holds no .json or .json.gz file; expected results of studies")
             files += found
         else:
             files.append(path)

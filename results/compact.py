@@ -1,0 +1,46 @@
+#!/usr/bin/env python3
+"""Compresses results for keeping: RESULT.json becomes RESULT.json.gz, a twentieth of the size.
+
+Usage: compact.py RESULT.json...
+
+The compressed file holds every byte of the other, which goes once it has been read back. The same result gives the
+same bytes. `zcat RESULT.json.gz` prints it again; every script here and `voxspring advise --results` read either.
+"""
+
+import argparse
+import gzip
+import pathlib
+import sys
+
+import result_files
+
+
+def compact(path):
+    """Replaces a result by its compressed form, whose path this returns."""
+    if not path.name.endswith(".json"):
+        raise result_files.BadInput(f"{path}: expected a result whose name ends in .json")
+    result_files.load(path)
+    data, compressed = path.read_bytes(), path.with_name(path.name + ".gz")
+    part = path.with_name(path.name + ".part")
+    # Neither a date nor a name, so that the file changes with the result alone.
+    part.write_bytes(gzip.compress(data, mtime=0))
+    if gzip.decompress(part.read_bytes()) != data:
+        raise result_files.BadInput(f"{part}: does not read back as it was written; {path} is as it was")
+    part.replace(compressed)
+    path.unlink()
+    return compressed
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=pathlib.Path, nargs="+", metavar="RESULT.json")
+    try:
+        for path in parser.parse_args().results:
+            print(compact(path))
+    except (result_files.BadInput, OSError) as error:
+        print(f"compact.py: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

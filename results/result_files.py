@@ -1,0 +1,103 @@
+"""Results as files: JSON as the program writes it, or that compressed by gzip, as compact.py keeps it here."""
+
+import gzip
+import json
+import math
+import re
+import zlib
+
+import versions
+
+SUFFIXES = (".json", ".json.gz")
+GZIP = b"\x1f\x8b"
+
+
+class BadInput(Exception):
+    """What the user gave cannot be used; the message says where and why."""
+
+
+def shown(value, longest=60):
+    """A value in a message: JSON, cut where it is long."""
+    try:
+        text = json.dumps(value)
+    except RecursionError:
+        return "what is nested too deeply to show"
+    return text if len(text) <= longest else text[:longest - 3] + "..."
+
+
+def is_finite(value):
+    """Whether a value is a number that float64 holds."""
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def load(path):
+    """The result in a file, whatever its name; refuses what is no JSON object of a version that is read."""
+    expected = "expected a result that `voxspring study` wrote"
+    try:
+        data = path.read_bytes()
+        if data.startswith(GZIP):
+            data = gzip.decompress(data)
+        text = data.decode("utf-8")
+        result = json.loads(text)
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror or error}; {expected}") from None
+    except RecursionError:
+        raise BadInput(f"{path}: is nested too deeply; {expected}") from None
+    except (EOFError, zlib.error, ValueError) as error:
+        raise BadInput(f"{path}: {error}; {expected}") from None
+    if half := half_character(text, result):
+        raise BadInput(f"{path}: {json.dumps(half)}: is half a character (a lone surrogate); expected Unicode text")
+    if not isinstance(result, dict):
+        raise BadInput(f"{path}: the document: {shown(result)}: expected an object, the result of a study")
+    if reason := versions.unread(result):
+        raise BadInput(f"{path}: {reason}")
+    return result
+
+
+def half_character(text, result):
+    """A string of the result that no file and no terminal takes, or nothing."""
+    if not re.search(r"\\u[dD][89a-fA-F]", text):
+        return None
+    waiting = [result]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += [*value, *value.values()]
+        elif isinstance(value, list):
+            waiting += value
+        elif isinstance(value, str) and any("\ud800" <= character <= "\udfff" for character in value):
+            return value
+    return None
+
+
+def study_of(path):
+    """fastest of nvidia-h200/fastest.json.gz."""
+    return path.name.removesuffix(".gz").removesuffix(".json")
+
+
+def is_schema(path):
+    """Whether a file describes results and is none, as the published schema.json beside them."""
+    return path.name.endswith("schema.json")
+
+
+def within(folder):
+    """The result files in a folder and the folders in it, by name; one that is there compressed as well counts once."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.name.endswith(SUFFIXES) and path.is_file() and not is_schema(path):
+            found[path.with_name(study_of(path))] = path
+    return list(found.values())
+
+
+def committed(folder):
+    """The result files in the folders of machines in a folder, but for local, which is its user's own."""
+    return [path for path in within(folder) if path.parent.parent == folder and path.parent.name != "local"]
+
+
+def named(folder, study):
+    """The file of a study in a machine's folder."""
+    return next((path for suffix in SUFFIXES[::-1] if (path := folder / (study + suffix)).exists()),
+                folder / (study + SUFFIXES[-1]))

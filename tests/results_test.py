@@ -1,0 +1,135 @@
+"""The committed results as files: small, whole, and open to every tool that results/README.md names.
+
+The current directory is the source tree.
+"""
+
+import gzip
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import unittest
+
+sys.path.insert(0, "results")
+import compact  # noqa: E402
+import result_files  # noqa: E402
+
+RESULTS = pathlib.Path("results")
+COMPARE = pathlib.Path("/usr/share/benchmark/compare.py")  # Debian's libbenchmark-tools
+# What the scripts say on a machine without a package.
+ABSENT = "raise ImportError('No module named {}')"
+
+
+def run(*command, **more):
+    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, **more)
+
+
+class InTemporaryFolder(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def write(self, name, content):
+        path = self.folder / name
+        if isinstance(content, bytes):
+            path.write_bytes(content)
+        else:
+            path.write_text(content if isinstance(content, str) else json.dumps(content))
+        return path
+
+
+class Committed(InTemporaryFolder):
+    def test_all_of_results_is_small(self):
+        tracked = run("git", "-c", "safe.directory=*", "ls-files", "results").stdout.split() or [
+            str(path) for path in RESULTS.rglob("*") if path.is_file() and "local" not in path.parts]
+        large = {name: os.path.getsize(name) for name in tracked if os.path.exists(name)}
+        self.assertLess(sum(large.values()), 3_000_000, sorted(large.items(), key=lambda item: -item[1])[:5])
+
+    def test_every_result_is_compressed_and_whole(self):
+        files = result_files.committed(RESULTS)
+        self.assertGreater(len(files), 10)
+        for path in files:
+            with self.subTest(str(path)):
+                self.assertEqual(path.suffix, ".gz", "results/compact.py compresses it")
+                # gzip checks length and sum; the program's own form is what is inside.
+                text = gzip.decompress(path.read_bytes()).decode()
+                self.assertEqual(json.loads(text), result_files.load(path))
+                self.assertTrue(text.startswith("{\n"), text[:20])
+
+    def test_what_readme_says_to_run_runs(self):
+        """Every indented command and line of Python below "Reading them", each for itself."""
+        section = (RESULTS / "README.md").read_text().split("## Reading them\n")[1].split("\n## ")[0]
+        lines = re.findall(r"^    (.*?)(?:  +#.*)?$", section, flags=re.MULTILINE)
+        self.assertEqual([line.split()[0] for line in lines], ["zcat", "python3", "rows"])
+        home = self.folder / "tree"
+        home.mkdir()
+        (home / "results").symlink_to(RESULTS.resolve())
+        unpack, compare, frame = lines
+        self.assertEqual(run("bash", "-c", unpack, cwd=home).stderr, "")
+        done = run("bash", "-c", compare.replace("python3 compare.py", f"/usr/bin/python3 {COMPARE} --no-color"), cwd=home)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stdout, r"OVERALL_GEOMEAN +-0\.9")
+        known = result_files.load(pathlib.Path(re.search(r'"(results/.*?)"', frame)[1]))["benchmarks"]
+        done = run("/usr/bin/python3", "-c", f"import json, gzip, pandas\n{frame}\nprint(len(rows), rows.real_time.sum())",
+                   cwd=home)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        count, total = done.stdout.split()
+        self.assertEqual(int(count), len(known))
+        self.assertAlmostEqual(float(total), sum(row["real_time"] for row in known), places=3)
+
+
+class Compact(InTemporaryFolder):
+    def test_nothing_is_lost(self):
+        result = result_files.load(RESULTS / "amd-epyc/fastest.json.gz")
+        path = self.write("a.json", json.dumps(result, indent=2))
+        text = path.read_bytes()
+        made = compact.compact(path)
+        self.assertEqual(made, self.folder / "a.json.gz")
+        self.assertEqual(gzip.decompress(made.read_bytes()), text)
+        self.assertEqual([p.name for p in self.folder.iterdir()], ["a.json.gz"])
+        self.assertLess(made.stat().st_size, len(text) / 10)
+        first = made.read_bytes()
+        self.write("a.json", text)
+        self.assertEqual(compact.compact(path).read_bytes(), first, "the same result gives the same bytes")
+
+    def test_what_is_no_result_stays(self):
+        for name, content in (("a.json", "{"), ("a.txt", "{}"), ("b.json", "[1]")):
+            path = self.write(name, content)
+            said = run("/usr/bin/python3", "results/compact.py", path)
+            self.assertEqual((said.returncode, said.stdout), (2, ""), said.stderr)
+            self.assertIn(f"compact.py: {path}: ", said.stderr)
+            self.assertEqual(path.read_text(), content)
+
+
+class Figures(InTemporaryFolder):
+    """pareto.py and stability.py, which draw from the same file the same bytes."""
+
+    def draw(self, script, result, **more):
+        return run("/usr/bin/python3", f"results/{script}.py", result, "--out", self.folder / "a.svg", **more)
+
+    def test_committed_figures_are_of_the_committed_results_and_small(self):
+        path = RESULTS / "amd-epyc/stability.json.gz"
+        said = self.draw("stability", path)
+        self.assertEqual((said.returncode, said.stderr), (0, ""))
+        # Another matplotlib may place its marks elsewhere.
+        drawn = (self.folder / "a.svg").read_text()
+        self.assertIn("measured limit / theory", drawn)
+        for path in RESULTS.glob("*/*.svg"):
+            self.assertLess(path.stat().st_size, 200_000, path)
+
+    def test_without_matplotlib(self):
+        self.write("matplotlib.py", ABSENT.format("matplotlib"))
+        for script in ("pareto", "stability"):
+            said = self.draw(script, RESULTS / f"amd-epyc/{script}.json.gz",
+                             env=os.environ | {"PYTHONPATH": str(self.folder)})
+            self.assertEqual((said.returncode, said.stdout), (2, ""), said.stderr)
+            self.assertEqual(said.stderr, f"{script}.py: No module named matplotlib: install Debian's python3-matplotlib, "
+                             "or with pip matplotlib\n")
+
+
+if __name__ == "__main__":
+    unittest.main()
