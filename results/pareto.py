@@ -10,22 +10,16 @@ where rounding overtakes discretisation, with the float64 line of second order f
 """
 
 import argparse
-import json
 import pathlib
 import statistics
-import sys
 
-import matplotlib
+import drawing
 
-matplotlib.use("Agg")
-# The same bytes from the same result: no random ids, no date, text as text.
-matplotlib.rcParams.update({"svg.hashsalt": "voxspring", "svg.fonttype": "none", "font.size": 9,
-                            "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-                            "grid.color": "#e4e4e4", "grid.linewidth": 0.6, "axes.axisbelow": True})
 import matplotlib.pyplot as plt
 from matplotlib.lines import Line2D
 
-import versions
+plt.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#e4e4e4",
+                     "grid.linewidth": 0.6, "axes.axisbelow": True})
 
 # Okabe and Ito's palette, which colour-blind readers tell apart too.
 COLOURS = {"paper": "#D55E00", "position": "#E69F00", "displacement": "#56B4E9", "increment": "#0072B2",
@@ -35,25 +29,16 @@ DASHES = {"float32": "-", "float64": ":"}
 FRONTS = ["-", "--", "-.", ":"]
 
 
-def refuse(message):
-    print(f"pareto.py: {message}", file=sys.stderr)
-    sys.exit(2)
-
-
 def read_rows(path):
     """Rows with a time and a total error, in the order of the file."""
-    try:
-        result = json.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        refuse(f"{path}: {error}")
-    if isinstance(result, dict) and (reason := versions.unread(result)):
-        refuse(f"{path}: {reason}")
-    rows = result.get("pareto") if isinstance(result, dict) else None
-    if not isinstance(rows, list):
-        refuse(f"{path}: pareto: expected the result of a study of kind pareto")
-    rows = [row for row in rows if row["seconds"] is not None and row["total_error_relative_l2"]]
+    rows = [row for row in drawing.read(path, "pareto").lists["pareto"]
+            if row.get("seconds") and row.get("total_error_relative_l2")]
     if not rows:
-        refuse(f"{path}: pareto: no row has a time and a total error")
+        drawing.refuse(f"{path}: pareto: no row has a time and a total error")
+    for row in rows:
+        for key, known in (("formulation", COLOURS), ("precision", MARKERS)):
+            if row[key] not in known:
+                drawing.refuse(f"{path}: pareto: {key}: {row[key]!r}: expected one of {', '.join(known)}")
     return rows
 
 
@@ -63,10 +48,13 @@ def short(device):
 
 
 def draw_fronts(axes, rows):
+    alike = {}
     for row in rows:
-        axes.plot(row["seconds"], row["total_error_relative_l2"], marker=MARKERS[row["precision"]],
-                  color=COLOURS[row["formulation"]], markersize=5 if row["on_front"] else 3.2,
-                  alpha=1 if row["on_front"] else 0.4, markeredgewidth=0, linestyle="none", zorder=3)
+        alike.setdefault((row["formulation"], row["precision"], row["on_front"]), []).append(
+            (row["seconds"], row["total_error_relative_l2"]))
+    for (formulation, precision, on_front), points in alike.items():
+        axes.plot(*zip(*points), marker=MARKERS[precision], color=COLOURS[formulation], markersize=5 if on_front else 3.2,
+                  alpha=1 if on_front else 0.4, markeredgewidth=0, linestyle="none", zorder=3, rasterized=True)
     devices = list(dict.fromkeys(row["device"] for row in rows))
     for device, style in zip(devices, FRONTS * len(devices)):
         front = sorted((row["seconds"], row["total_error_relative_l2"]) for row in rows
@@ -124,13 +112,8 @@ def main():
     options = parser.parse_args()
     for out in options.out:
         if out.suffix not in (".svg", ".png"):
-            refuse(f"--out: {out}: expected a name that ends in .svg or .png")
-    figure = draw(read_rows(options.result))
-    for out in options.out:
-        try:
-            figure.savefig(out, dpi=160, metadata={"Date": None} if out.suffix == ".svg" else {"Software": None})
-        except OSError as error:
-            refuse(f"--out: {error}")
+            drawing.refuse(f"--out: {out}: expected a name that ends in .svg or .png")
+    drawing.save(draw(read_rows(options.result)), options.out)
 
 
 if __name__ == "__main__":

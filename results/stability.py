@@ -7,20 +7,13 @@ FILE is the result of `voxspring study stability --out FILE` (schema.json). The 
 """
 
 import argparse
-import json
 import pathlib
-import sys
 
-import matplotlib
+import drawing
 
-matplotlib.use("Agg")
-matplotlib.rcParams.update({"svg.hashsalt": "voxspring", "svg.fonttype": "none", "font.size": 9})
-
-import matplotlib.pyplot as plt  # noqa: E402  the backend is chosen first
-from matplotlib.colors import ListedColormap  # noqa: E402
-from matplotlib.patches import Patch  # noqa: E402
-
-import versions  # noqa: E402
+import matplotlib.pyplot as plt
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
 
 # Okabe and Ito's palette, which colour-blind readers tell apart; the letters say the same.
 REGIONS = {"bounded": "#56b4e9", "heating": "#f0e442", "diverged": "#d55e00"}
@@ -59,7 +52,7 @@ def draw_ratios(axes, rows):
         points = [(starts.index(start_of(row)) + 0.12 * (s - (len(scenes) - 1) / 2), row["ratio"])
                   for row in rows if row["scene"] == scene]
         axes.plot(*zip(*points), MARKERS[s % len(MARKERS)], color=COLOURS[s % len(COLOURS)], markersize=4,
-                  label=scene, linestyle="none")
+                  label=scene, linestyle="none", rasterized=True)
     axes.axhline(1, color="black", linewidth=0.8)
     axes.set_xticks(range(len(starts)), starts)
     axes.set_xlabel("start, in spacings, and damping λ")
@@ -75,25 +68,16 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, required=True, help="an .svg file")
     arguments = parser.parse_args()
     if arguments.out.suffix != ".svg":
-        parser.error(f"--out {arguments.out}: expected a path that ends in .svg")
-    try:
-        result = json.loads(arguments.file.read_text(encoding="utf-8"))
-        rows, maps = result["stability"], result["stability_map"]
-    except (OSError, ValueError, KeyError) as error:
-        parser.error(f"{arguments.file}: {error!r}; expected the result of a stability study")
-    if reason := versions.unread(result):
-        parser.error(f"{arguments.file}: {reason}")
-    if not rows:
-        parser.error(f"{arguments.file}: expected a row of stability at least")
+        drawing.refuse(f"--out: {arguments.out}: expected a name that ends in .svg")
+    lists = drawing.read(arguments.file, "stability").lists
+    rows, maps = lists["stability"], lists["stability_map"]
     figure, axes = plt.subplots(1 + len(maps), 1, figsize=(7.5, 4.4 * (1 + len(maps))), squeeze=False,
                                 constrained_layout=True)
     draw_ratios(axes[0][0], rows)
     for panel, row in zip(axes[1:], maps):
         draw_map(panel[0], row)
-    # Neither a date nor a version, so that the file changes with the result alone.
-    figure.savefig(arguments.out, metadata={"Date": None, "Creator": None})
-    return 0
+    drawing.save(figure, [arguments.out])
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
