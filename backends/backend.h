@@ -41,6 +41,9 @@ class DeviceError : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
+/// The programming interfaces that backends are written in, whatever their version.
+enum class ApiFamily : std::uint8_t { cpu, opengl, cuda };
+
 /// What a backend runs on.
 struct Capabilities {
     std::string api;     ///< "CPU", "OpenGL 4.5 core", "CUDA 13.0"
@@ -51,6 +54,8 @@ struct Capabilities {
     bool deterministic = true;  ///< two runs give the same bits
     /// The device's highest clocks by what they drive ("sm", "memory"), where its driver tells.
     std::map<std::string, int> highest_mhz = {};
+    ApiFamily family = ApiFamily::cpu;
+    bool is_software = false;  ///< a graphics API that the processor computes
 };
 
 /// One timed batch of steps.

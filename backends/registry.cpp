@@ -42,6 +42,16 @@ std::string checked(const std::string& backend, const std::string& key, const st
 
 }  // namespace
 
+std::vector<Skip> BackendEntry::skips() const {
+    // What these two parameters mean is the same in every backend that has them.
+    static const std::vector<Skip> known = {{"terms", "needed", "all"}, {"rest", "skip", "step"}};
+    std::vector<Skip> own;
+    for (const Skip& skip : known) {
+        if (tuning.contains(skip.parameter)) own.push_back(skip);
+    }
+    return own;
+}
+
 Registered::Registered(BackendEntry entry) {
     auto name = entry.name;
     mutable_registry().emplace(std::move(name), std::move(entry));

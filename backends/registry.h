@@ -21,6 +21,12 @@ inline const std::vector<Formulation> every_formulation = {Formulation::incremen
                                                            Formulation::displacement,
                                                            Formulation::compensated, Formulation::paper};
 
+/// A tuning parameter of two values that give the same bits: with one the backend leaves out work that this
+/// problem does not need, with the other it does all of it.
+struct Skip {
+    std::string parameter, skipping, stepping;
+};
+
 /// A backend as the harness knows it before any device is touched.
 struct BackendEntry {
     std::string name;     ///< also its file, the `backend` field of a result and its test's name
@@ -31,6 +37,12 @@ struct BackendEntry {
     std::function<std::unique_ptr<Backend>(const Options&)> make;
     /// Bytes of memory, on the device if it has its own, that upload() would take.
     std::function<std::uint64_t(const Problem&, const Options&)> bytes;
+    /// How far a particle may fall behind in a step because the options ask for it, in spacings. Empty: not
+    /// at all.
+    std::function<double(const Options&)> admitted_spacings_per_step = {};
+
+    /// Those of its tuning parameters that only leave work out.
+    std::vector<Skip> skips() const;
 };
 
 /// `static const Registered entry({...});` in a backend's file adds it to the roster.
@@ -58,6 +70,9 @@ struct BackendSpec {
     /// Throws BadSpecification.
     static BackendSpec parse(const std::string& text);
     std::unique_ptr<Backend> make() const { return entry->make(options); }
+    double admitted_spacings_per_step() const {
+        return entry->admitted_spacings_per_step ? entry->admitted_spacings_per_step(options) : 0;
+    }
     /// "mask=stencil,threads=2": all tuning parameters, empty if there are none.
     std::string tuning() const;
     /// What parse() takes: "NAME:formulation=...,precision=...[,key=value...]".

@@ -12,6 +12,7 @@
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
+#include "harness/results/capabilities.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
 #include "harness/study/study.h"
@@ -227,6 +228,24 @@ TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
     const auto choice = choose_among(result, rows);
     EXPECT_EQ(choice.at("name"), "a/cpu_parallel/position/float32");
     EXPECT_DOUBLE_EQ(choice.at("times_fastest"), 90.0 / 80) << "the fastest of all rows, chosen or not";
+}
+
+TEST(Capabilities, AreReadAsTheyWereWrittenByAnyVersion) {
+    const Capabilities written{.api = "OpenGL 4.5 core",
+                               .device = "a card",
+                               .driver = "1",
+                               .uuid = "GPU-a",
+                               .clock = "GL_TIMESTAMP",
+                               .deterministic = false,
+                               .highest_mhz = {{"sm", 7}},
+                               .family = ApiFamily::opengl,
+                               .is_software = true};
+    EXPECT_EQ(to_json(capabilities_of(to_json(written))), to_json(written));
+    // 0.1 wrote neither field: names tell.
+    EXPECT_EQ(capabilities_of({{"api", "CUDA 13.0"}}).family, ApiFamily::cuda);
+    EXPECT_EQ(capabilities_of({{"api", "OpenGL compute 4.5 core"}}).family, ApiFamily::opengl);
+    EXPECT_TRUE(capabilities_of({{"device", "llvmpipe, software"}}).is_software);
+    EXPECT_FALSE(capabilities_of({{"device", "a card"}}).is_software);
 }
 
 TEST(Auto, TakesWhatRunsTheSceneOnThisMachine) {

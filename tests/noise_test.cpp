@@ -95,6 +95,7 @@ public:
     Capabilities capabilities() const override {
         Capabilities capabilities = sound_->capabilities();
         capabilities.api = "CUDA 13.0";
+        capabilities.family = ApiFamily::cuda;
         capabilities.uuid = "GPU-fake";
         return capabilities;
     }

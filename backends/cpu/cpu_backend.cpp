@@ -42,7 +42,8 @@ Capabilities cpu_capabilities(const std::string& target, int threads) {
             .driver = target + ", " + std::to_string(threads) + (threads == 1 ? " thread" : " threads"),
             .uuid = {},
             .clock = "steady_clock",
-            .deterministic = true};
+            .deterministic = true,
+            .family = ApiFamily::cpu};
 }
 
 }  // namespace voxspring

@@ -627,6 +627,8 @@ const Registered entry({
             return options.precision == Precision::float32 ? bytes<float>(problem, options)
                                                            : bytes<double>(problem, options);
         },
+    // What sleeps stands still where it would have moved by less than that.
+    .admitted_spacings_per_step = sleep_threshold,
 });
 
 }  // namespace

@@ -189,7 +189,9 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
                      .driver = text(GL_VERSION),
                      .uuid = card.uuid,
                      .clock = "GL_TIMESTAMP",
-                     .deterministic = true};
+                     .deterministic = true,
+                     .family = ApiFamily::opengl,
+                     .is_software = card.software};
 }
 
 Context::~Context() = default;

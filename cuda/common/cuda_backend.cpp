@@ -24,7 +24,8 @@ Capabilities CudaBackend::capabilities() const {
             .uuid = device_.uuid(),
             .clock = "CUDA event",
             .deterministic = true,
-            .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}}};
+            .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}},
+            .family = ApiFamily::cuda};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

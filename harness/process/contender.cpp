@@ -5,6 +5,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/device/limits.h"
+#include "harness/results/capabilities.h"
 #include "harness/scene/scene_runner.h"
 
 namespace voxspring {
@@ -55,26 +56,6 @@ private:
 };
 
 }  // namespace
-
-nlohmann::json to_json(const Capabilities& capabilities) {
-    return {{"api", capabilities.api},
-            {"device", capabilities.device},
-            {"driver", capabilities.driver},
-            {"uuid", capabilities.uuid},
-            {"clock", capabilities.clock},
-            {"deterministic", capabilities.deterministic},
-            {"highest_mhz", capabilities.highest_mhz}};
-}
-
-Capabilities capabilities_of(const nlohmann::json& json) {
-    return {.api = json.at("api"),
-            .device = json.at("device"),
-            .driver = json.at("driver"),
-            .uuid = json.at("uuid"),
-            .clock = json.at("clock"),
-            .deterministic = json.at("deterministic"),
-            .highest_mhz = json.at("highest_mhz")};
-}
 
 Contender::Contender(BackendSpec spec, const Scene& scene, MakeTask make_task, Record record,
                      std::chrono::duration<double> timeout)

@@ -76,9 +76,6 @@ private:
 /// Unwritten.
 std::optional<std::string> failure_of(const std::function<void()>& action);
 
-nlohmann::json to_json(const Capabilities& capabilities);
-Capabilities capabilities_of(const nlohmann::json& json);
-
 /// What `look` says of a backend, which is constructed for that in a process of its own. Throws as
 /// Worker::ask() does.
 nlohmann::json look_at(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look,

@@ -7,6 +7,7 @@
 #include <sstream>
 #include <utility>
 
+#include "harness/results/capabilities.h"
 #include "harness/results/result.h"
 
 namespace voxspring {
@@ -15,8 +16,7 @@ namespace {
 constexpr double any_number = std::numeric_limits<double>::infinity();
 constexpr double any_occupancy = 2;
 
-/// OpenGL on the processor says so in its device's name (Capabilities).
-bool is_software(const std::string& device) { return device.ends_with(", software"); }
+bool is_software(const nlohmann::json& backend) { return capabilities_of(backend).is_software; }
 
 std::string count_text(std::uint64_t count) {
     if (count < 1000000) return std::to_string(count);
@@ -131,9 +131,7 @@ void check_auto(const std::string& text) {
     if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
 }
 
-bool may_be_chosen(const BackendSpec& spec, const Backend& backend) {
-    return !spec.entry->name.starts_with("gl_") || !is_software(backend.capabilities().device);
-}
+bool may_be_chosen(const Backend& backend) { return !backend.capabilities().is_software; }
 
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes) {
@@ -160,7 +158,7 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
     std::unique_ptr<Backend> backend;
     Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();
-        return may_be_chosen(spec, *backend) && accepts(*backend);
+        return may_be_chosen(*backend) && accepts(*backend);
     });
     return {std::move(chosen), std::move(backend)};
 }
@@ -183,8 +181,7 @@ nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nloh
     nlohmann::json choice = {{"name", nullptr}, {"reason", "no rule holds"}, {"times_fastest", nullptr}};
     for (const Rule& rule : rules()) {
         if (!holds(rule, workload) || !known.contains(rule.backend) || refused.contains(rule.backend) ||
-            !backends.contains(rule.backend) ||
-            (rule.backend.starts_with("gl_") && is_software(backends.at(rule.backend).at("device"))))
+            !backends.contains(rule.backend) || is_software(backends.at(rule.backend)))
             continue;
         choice["reason"] = said(rule, workload);
         const std::string name = scene + "/" + rule.backend + "/" + formulation + "/" + precision +

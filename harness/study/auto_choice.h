@@ -60,7 +60,7 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes);
 /// Whether the rules may choose what is constructed here: OpenGL in software never is.
-bool may_be_chosen(const BackendSpec& spec, const Backend& backend);
+bool may_be_chosen(const Backend& backend);
 /// Checks what follows "auto". Throws BadSpecification.
 void check_auto(const std::string& text);
 

@@ -15,6 +15,7 @@
 #include "harness/base/interruption.h"
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
+#include "harness/results/capabilities.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 #include "harness/verification/errors.h"
@@ -103,7 +104,7 @@ private:
     /// One timed batch, and the state that it leaves if it is the `last` one or has departed from its bounds.
     nlohmann::json repeat(Backend& backend, bool last) {
         if (batch_.rewind) runner_.rewind(backend);
-        if (backend.capabilities().api == "CPU") spread_threads();
+        if (backend.capabilities().family == ApiFamily::cpu) spread_threads();
         const auto waited_begin = waited_seconds();
         const double cpu_begin = cpu_seconds_of_thread();
         const Timing timing = backend.timed([&] { runner_.run(backend, batch_.steps); });
@@ -556,7 +557,7 @@ SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, cons
     }
 
     const auto computes_on_card = [](const Contender& contender) {
-        return contender.capabilities().at("api").get<std::string>().starts_with("CUDA");
+        return capabilities_of(contender.capabilities()).family == ApiFamily::cuda;
     };
     const auto own = std::count_if(contenders.begin(), contenders.end(), computes_on_card);
     const Course course{scene, batch,        truth, state, SceneRunner(scene).edits_within(batch.steps),

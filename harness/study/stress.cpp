@@ -359,18 +359,15 @@ private:
         problem.damping = 0.01;
         State start = state_at_rest(problem);
         start.displacement[0] = {0.3, 0.2, 0.1};
-        for (const auto& [key, values] : {std::pair{"terms", std::array{"needed", "all"}},
-                                          std::pair{"rest", std::array{"skip", "step"}}}) {
-            if (!spec_.entry->tuning.contains(key)) continue;
-            record({8, std::string("skipping ") + key, box_name(side), "particles", steps, same_bits_gate()},
-                   problem, [&, &name = key, &of = values] {
-                       std::array<State, 2> states;
-                       for (std::size_t s = 0; s < 2; ++s) {
+        for (const Skip& skip : spec_.entry->skips()) {
+            record({8, "skipping " + skip.parameter, box_name(side), "particles", steps, same_bits_gate()},
+                   problem, [&] {
+                       const auto run_with = [&](const std::string& value) {
                            BackendSpec spec = spec_;
-                           spec.options.tuning[name] = of[s];
-                           states[s] = voxspring::run_from(start, problem, *spec.make(), steps);
-                       }
-                       return different(states[0], states[1]);
+                           spec.options.tuning[skip.parameter] = value;
+                           return voxspring::run_from(start, problem, *spec.make(), steps);
+                       };
+                       return different(run_with(skip.skipping), run_with(skip.stepping));
                    });
         }
     }

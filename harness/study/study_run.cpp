@@ -24,6 +24,7 @@
 #include "harness/process/contender.h"
 #include "harness/process/journal.h"
 #include "harness/process/shared_state.h"
+#include "harness/results/capabilities.h"
 #include "harness/results/result.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"
@@ -117,11 +118,11 @@ std::string other_card(const nlohmann::json& backends, const std::string& uuid) 
 /// The GPU and GL renderer that any row of this study ran on.
 void note_devices(nlohmann::json& context) {
     for (const auto& [name, backend] : context.at("backends").items()) {
-        const std::string api = backend.at("api");
-        if (api.starts_with("CUDA")) {
+        const ApiFamily family = capabilities_of(backend).family;
+        if (family == ApiFamily::cuda) {
             context["gpu"] = backend.at("device");
             context["driver"] = backend.at("driver");
-        } else if (api.starts_with("OpenGL")) {
+        } else if (family == ApiFamily::opengl) {
             context["gl_renderer"] = backend.at("device");
             if (context["driver"].is_null()) context["driver"] = backend.at("driver");
         }
@@ -371,7 +372,7 @@ private:
             if (!asks_for_auto(pattern)) continue;
             const Chosen choice = choose_by_rules(pattern, scene, [&](const BackendSpec& spec) {
                 const auto accepts = [&](const Backend& backend) -> nlohmann::json {
-                    return may_be_chosen(spec, backend) && SceneRunner(scene).unsupported(backend).empty();
+                    return may_be_chosen(backend) && SceneRunner(scene).unsupported(backend).empty();
                 };
                 nlohmann::json accepted = false;
                 (void)failure_of([&] { accepted = look_at(spec, accepts, options_.timeout); });

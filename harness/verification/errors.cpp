@@ -12,13 +12,10 @@ nlohmann::json number_or_null(double value) {
 
 namespace {
 
-/// The error that `spec` asks for. What sleeps stands still where it would have moved by less than `sleep`
-/// spacings a step: that much a step it may fall behind.
-double error_asked_for(const Problem& problem, const BackendSpec& spec, int steps) {
-    const auto sleep = spec.options.tuning.find("sleep");
-    if (sleep == spec.options.tuning.end() || sleep->second == "off") return 0;
+/// The error that the options of `spec` ask for, in units of length.
+double admitted_error(const Problem& problem, const BackendSpec& spec, int steps) {
     const glm::dvec3 spacing = problem.lattice.spacing;
-    return steps * std::stod(sleep->second) * std::min({spacing.x, spacing.y, spacing.z});
+    return steps * spec.admitted_spacings_per_step() * std::min({spacing.x, spacing.y, spacing.z});
 }
 
 }  // namespace
@@ -26,7 +23,7 @@ double error_asked_for(const Problem& problem, const BackendSpec& spec, int step
 Comparison judge(const Truth& truth, const State& state, const BackendSpec& spec) {
     Comparison comparison =
         compare(truth.problem, state, truth.same_step, spec.options.precision, truth.steps,
-                spec.options.formulation, error_asked_for(truth.problem, spec, truth.steps));
+                spec.options.formulation, admitted_error(truth.problem, spec, truth.steps));
     if (truth.chaos.chaotic() && comparison.finite) comparison.reason.clear();
     return comparison;
 }

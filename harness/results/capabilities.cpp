@@ -1,0 +1,61 @@
+#include "harness/results/capabilities.h"
+
+#include <array>
+#include <string>
+#include <utility>
+
+namespace voxspring {
+namespace {
+
+struct FamilyName {
+    ApiFamily family;
+    const char* name;
+    const char* api;  ///< what the names of its versions begin with
+};
+constexpr std::array family_names = {FamilyName{ApiFamily::cpu, "cpu", "CPU"},
+                                     FamilyName{ApiFamily::opengl, "opengl", "OpenGL"},
+                                     FamilyName{ApiFamily::cuda, "cuda", "CUDA"}};
+
+std::string name_of(ApiFamily family) {
+    for (const FamilyName& known : family_names) {
+        if (known.family == family) return known.name;
+    }
+    return {};
+}
+
+ApiFamily family_of(const nlohmann::json& json, const std::string& api) {
+    const std::string name = json.value("family", "");
+    for (const FamilyName& known : family_names) {
+        if (name.empty() ? api.starts_with(known.api) : name == known.name) return known.family;
+    }
+    return ApiFamily::cpu;
+}
+
+}  // namespace
+
+nlohmann::json to_json(const Capabilities& capabilities) {
+    return {{"api", capabilities.api},
+            {"device", capabilities.device},
+            {"driver", capabilities.driver},
+            {"uuid", capabilities.uuid},
+            {"clock", capabilities.clock},
+            {"deterministic", capabilities.deterministic},
+            {"highest_mhz", capabilities.highest_mhz},
+            {"family", name_of(capabilities.family)},
+            {"software", capabilities.is_software}};
+}
+
+Capabilities capabilities_of(const nlohmann::json& json) {
+    const std::string api = json.value("api", ""), device = json.value("device", "");
+    return {.api = api,
+            .device = device,
+            .driver = json.value("driver", ""),
+            .uuid = json.value("uuid", ""),
+            .clock = json.value("clock", ""),
+            .deterministic = json.value("deterministic", true),
+            .highest_mhz = json.value("highest_mhz", std::map<std::string, int>()),
+            .family = family_of(json, api),
+            .is_software = json.value("software", device.ends_with(", software"))};
+}
+
+}  // namespace voxspring
