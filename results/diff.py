@@ -1,68 +1,21 @@
 #!/usr/bin/env python3
 """Compares two results row by row: what became faster or slower, whose error grew, what fails now.
 
-Usage: diff.py OLD.json NEW.json [--markdown | --json] [--all] [--threshold 0.05] [--error-factor 1.5]
-               [--across-devices]
+Usage: diff.py OLD NEW [--markdown | --json] [--all] [--threshold 0.05] [--error-factor 1.5] [--across-devices]
 
-Rows pair by scene, backend, formulation, precision and tuning; those of studies of kind pareto, stability and stress
-by time step, start or measurement as well. A tuning parameter that only one file knows does not keep rows apart while
-it is at its default. Exit code: 0 nothing is worse, 1 something is (slower, error grew, now fails), 2 bad input.
+OLD and NEW are results, RESULT.json or RESULT.json.gz. Exit code: 0 nothing is worse, 1 something is (slower, error grew,
+now fails), 2 bad input.
 
-The verdict on time takes all repetitions, 9 at least. With a threshold t a row is slower if Mann-Whitney's U tells the
-two files apart, at a false discovery rate of 1% over all rows, the ratio of medians is beyond 1 + t, and its 95%
-bootstrap interval is beyond 1. Where the noise n exceeds 0.8 t, the interval has to be beyond 1 + 3n; where n exceeds
-20%, no row is slower. The noise of a row is its spread, the larger relative interquartile range of the two files, or
-the upper quartile of the spreads on its device if that is more: load comes and goes, and spares some rows. Faster
-likewise. A row that is neither, but whose interval reaches beyond the threshold, is too noisy to tell; the rest is the
-same. results/README.md says how often that is wrong.
-
-Errors are of one state and have no statistics: one grew if it is more than --error-factor times what it was, or than
-what float64 is uncertain by if that is more.
+The rule, which the page of results follows as well:
 """
 
 import argparse
-import collections
-import dataclasses
 import json
 import math
 import pathlib
 import sys
 
-try:
-    import numpy
-    import scipy.stats
-except ImportError as absent:
-    print(f"diff.py: {absent}: install Debian's python3-scipy, or with pip scipy", file=sys.stderr)
-    sys.exit(2)
-
 import result_files
-
-IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
-# What tells the rows of one identity apart, by the list they are in.
-PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
-          "stress": ("part", "measurement", "steps", "detail")}
-# Errors, and the field that says how well float64 knows what they are taken against.
-ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty"}
-STRESS_ERRORS = ("relative", "spacings")  # units; growth, energies and counts have gates alone
-
-CLOCK = "real_time"
-MINIMUM_REPETITIONS = 9
-FALSE_DISCOVERIES = 0.01
-CONFIDENCE = 0.95
-RESAMPLES = 2000
-SEED = 1
-# A whole run moves farther than its repetitions differ: by this many times their noise, where that exceeds this part of
-# the threshold (results/README.md has the figures), and where they differ by a fifth, by nobody knows how much.
-NOISE_FACTOR = 3
-CALM = 0.8
-HIGHEST_NOISE = 0.2
-# A few roundings of float64, which another order of the same sums makes.
-FLOAT64_NOISE = 1e-15
-
-WORSE = ("now fails", "error grew", "slower")
-VERDICTS = WORSE + ("faster", "new", "gone", "still fails", "not comparable", "too noisy to tell",
-                    "too few repetitions", "same")
-COLOURS = {"now fails": "bold red", "error grew": "bold red", "slower": "red", "faster": "green", "same": "dim"}
 
 
 def refuse(message):
@@ -70,307 +23,12 @@ def refuse(message):
     sys.exit(2)
 
 
-@dataclasses.dataclass
-class Row:
-    """What a file says about a contender in one place; times are of the repetitions, in seconds or limits a step."""
-    name: str
-    measure: tuple = ()  # which must agree for two rows to be comparable: particles, springs, steps
-    times: list = dataclasses.field(default_factory=list)
-    timed: bool = False  # whether it has a time, of repetitions that may not be in the file
-    errors: dict = dataclasses.field(default_factory=dict)
-    floors: dict = dataclasses.field(default_factory=dict)
-    chaotic: bool = False
-    noisy: list = dataclasses.field(default_factory=list)  # why its run says that its times are not to be trusted
-    failure: str = ""
+try:
+    import comparison
+except ImportError as absent:
+    refuse(f"{absent}: install Debian's python3-scipy, or with pip scipy")
 
-
-class Result:
-    """A result file: rows by (identity, place), failed and skipped with their reasons by identity."""
-
-    def __init__(self, path, across):
-        self.path = path
-        try:
-            self.json = result_files.load(path)
-        except result_files.BadInput as error:
-            refuse(error)
-        self.context = self.get(self.get(self.json, "", "context", dict), "context.", "voxspring", dict)
-        self.rows = collections.defaultdict(list)
-        self.unmeasured = {"failed": {}, "skipped": {}}
-        for list_name in (*PLACES, *self.unmeasured):
-            for index, row in enumerate(self.get(self.json, "", list_name, list, [])):
-                at = f"{list_name}[{index}]."
-                if not isinstance(row, dict):
-                    self.refuse(at[:-1], row, "an object")
-                identity = tuple(self.get(row, at, key, str, *([""] if key not in ("scene", "backend") else []))
-                                 for key in IDENTITY)
-                if list_name in self.unmeasured:
-                    self.unmeasured[list_name][identity] = self.get(row, at, "reason", str, "no reason given")
-                else:
-                    self.add(list_name, identity, row, at, across)
-        if not self.rows and not any(self.unmeasured.values()):
-            self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
-
-    def refuse(self, key, value, accepted):
-        refuse(f"{self.path}: {key}: {result_files.shown(value)}: expected {accepted}")
-
-    def get(self, holder, at, key, kind, *default):
-        """holder[key], of a kind: dict, list, str, bool or float (any finite number that is not negative, or null)."""
-        if key not in holder and default:
-            return default[0]
-        value = holder.get(key)
-        if kind is float:
-            good = value is None or (result_files.is_finite(value) and value >= 0)
-        else:
-            good = isinstance(value, kind)
-        if not good:
-            accepted = {dict: "an object", list: "an array", str: "a string", bool: "true or false",
-                        float: "a number that is not negative, or null"}[kind]
-            self.refuse(at + key, value if key in holder else "(missing)", accepted)
-        return value
-
-    def add(self, list_name, identity, row, at, across):
-        if list_name == "benchmarks" and row.get("run_type", "iteration") != "iteration":
-            return
-        place = tuple((key, json.dumps(row.get(key), sort_keys=True)) for key in PLACES[list_name])
-        name = self.get(row, at, "name", str, "/".join(identity[:4])).split("/iterations:")[0]
-        entry = Row(name[len(identity[0]) + 1:].replace("/", " "))
-        entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")
-                              if key in row)
-        entry.chaotic = self.get(row, at, "chaotic", bool, False)
-        entry.noisy = [str(reason) for reason in self.get(row, at, "noisy", list, [])]
-        if list_name == "stress":
-            if row.get("gate_is") == "at most" and row.get("unit") in STRESS_ERRORS:
-                entry.errors["measured"] = self.get(row, at, "measured", float)
-        else:
-            for key, floor in ERRORS.items():
-                if key in row:
-                    entry.errors[key] = self.get(row, at, key, float)
-                    entry.floors[key] = self.get(row, at, floor, float, None) if floor else None
-        if not self.get(row, at, "passed", bool, True) or self.get(row, at, "diverged", bool, False):
-            entry.failure = self.get(row, at, "reason", str, "beyond its gate")
-        key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else "seconds"
-        time = self.get(row, at, key, float, None)
-        entry.timed = key in row
-        if list_name == "benchmarks":
-            if not across and not time:
-                self.refuse(at + key, time, "a number of microseconds above zero")
-            # Over the limit of its device a time is the inverse of the fraction.
-            entry.times = [1 / time if across else time * 1e-6] if time else []
-            known = self.rows[(identity, place)]
-            if known:
-                known[0].times += entry.times
-                return
-        self.rows[(identity, place)].append(entry)
-
-    def device(self, backend):
-        """(name, card) of what a backend ran on; a processor is another one with another number of cores."""
-        on = self.context.get("backends", {}).get(backend, {})
-        cores = self.json["context"].get("num_cpus")
-        name = on.get("device") or self.context.get("gpu" if backend.startswith("cuda") else "cpu") or "unknown"
-        return (name, on["uuid"]) if on.get("uuid") or not cores else (f"{name}, {cores} logical processors", "")
-
-
-def same_tuning(identity, row, others):
-    """The one identity among `others` that differs only in parameters one side lacks and the other has at default."""
-    def values(tuning):
-        return dict(part.partition("=")[::2] for part in tuning.split(",") if part)
-    def alike(other, other_row):
-        ours, theirs = values(identity[4]), values(other[4])
-        return (identity[:4] == other[:4] and all(theirs[key] == ours[key] for key in ours.keys() & theirs.keys())
-                and not any(f"{key}=" in row.name for key in ours.keys() - theirs.keys())
-                and not any(f"{key}=" in other_row.name for key in theirs.keys() - ours.keys()))
-    found = [other for other, other_row in others.items() if alike(other, other_row)]
-    return found[0] if len(found) == 1 else None
-
-
-def rename(old, new):
-    """Gives rows of `old` the tuning that `new` has for them."""
-    identities = [{identity: rows[0] for (identity, _), rows in result.rows.items()} for result in (old, new)]
-    lone = [{i: row for i, row in mine.items() if i not in other} for mine, other in (identities, identities[::-1])]
-    names = {identity: same_tuning(identity, row, lone[1]) for identity, row in lone[0].items()}
-    once = collections.Counter(names.values())
-    names = {identity: to for identity, to in names.items() if to and once[to] == 1}
-    old.rows = {(names.get(identity, identity), place): rows for (identity, place), rows in old.rows.items()}
-    return len(names)
-
-
-def compare_times(old, new):
-    """Medians, their ratio with its interval, the spread, and p of Mann-Whitney's U."""
-    samples = [numpy.asarray(old), numpy.asarray(new)]
-    medians = [float(numpy.median(sample)) for sample in samples]
-    spread = max(float(scipy.stats.iqr(sample)) / median for sample, median in zip(samples, medians))
-    tied = len(set(old) | set(new)) < len(old) + len(new)
-    small = max(len(old), len(new)) <= 50
-    p = scipy.stats.mannwhitneyu(*samples, method="exact" if small and not tied else "asymptotic").pvalue
-    interval = scipy.stats.bootstrap(
-        samples, lambda a, b, axis: numpy.median(b, axis=axis) / numpy.median(a, axis=axis), method="percentile",
-        n_resamples=RESAMPLES, confidence_level=CONFIDENCE, random_state=numpy.random.default_rng(SEED))
-    return {"old": medians[0], "new": medians[1], "ratio": medians[1] / medians[0],
-            "interval": [float(end) for end in interval.confidence_interval], "spread": spread, "p": float(p)}
-
-
-def complete_times(rows, result):
-    """What takes all rows: the noise of the device each ran on, and Benjamini and Hochberg's q."""
-    spreads = collections.defaultdict(list)
-    for row in rows:
-        spreads[result.device(row["backend"])].append(row["time"]["spread"])
-    for row in rows:
-        of_device = float(numpy.quantile(spreads[result.device(row["backend"])], 0.75))
-        row["time"]["noise"] = max(row["time"]["spread"], of_device)
-    times = [row["time"] for row in rows]
-    least = 1.0
-    ordered = sorted(times, key=lambda time: time["p"], reverse=True)
-    for rank, time in zip(range(len(ordered), 0, -1), ordered):
-        least = time["q"] = min(least, time["p"] * len(ordered) / rank)
-
-
-def judge_time(time, threshold):
-    low, high = time["interval"]
-    def beyond(ratio, near_end):
-        return (time["q"] < FALSE_DISCOVERIES and ratio > 1 + threshold and time["noise"] <= HIGHEST_NOISE
-                and near_end > (1 + NOISE_FACTOR * time["noise"] if time["noise"] > CALM * threshold else 1))
-    if beyond(time["ratio"], low):
-        return "slower"
-    if beyond(1 / time["ratio"], 1 / high):
-        return "faster"
-    return "too noisy to tell" if max(high, 1 / low) > 1 + threshold or time["noise"] > HIGHEST_NOISE else "same"
-
-
-def grown(old, new, factor):
-    """What errors grew, as words."""
-    words = []
-    for key in [] if old.chaotic or new.chaotic else old.errors.keys() & new.errors.keys():
-        before, after = old.errors[key], new.errors[key]
-        # No total error, which either file may not have asked for, is not an infinite one.
-        if before is None or (after is None and key != "measured"):
-            continue
-        floor = max(FLOAT64_NOISE, old.floors.get(key) or 0, new.floors.get(key) or 0)
-        if after is None or after > factor * max(before, floor):
-            words.append(f"{key} {before:.1e} -> {'not finite' if after is None else format(after, '.1e')}")
-    return ", ".join(sorted(words))
-
-
-def pair(old, new, options):
-    """A list of compared rows, as results/diff.schema.json has them."""
-    compared, marked = [], {}
-    for identity, place in dict.fromkeys([*old.rows, *new.rows]):
-        before, after = old.rows.get((identity, place), []), new.rows.get((identity, place), [])
-        for index in range(max(len(before), len(after))):
-            a, b = (rows[index] if index < len(rows) else None for rows in (before, after))
-            row = dict(zip(IDENTITY, identity), place={key: json.loads(value) for key, value in place},
-                       contender=(b or a).name, verdict="", detail="",
-                       repetitions=[len(r.times) if r else 0 for r in (a, b)], time=None, errors=None)
-            compared.append(row)
-            if a and b:
-                row["errors"] = {key: [a.errors[key], b.errors[key]] for key in a.errors if key in b.errors}
-                differ = [f"{key} {dict(a.measure)[key]} -> {value}" for key, value in b.measure
-                          if dict(a.measure).get(key, value) != value]
-                if not differ and min(row["repetitions"]) >= MINIMUM_REPETITIONS:
-                    row["time"] = compare_times(a.times, b.times)
-                    marked[id(row)] = "; ".join(dict.fromkeys(a.noisy + b.noisy))
-                row["verdict"], row["detail"] = judge_state(a, b, row, differ, options)
-            elif b:
-                failed = identity in old.unmeasured["failed"]
-                row["verdict"], row["detail"] = (("now fails", b.failure) if b.failure else
-                                                 ("new", "failed before" * failed))
-            elif identity in new.unmeasured["failed"]:
-                row["verdict"], row["detail"] = "now fails", new.unmeasured["failed"][identity]
-            else:
-                reason = new.unmeasured["skipped"].get(identity)
-                row["verdict"], row["detail"] = "gone", f"skipped: {reason}" if reason else ""
-    complete_times([row for row in compared if row["time"]], new)
-    for row in compared:
-        if row["time"] and row["verdict"] in ("", "error grew"):
-            verdict = judge_time(row["time"], options.threshold)
-            if marked[id(row)] and verdict in ("slower", "faster"):
-                verdict = "too noisy to tell"
-                row["detail"] = "; ".join(filter(None, (row["detail"], marked[id(row)])))
-            if not row["verdict"]:
-                row["verdict"] = verdict
-            elif verdict in ("slower", "faster"):
-                row["detail"] += f"; {verdict}"
-    known = {tuple(row[key] for key in IDENTITY) for row in compared if row["verdict"].endswith("fails")}
-    for identity, reason in new.unmeasured["failed"].items():
-        if identity not in known:
-            verdict = "still fails" if identity in old.unmeasured["failed"] else "now fails"
-            compared.append(dict(zip(IDENTITY, identity), place={}, contender=" ".join(identity[1:4]), verdict=verdict,
-                                 detail=reason, repetitions=[0, 0], time=None, errors=None))
-    return sorted(compared, key=lambda row: VERDICTS.index(row["verdict"]))
-
-
-def judge_state(a, b, row, differ, options):
-    """The verdict and detail of two rows as far as they need no time; no verdict: that is left to the times."""
-    if b.failure:
-        return ("still fails" if a.failure else "now fails"), b.failure
-    if a.failure:
-        return "new", "failed before"
-    if differ:
-        return "not comparable", ", ".join(differ)
-    if words := grown(a, b, options.error_factor):
-        return "error grew", words
-    if row["time"]:
-        return "", ""
-    if a.timed and b.timed:
-        if options.across_devices and not min(row["repetitions"]):
-            return "not comparable", "what limits one of the devices is not known"
-        return "too few repetitions", f"{min(row['repetitions'])}, {MINIMUM_REPETITIONS} are needed"
-    return "same", ""
-
-
-def devices(old, new, options):
-    """Notes on what the two files ran on; refuses two devices unless that is asked for."""
-    backends = [{identity[1] for identity, _ in result.rows} for result in (old, new)]
-    tried = [of | {identity[1] for identity in result.unmeasured["failed"]} for of, result in zip(backends, (old, new))]
-    if not tried[0] & tried[1]:
-        refuse(f"{new.path}: rows: {', '.join(sorted(tried[1])) or 'none'}: expected a backend that {old.path} has: "
-               f"{', '.join(sorted(tried[0])) or 'none'}")
-    cards = False
-    for backend in sorted(backends[0] & backends[1]):
-        (before, card), (after, other_card) = old.device(backend), new.device(backend)
-        if before != after and not options.across_devices:
-            refuse(f"{new.path}: context.voxspring.backends.{backend}.device: {json.dumps(after)}: expected "
-                   f"{json.dumps(before)}, as in {old.path}, or --across-devices to compare fractions of their limits")
-        cards |= before == after and card != other_card
-    notes = ["the card is another one of the same model"] if cards else []
-    for key in ("gpu", "driver", "gl_renderer", "cpu", "compiler", "flags", "cuda_compiler", "cuda_flags"):
-        before, after = old.context.get(key), new.context.get(key)
-        if before != after and key in old.context and key in new.context:
-            notes.append(f"{key}: {before} -> {after}")
-    studies = [result.context.get("study", {}).get("name") for result in (old, new)]
-    if studies[0] != studies[1]:
-        notes.append(f"the studies differ ({studies[0]}, {studies[1]}), and with them what ran in between")
-    return notes
-
-
-def common_shift(rows, result, threshold):
-    """Notes on devices whose rows all moved the same way, which one kernel does not explain."""
-    ratios = collections.defaultdict(list)
-    for row in rows:
-        if row["time"]:
-            ratios[result.device(row["backend"])[0]].append(row["time"]["ratio"])
-    return [f"all {len(of)} rows on {device} moved together, x {numpy.median(of):.3f} ({min(of):.3f} to {max(of):.3f}):"
-            " clocks, load, driver or shared code rather than one kernel"
-            for device, of in ratios.items() if len(of) >= 4 and (min(of) > 1 or max(of) < 1)
-            and abs(math.log(numpy.median(of))) > math.log1p(threshold) / 2]
-
-
-def document(old, new, renamed, options):
-    rows = pair(old, new, options)
-    notes = devices(old, new, options) + common_shift(rows, new, options.threshold)
-    if renamed:
-        notes.append(f"{renamed} contenders have tuning parameters at their default that the other file lacks")
-    counts = collections.Counter(row["verdict"] for row in rows)
-    about = [{"file": result.path.name, "date": str(result.json["context"].get("date", "")),
-              "commit": str(result.context.get("commit", "unknown")), "clean": result.context.get("clean"),
-              "study": result.context.get("study", {}).get("name")} for result in (old, new)]
-    return {"version": 1, "old": about[0], "new": about[1],
-            "time": "times_limit" if options.across_devices else "seconds_per_step",
-            "rule": {"threshold": options.threshold, "noise_factor": NOISE_FACTOR, "calm": CALM,
-                     "highest_noise": HIGHEST_NOISE, "error_factor": options.error_factor,
-                     "minimum_repetitions": MINIMUM_REPETITIONS, "false_discoveries": FALSE_DISCOVERIES,
-                     "confidence": CONFIDENCE, "resamples": RESAMPLES, "seed": SEED},
-            "notes": notes, "counts": {verdict: counts[verdict] for verdict in VERDICTS if counts[verdict]},
-            "worse": any(counts[verdict] for verdict in WORSE), "rows": rows}
+COLOURS = {"now fails": "bold red", "error grew": "bold red", "slower": "red", "faster": "green", "same": "dim"}
 
 
 def time_text(value, unit):
@@ -384,15 +42,17 @@ def cells(row, unit):
     time = row["time"]
     where = ", ".join(f"{key} {value if not isinstance(value, dict) else ' '.join(map(str, value.values()))}"
                       for key, value in row["place"].items() if value != "")
-    texts = [row["verdict"], row["scene"], row["contender"]] + ["-"] * 4
+    texts = [row["verdict"], row["scene"], row["contender"]] + ["-"] * 5
     if time:
-        texts[3:] = [time_text(time["old"], unit), time_text(time["new"], unit),
-                     f"{time['ratio']:.3f} ({time['interval'][0]:.3f} to {time['interval'][1]:.3f})",
-                     f"{100 * time['spread']:.1f} %"]
+        low, high = time["interval"]
+        interval = "" if low is None else f" ({low:.3f} to {high:.3f})"
+        texts[3:] = [time_text(time["old"], unit), time_text(time["new"], unit), f"{time['ratio']:.3f}{interval}",
+                     ", ".join(str(count or "-") for count in dict.fromkeys(row["repetitions"])),
+                     "-" if time["spread"] is None else f"{100 * time['spread']:.1f} %"]
     return texts + ["; ".join(filter(None, [where, row["detail"]]))]
 
 
-HEADER = ["verdict", "scene", "contender", "old", "new", "ratio (95% interval)", "spread", ""]
+HEADER = ["verdict", "scene", "contender", "old", "new", "ratio (95% interval)", "repetitions", "spread", ""]
 
 
 def summary(found):
@@ -411,8 +71,8 @@ def markdown(found, shown):
         return "| " + " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in texts) + " |"
     lines = [f"**{summary(found)}**", "", heading(found), ""]
     if shown:
-        lines += [line(HEADER), "| --- | --- | --- | --: | --: | --: | --: | --- |"]
-        lines += [line([f"**{row['verdict']}**" if row["verdict"] in WORSE else row["verdict"],
+        lines += [line(HEADER), "| --- | --- | --- | --: | --: | --: | --: | --: | --- |"]
+        lines += [line([f"**{row['verdict']}**" if row["verdict"] in comparison.WORSE else row["verdict"],
                         *cells(row, found["time"])[1:]]) for row in shown] + [""]
     print("\n".join(lines + [f"- {note}" for note in found["notes"]]).rstrip())
 
@@ -430,7 +90,7 @@ def terminal(found, shown):
     console.print(heading(found))
     if shown:
         table = rich.table.Table(*HEADER, box=rich.box.SIMPLE)
-        for column in table.columns[3:7]:
+        for column in table.columns[3:8]:
             column.justify = "right"
         for row in shown:
             table.add_row(*map(rich.text.Text, cells(row, found["time"])), style=COLOURS.get(row["verdict"]))
@@ -453,23 +113,26 @@ def number_above(least):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__ + "\n" + comparison.__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("old", type=pathlib.Path, metavar="OLD.json")
     parser.add_argument("new", type=pathlib.Path, metavar="NEW.json")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--markdown", action="store_true", help="a table for a pull request")
     form.add_argument("--json", action="store_true", help="every row, as diff.schema.json says")
     parser.add_argument("--all", action="store_true", help="in a table, rows that are the same as well")
-    parser.add_argument("--threshold", type=number_above(0), default=0.05, metavar="FRACTION",
+    parser.add_argument("--threshold", type=number_above(0), default=comparison.Rule.threshold, metavar="FRACTION",
                         help="the least change of the time that counts (%(default)s)")
-    parser.add_argument("--error-factor", type=number_above(1), default=1.5, metavar="FACTOR",
+    parser.add_argument("--error-factor", type=number_above(1), default=comparison.Rule.error_factor, metavar="FACTOR",
                         help="the least growth of an error that counts (%(default)s)")
     parser.add_argument("--across-devices", action="store_true",
                         help="compare results of two devices, each time as a multiple of its device's limit")
     options = parser.parse_args()
-    old, new = (Result(path, options.across_devices) for path in (options.old, options.new))
-    renamed = rename(old, new)
-    found = document(old, new, renamed, options)
+    try:
+        found = comparison.document(options.old, options.new, comparison.Rule(
+            options.threshold, options.error_factor, options.across_devices))
+    except result_files.BadInput as error:
+        refuse(error)
     shown = [row for row in found["rows"] if options.all or row["verdict"] != "same"]
     if options.json:
         print(json.dumps(found, indent=2))

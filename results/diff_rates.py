@@ -13,17 +13,18 @@ import pathlib
 import subprocess
 import sys
 
+import comparison
 import diff
 
 
 def compared(old, new, options, slow_down=1, error_growth=1):
     """The rows of a pair of files, with the times and errors of the new one multiplied."""
-    results = [diff.Result(path, False) for path in (old, new)]
+    results = [comparison.Result(path, False) for path in (old, new)]
     for rows in results[1].rows.values():
         for row in rows:
             row.times = [slow_down * time for time in row.times]
             row.errors = {key: value and error_growth * value for key, value in row.errors.items()}
-    return diff.pair(*results, options)
+    return comparison.pair(*results, options)
 
 
 def main():
@@ -31,10 +32,10 @@ def main():
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--threshold", type=diff.number_above(0), default=0.05)
-    parser.add_argument("--cpu-clock", dest="clock", action="store_const", const="cpu_time", default=diff.CLOCK)
+    parser.add_argument("--cpu-clock", dest="clock", action="store_const", const="cpu_time", default=comparison.CLOCK)
     parser.add_argument("command", nargs=argparse.REMAINDER)
     options = parser.parse_args()
-    diff.CLOCK, base = options.clock, options.threshold
+    comparison.CLOCK, base = options.clock, options.threshold
     options.error_factor, options.across_devices = 1.5, False
     options.folder.mkdir(parents=True, exist_ok=True)
     pairs = [[options.folder / f"{pair:02}-{side}.json" for side in ("old", "new")] for pair in range(options.pairs)]
@@ -45,19 +46,19 @@ def main():
 
     changes = {"as they are": (1, 1), "new 1.1 times as slow": (1.1, 1), "new 1.1 times as fast": (1 / 1.1, 1),
                "new with twice the error": (1, 2)}
-    for rule, threshold, factor, highest in (("the rule", options.threshold, diff.NOISE_FACTOR, diff.HIGHEST_NOISE),
+    for rule, threshold, factor, highest in (("the rule", options.threshold, comparison.NOISE_FACTOR, comparison.HIGHEST_NOISE),
                                              ("U and interval alone", 1e-9, 0, float("inf"))):
-        options.threshold, diff.NOISE_FACTOR, diff.HIGHEST_NOISE = threshold, factor, highest
+        options.threshold, comparison.NOISE_FACTOR, comparison.HIGHEST_NOISE = threshold, factor, highest
         for change, factors in changes.items():
             judged = [compared(*pair, options, *factors) for pair in pairs]
-            failing = sum(any(row["verdict"] in diff.WORSE for row in rows) for rows in judged)
+            failing = sum(any(row["verdict"] in comparison.WORSE for row in rows) for rows in judged)
             print(f"{rule}, {change}: {failing} of {len(pairs)} pairs worse")
             rows = sum(judged, [])
-            calm = [row for row in rows if row["time"] and row["time"]["noise"] <= diff.CALM * base]
+            calm = [row for row in rows if row["time"] and row["time"]["noise"] <= comparison.CALM * base]
             for name, of in (("rows", rows), ("rows of little noise", calm)):
                 counts = collections.Counter(row["verdict"] for row in of)
                 print(f"    {len(of)} {name}: "
-                      + ", ".join(f"{counts[verdict]} {verdict}" for verdict in diff.VERDICTS if counts[verdict]))
+                      + ", ".join(f"{counts[verdict]} {verdict}" for verdict in comparison.VERDICTS if counts[verdict]))
 
 
 if __name__ == "__main__":

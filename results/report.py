@@ -48,13 +48,13 @@ def write_whole(path, text):
         raise
 
 
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=pathlib.Path, nargs="*", default=[HERE], metavar="RESULTS")
     parser.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="report.html")
     parser.add_argument("--pictures", type=pathlib.Path, metavar="FOLDER", help="where pictures of the datasets are")
     parser.add_argument("--program", type=pathlib.Path, metavar="VOXSPRING", help="what draws those that are missing")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     if options.program and not options.pictures:
         parser.error("--program needs --pictures, the folder that it draws into")
     try:

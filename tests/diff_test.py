@@ -19,6 +19,7 @@ from unittest import mock
 import jsonschema
 
 sys.path.insert(0, "results")
+import comparison  # noqa: E402
 import diff  # noqa: E402
 import result_files  # noqa: E402
 
@@ -70,7 +71,7 @@ class Diff(unittest.TestCase):
         for name, content in (("old.json", old), ("new.json", new)):
             paths.append(content if isinstance(content, pathlib.Path) else self.folder / name)
             if paths[-1] is not content:
-                paths[-1].write_text(content if isinstance(content, str) else json.dumps(content))
+                paths[-1].write_bytes((content if isinstance(content, str) else json.dumps(content)).encode("latin-1"))
         out, err = io.StringIO(), io.StringIO()
         with mock.patch.object(sys, "argv", ["diff.py", *map(str, paths), *options]), \
                 contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -95,7 +96,7 @@ class Diff(unittest.TestCase):
         code, found, verdicts = self.judge(old, new, *options)
         self.assertEqual(verdicts.pop("a"), verdict)
         self.assertEqual(set(verdicts.values()), {"same"})
-        self.assertEqual(code, int(verdict in diff.WORSE))
+        self.assertEqual(code, int(verdict in comparison.WORSE))
         return next(row for row in found["rows"] if row["backend"] == "a")
 
     def assert_refused(self, words, old, new, *options):
@@ -116,18 +117,51 @@ class Diff(unittest.TestCase):
         self.assert_first("slower", result(PLAIN), changed(time=11), "--threshold", "0.03")
         self.assert_first("same", result(PLAIN), changed(time=11), "--threshold", "0.2")
 
-    def test_nothing_is_said_of_few_or_noisy_repetitions(self):
-        row = self.assert_first("too few repetitions", result(PLAIN), changed(time=20, count=8))
-        self.assertEqual((row["repetitions"], row["time"]), ([9, 8], None))
+    def test_few_repetitions_are_shown_and_decide_what_they_can(self):
+        for count, p in ((3, 0.1), (4, 0.029)):
+            row = self.assert_first("too few repetitions", result([("a", 10, {"count": count})] + PLAIN[1:]),
+                                    changed(time=20, count=count))
+            self.assertEqual(row["repetitions"], [count, count])
+            self.assertAlmostEqual(row["time"]["ratio"], 2, delta=0.1)
+            self.assertLess(row["time"]["interval"][0], row["time"]["ratio"])
+            self.assertEqual((row["time"]["p"], row["time"]["q"]), (None, None))
+            self.assertEqual(row["detail"], f"{count} and {count}, of which p is {p:.2g} at best; 9 are needed")
+        # Of one there is no interval.
+        row = self.assert_first("too few repetitions", result(PLAIN), changed(time=20, count=1))
+        self.assertEqual((row["time"]["interval"], row["time"]["spread"]), ([None, None], None))
+        self.assertAlmostEqual(row["time"]["ratio"], 2, delta=0.1)
+        code, text, _ = self.run_diff(result(PLAIN), changed(time=20, count=1))
+        self.assertEqual(code, 0)
+        self.assertRegex(text, r" [12]\.\d+ +9, 1 +- +9 and 1, of which p is 0\.2 at best")
+        # Eight can tell what is beyond thrice the noise of what is not known, and five if all rows say so.
+        self.assert_first("slower", result(PLAIN), changed(time=20, count=8))
+        self.assert_first("too few repetitions", result(PLAIN), changed(time=11, count=8))
+        of_five = [result([(name, time, {"count": 5}) for name in "abcdef"], seed=time) for time in (10, 20)]
+        self.assertEqual(self.judge(*of_five)[1]["counts"], {"slower": 6})
+        of_five[1]["benchmarks"] = of_five[1]["benchmarks"][:6] + of_five[0]["benchmarks"][6:]
+        self.assertEqual(self.judge(*of_five)[1]["counts"], {"too few repetitions": 6})
+
+    def test_little_is_said_of_noisy_repetitions(self):
         for noise in (0.1, 0.3):
             self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, noise=noise))
-        # A run that says so of itself is believed; an error that grew is one all the same.
+        # A run that says so of itself is believed, as far as it goes; an error that grew is one all the same.
         noisy = {"noisy": ["the card's clock moved (between 1200 and 1980 MHz)"]}
         row = self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, **noisy))
+        self.assertIn("the card's clock moved", row["detail"])
+        self.assertAlmostEqual(row["time"]["ratio"], 1.1, delta=0.03)
+        row = self.assert_first("slower", result(PLAIN), changed(time=15, **noisy))
         self.assertIn("the card's clock moved", row["detail"])
         self.assert_first("same", result(PLAIN), changed(**noisy))
         self.assert_first("error grew", result(PLAIN), changed(time=11, error_max=1e-3, **noisy))
         self.assert_first("slower", result(PLAIN), changed(time=40, noise=0.1))
+
+    def test_marked_rows_of_the_card_are_told_apart(self):
+        """Of edits.json 43 of 45 rows are marked; half as slow again, all but the noisiest are called slower."""
+        path = result_files.named(pathlib.Path("results/nvidia-h200"), "edits")
+        slower = result_files.load(path)
+        for row in slower["benchmarks"]:
+            row["real_time"] *= 1.5
+        self.assertEqual(self.judge(path, slower)[1]["counts"], {"slower": 42, "too noisy to tell": 3})
 
     def test_the_rule(self):
         for verdict, ratio, low, high, noise, q in (
@@ -140,7 +174,7 @@ class Diff(unittest.TestCase):
             for word, ends in ((verdict, (ratio, low, high)),
                                (verdict.replace("slower", "faster"), (1 / ratio, 1 / high, 1 / low))):
                 time = {"ratio": ends[0], "interval": ends[1:], "noise": noise, "q": q}
-                self.assertEqual(diff.judge_time(time, 0.05), word, time)
+                self.assertEqual(comparison.judge_time(time, 0.05), word, time)
 
     def test_rates(self):
         for pair in range(2):
@@ -162,8 +196,8 @@ class Diff(unittest.TestCase):
         names = [f"b{index}" for index in range(300)]
         old, new = (result([(name, 10, {"noise": 0.04}) for name in names], seed=seed) for seed in (3, 4))
         found = self.judge(old, new, "--threshold", "1e-9")[1]
-        self.assertTrue(any(row["time"]["p"] < diff.FALSE_DISCOVERIES for row in found["rows"]))
-        self.assertFalse(any(row["time"]["q"] < diff.FALSE_DISCOVERIES for row in found["rows"]))
+        self.assertTrue(any(row["time"]["p"] < comparison.FALSE_DISCOVERIES for row in found["rows"]))
+        self.assertFalse(any(row["time"]["q"] < comparison.FALSE_DISCOVERIES for row in found["rows"]))
 
     def test_a_shift_of_all_rows_is_pointed_out(self):
         found = self.judge(result(PLAIN), result([(name, 11, {}) for name in "abcdef"], seed=2))[1]
@@ -266,10 +300,22 @@ class Diff(unittest.TestCase):
             self.assert_refused(["new.json", *words], good, good | {key: value})
         self.assert_refused(["expected rows in any of"], good, result())
         for key, value in (("real_time", 0), ("real_time", -1), ("real_time", "1"), ("real_time", True), ("backend", 3),
-                           ("real_time", float("nan")), ("error_max", -1), ("chaotic", 1), ("divergence", [])):
+                           ("real_time", float("nan")), ("error_max", -1), ("chaotic", 1), ("divergence", []),
+                           ("noisy", None), ("noisy", [1]), ("time_unit", "ns")):
             new = copy.deepcopy(good)
             new["benchmarks"][3][key] = value
             self.assert_refused([f"new.json: benchmarks[3].{key}: {json.dumps(value)}: expected"], good, new)
+        self.assert_refused(["new.json: context.voxspring: \"(missing)\": expected an object"], good, {"context": {}})
+        self.assert_refused(["new.json: context: 1: expected an object"], good, {"context": 1})
+        self.assert_refused(["new.json", "is nested too deeply"], good, "[" * 100_000)
+        half = json.dumps(good).replace('"scene": "box@8"', '"scene": "\\ud800"')
+        self.assert_refused(["new.json", "half a character", '"\\ud800"'], good, half)
+        self.assert_refused(["new.json", "gzip"], good, "\x1f\x8b")
+        for key, value in (("backends", 3), ("backends", {"a": 3}), ("backends", {"a": {"uuid": 3}}), ("study", 3),
+                           ("study", {"name": 3})):
+            new = copy.deepcopy(good)
+            new["context"]["voxspring"][key] = value
+            self.assert_refused([f"new.json: context.voxspring.{key}"], good, new)
         for option in ("--threshold=-1", "--threshold=x", "--threshold=nan", "--error-factor=1"):
             self.assert_refused([*option.split("="), "expected a number above"], good, good, option)
         self.assertEqual(self.run_diff(good, good, "--markdown", "--json")[0], 2)
@@ -289,7 +335,7 @@ class Diff(unittest.TestCase):
         text = self.run_diff(result(PLAIN), new, "--markdown")[1]
         table = [line for line in text.splitlines() if line.startswith("|")]
         self.assertEqual(len(table), 2 + 6 + 6 + 1)
-        self.assertEqual({line.replace("\\|", "").count("|") for line in table}, {9})
+        self.assertEqual({line.replace("\\|", "").count("|") for line in table}, {10})
 
     def test_says_the_same_again(self):
         first, second = (self.run_diff(result(PLAIN), changed(time=10.4), "--json") for _ in range(2))

@@ -2,6 +2,7 @@
 
 import base64
 import collections
+import functools
 import importlib.resources
 import json
 import math
@@ -367,7 +368,9 @@ def page(results, pictures, left_out):
         f"<script>{script_safe_bundle()}</script><script>{script}</script></body></html>\n"))
 
 
+@functools.cache
 def script_safe_bundle():
+    """The chart library, whose source takes two seconds to put together."""
     bundle = vl_convert.javascript_bundle()
     if "</script" in bundle or "<!--" in bundle:
         raise RuntimeError("the chart library cannot be inlined: it contains the end of a script")

@@ -6,11 +6,14 @@ list of backends, and `scene`, one name or empty. Charts take their colours from
 its light, dark and printed scheme.
 """
 
+import collections
 import math
 import statistics
 from dataclasses import dataclass
 
 import altair as alt
+
+import comparison
 
 from . import reading
 
@@ -535,29 +538,59 @@ def edits(charts, results, rows):
 
 HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
            ("backend", "backend", None), ("contender", "strategy", None), ("commit", "commit", None),
-           ("day", "date", None), *TIME, ("rounding", "rounding error", 3)]
+           ("day", "date", None), *TIME, ("rounding", "rounding error", 3), ("verdict", "first to last run", None),
+           ("ratio", "ratio of times", 4), ("interval", "95% interval", None)]
+# What diff.py takes unless it is told otherwise.
+RULE = comparison.Rule()
+
+
+def judged(first, last):
+    """By (dataset, strategy) the row that diff.py has for two files; empty, and why, where it refuses them."""
+    try:
+        found = comparison.document(first.path, last.path, RULE)
+    except reading.BadInput as error:
+        return {}, str(error)
+    rows = [{**row, "contender": reading.short_contender(row["contender"])} for row in found["rows"] if row["time"]]
+    return {(row["scene"], row["contender"]): row for row in rows}, ""
+
+
+def changes(rows, first, last):
+    """What became of the times between two files, in words: the largest change that is one, and how many cannot be told."""
+    commits = f"from commit {first.short_commit} to {last.short_commit}"
+    counts = collections.Counter(row["verdict"] for row in rows)
+    verdicts = listed(f"{counts[verdict]} {verdict}" for verdict in comparison.VERDICTS if counts[verdict])
+    moved = [row for row in rows if row["verdict"] in ("slower", "faster")]
+    if not moved:
+        return f"no change of a time in {first.study} can be told {commits} ({verdicts})"
+    row = max(moved, key=lambda row: abs(math.log(row["time"]["ratio"])))
+    time = row["time"]
+    return (f"the largest change {commits} is that of {row['contender']} on {row['scene']} ({first.study}), from "
+            f"{time_text(time['old'] * 1e6)} to {time_text(time['new'] * 1e6)}, {time['ratio']:.2f} times "
+            f"({time['interval'][0]:.2f} to {time['interval'][1]:.2f}); of {len(rows)} times {verdicts}")
 
 
 def history(charts, results, rows):
     """Studies of which one machine has several files; strategies that more than one of them has."""
-    largest, panels, kept = {}, [], []
+    findings, panels, kept, verdicts = [], [], [], {}
+    for (machine, study), files in by_study(results).items():
+        verdicts[machine, study], refused = judged(files[0], files[-1])
+        found = list(verdicts[machine, study].values())
+        findings.append((machine, changes(found, files[0], files[-1]) if found else
+                         f"nothing can be told of {study}: " + (refused or "its runs share no time")))
     for (machine, study, scene), group in groups(rows, "machine", "study", "scene").items():
         runs = sorted({(row["date"], row["commit"]) for row in group})
         of_contender = [sorted(found, key=lambda row: row["date"]) for found in groups(group, "contender").values()]
         of_contender = [found for found in of_contender if len({row["date"] for row in found}) > 1]
         if not of_contender:
             continue
-        for found in of_contender:
-            first, last = found[0], found[-1]
-            ratio = last["microseconds"] / first["microseconds"]
-            known = largest.get(machine)
-            if known is None or abs(math.log(ratio)) > abs(math.log(known[0])):
-                largest[machine] = (ratio, f"the largest change is that of {first['contender']} on {scene} ({study}), from "
-                                    f"{time_text(first['microseconds'])} to {time_text(last['microseconds'])}, "
-                                    f"{ratio:.2f} times")
         ticks = {date: f"{commit} {date[5:16].replace('T', ' ')}" for date, commit in runs}
         for row in sum(of_contender, []):
-            kept.append({**row, "run": ticks[row["date"]], "day": row["date"][:16].replace("T", " ")})
+            found = verdicts.get((machine, study), {}).get((scene, row["contender"]))
+            low, high = found["time"]["interval"] if found else (None, None)
+            kept.append({**row, "run": ticks[row["date"]], "day": row["date"][:16].replace("T", " "),
+                         "verdict": found["verdict"] if found else "not compared",
+                         "ratio": found["time"]["ratio"] if found else None,
+                         "interval": "" if low is None else f"{low:.3f} to {high:.3f}"})
         ends = (min(row["least"] for found in of_contender for row in found),
                 max(row["most"] for found in of_contender for row in found))
         lines = source().encode(
@@ -576,9 +609,8 @@ def history(charts, results, rows):
         return None
     several = [result for result in results if any((row["machine"], row["study"], row["date"]) ==
                                                    (result.machine, result.study, result.date) for row in kept)]
-    title = by_machine((machine, text) for machine, (_, text) in largest.items())
-    return Figure("history", title, "The same study on the same machine at several commits; the line across a point spans "
-                  "the repetitions.", HISTORY, kept, panels, several)
+    return Figure("history", by_machine(findings), "The same study on the same machine at several commits; the line across a "
+                  "point spans the repetitions. Verdicts are those of diff.py on the first and the last run.", HISTORY, kept, panels, several)
 
 
 GATE = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
@@ -587,6 +619,15 @@ GATE = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "b
         ("detail", "detail", None),
         ("passed", "passed", None)]
 LEAST_SHARE = 1e-6
+
+
+def by_study(results):
+    """Files with times of one study on one machine, by date, where there are several."""
+    found = {}
+    for result in results:
+        if result.lists["benchmarks"]:
+            found.setdefault((result.machine, result.study), []).append(result)
+    return {key: sorted(files, key=lambda file: file.date) for key, files in found.items() if len(files) > 1}
 
 
 def stress(charts, results):

@@ -76,6 +76,10 @@ def is_a(value, kind):
     return isinstance(value, kind)
 
 
+def is_texts(value):
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
+
+
 def need(path, where, holder, key, kind):
     """holder[key], or a refusal that names the file, the key and the value."""
     place = f"{where}.{key}" if where else key
@@ -134,6 +138,10 @@ def read(path):
             for key, kind in OPTIONAL.items():
                 if row.get(key) is not None:
                     need(path, place, row, key, kind)
+            if not is_texts(row.get("noisy", [])):
+                raise BadInput(f"{path}: {place}.noisy: {shown(row['noisy'])}; expected a list of text")
+            if row.get("time_unit", "us") != "us":
+                raise BadInput(f"{path}: {place}.time_unit: {shown(row['time_unit'])}; expected \"us\"")
             if name == "stability":
                 need(path, f"{place}.start", row["start"], "kind", str)
                 need(path, f"{place}.start", row["start"], "amplitude", float)
@@ -175,6 +183,12 @@ def contender(row):
     parts = row["name"].removeprefix(row["scene"] + "/").split("/iterations:")[0].split("/")[3:]
     words = [row["backend"], row["formulation"]] + [row["precision"]] * (row["precision"] != "float32") + parts
     return " ".join(words)
+
+
+def short_contender(name):
+    """A name of diff.py's as contender() has it."""
+    words = name.split(" ")
+    return " ".join(words[:2] + [word for word in words[2:3] if word != "float32"] + words[3:])
 
 
 def family(backend):
