@@ -17,6 +17,11 @@
 #include "backends/layout/delta_lists.h"
 #include "backends/layout/layout.h"
 #include "backends/registry.h"
+#include "cuda/kernels/delta.h"
+#include "cuda/kernels/edit.h"
+#include "cuda/kernels/explicit.h"
+#include "cuda/kernels/implicit.h"
+#include "cuda/kernels/scatter.h"
 #include "harness/verification/verify.h"
 #include "tests/support.h"
 

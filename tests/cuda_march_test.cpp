@@ -16,6 +16,7 @@
 #include "backends/layout/march_layout.h"
 #include "backends/physics/inverse_root.h"
 #include "backends/registry.h"
+#include "cuda/kernels/march.h"
 #include "harness/verification/verify.h"
 #include "tests/support.h"
 

@@ -8,8 +8,8 @@ import unittest
 # From the lowest room to the highest. Rooms of one line may not include each other.
 ROOMS = [
     ["backends/physics"],
-    ["backends/layout"],
     ["backends"],
+    ["backends/layout"],
     ["backends/cpu", "backends/gl", "cuda/kernels"],
     ["cuda/device"],
     ["cuda/common"],

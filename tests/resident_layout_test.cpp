@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "backends/layout/layout.h"
+#include "cuda/kernels/resident.h"
 #include "tests/support.h"
 
 namespace voxspring::cuda {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "backends/layout/layout.h"
-#include "cuda/kernels/delta.h"
+#include "backends/layout/records/delta.h"
 
 namespace voxspring::cuda {
 

@@ -6,6 +6,9 @@
 #include <glm/geometric.hpp>
 #include <sstream>
 
+#include "backends/physics/inverse_root.h"
+#include "backends/physics/spring.h"
+
 namespace voxspring::cuda {
 namespace {
 

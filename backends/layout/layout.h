@@ -10,13 +10,14 @@
 #include <utility>
 #include <vector>
 
+#include "backends/layout/records/edit.h"
+#include "backends/layout/records/explicit.h"
+#include "backends/layout/records/implicit.h"
+#include "backends/layout/records/scatter.h"
+#include "backends/layout/records/terms.h"
 #include "backends/physics/edit.h"
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
-#include "cuda/kernels/edit.h"
-#include "cuda/kernels/explicit.h"
-#include "cuda/kernels/implicit.h"
-#include "cuda/kernels/scatter.h"
 
 namespace voxspring::cuda {
 
@@ -105,7 +106,7 @@ std::string beyond_groups(const Problem& problem);
 
 enum class ListLayout : std::uint8_t { vertical, concatenated };
 
-/// Neighbour lists as kernels/explicit.h reads them.
+/// Neighbour lists as records/explicit.h reads them.
 template <class Real>
 struct NeighbourLists {
     ListShape shape;
@@ -208,7 +209,7 @@ ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLis
 template <class Real>
 ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<Real>& springs);
 
-/// Terms of kernels/terms.h that `problem` has, lists aside.
+/// Terms of records/terms.h that `problem` has, lists aside.
 std::uint32_t terms_of(const Problem& problem);
 
 // --- Blocks -------------------------------------------------------------------------------------------

@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "backends/backend.h"
+#include "backends/layout/records/march.h"
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
-#include "cuda/kernels/march.h"
 
 namespace voxspring::cuda {
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "backends/layout/records/resident.h"
 #include "backends/physics/problem.h"
-#include "cuda/kernels/resident.h"
 
 namespace voxspring::cuda {
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <array>
 
+#include "backends/layout/records/delta.h"
 #include "backends/physics/neighbours.h"
-#include "cuda/kernels/delta.h"
 
 namespace voxspring::cuda {
 namespace {

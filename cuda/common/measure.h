@@ -4,8 +4,8 @@
 #include <array>
 #include <span>
 
+#include "backends/layout/records/springs.h"
 #include "cuda/device/buffer.h"
-#include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {
 

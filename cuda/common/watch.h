@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
+#include "backends/layout/records/particle.h"
 #include "cuda/device/stream.h"
-#include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {
 

@@ -11,57 +11,10 @@
 #include <bit>
 #endif
 
+#include "backends/layout/records/delta.h"
 #include "cuda/kernels/implicit.h"
 
 namespace voxspring::cuda {
-
-/// Particles of a slice, those that a warp steps.
-inline constexpr int slice_particles = 32;
-
-/// The rows about a particle's own by (dy, dz), those of its faces first.
-inline constexpr int row_count = 8;
-// clang-format off
-#define NEIGHBOUR_ROWS(X) \
-    X(0, -1, 0) X(1, 1, 0) X(2, 0, -1) X(3, 0, 1) X(4, -1, -1) X(5, 1, 1) X(6, 1, -1) X(7, -1, 1)
-// clang-format on
-
-/// The number of row (dy, dz), or row_count of a particle's own.
-VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
-    int number = row_count;
-#define ROW(row, y, z) \
-    if (dy == (y) && dz == (z)) number = row;
-    NEIGHBOUR_ROWS(ROW)
-#undef ROW
-    return number;
-}
-
-/// What to add to the index of a particle of a run for that of its neighbour in the middle of each row; the
-/// neighbours before and behind that one are one less and one more.
-struct alignas(16) RowDeltas {
-    FourDeltas rows[2];
-    /// Bit r: there is nobody in the middle of row r but somebody on either side, so that who is behind has
-    /// the index of the middle.
-    std::uint32_t gaps;
-    std::uint32_t unused[3];
-    bool operator==(const RowDeltas&) const = default;
-};
-
-/// Everything a step needs besides positions: what an implicit step has but for the grid, and the lists.
-template <class Real>
-struct DeltaStep : ImplicitStep<Real> {
-    int particles;  ///< particle i is word first + i
-    const Slice* slices;
-    const RowDeltas* lists;
-    // Springs beyond the lattice; null: there are none. Slot s of particle l of a slice is element (own_begin
-    // + s) slice_particles + l. An unused slot names its own particle and has no stiffness.
-    const std::uint32_t* own_neighbour;
-    const SpringConstants<Real>* own_constants;
-    const SpringRest<Real>* own_rest;  ///< null on positions
-    bool operator==(const DeltaStep&) const = default;
-};
-
-/// Slots of springs beyond the lattice come, and are read, in multiples of this.
-inline constexpr int own_chunk = 2;
 
 /// How many of bits 0 to `lane` are set.
 VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {

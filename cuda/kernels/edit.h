@@ -4,8 +4,9 @@
 
 #include <cfloat>
 
+#include "backends/layout/records/edit.h"
+#include "backends/layout/records/explicit.h"
 #include "backends/physics/inverse_root.h"
-#include "cuda/kernels/explicit.h"
 #include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {
@@ -23,26 +24,10 @@ VOXSPRING_HOST_DEVICE SpringConstants<Real> rest_measured(SpringConstants<Real> 
     return constants;
 }
 
-/// A particle's new bits, by its word.
-struct alignas(8) EditedWord {
-    std::uint32_t word, bits;
-};
-
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_bits(Word<Real>* words, EditedWord edited) {
     words[edited.word].bits = edited.bits;
 }
-
-/// New lists of some particles, `shape.slots` a particle, one particle after the other.
-template <class Real>
-struct EditedRows {
-    const std::uint32_t* particle;
-    const std::uint32_t* bits;
-    const std::uint32_t* neighbour;
-    const SpringConstants<Real>* constants;  ///< null without a secondary list
-    const SpringRest<Real>* own_rest;        ///< null where there is no such list
-    bool squared;                            ///< whether rest lengths are, and have to be measured
-};
 
 /// Writes slot n of the rows to where `shape` has it.
 template <class Real>
@@ -54,24 +39,6 @@ VOXSPRING_HOST_DEVICE void write_slot(const EditedRows<Real>& rows, std::size_t 
     if (rows.constants != nullptr) constants[at] = rest_measured(rows.constants[n], rows.squared);
     if (rows.own_rest != nullptr) own_rest[at] = rows.own_rest[n];
 }
-
-/// A slice as an edit leaves it.
-struct alignas(16) EditedSlice {
-    std::uint32_t number;
-    Slice slice;
-};
-
-/// A spring of the spring array, taken away (stiffness 0), put back or added.
-template <class Real>
-struct EditedSpring {
-    SpringEnds ends;
-    /// Its slot, or, where begin < end, the range in which it is the one with this `first`: springs of a
-    /// direction ascend by it.
-    std::size_t begin, end;
-    SpringConstants<Real> constants;
-    SpringRest<Real> own_rest;
-    bool squared;  ///< as in EditedRows
-};
 
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, SpringEnds* ends,

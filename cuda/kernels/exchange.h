@@ -3,14 +3,9 @@
 // barrier is needed. Device code alone.
 #pragma once
 
-#include "cuda/kernels/words.h"
+#include "backends/layout/records/resident.h"
 
 namespace voxspring::cuda {
-
-struct alignas(16) TaggedPoint {
-    Vector<float> point;
-    std::uint32_t tag;
-};
 
 #ifdef __CUDACC__
 __device__ inline void publish(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {

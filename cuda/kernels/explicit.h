@@ -6,53 +6,12 @@
 // is zero. So lists are read in whole chunks, ahead of the counters that say where they end.
 #pragma once
 
+#include "backends/layout/records/explicit.h"
 #include "cuda/kernels/motion.h"
 
 namespace voxspring::cuda {
 
-/// Where slot s of particle i is: element i * particle_stride + s * slot_stride. `vertical` lists (Figure 6
-/// b) have one slot of all particles together, `concatenated` ones (Figure 6 a) all slots of one particle.
-struct ListShape {
-    std::uint32_t particle_stride = 0;
-    std::uint32_t slot_stride = 0;
-    std::uint32_t slots = 0;  ///< a particle
-    VOXSPRING_HOST_DEVICE std::size_t at(std::uint32_t particle, std::uint32_t slot) const {
-        return std::size_t(particle) * particle_stride + std::size_t(slot) * slot_stride;
-    }
-    bool operator==(const ListShape&) const = default;
-};
-
-/// Everything a step needs besides positions.
-template <class Real>
-struct ExplicitStep {
-    int particles;
-    std::uint32_t group_bits;
-    ListShape shape;
-    const std::uint32_t* neighbour;          ///< on displacements with a direction code (neighbours.h)
-    const SpringConstants<Real>* constants;  ///< the secondary list; null where groups suffice
-    std::uint32_t first_slot[3];             ///< without: where each group begins in a list,
-    Real stiffness[3], rest_length[3];       ///< and what its springs have in common
-    SpringRest<Real> rest[direction_codes];  ///< by direction code
-    const SpringRest<Real>* own_rest;        ///< by slot, of those with OWN_DIRECTION; null: there are none
-    Motion<Real> motion;
-    bool operator==(const ExplicitStep&) const = default;
-};
-
-/// With a secondary list a particle's bits count its springs.
-inline constexpr std::uint32_t list_count_bits = NEIGHBOUR_BITS;
-
-/// Without one they count the springs of each group.
-struct GroupCounters {
-    static VOXSPRING_HOST_DEVICE std::uint32_t shift(int group) {
-        return group == 0 ? 0 : group == 1 ? 3 : 7;
-    }
-    static VOXSPRING_HOST_DEVICE std::uint32_t count(std::uint32_t bits, int group) {
-        return bits >> shift(group) & (group == 0 ? 7U : 15U);
-    }
-};
-
-/// Slots read at a time; of groups in general, of which one has 8.
-inline constexpr int list_chunk = 6;
+/// Slots read at a time of groups in general, of which one has 8.
 inline constexpr int short_chunk = 2;
 
 /// The neighbour that a list entry names, and how it lies at rest.

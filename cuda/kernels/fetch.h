@@ -2,6 +2,7 @@
 // alone.
 #pragma once
 
+#include "backends/layout/records/delta.h"
 #include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {

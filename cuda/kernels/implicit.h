@@ -7,25 +7,6 @@
 
 namespace voxspring::cuda {
 
-/// Everything a step needs besides positions. Grid arrays are x fastest, with guard words on either side:
-/// voxel (x, y, z) is element first + x + nx (y + ny z), and the neighbours of any voxel, inside the lattice
-/// or not, are elements that may be read.
-template <class Real>
-struct ImplicitStep {
-    int nx, ny, nz;
-    int first;
-    const BlockOrigin* origins;  ///< of the blocks with an active voxel; null: blocks cover the lattice
-    std::uint32_t group_bits;
-    Vector<Real> spacing;
-    Real rest_length[13];    ///< of mask bits 2 b and 2 b + 1, as unit_pull() takes it
-    Real deficit[13];        ///< likewise: RestSpring::deficit
-    Real stiffness[3];       ///< of each spring group, where there is one material
-    const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
-    Motion<Real> motion;
-    LivelyBlocks lively;  ///< where blocks at rest are not stepped
-    bool operator==(const ImplicitStep&) const = default;
-};
-
 #ifdef __CUDACC__
 template <class Real>
 __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {

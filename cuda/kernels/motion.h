@@ -1,6 +1,8 @@
 // The parts of a step that every kernel shares: one spring's pull, and the integrators.
 #pragma once
 
+#include "backends/layout/records/motion.h"
+#include "backends/layout/records/springs.h"
 #include "backends/physics/inverse_root.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
@@ -8,32 +10,6 @@
 #include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {
-
-/// What moves every particle.
-template <class Real>
-struct Motion {
-    Vector<Real> gravity;
-    Real inverse_mass;           ///< of all particles,
-    const Real* inverse_masses;  ///< or one a word; null: all the same
-    const Vector<Real>* load;    ///< constant force, one a word; null: none
-    Real damping;                ///< lambda
-    Real retained;               ///< 1 - lambda
-    Real doubled;                ///< 2 - lambda
-    Real time_step_squared;
-    Real shortest_squared;
-    bool operator==(const Motion&) const = default;
-};
-
-/// What a step writes.
-template <class Real>
-struct Output {
-    Word<Real>* next;      ///< of t + dt; on positions and displacements it held those of t - dt
-    Word<Real>* next_low;  ///< their low parts (`compensated`)
-    /// v, by increments: x of all words, then y, then z, `pitch` apart. Overwritten in place.
-    Real* increment;
-    Real* increment_low;
-    std::size_t pitch;
-};
 
 /// Where a particle is, as its neighbours see it: a position or a displacement.
 template <class Real, bool split>

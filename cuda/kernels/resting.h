@@ -7,25 +7,10 @@
 // not even looked at.
 #pragma once
 
+#include "backends/layout/records/implicit.h"
 #include "cuda/kernels/terms.h"
-#include "cuda/kernels/words.h"
 
 namespace voxspring::cuda {
-
-/// The blocks that a step takes and those that the next one will. Marks have a frame of places around those
-/// of the lattice, so that each block has 26 neighbours; a place without particles is marked for ever.
-struct LivelyBlocks {
-    int row, slice;            ///< from a block's place to that of the next along y and z
-    const BlockOrigin* now;    ///< in any order
-    BlockOrigin* next;         ///< room for all
-    unsigned* now_count;       ///< zero after the step, whose list will be that of the step after the next
-    unsigned* next_count;      ///< zero before
-    std::uint32_t* now_marks;  ///< of each place whether it is listed, or has no particles
-    std::uint32_t* next_marks;
-    unsigned* finished;  ///< blocks of threads that have no more to do; zero before and after
-    unsigned* taken;     ///< blocks that the latest step took
-    bool operator==(const LivelyBlocks&) const = default;
-};
 
 /// A block and those around it.
 inline constexpr int blocks_around = 27;

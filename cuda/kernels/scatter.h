@@ -2,27 +2,10 @@
 // first. The bodies of its two kernels.
 #pragma once
 
+#include "backends/layout/records/scatter.h"
 #include "cuda/kernels/explicit.h"
 
 namespace voxspring::cuda {
-
-/// Everything a step needs besides positions.
-template <class Real>
-struct ScatterStep {
-    int particles;
-    std::uint32_t group_bits;
-    std::size_t springs;     ///< slots of all arrays; a stiffness of 0 marks one without a spring
-    const SpringEnds* ends;  ///< on displacements `second` with a direction code, as seen from `first`
-    const SpringConstants<Real>* constants;
-    SpringRest<Real> rest[direction_codes];  ///< by direction code
-    const SpringRest<Real>* own_rest;        ///< by slot, of those with OWN_DIRECTION; null: there are none
-    /// x of all particles, then y, then z, `pitch` apart: neighbouring threads then add to neighbouring
-    /// addresses. Zero between steps.
-    Real* force;
-    std::size_t pitch;
-    Motion<Real> motion;
-    bool operator==(const ScatterStep&) const = default;
-};
 
 template <class Real>
 VOXSPRING_HOST_DEVICE void add_atomically(Real* sum, Real value) {

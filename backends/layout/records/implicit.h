@@ -1,0 +1,49 @@
+// The argument of implicit addressing's kernels (cuda/kernels/implicit.h).
+#pragma once
+
+#include "backends/layout/records/motion.h"
+
+namespace voxspring::cuda {
+
+/// Where a block of an implicit kernel starts, in voxels.
+struct alignas(16) BlockOrigin {
+    int x, y, z;
+    int place;  ///< of the block (BlockGrid of backends/layout/layout.h)
+    bool operator==(const BlockOrigin&) const = default;
+};
+
+/// The blocks that a step takes and those that the next one will. Marks have a frame of places around those
+/// of the lattice, so that each block has 26 neighbours; a place without particles is marked for ever.
+struct LivelyBlocks {
+    int row, slice;            ///< from a block's place to that of the next along y and z
+    const BlockOrigin* now;    ///< in any order
+    BlockOrigin* next;         ///< room for all
+    unsigned* now_count;       ///< zero after the step, whose list will be that of the step after the next
+    unsigned* next_count;      ///< zero before
+    std::uint32_t* now_marks;  ///< of each place whether it is listed, or has no particles
+    std::uint32_t* next_marks;
+    unsigned* finished;  ///< blocks of threads that have no more to do; zero before and after
+    unsigned* taken;     ///< blocks that the latest step took
+    bool operator==(const LivelyBlocks&) const = default;
+};
+
+/// Everything a step needs besides positions. Grid arrays are x fastest, with guard words on either side:
+/// voxel (x, y, z) is element first + x + nx (y + ny z), and the neighbours of any voxel, inside the lattice
+/// or not, are elements that may be read.
+template <class Real>
+struct ImplicitStep {
+    int nx, ny, nz;
+    int first;
+    const BlockOrigin* origins;  ///< of the blocks with an active voxel; null: blocks cover the lattice
+    std::uint32_t group_bits;
+    Vector<Real> spacing;
+    Real rest_length[13];    ///< of mask bits 2 b and 2 b + 1, as unit_pull() takes it
+    Real deficit[13];        ///< likewise: RestSpring::deficit
+    Real stiffness[3];       ///< of each spring group, where there is one material
+    const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
+    Motion<Real> motion;
+    LivelyBlocks lively;  ///< where blocks at rest are not stepped
+    bool operator==(const ImplicitStep&) const = default;
+};
+
+}  // namespace voxspring::cuda

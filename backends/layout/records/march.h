@@ -1,0 +1,198 @@
+// The arguments of the march along z (cuda/kernels/march.h): how blocks cover the lattice, and the springs
+// that a thread evaluates in the order of its masks' bits.
+#pragma once
+
+#include "backends/layout/records/springs.h"
+#include "backends/physics/neighbours.h"
+
+#ifdef __CUDACC__
+/// Before a loop: its body as often as it runs, so that what it indexes may be registers; or once.
+#define UNROLLED _Pragma("unroll")
+#define ROLLED _Pragma("unroll 1")
+#else
+#define UNROLLED
+#define ROLLED
+#endif
+
+namespace voxspring::cuda {
+
+/// How a block covers a tile: a warp has `lanes` threads along x and 32 / lanes along y, a block `wide` x
+/// `high` warps. Windows lie in shared memory in two rings: `planes` of positions, `befores` of what the step
+/// overwrites.
+struct MarchShape {
+    int rows, lanes, wide, high, planes, befores;
+
+    VOXSPRING_HOST_DEVICE constexpr int warps() const { return wide * high; }
+    VOXSPRING_HOST_DEVICE constexpr int threads() const { return 32 * warps(); }
+    /// Columns of particles of a tile.
+    VOXSPRING_HOST_DEVICE constexpr int width() const { return 2 * lanes * wide; }
+    VOXSPRING_HOST_DEVICE constexpr int height() const { return rows * (32 / lanes) * high; }
+    /// Where in the tile thread `number` begins.
+    VOXSPRING_HOST_DEVICE constexpr int column(int number) const {
+        return (number / 32 % wide) * 2 * lanes + 2 * (number % lanes);
+    }
+    VOXSPRING_HOST_DEVICE constexpr int row(int number) const {
+        return ((number / 32 / wide) * (32 / lanes) + number % 32 / lanes) * rows;
+    }
+
+    // A window of positions: the tile with a frame of one particle in front and behind and, since a copy
+    // begins on 16 bytes, of as many as those hold to the left and right. One axis after the other. In
+    // elements of `real` bytes:
+    static VOXSPRING_HOST_DEVICE constexpr int margin(int real) { return 16 / real; }
+    VOXSPRING_HOST_DEVICE constexpr int pitch(int real) const { return width() + 2 * margin(real); }
+    VOXSPRING_HOST_DEVICE constexpr int axis(int real) const { return pitch(real) * (height() + 2); }
+    /// Of the particle that a thread begins at.
+    VOXSPRING_HOST_DEVICE constexpr int own(int number, int real) const {
+        return (row(number) + 1) * pitch(real) + column(number) + margin(real);
+    }
+    // A window of what the step overwrites has no frame.
+    VOXSPRING_HOST_DEVICE constexpr int before_axis() const { return width() * height(); }
+    VOXSPRING_HOST_DEVICE constexpr int before_own(int number) const {
+        return row(number) * width() + column(number);
+    }
+
+    /// Bytes from window to window: a copy goes to a multiple of 128.
+    VOXSPRING_HOST_DEVICE constexpr int window_bytes(int real) const {
+        return (3 * axis(real) * real + 127) / 128 * 128;
+    }
+    VOXSPRING_HOST_DEVICE constexpr int before_bytes(int real) const {
+        return (3 * before_axis() * real + 127) / 128 * 128;
+    }
+    /// Both rings, and two barriers of 8 bytes a window.
+    VOXSPRING_HOST_DEVICE constexpr int shared_bytes(int real) const {
+        return planes * window_bytes(real) + befores * before_bytes(real) + 16 * (planes + befores);
+    }
+    bool operator==(const MarchShape&) const = default;
+};
+
+/// Planes `begin` to `end` (exclusive) of the tile whose first particle is that of column (x, y).
+struct alignas(16) MarchItem {
+    int x, y, begin, end;
+    /// Where its words begin, of use unless all of its warps are whole: for each plane from `begin` to `end`
+    /// (inclusive) one a thread, as MarchWord has it.
+    std::size_t words;
+    /// A bit for each warp all of whose particles exist, move and have every spring, but for those to beyond
+    /// the first and last column and plane of the lattice.
+    std::size_t whole;
+    bool operator==(const MarchItem&) const = default;
+};
+
+/// Lattice springs by how they lie, up to sign: along x, y, z, in the planes xy, xz, yz.
+inline constexpr int spring_classes = 6;
+VOXSPRING_HOST_DEVICE constexpr int spring_class(int dx, int dy, int dz) {
+    if (dz == 0) return dy == 0 ? 0 : dx == 0 ? 1 : 3;
+    return dx != 0 ? 4 : dy != 0 ? 5 : 2;
+}
+
+/// Everything that a step needs besides where the particles are.
+template <class Real>
+struct MarchStep {
+    int nx, ny, nz;
+    std::size_t row, plane, axis;  ///< elements from one to the next
+    const MarchItem* items;
+    const std::uint64_t* words;
+    Vector<Real> spacing;
+    Real rest_length[spring_classes];  ///< by increments; else 1 / rest length, as inverse_root() has it
+    Real deficit[spring_classes];      ///< RestSpring::deficit
+    /// Of each class, in units of the one that all edge springs have if they are alike (EQUAL_EDGES).
+    Real stiffness[spring_classes];
+    Real scale;            ///< that unit times dt^2 / mass
+    Vector<Real> gravity;  ///< times dt^2
+    Real damping, retained;
+    Real shortest_squared;
+    bool operator==(const MarchStep&) const = default;
+};
+
+/// A CUtensorMap: a lattice's x, y, z and the three axes of its vectors as one tensor.
+struct alignas(128) TensorMap {
+    std::uint64_t opaque[16];
+    bool operator==(const TensorMap&) const = default;
+};
+
+/// What a step writes: x or u at t + dt (on positions and displacements over those of t - dt), v in place.
+template <class Real>
+struct MarchOutput {
+    Real* next;
+    Real* increment;
+};
+
+/// The bits of a word: one for each spring of visit_springs(); one for each particle of the plane before
+/// which moves; one for each row of it that has a particle.
+template <int rows>
+struct MarchWord {
+    static constexpr int springs = 23 * rows + 8;
+    static VOXSPRING_HOST_DEVICE constexpr int moves(int r, int c) { return springs + 2 * r + c; }
+    static VOXSPRING_HOST_DEVICE constexpr int stored(int r) { return springs + 2 * rows + r; }
+    static_assert(springs + 3 * rows <= 64);
+};
+
+/// Every spring that a thread evaluates when a plane arrives, each with its bit. Particles are named by plane
+/// (1: the one that arrived, 0: the one before), row and column; own ones are rows 0 to rows - 1 of columns 0
+/// and 1. visit.both(bit, ...) is a spring between two of them, visit.half(bit, ...) one to a neighbour,
+/// which that one's own thread evaluates too. 13.5 a particle with two rows, where one by one it were 18.
+/// Without `vertical`, those within the plane alone.
+template <int rows, bool vertical, class Visit>
+VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
+    int bit = 0;
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        visit.both(bit++, 1, r, 0, 1, r, 1);
+        if (r + 1 == rows) continue;
+        visit.both(bit++, 1, r, 0, 1, r + 1, 0);
+        visit.both(bit++, 1, r, 1, 1, r + 1, 1);
+        visit.both(bit++, 1, r, 0, 1, r + 1, 1);
+        visit.both(bit++, 1, r, 1, 1, r + 1, 0);
+    }
+    // To the left and right.
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        UNROLLED
+        for (int c = 0; c < 2; ++c) {
+            const int x = c == 0 ? -1 : 2;
+            visit.half(bit++, 1, r, c, 1, r, x);
+            if (r > 0) visit.half(bit++, 1, r - 1, c, 1, r, x);
+            if (r + 1 < rows) visit.half(bit++, 1, r + 1, c, 1, r, x);
+            if (vertical) visit.half(bit, 0, r, c, 1, r, x);
+            ++bit;
+        }
+    }
+    // From plane to plane.
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        UNROLLED
+        for (int c = 0; c < 2; ++c) {
+            if (vertical) visit.both(bit, 0, r, c, 1, r, c);
+            if (vertical) visit.both(bit + 1, 0, r, c, 1, r, 1 - c);
+            bit += 2;
+            if (r > 0) {
+                if (vertical) visit.both(bit, 0, r, c, 1, r - 1, c);
+                ++bit;
+            }
+            if (r + 1 < rows) {
+                if (vertical) visit.both(bit, 0, r, c, 1, r + 1, c);
+                ++bit;
+            }
+        }
+    }
+    // To the rows in front and behind.
+    UNROLLED
+    for (int side = 0; side < 2; ++side) {
+        const int r = side == 0 ? 0 : rows - 1, y = side == 0 ? -1 : rows;
+        UNROLLED
+        for (int c = 0; c < 2; ++c) {
+            UNROLLED
+            for (int dx = -1; dx <= 1; ++dx) visit.half(bit++, 1, r, c, 1, y, c + dx);
+            if (vertical) visit.half(bit, 0, r, c, 1, y, c);
+            if (vertical) visit.half(bit + 1, 1, r, c, 0, y, c);
+            bit += 2;
+        }
+    }
+    UNROLLED
+    for (int r = 0; r < rows; ++r) {
+        if (vertical) visit.half(bit, 1, r, 0, 0, r, -1);
+        if (vertical) visit.half(bit + 1, 1, r, 1, 0, r, 2);
+        bit += 2;
+    }
+}
+
+}  // namespace voxspring::cuda

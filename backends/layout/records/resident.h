@@ -1,0 +1,57 @@
+// The argument of the resident kernel (cuda/kernels/resident.cu), whose tables resident_layout.h builds.
+#pragma once
+
+#include "backends/layout/records/implicit.h"
+#include "backends/physics/neighbours.h"
+
+namespace voxspring::cuda {
+
+/// A point on its way from block to block (cuda/kernels/exchange.h).
+struct alignas(16) TaggedPoint {
+    Vector<float> point;
+    std::uint32_t tag;
+};
+
+/// How a warp's springs are split: 2 y + z of Across, or mixed: all wait for the border.
+inline constexpr int mixed_border = 4;
+inline constexpr int border_kinds = 5;
+/// A warp whose border lies at -1 is mirrored: what its tables call (dx, dy, dz) is (dx, -dy, dz), or
+/// (dx, dy, -dz), or both. So the warps of a block share the code of few kinds, which the instruction cache
+/// holds.
+inline constexpr int border_kind_bits = 7;
+inline constexpr int mirrored_y = 8;
+inline constexpr int mirrored_z = 16;
+
+/// Mask bits of neighbours.
+inline constexpr int neighbour_bits = 26;
+
+/// A lane or poll without work.
+inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
+
+/// Everything a resident launch needs. The lattice of its base is not used.
+struct ResidentStep : ImplicitStep<float> {
+    // One a lane, `lanes` a block:
+    const std::uint32_t* particle;   ///< word
+    const std::uint32_t* published;  ///< index in `exchange`, for particles that other blocks reach
+    const std::uint16_t* own_slot;
+    const std::uint16_t* slot;   ///< of the neighbour of each mask bit, `lane_count` apart; absent: its own
+    const std::uint8_t* border;  ///< kind of border and how it is mirrored, one a warp
+    // One a poll, poller_rounds x blocks x pollers:
+    const std::uint32_t* polled;       ///< index in `exchange`
+    const std::uint32_t* polled_word;  ///< word of that particle
+    const std::uint16_t* polled_slot;
+    std::uint32_t lane_count;       ///< of all blocks
+    std::uint32_t published_count;  ///< words of `exchange` for every second step
+    TaggedPoint* exchange;          ///< 2 x published_count
+    std::uint32_t* begun;           ///< blocks that have read their start, of all launches
+    bool operator==(const ResidentStep&) const = default;
+};
+
+/// The mask bit of an offset.
+VOXSPRING_HOST_DEVICE constexpr int bit_of(int x, int y, int z) {
+#define BIT_IF(bit, dx, dy, dz) x == (dx) && y == (dy) && z == (dz) ? (bit):
+    return FACE_NEIGHBOURS(BIT_IF) EDGE_NEIGHBOURS(BIT_IF) CORNER_NEIGHBOURS(BIT_IF) 0;
+#undef BIT_IF
+}
+
+}  // namespace voxspring::cuda

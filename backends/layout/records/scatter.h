@@ -1,0 +1,27 @@
+// The argument of the scatter kernels (cuda/kernels/scatter.h).
+#pragma once
+
+#include "backends/layout/records/motion.h"
+#include "backends/layout/records/springs.h"
+
+namespace voxspring::cuda {
+
+/// Everything a step needs besides positions.
+template <class Real>
+struct ScatterStep {
+    int particles;
+    std::uint32_t group_bits;
+    std::size_t springs;     ///< slots of all arrays; a stiffness of 0 marks one without a spring
+    const SpringEnds* ends;  ///< on displacements `second` with a direction code, as seen from `first`
+    const SpringConstants<Real>* constants;
+    SpringRest<Real> rest[direction_codes];  ///< by direction code
+    const SpringRest<Real>* own_rest;        ///< by slot, of those with OWN_DIRECTION; null: there are none
+    /// x of all particles, then y, then z, `pitch` apart: neighbouring threads then add to neighbouring
+    /// addresses. Zero between steps.
+    Real* force;
+    std::size_t pitch;
+    Motion<Real> motion;
+    bool operator==(const ScatterStep&) const = default;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,34 @@
+// A spring in memory: what its force takes, and which particles it joins.
+#pragma once
+
+#include "backends/layout/records/particle.h"
+
+namespace voxspring::cuda {
+
+/// One spring of a list.
+template <class Real>
+struct alignas(2 * sizeof(Real)) SpringConstants {
+    Real stiffness;
+    /// As unit_pull() takes it. Where that is as measured_length() gives it on the device, its square until
+    /// then (measure_rest_lengths).
+    Real rest_length;
+};
+
+/// How the ends of a spring lie at rest: RestSpring (problem.h) of particle i and its neighbour j.
+template <class Real>
+struct alignas(4 * sizeof(Real)) SpringRest {
+    Vector<Real> offset;  ///< X_j - X_i
+    Real deficit;         ///< l^2 - |offset|^2
+    bool operator==(const SpringRest&) const = default;
+};
+
+/// A direction code of a list entry (LISTED_INDEX_BITS of neighbours.h) is less than this.
+inline constexpr int direction_codes = 32;
+
+/// The two particles of a spring.
+struct alignas(8) SpringEnds {
+    std::uint32_t first, second;
+    bool operator==(const SpringEnds&) const = default;
+};
+
+}  // namespace voxspring::cuda
