@@ -5,6 +5,8 @@
 
 #include "backends/physics/neighbours.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/memory.h"
+#include "tests/volume_files.h"
 
 namespace voxspring::testing {
 namespace {
@@ -85,6 +87,40 @@ TEST(Dataset, DimsAreCheckedWithoutOverflow) {
               "f: k: 5 x 5 x -5 is not accepted; expected sides from 1 to 1048576");
     EXPECT_LE(SceneSizeLimits::of_this_machine().voxels, 0xFFFFFFFFu);
     EXPECT_GT(SceneSizeLimits::of_this_machine().particles, 1000000u);
+}
+
+// A container may use less than the machine has.
+TEST(Memory, ControlGroupsLimitIt) {
+    const TemporaryFolder folder;
+    const auto write = [&](const std::string& file, const std::string& text) {
+        std::filesystem::create_directories((folder.path() / file).parent_path());
+        return folder.write(file, text);
+    };
+    const std::filesystem::path root = folder.path() / "fs";
+    // Version 2: the least of the group and of those above it.
+    const std::string second = write("second", "0::/a/b\n");
+    EXPECT_EQ(cgroup_memory_limit(second, root), no_memory_limit);
+    write("fs/a/b/memory.max", "max\n");
+    EXPECT_EQ(cgroup_memory_limit(second, root), no_memory_limit);
+    write("fs/a/memory.max", "1073741824\n");
+    EXPECT_EQ(cgroup_memory_limit(second, root), 1073741824u);
+    write("fs/a/b/memory.max", "2147483648\n");
+    EXPECT_EQ(cgroup_memory_limit(second, root), 1073741824u);
+    // What a container sees as the root.
+    write("fs/memory.max", "1000\n");
+    EXPECT_EQ(cgroup_memory_limit(second, root), 1000u);
+
+    // Version 1, whose controllers have a hierarchy each, beside others and an empty version 2.
+    const std::string first = write("first", "3:cpu,cpuacct:/c\n2:blkio,memory:/c/d\n0::/\n");
+    const std::filesystem::path old = folder.path() / "old";
+    write("old/memory/c/d/memory.limit_in_bytes", "9223372036854771712\n");
+    EXPECT_EQ(cgroup_memory_limit(first, old), 9223372036854771712u);
+    write("old/memory/c/memory.limit_in_bytes", "4096\n");
+    EXPECT_EQ(cgroup_memory_limit(first, old), 4096u);
+
+    EXPECT_EQ(cgroup_memory_limit(folder.path() / "absent", root), no_memory_limit);
+    EXPECT_LE(memory_limit(), cgroup_memory_limit());
+    EXPECT_GT(memory_limit(), 0u);
 }
 
 }  // namespace

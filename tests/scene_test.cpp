@@ -369,7 +369,8 @@ TEST(Scene, BadArgumentsAreRefused) {
     EXPECT_EQ(
         refused("bax"),
         "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart, incision, poke, "
-        "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
+        "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .hdr, "
+        ".hdr.gz, .img, .img.gz, .nrrd, .nhdr, .mha or .mhd)");
     for (const std::string suffix :
          {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"}) {
         EXPECT_EQ(refused("box" + suffix),
@@ -377,7 +378,10 @@ TEST(Scene, BadArgumentsAreRefused) {
     }
     EXPECT_EQ(refused("box@0"),
               "box@0: dataset.dims: 0 x 0 x 0 is not accepted; expected sides from 1 to 1048576");
-    EXPECT_EQ(refused("box@99999999999999999999").substr(0, 40), "box@99999999999999999999: dataset.dims: ");
+    for (const std::string suffix : {"@99999999", "@99999999999999999999", "@2x1048577x2"}) {
+        EXPECT_EQ(refused("box" + suffix), "box" + suffix + ": dims: " + suffix +
+                                               " is not accepted; expected sides from 1 to 1048576");
+    }
     EXPECT_EQ(refused("box@47"),
               "box@47: dataset.dims: 47 x 47 x 47 is not accepted; expected at most 100000 voxels on this "
               "machine, not 103823");

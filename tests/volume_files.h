@@ -1,7 +1,9 @@
-// Small NIfTI-1 and NRRD files, made byte by byte so that they can also be wrong in any way.
+// Small volume files, made byte by byte so that they can also be wrong in any way.
 #pragma once
 
+#include <bzlib.h>
 #include <nifti/nifti1.h>
+#include <nifti/nifti2.h>
 #include <zlib.h>
 
 #include <algorithm>
@@ -44,6 +46,25 @@ inline std::string gzipped(const std::string& plain) {
     return packed;
 }
 
+/// As MetaImage has it: without gzip's header.
+inline std::string zlib_packed(const std::string& plain) {
+    uLongf size = compressBound(uLong(plain.size()));
+    std::string packed(size, '\0');
+    compress(reinterpret_cast<Bytef*>(packed.data()), &size, reinterpret_cast<const Bytef*>(plain.data()),
+             uLong(plain.size()));
+    packed.resize(size);
+    return packed;
+}
+
+inline std::string bzip2ed(const std::string& plain) {
+    auto size = unsigned(plain.size() + plain.size() / 100 + 600);
+    std::string packed(size, '\0');
+    BZ2_bzBuffToBuffCompress(packed.data(), &size, const_cast<char*>(plain.data()), unsigned(plain.size()), 9,
+                             0, 0);
+    packed.resize(size);
+    return packed;
+}
+
 inline nifti_1_header nifti_header(glm::ivec3 dims, int datatype, glm::vec3 spacing = glm::vec3(1)) {
     nifti_1_header header{};
     header.sizeof_hdr = 348;
@@ -58,14 +79,41 @@ inline nifti_1_header nifti_header(glm::ivec3 dims, int datatype, glm::vec3 spac
     return header;
 }
 
+inline nifti_2_header nifti_2_header_of(const nifti_1_header& first) {
+    nifti_2_header header{};
+    header.sizeof_hdr = 540;
+    std::memcpy(header.magic, "n+2\0\r\n\032\n", 8);
+    std::copy(std::begin(first.dim), std::end(first.dim), std::begin(header.dim));
+    std::copy(std::begin(first.pixdim), std::end(first.pixdim), std::begin(header.pixdim));
+    header.datatype = first.datatype;
+    header.vox_offset = 544;
+    header.scl_slope = double(first.scl_slope);
+    header.scl_inter = double(first.scl_inter);
+    return header;
+}
+
+/// The header alone: the .hdr of a pair whose .img has nothing but voxels.
+template <class Header>
+std::string nifti_pair_header(Header header) {
+    header.magic[1] = 'i';
+    header.vox_offset = 0;
+    return std::string(reinterpret_cast<const char*>(&header), sizeof header);
+}
+
 /// Header, four bytes that announce no extension, data.
-inline std::string nifti_file(const nifti_1_header& header, const std::string& data) {
+template <class Header>
+std::string nifti_file(const Header& header, const std::string& data) {
     return std::string(reinterpret_cast<const char*>(&header), sizeof header) + std::string(4, '\0') + data;
 }
 
 /// "NRRD0004" and the lines of `fields`, then the data.
 inline std::string nrrd_file(const std::string& fields, const std::string& data) {
     return "NRRD0004\n" + fields + "\n" + data;
+}
+
+/// "ObjectType = Image", `fields` and "ElementDataFile = LOCAL", then the data.
+inline std::string metaimage_file(const std::string& fields, const std::string& data) {
+    return "ObjectType = Image\n" + fields + "ElementDataFile = LOCAL\n" + data;
 }
 
 /// A folder of its own that goes away with it.

@@ -47,10 +47,11 @@ LabelledGrid load_dataset(const SceneFile& scene, const std::string& file, const
         return {dataset.type == DatasetType::box ? make_box(dataset.dims) : make_heart(dataset.dims), {1}};
     }
     const std::filesystem::path path = std::filesystem::path(file).parent_path() / dataset.file;
-    std::error_code error;
-    if (dataset.file_source &&
-        (!is_volume_name(dataset.file) || !std::filesystem::is_regular_file(path, error))) {
-        dataset.file_source->refuse("a .nii, .nii.gz or .nrrd file that exists");
+    if (dataset.file_source) {
+        std::error_code error;
+        if (!is_volume_name(dataset.file))
+            dataset.file_source->refuse("a volume file, whose name ends in " + volume_endings());
+        if (!std::filesystem::is_regular_file(path, error)) dataset.file_source->refuse("a file that exists");
     }
     const Volume volume = read_volume(path, limits);
     const bool per_label = !scene.mass.by_label.empty() || !scene.stiffness.by_label.empty();
@@ -360,8 +361,10 @@ Resize split_resize(const std::string& argument) {
         if (digit == 'x' && sides.back() >= 0) {
             sides.push_back(-1);
         } else if (digit >= '0' && digit <= '9') {
-            sides.back() = std::min<std::int64_t>(
-                std::max<std::int64_t>(sides.back(), 0) * 10 + (digit - '0'), longest_side + 1);
+            sides.back() = std::max<std::int64_t>(sides.back(), 0) * 10 + (digit - '0');
+            if (sides.back() > max_side)
+                throw BadInput(argument, "dims", resize.suffix,
+                               "sides from 1 to " + std::to_string(max_side));
         } else {
             sides.push_back(-1);
             break;
@@ -397,8 +400,8 @@ Scene load_scene(const std::string& argument, const SceneSizeLimits& limits) {
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !ends_with(resize.base, ".json")) {
         throw BadInput(argument, "scene", resize.base,
-                       "a built-in scene (" + builtin_names() +
-                           "), a scene file (.json) or a volume file (.nii, .nii.gz, .nrrd)");
+                       "a built-in scene (" + builtin_names() + "), a scene file (.json) or a volume file (" +
+                           volume_endings() + ")");
     }
     SceneFile file_says =
         read_scene_file(builtin != nullptr ? parse_json(*builtin, resize.base) : read_json(resize.base));

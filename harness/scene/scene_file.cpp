@@ -23,9 +23,9 @@ constexpr std::string_view accepted_regions =
     R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
     R"(or {"voxel": [x, y, z]})";
 
-double positive(const JsonValue& value) { return value.number(smallest_quantity, largest_quantity); }
+double positive(const JsonValue& value) { return value.number(min_quantity, max_quantity); }
 
-glm::dvec3 vector(const JsonValue& value) { return value.vec3(largest_quantity); }
+glm::dvec3 vector(const JsonValue& value) { return value.vec3(max_quantity); }
 
 /// Three whole numbers within [low, high].
 glm::ivec3 voxel_triple(const JsonValue& value, int low, int high) {
@@ -44,12 +44,12 @@ DatasetSpec read_dataset(JsonObject object) {
         dataset.file = dataset.file_source->string();
         const auto threshold = object.find("threshold");
         const auto labels = object.find("labels");
-        if (threshold) dataset.threshold = threshold->number(-largest_quantity, largest_quantity);
+        if (threshold) dataset.threshold = threshold->number(-max_quantity, max_quantity);
         if (threshold && labels) labels->refuse("either a threshold or labels, not both");
         if (labels) {
             dataset.labels.emplace();
-            for (const JsonValue& label : labels->array(1, most_labels)) {
-                const std::int64_t number = label.integer(-largest_label, largest_label);
+            for (const JsonValue& label : labels->array(1, max_labels)) {
+                const std::int64_t number = label.integer(-max_label, max_label);
                 if (std::find(dataset.labels->begin(), dataset.labels->end(), number) !=
                     dataset.labels->end()) {
                     label.refuse("each label once");
@@ -59,7 +59,7 @@ DatasetSpec read_dataset(JsonObject object) {
         }
     } else {
         dataset.type = type == "box" ? DatasetType::box : DatasetType::heart;
-        dataset.dims = voxel_triple(object.require("dims", "voxels along x, y and z"), 1, longest_side);
+        dataset.dims = voxel_triple(object.require("dims", "voxels along x, y and z"), 1, max_side);
     }
     object.finish();
     return dataset;
@@ -85,7 +85,7 @@ std::optional<std::int64_t> parse_label(const std::string& key) {
     const char* end = key.data() + key.size();
     const auto [stop, error] = std::from_chars(key.data(), end, label);
     if (error != std::errc() || stop != end || std::to_string(label) != key) return std::nullopt;
-    return label >= -largest_label && label <= largest_label ? std::optional(label) : std::nullopt;
+    return label >= -max_label && label <= max_label ? std::optional(label) : std::nullopt;
 }
 
 Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
@@ -133,13 +133,13 @@ std::optional<Region> find_region(JsonObject& object) {
         region.at_side = true;
         region.axis = name[0] - 'x';
         region.upper = name[1] == '+';
-        if (slices) region.slices = int(slices->integer(1, longest_side));
-        if (fraction) region.fraction = fraction->number(smallest_quantity, 1);
+        if (slices) region.slices = int(slices->integer(1, max_side));
+        if (fraction) region.fraction = fraction->number(min_quantity, 1);
     } else if (voxel) {
-        region.from = region.to = voxel_triple(*voxel, 0, longest_side - 1);
+        region.from = region.to = voxel_triple(*voxel, 0, max_side - 1);
     } else {
-        region.from = voxel_triple(*from, 0, longest_side - 1);
-        region.to = voxel_triple(*to, 0, longest_side - 1);
+        region.from = voxel_triple(*from, 0, max_side - 1);
+        region.to = voxel_triple(*to, 0, max_side - 1);
     }
     return region;
 }
@@ -264,8 +264,8 @@ EditSpec read_edit(const JsonValue& value) {
         if (pairs) {
             for (const JsonValue& pair : pairs->array(1, most_pairs)) {
                 const std::vector<JsonValue> ends = pair.array(2, 2);
-                edit.voxels.emplace_back(voxel_triple(ends[0], 0, longest_side - 1),
-                                         voxel_triple(ends[1], 0, longest_side - 1));
+                edit.voxels.emplace_back(voxel_triple(ends[0], 0, max_side - 1),
+                                         voxel_triple(ends[1], 0, max_side - 1));
             }
         }
         if (const auto stiffness = keys.find("stiffness")) edit.stiffness = positive(*stiffness);

@@ -1,7 +1,5 @@
 #include "harness/volume/dataset.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -9,6 +7,7 @@
 #include <string>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/memory.h"
 
 namespace voxspring {
 namespace {
@@ -96,23 +95,21 @@ bool in_heart(const glm::dvec3& p) {
 }  // namespace
 
 SceneSizeLimits SceneSizeLimits::of_this_machine() {
-    const long pages = sysconf(_SC_PHYS_PAGES);
-    const long page_bytes = sysconf(_SC_PAGE_SIZE);
-    const std::uint64_t bytes = std::uint64_t(std::max(pages, 1L)) * std::uint64_t(std::max(page_bytes, 1L));
-    constexpr std::uint64_t most = std::numeric_limits<std::uint32_t>::max();
-    return {std::min(bytes / 16, most), std::min(bytes / 192, most)};
+    const std::uint64_t bytes = memory_limit();
+    constexpr std::uint64_t max = std::numeric_limits<std::uint32_t>::max();
+    return {std::min(bytes / 16, max), std::min(bytes / 192, max)};
 }
 
-std::string to_string(glm::ivec3 dims) {
+std::string to_string(GridSides dims) {
     return std::to_string(dims.x) + " x " + std::to_string(dims.y) + " x " + std::to_string(dims.z);
 }
 
-std::uint64_t checked_voxel_count(glm::ivec3 dims, const SceneSizeLimits& limits, std::string_view file,
+std::uint64_t checked_voxel_count(GridSides dims, const SceneSizeLimits& limits, std::string_view file,
                                   std::string_view key) {
     const std::string text = to_string(dims);
-    for (const int side : {dims.x, dims.y, dims.z}) {
-        if (side < 1 || side > longest_side)
-            throw BadInput(file, key, text, "sides from 1 to " + std::to_string(longest_side));
+    for (const std::int64_t side : {dims.x, dims.y, dims.z}) {
+        if (side < 1 || side > max_side)
+            throw BadInput(file, key, text, "sides from 1 to " + std::to_string(max_side));
     }
     const std::uint64_t count = std::uint64_t(dims.x) * std::uint64_t(dims.y) * std::uint64_t(dims.z);
     if (count > limits.voxels) {

@@ -19,31 +19,34 @@ struct SceneSizeLimits {
     /// Voxels times triangles that all edits together may look at: an hour of a slow machine.
     double edit_work = 1e11;
 
-    /// What fits the machine's memory: 16 bytes a voxel (the largest voxel type, labels and index) and 192 a
+    /// What fits memory_limit(): 16 bytes for a voxel (the largest voxel type, label and index) and 192 for a
     /// particle (the problem and two states).
     static SceneSizeLimits of_this_machine();
 };
 
 /// Spacing, mass, stiffness and time step lie between these, so that no product of a few of them leaves the
 /// range of a 64-bit float.
-inline constexpr double smallest_quantity = 1e-12;
-inline constexpr double largest_quantity = 1e12;
+inline constexpr double min_quantity = 1e-12;
+inline constexpr double max_quantity = 1e12;
 
 /// Labels of a volume: whole numbers of at most 15 digits, which a 64-bit float holds exactly. A particle's
 /// material is a byte.
-inline constexpr std::int64_t largest_label = 999'999'999'999'999;
-inline constexpr std::size_t most_labels = 255;
+inline constexpr std::int64_t max_label = 999'999'999'999'999;
+inline constexpr std::size_t max_labels = 255;
 
 /// The longest side of a grid, so that a product of three fits 64 bits.
-inline constexpr int longest_side = 1 << 20;
+inline constexpr int max_side = 1 << 20;
+
+/// Sides of a grid that nobody has checked yet.
+using GridSides = glm::vec<3, std::int64_t>;
 
 /// Voxels of a grid. Throws BadInput, naming `file`, `key` and the dims, if a side is not within 1 to
-/// longest_side or if there are more voxels than `limits` allows.
-std::uint64_t checked_voxel_count(glm::ivec3 dims, const SceneSizeLimits& limits, std::string_view file,
+/// max_side or if there are more voxels than `limits` allows.
+std::uint64_t checked_voxel_count(GridSides dims, const SceneSizeLimits& limits, std::string_view file,
                                   std::string_view key);
 
 /// "60 x 51 x 46".
-std::string to_string(glm::ivec3 dims);
+std::string to_string(GridSides dims);
 
 /// Every voxel active. Spacing 1.
 VoxelGrid make_box(glm::ivec3 dims);

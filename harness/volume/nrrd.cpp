@@ -1,121 +1,61 @@
-// NRRD: a text header, an empty line, then the data in the same file, raw or gzipped.
+// NRRD: a text header, then the data: behind an empty line in the same file, or in files that it names.
 // Format: https://teem.sourceforge.net/nrrd/format.html
 #include <algorithm>
 #include <array>
-#include <bit>
-#include <charconv>
 #include <cmath>
+#include <filesystem>
 #include <glm/geometric.hpp>
 #include <map>
 #include <optional>
-#include <sstream>
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/byte_stream.h"
+#include "harness/volume/readers.h"
+#include "harness/volume/text_header.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
 namespace {
 
-constexpr std::size_t longest_header = std::size_t{1} << 20;
-constexpr int most_dimensions = 16;  // as in the reference implementation
+constexpr int max_dimensions = 16;  // as in the reference implementation
+const std::string directions_key = "space directions";
 
-std::string trimmed(std::string_view text) {
-    constexpr std::string_view blanks = " \t";
-    const auto from = text.find_first_not_of(blanks);
-    if (from == std::string_view::npos) return {};
-    return std::string(text.substr(from, text.find_last_not_of(blanks) - from + 1));
-}
-
-std::string lower_case(std::string text) {
-    for (char& c : text) {
-        if (c >= 'A' && c <= 'Z') c = char(c - 'A' + 'a');
-    }
-    return text;
-}
-
-std::vector<std::string> words(const std::string& text) {
-    std::istringstream stream(text);
-    std::vector<std::string> list;
-    for (std::string word; stream >> word;) list.push_back(word);
-    return list;
-}
-
-/// The number that all of `text` is.
-template <class Number>
-std::optional<Number> parse_number(const std::string& text) {
-    const std::string plain = trimmed(text);
-    Number number{};
-    const char* end = plain.data() + plain.size();
-    const auto [stop, error] = std::from_chars(plain.data(), end, number);
-    if (error != std::errc() || stop != end) return std::nullopt;
-    return number;
-}
-
-/// The fields of a header by name, in lower case and without blanks ("Space Directions" is
-/// "spacedirections"). Leaves `stream` at the data.
-class Header {
-public:
-    Header(std::istream& stream, std::string file) : file_(std::move(file)) {
-        const std::string magic = line(stream, false).value_or("");
-        if (magic.size() != 8 || magic.compare(0, 7, "NRRD000") != 0 || magic[7] < '1' || magic[7] > '6')
-            throw BadInput(file_, "magic", magic, "NRRD0001 to NRRD0006");
-        while (const auto text = line(stream, true)) {
-            // Comments and key/value pairs say nothing that is needed here.
-            if (text->front() == '#' || text->find(":=") != std::string::npos) continue;
-            const auto colon = text->find(':');
-            if (colon == std::string::npos)
-                throw BadInput(file_, "header", *text, "lines of the form FIELD: VALUE");
-            std::string name = lower_case(text->substr(0, colon));
-            name.erase(std::remove(name.begin(), name.end(), ' '), name.end());
-            if (!fields_.emplace(name, trimmed(text->substr(colon + 1))).second)
-                throw BadInput(file_, name, "a second value", "each field once");
-        }
-    }
-
-    const std::string* find(const std::string& name) const {
-        const auto found = fields_.find(name);
-        return found == fields_.end() ? nullptr : &found->second;
-    }
-
-    const std::string& require(const std::string& name) const {
-        const std::string* value = find(name);
-        if (value == nullptr) throw BadInput(file_, name, "nothing", "a value");
-        return *value;
-    }
-
-    [[noreturn]] void refuse(const std::string& name, std::string_view accepted) const {
-        throw BadInput(file_, name, require(name), accepted);
-    }
-
-private:
-    /// The next line; nothing at the empty line that ends the header or, unless it is `required`, at the end
-    /// of the file.
-    std::optional<std::string> line(std::istream& stream, bool required) {
-        std::string text;
-        for (int c = stream.get(); c != '\n'; c = stream.get()) {
-            if (c == std::istream::traits_type::eof()) {
-                if (!required) return text;
-                throw BadInput(file_, "header", "a file that ends within it",
-                               "an empty line before the data");
-            }
-            if (++length_ > longest_header) {
-                throw BadInput(file_, "header", "more than " + std::to_string(longest_header) + " bytes",
-                               "an empty line before the data");
-            }
-            text += char(c);
-        }
-        if (!text.empty() && text.back() == '\r') text.pop_back();
-        if (text.empty()) return std::nullopt;
-        return text;
-    }
-
-    std::string file_;
-    std::map<std::string, std::string> fields_;
-    std::size_t length_ = 0;
+struct Header : TextHeader {
+    using TextHeader::TextHeader;
+    std::vector<std::string> listed_files;  ///< of "data file: LIST"
 };
 
-ScalarType scalar_type(const Header& header) {
+bool is_list(const std::string& data_file) { return words(data_file + " .")[0] == "LIST"; }
+
+/// Leaves `stream` at the data.
+Header read_header(std::istream& stream, const std::string& file) {
+    Header header(file);
+    HeaderLines lines(stream, file);
+    const std::string magic = lines.next().value_or("");
+    if (magic.size() != 8 || magic.compare(0, 7, "NRRD000") != 0 || magic[7] < '1' || magic[7] > '6')
+        throw BadInput(file, "magic", magic, "NRRD0001 to NRRD0006");
+    for (auto line = lines.next(); !line || !line->empty(); line = lines.next()) {
+        const std::string* data_file = header.find("data file");
+        if (!line) {
+            if (data_file != nullptr) break;
+            throw BadInput(file, "header", "a file that ends within it", "an empty line before the data");
+        }
+        if (data_file != nullptr && is_list(*data_file)) {
+            header.listed_files.push_back(trimmed(*line));
+            continue;
+        }
+        // Comments and key/value pairs say nothing that is needed here.
+        if (line->front() == '#' || line->find(":=") != std::string::npos) continue;
+        const auto colon = line->find(':');
+        if (colon == std::string::npos)
+            throw BadInput(file, "header", *line, "lines of the form FIELD: VALUE");
+        const std::string name = lower_case(line->substr(0, colon));
+        header.add(name == "datafile" ? "data file" : name, trimmed(line->substr(colon + 1)));
+    }
+    return header;
+}
+
+ScalarType scalar_type(const TextHeader& header) {
     static const std::map<std::string, ScalarType> types = {
         {"signed char", ScalarType::int8},
         {"int8", ScalarType::int8},
@@ -165,39 +105,40 @@ ScalarType scalar_type(const Header& header) {
     return found->second;
 }
 
-Encoding encoding(const Header& header) {
+Encoding encoding(const TextHeader& header) {
     const std::string name = lower_case(header.require("encoding"));
     if (name == "raw") return Encoding::raw;
     if (name == "gzip" || name == "gz") return Encoding::gzip;
-    header.refuse("encoding", "raw or gzip");
+    if (name == "bzip2" || name == "bz2") return Encoding::bzip2;
+    header.refuse("encoding", "raw, gzip or bzip2");
 }
 
-int dimension(const Header& header) {
-    const auto number = parse_number<int>(header.require("dimension"));
-    if (!number || *number < 3 || *number > most_dimensions)
-        header.refuse("dimension", "3, or more where all further sizes are 1");
-    return *number;
-}
-
-glm::ivec3 sizes(const Header& header, int dimensions) {
-    const std::vector<std::string> list = words(header.require("sizes"));
-    const std::string accepted = std::to_string(dimensions) +
-                                 " whole numbers, 3 of them sides and all further ones 1: a volume has one "
-                                 "value a voxel";
-    if (list.size() != std::size_t(dimensions)) header.refuse("sizes", accepted);
-    glm::ivec3 dims{0};
-    for (int axis = 0; axis < dimensions; ++axis) {
-        const auto size = parse_number<int>(list[std::size_t(axis)]);
-        if (!size || (axis >= 3 && *size != 1)) header.refuse("sizes", accepted);
-        if (axis < 3) dims[axis] = *size;
+DataPlace data_place(const Header& header) {
+    DataPlace place;
+    place.encoding = encoding(header);
+    place.skipped_lines = header.whole_number("line skip", 0);
+    place.skipped_bytes = header.whole_number("byte skip", DataPlace::at_end);
+    if (place.skipped_bytes == DataPlace::at_end && place.encoding != Encoding::raw)
+        header.refuse("byte skip", "0 or more: -1 is for raw data");
+    const std::string* data_file = header.find("data file");
+    if (data_file == nullptr) return place;
+    place.files_key = "data file";
+    const std::filesystem::path folder = std::filesystem::path(header.file()).parent_path();
+    if (is_list(*data_file)) {
+        if (header.listed_files.empty()) header.refuse("data file", "LIST with names of files below it");
+        for (const std::string& name : header.listed_files) place.files.push_back(folder / name);
+    } else {
+        if (data_file->empty() || data_file->find('%') != std::string::npos)
+            header.refuse("data file", "the name of a file, or LIST with names of files below it");
+        place.files.push_back(folder / *data_file);
     }
-    return dims;
+    return place;
 }
 
 /// "(1,0,0) (0,1,0) none": one vector an axis.
-std::vector<std::optional<glm::dvec3>> space_directions(const Header& header) {
+std::vector<std::optional<glm::dvec3>> space_directions(const TextHeader& header) {
     const std::string accepted = "a vector (x,y,z) for each axis of space";
-    const std::string& text = header.require("spacedirections");
+    const std::string& text = header.require(directions_key);
     std::vector<std::optional<glm::dvec3>> directions;
     for (std::size_t at = text.find_first_not_of(" \t"); at != std::string::npos;
          at = text.find_first_not_of(" \t", at)) {
@@ -207,14 +148,14 @@ std::vector<std::optional<glm::dvec3>> space_directions(const Header& header) {
             continue;
         }
         const auto end = text.find(')', at);
-        if (text[at] != '(' || end == std::string::npos) header.refuse("spacedirections", accepted);
+        if (text[at] != '(' || end == std::string::npos) header.refuse(directions_key, accepted);
         std::string vector = text.substr(at + 1, end - at - 1);
         glm::dvec3 direction{0};
         for (int component = 0; component < 3; ++component) {
             const auto comma = component < 2 ? vector.find(',') : vector.size();
             const auto number =
                 comma == std::string::npos ? std::nullopt : parse_number<double>(vector.substr(0, comma));
-            if (!number) header.refuse("spacedirections", accepted);
+            if (!number) header.refuse(directions_key, accepted);
             direction[component] = *number;
             vector.erase(0, comma + 1);
         }
@@ -224,78 +165,135 @@ std::vector<std::optional<glm::dvec3>> space_directions(const Header& header) {
     return directions;
 }
 
-glm::dvec3 checked_spacing(const Header& header, const std::string& field, glm::dvec3 spacing) {
-    for (int axis = 0; axis < 3; ++axis) {
-        if (!(spacing[axis] >= smallest_quantity && spacing[axis] <= largest_quantity))
+/// An axis of the file.
+struct Axis {
+    std::size_t index = 0;  ///< in the file
+    std::int64_t size = 0;
+    std::optional<glm::dvec3> direction{};
+    bool is_of_space = true;
+    std::string why_not{};  ///< of space: the field that says so
+};
+
+/// What `kinds` calls an axis along which voxels lie; "???" and "none" are axes of an unknown kind.
+bool is_kind_of_space(const std::string& kind) {
+    return kind == "domain" || kind == "space" || kind == "???" || kind == "none";
+}
+
+std::vector<Axis> read_axes(const TextHeader& header) {
+    const auto dimension = parse_number<int>(header.require("dimension"));
+    if (!dimension || *dimension < 3 || *dimension > max_dimensions)
+        header.refuse("dimension", "3, or more where all further sizes are 1");
+    std::vector<Axis> axes(static_cast<std::size_t>(*dimension));
+    const std::vector<std::string> sizes = words(header.require("sizes"));
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+        const auto size = sizes.size() == axes.size() ? parse_number<std::int64_t>(sizes[a]) : std::nullopt;
+        if (!size) header.refuse("sizes", sizes_accepted(*dimension));
+        axes[a].index = a;
+        axes[a].size = *size;
+    }
+    if (const std::string* kinds = header.find("kinds")) {
+        const std::vector<std::string> list = words(*kinds);
+        if (list.size() != axes.size())
+            header.refuse("kinds", std::to_string(*dimension) + " words, one for each axis");
+        for (std::size_t a = 0; a < axes.size(); ++a) {
+            if (is_kind_of_space(lower_case(list[a]))) continue;
+            axes[a].is_of_space = false;
+            axes[a].why_not = "kinds";
+        }
+    }
+    if (header.find(directions_key) != nullptr) {
+        const auto directions = space_directions(header);
+        if (directions.size() != axes.size())
+            header.refuse(directions_key, "a vector (x,y,z) for each axis of space");
+        for (std::size_t a = 0; a < axes.size(); ++a) {
+            axes[a].direction = directions[a];
+            if (directions[a]) continue;
+            axes[a].is_of_space = false;
+            axes[a].why_not = directions_key;
+        }
+    }
+    return axes;
+}
+
+/// Those of the axes that are x, y and z of the grid.
+std::array<Axis, 3> grid_axes(const TextHeader& header, const std::vector<Axis>& axes) {
+    std::vector<std::int64_t> sizes;
+    std::vector<bool> is_of_space;
+    for (const Axis& axis : axes) {
+        if (!axis.is_of_space && axis.size != 1) {
+            header.refuse(axis.why_not, axis.why_not == directions_key
+                                            ? "a vector (x,y,z) for each axis of space"
+                                            : "domain or space for the 3 axes of a volume, and a size of 1 "
+                                              "along any other: it has one value a voxel");
+        }
+        sizes.push_back(axis.size);
+        is_of_space.push_back(axis.is_of_space);
+    }
+    const auto chosen = axes_of_space(sizes, is_of_space);
+    if (!chosen) header.refuse("sizes", sizes_accepted(int(axes.size())));
+    return {axes[(*chosen)[0]], axes[(*chosen)[1]], axes[(*chosen)[2]]};
+}
+
+void check_right_angles(const TextHeader& header, const std::array<Axis, 3>& axes) {
+    for (std::size_t a = 0; a < 3; ++a) {
+        const auto& one = axes[a].direction;
+        const auto& other = axes[(a + 1) % 3].direction;
+        if (!one || !other) continue;
+        const double cosine = glm::dot(*one, *other) / (glm::length(*one) * glm::length(*other));
+        // What is left of a right angle in a header written with a few digits.
+        if (!(std::abs(cosine) < 1e-3)) header.refuse(directions_key, "axes at right angles");
+    }
+}
+
+glm::dvec3 spacing(const TextHeader& header, const std::vector<Axis>& all, const std::array<Axis, 3>& axes) {
+    glm::dvec3 lengths(1);
+    const bool by_directions = header.find(directions_key) != nullptr;
+    if (!by_directions && header.find("spacings") == nullptr) return lengths;
+    const std::string& field = by_directions ? directions_key : "spacings";
+    std::vector<std::string> list;
+    if (!by_directions) list = words(header.require("spacings"));
+    const bool complete = by_directions || list.size() == all.size();
+    for (int a = 0; a < 3; ++a) {
+        const Axis& axis = axes[std::size_t(a)];
+        if (!axis.is_of_space) continue;
+        if (by_directions) {
+            lengths[a] = glm::length(*axis.direction);
+        } else {
+            lengths[a] = complete ? parse_number<double>(list[axis.index]).value_or(0) : 0;
+        }
+        if (!is_spacing(lengths[a]))
             header.refuse(field, "a positive distance between voxels along each axis");
     }
-    return spacing;
+    if (by_directions) check_right_angles(header, axes);
+    return lengths;
 }
 
-glm::dvec3 spacing(const Header& header, int dimensions) {
-    if (header.find("spacedirections") != nullptr) {
-        const auto directions = space_directions(header);
-        if (directions.size() != std::size_t(dimensions) || !directions[0] || !directions[1] ||
-            !directions[2]) {
-            header.refuse("spacedirections", "a vector (x,y,z) for each axis of space");
-        }
-        const glm::dvec3 lengths{glm::length(*directions[0]), glm::length(*directions[1]),
-                                 glm::length(*directions[2])};
-        checked_spacing(header, "spacedirections", lengths);
-        for (int axis = 0; axis < 3; ++axis) {
-            const int next = (axis + 1) % 3;
-            const double cosine = glm::dot(*directions[std::size_t(axis)], *directions[std::size_t(next)]) /
-                                  (lengths[axis] * lengths[next]);
-            // What is left of a right angle in a header written with a few digits.
-            if (!(std::abs(cosine) < 1e-3)) header.refuse("spacedirections", "axes at right angles");
-        }
-        return lengths;
-    }
-    if (header.find("spacings") != nullptr) {
-        const std::vector<std::string> list = words(header.require("spacings"));
-        glm::dvec3 lengths{0};
-        for (int axis = 0; axis < 3 && list.size() == std::size_t(dimensions); ++axis)
-            lengths[axis] = parse_number<double>(list[std::size_t(axis)]).value_or(0);
-        return checked_spacing(header, "spacings", lengths);
-    }
-    return glm::dvec3(1);
-}
-
-/// Whether the data is in the byte order that this machine does not have.
-bool reversed(const Header& header, ScalarType type) {
+/// Whether the most significant byte of a scalar comes first.
+bool is_big_endian(const TextHeader& header, ScalarType type) {
     if (bytes_of(type) == 1) return false;
     const std::string order = lower_case(header.require("endian"));
     if (order != "little" && order != "big") header.refuse("endian", "little or big");
-    return (order == "little") != (std::endian::native == std::endian::little);
-}
-
-void reverse_bytes(std::vector<std::byte>& data, std::size_t each) {
-    for (auto scalar = data.begin(); scalar != data.end(); scalar += std::ptrdiff_t(each))
-        std::reverse(scalar, scalar + std::ptrdiff_t(each));
+    return order == "big";
 }
 
 }  // namespace
 
 Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits) {
-    const Header header(stream, file);
-    for (const std::string name : {"datafile", "lineskip", "byteskip"}) {
-        if (header.find(name) != nullptr && header.require(name) != "0")
-            header.refuse(name, "data that follows the header in the same file");
-    }
+    const Header header = read_header(stream, file);
     Volume volume;
     volume.file = file;
-    const int dimensions = dimension(header);
-    volume.dims = sizes(header, dimensions);
-    const std::uint64_t voxels = checked_voxel_count(volume.dims, limits, file, "sizes");
+    const std::vector<Axis> all = read_axes(header);
+    const std::array<Axis, 3> axes = grid_axes(header, all);
+    const GridSides sides(axes[0].size, axes[1].size, axes[2].size);
+    const std::uint64_t voxels = checked_voxel_count(sides, limits, file, "sizes");
+    volume.dims = glm::ivec3(sides);
     volume.type = scalar_type(header);
-    volume.spacing = spacing(header, dimensions);
-    const bool other_order = reversed(header, volume.type);
-
-    ByteStream bytes(stream, encoding(header), file);
-    volume.data = bytes.read_rest(
-        voxels * bytes_of(volume.type), "data",
+    volume.spacing = spacing(header, all, axes);
+    const bool big_endian = is_big_endian(header, volume.type);
+    volume.data = read_data(
+        stream, file, data_place(header), voxels * bytes_of(volume.type), "data",
         std::to_string(voxels) + " voxels of type " + header.require("type") + " as the header says");
-    if (other_order) reverse_bytes(volume.data, bytes_of(volume.type));
+    to_native_order(volume.data, volume.type, big_endian);
     return volume;
 }
 

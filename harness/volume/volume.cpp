@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "harness/base/bad_input.h"
+#include "harness/volume/readers.h"
 
 namespace voxspring {
 namespace {
@@ -68,7 +69,7 @@ std::vector<std::int64_t> occurring_labels(const Volume& volume) {
     double latest = 0;  // neighbouring voxels mostly carry the same label
     for_each_value(volume, [&](std::size_t voxel, double value) {
         if (value == latest || value == 0) return;
-        if (!(std::abs(value) <= double(largest_label)) || std::floor(value) != value) {
+        if (!(std::abs(value) <= double(max_label)) || std::floor(value) != value) {
             throw BadInput(volume.file, "voxel " + std::to_string(voxel), format(value),
                            "whole numbers where materials are given per label");
         }
@@ -77,16 +78,44 @@ std::vector<std::int64_t> occurring_labels(const Volume& volume) {
         const auto place = std::lower_bound(labels.begin(), labels.end(), label);
         if (place != labels.end() && *place == label) return;
         labels.insert(place, label);
-        if (labels.size() > most_labels) {
-            throw BadInput(volume.file, "labels", "more than " + std::to_string(most_labels) + " labels",
+        if (labels.size() > max_labels) {
+            throw BadInput(volume.file, "labels", "more than " + std::to_string(max_labels) + " labels",
                            "a list of those to use");
         }
     });
     return labels;
 }
 
-bool ends_with(const std::string& name, const std::string& end) {
-    return name.size() >= end.size() && name.compare(name.size() - end.size(), end.size(), end) == 0;
+struct Format {
+    std::string_view ending;
+    Volume (*read)(std::istream&, const std::string&, const SceneSizeLimits&) = nullptr;
+    bool is_image = false;  ///< of a pair, whose header is read first
+};
+
+const std::vector<Format>& formats() {
+    static const std::vector<Format> all = {
+        {".nii", read_nifti},     {".nii.gz", read_nifti},    {".hdr", read_nifti},
+        {".hdr.gz", read_nifti},  {".img", read_nifti, true}, {".img.gz", read_nifti, true},
+        {".nrrd", read_nrrd},     {".nhdr", read_nrrd},       {".mha", read_metaimage},
+        {".mhd", read_metaimage},
+    };
+    return all;
+}
+
+/// Null for a name that is no volume's.
+const Format* format_of(const std::string& name) {
+    const auto found = std::find_if(formats().begin(), formats().end(),
+                                    [&](const Format& format) { return name.ends_with(format.ending); });
+    return found == formats().end() ? nullptr : &*found;
+}
+
+/// The header that belongs to x.img or x.img.gz: x.hdr, or x.hdr.gz where only that is there.
+std::string header_of_image(const std::string& image) {
+    const std::string plain = image.substr(0, image.rfind(".img")) + ".hdr";
+    std::error_code error;
+    const bool packed = !std::filesystem::is_regular_file(plain, error) &&
+                        std::filesystem::is_regular_file(plain + ".gz", error);
+    return packed ? plain + ".gz" : plain;
 }
 
 }  // namespace
@@ -111,20 +140,33 @@ std::size_t bytes_of(ScalarType type) {
     return 0;
 }
 
-bool is_volume_name(const std::string& name) {
-    return ends_with(name, ".nii") || ends_with(name, ".nii.gz") || ends_with(name, ".nrrd");
+bool is_volume_name(const std::string& name) { return format_of(name) != nullptr; }
+
+std::string volume_endings() {
+    std::string text;
+    for (const Format& format : formats()) {
+        text += text.empty() ? "" : &format == &formats().back() ? " or " : ", ";
+        text += format.ending;
+    }
+    return text;
 }
 
 Volume read_volume(const std::filesystem::path& file, const SceneSizeLimits& limits) {
     const std::string name = file.string();
-    if (!is_volume_name(name))
-        throw BadInput(name, "file name", file.filename().string(), "a .nii, .nii.gz or .nrrd file");
+    const Format* format = format_of(name);
+    if (format == nullptr) {
+        throw BadInput(name, "file name", file.filename().string(),
+                       "a volume file, whose name ends in " + volume_endings());
+    }
+    const std::string header = format->is_image ? header_of_image(name) : name;
     std::error_code error;
+    if (std::filesystem::is_directory(header, error)) throw BadInput(header, "", "a folder", "a volume file");
     // A device or a pipe might never end.
-    if (!std::filesystem::is_regular_file(file, error)) throw BadInput(name, "", "no file", "a volume file");
-    std::ifstream stream(file, std::ios::binary);
-    if (!stream) throw BadInput(name, "", "an unreadable file", "a file that can be read");
-    return ends_with(name, ".nrrd") ? read_nrrd(stream, name, limits) : read_nifti(stream, name, limits);
+    if (!std::filesystem::is_regular_file(header, error))
+        throw BadInput(header, "", "no file", format->is_image ? "the header of " + name : "a volume file");
+    std::ifstream stream(header, std::ios::binary);
+    if (!stream) throw BadInput(header, "", "an unreadable file", "a file that can be read");
+    return format->read(stream, header, limits);
 }
 
 LabelledGrid above_threshold(const Volume& volume, double threshold) {

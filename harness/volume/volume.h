@@ -1,15 +1,13 @@
-// Volume files: NIfTI-1 (.nii, .nii.gz) and NRRD (.nrrd) with one scalar a voxel.
+// Volume files with one scalar for each voxel: NIfTI, NRRD and MetaImage.
 //
-// Headers are taken for claims. Nothing is allocated because of one alone: data is read piece by piece, and
-// there must be exactly as much of it as the header says. Orientation is dropped; the grid's axes are the
-// scene's.
+// A header is a claim. Nothing is allocated because of it alone: data is read piece by piece, and there must
+// be exactly as much of it as the header says. Orientation is dropped: the grid's axes are the scene's.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <glm/vec3.hpp>
-#include <istream>
 #include <optional>
 #include <string>
 #include <vector>
@@ -44,14 +42,12 @@ struct Volume {
     double intercept = 0;
 };
 
-/// Reads a .nii, .nii.gz or .nrrd file. Throws BadInput.
+/// Reads a volume file; its format follows from its name. Throws BadInput.
 Volume read_volume(const std::filesystem::path& file, const SceneSizeLimits& limits);
 /// Whether read_volume() takes a file of this name.
 bool is_volume_name(const std::string& name);
-
-/// The readers by themselves; `file` is what messages name. A NIfTI stream may be gzipped as a whole.
-Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits);
-Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits);
+/// The endings of such names, for people: ".nii, .nii.gz, ... or .mhd".
+std::string volume_endings();
 
 /// A grid whose material m stands for the label labels[m] of the volume.
 struct LabelledGrid {

@@ -1,14 +1,16 @@
 """Writes the seeds that the fuzzers start from: seeds.py FOLDER.
 
-FOLDER/NAME/ gets the seeds of the fuzzer NAME, FOLDER itself the volume that scene seeds name, and
-FOLDER/scene.dict the words that scenes are made of.
+FOLDER/NAME/ gets the seeds of the fuzzer NAME, FOLDER itself the volume that scene seeds name, the data that
+headers name, and FOLDER/NAME.dict the words that the fuzzer's files are made of.
 """
 
+import bz2
 import gzip
 import json
 import pathlib
 import struct
 import sys
+import zlib
 
 VOXELS = bytes([0, 1, 1, 2, 0, 2, 1, 2])
 BOX = {"type": "box", "dims": [4, 3, 2]}
@@ -43,6 +45,13 @@ NRRD_WORDS = [
     "NRRD0004", "NRRD0005", "type: ", "uint8", "int16", "unsigned short", "float", "double", "long long",
     "dimension: ", "sizes: ", "encoding: ", "raw", "gzip", "endian: ", "little", "big", "spacings: ", "nan", "inf",
     "space directions: ", "none", "(1,0,0) (0,1,0) (0,0,1)", "data file: ", "line skip: ", "byte skip: ", ":=", "#",
+    "bzip2", "kinds: ", "domain", "space", "scalar", "RGB-color", "LIST", "voxels.raw", "-1",
+]
+
+METAIMAGE_WORDS = [
+    "NDims = ", "DimSize = ", "ElementType = ", "MET_UCHAR", "MET_SHORT", "MET_DOUBLE", "ElementSpacing = ", "ElementSize = ",
+    "CompressedData = ", "BinaryData = ", "BinaryDataByteOrderMSB = ", "True", "False", "HeaderSize = ", "-1",
+    "ElementNumberOfChannels = ", "ElementDataFile = ", "LOCAL", "LIST", "voxels.raw", "nan", "inf", "ObjectType = Image",
 ]
 
 
@@ -55,6 +64,17 @@ def nifti(order, datatype, data, spacing=(1, 1, 1), slope=0.0):
     header = struct.pack(order + "i36x8h14xh4x8f3f", 348, 3, 2, 2, 2, 1, 1, 1, 1, datatype, 1, *spacing, 0, 0, 0, 0,
                          352, slope, 0)
     return header.ljust(344, b"\0") + b"n+1\0" + b"\0" * 4 + data
+
+
+def nifti2(order, datatype, data, magic=b"n+2", offset=544):
+    header = struct.pack(order + "i4s4shh8q3d8dq2d", 540, magic, b"\r\n\x1a\n", datatype, 8, 3, 2, 2, 2, 1, 1, 1, 1,
+                         0, 0, 0, 1, 1, -2, 0.5, 0, 0, 0, 0, offset, 0, 0)
+    return header.ljust(544 if offset else 540, b"\0") + data
+
+
+def metaimage(kind, more, data, place="LOCAL"):
+    header = f"ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = {kind}\n{more}ElementDataFile = {place}\n"
+    return header.encode() + data
 
 
 def scalars(order, code):
@@ -73,21 +93,37 @@ def main():
         nrrd("uint8", "little", "raw", "spacings: 1 2 0.5\n", VOXELS),
         nrrd("short", "big", "raw", directions, scalars(">", "h")),
         nrrd("double", "little", "gzip", "key:=value\n# comment\n", gzip.compress(scalars("<", "d"), mtime=0)),
+        nrrd("float", "little", "bz2", "kinds: domain domain space\n", bz2.compress(scalars("<", "f"))),
+        nrrd("uint8", "little", "raw", "byte skip: -1\ndata file: voxels.raw\n", b""),
+        nrrd("uint8", "little", "raw", "line skip: 0\ndata file: LIST\nvoxels.raw\n", b""),
     ]
     seeds["nifti"] = [
         nifti("<", 2, VOXELS),
         nifti(">", 4, scalars(">", "h"), (1, 2, 0.5), 2.0),
         nifti("<", 64, scalars("<", "d")),
         gzip.compress(nifti("<", 16, scalars("<", "f")), mtime=0),
+        nifti2("<", 2, VOXELS),
+        nifti2(">", 4, scalars(">", "h")),
+        nifti2("<", 2, b"", b"ni2", 0),  # its image is volume.img
+    ]
+    seeds["metaimage"] = [
+        metaimage("MET_UCHAR", "ElementSpacing = 1 2 0.5\n", VOXELS),
+        metaimage("MET_SHORT", "BinaryDataByteOrderMSB = True\n", scalars(">", "h")),
+        metaimage("MET_DOUBLE", "CompressedData = True\nCompressedDataSize = 20\n", zlib.compress(scalars("<", "d"))),
+        metaimage("MET_UCHAR", "HeaderSize = -1\n", b"", "voxels.raw"),
+        metaimage("MET_UCHAR", "", b"voxels.raw\n", "LIST"),
     ]
     for name, files in seeds.items():
         (folder / name).mkdir(parents=True, exist_ok=True)
         for number, data in enumerate(files):
             (folder / name / f"seed{number}").write_bytes(data)
     (folder / "volume.nrrd").write_bytes(seeds["nrrd"][0])
+    (folder / "volume.img").write_bytes(VOXELS)
+    (folder / "voxels.raw").write_bytes(VOXELS)
     (folder / "scene.dict").write_text(quoted(WORDS))
     (folder / "nrrd.dict").write_text(quoted(NRRD_WORDS))
-    (folder / "nifti.dict").write_text(quoted(["n+1"]))
+    (folder / "nifti.dict").write_text(quoted(["n+1", "ni1", "n+2", "ni2"]))
+    (folder / "metaimage.dict").write_text(quoted(METAIMAGE_WORDS))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "harness/base/bad_input.h"
+#include "harness/volume/readers.h"
 #include "harness/volume/volume.h"
 
 namespace {

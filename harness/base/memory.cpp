@@ -1,0 +1,63 @@
+#include "harness/base/memory.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <string>
+
+namespace voxspring {
+namespace {
+
+/// What a file of one limit says; no_memory_limit where there is none or it says "max".
+std::uint64_t limit_in(const std::filesystem::path& file) {
+    std::ifstream stream(file);
+    std::uint64_t bytes = 0;
+    return stream >> bytes ? bytes : no_memory_limit;
+}
+
+/// The least limit of `group` and of those above it, in the hierarchy that is mounted at `root`. A container
+/// may see its own group as the root, whatever its name outside is.
+std::uint64_t least_limit(const std::filesystem::path& root, std::filesystem::path group,
+                          const std::string& name) {
+    std::uint64_t least = limit_in(root / name);
+    for (group = group.relative_path(); !group.empty(); group = group.parent_path())
+        least = std::min(least, limit_in(root / group / name));
+    return least;
+}
+
+/// Whether `word` is one of the words between the commas of `list`.
+bool has_word(const std::string& list, const std::string& word) {
+    return ("," + list + ",").find("," + word + ",") != std::string::npos;
+}
+
+}  // namespace
+
+std::uint64_t cgroup_memory_limit(const std::filesystem::path& groups, const std::filesystem::path& root) {
+    std::uint64_t least = no_memory_limit;
+    std::ifstream stream(groups);
+    // NUMBER:CONTROLLERS:GROUP; version 2 has the number 0 and no controllers.
+    for (std::string line; std::getline(stream, line);) {
+        const auto first = line.find(':');
+        const auto second = line.find(':', first + 1);
+        if (first == std::string::npos || second == std::string::npos) continue;
+        const std::string controllers = line.substr(first + 1, second - first - 1);
+        const std::string group = line.substr(second + 1);
+        if (controllers.empty()) {
+            least = std::min(least, least_limit(root, group, "memory.max"));
+        } else if (has_word(controllers, "memory")) {
+            least = std::min(least, least_limit(root / "memory", group, "memory.limit_in_bytes"));
+        }
+    }
+    return least;
+}
+
+std::uint64_t memory_limit() {
+    const long pages = sysconf(_SC_PHYS_PAGES);
+    const long page_bytes = sysconf(_SC_PAGE_SIZE);
+    const std::uint64_t physical =
+        std::uint64_t(std::max(pages, 1L)) * std::uint64_t(std::max(page_bytes, 1L));
+    return std::min(physical, cgroup_memory_limit());
+}
+
+}  // namespace voxspring
