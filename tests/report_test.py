@@ -34,7 +34,7 @@ from page import pictures, reading  # noqa: E402
 SKIPPED = 77
 # What the committed results have something for.
 FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "map", "stability", "edits", "stress"]
-WIDTHS = (360, 1440)
+WIDTHS = (390, 1440)
 SCHEMES = ("light", "dark")
 
 
@@ -58,9 +58,6 @@ def start_report(*arguments, python=(PYTHON,), largest_file=resource.RLIM_INFINI
 
 def report(*arguments):
     """The same in this process, which saves the three seconds that it takes to load its packages."""
-    packages = next((ROOT / "build/report-venv/lib").glob("python3*")) / "site-packages"
-    if str(packages) not in sys.path:
-        sys.path.insert(1, str(packages))
     import report as script
     out, err, code = io.StringIO(), io.StringIO(), 0
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -341,6 +338,7 @@ class Page(unittest.TestCase):
                         "return [...document.querySelectorAll('.chart')].filter((chart) => chart.querySelector('svg')"
                         ".getBoundingClientRect().width > chart.clientWidth + 1).map((chart) => chart.id)"), [])
                     self.assert_quiet()
+                    self.assert_legend_is_whole(width)
                     self.script("document.querySelector('details[data-figure=figure7]').open = true")
                     self.script(axe)
                     found = self.browser.driver.execute_async_script(
@@ -350,6 +348,27 @@ class Page(unittest.TestCase):
                         "axe.run(document, {resultTypes: ['violations']}).then((result) => arguments[0](result.violations"
                         ".map((found) => [found.id, found.nodes.slice(0, 3).map((node) => node.html.slice(0, 120))])))")
                     self.assertEqual(found, [])
+
+    def assert_legend_is_whole(self, width):
+        """Each backend of the page has its swatch and its name on the screen while any figure is."""
+        self.script("document.querySelector('#figure7-0').scrollIntoView()")
+        labels = self.script(
+            "const form = document.getElementById('filters').getBoundingClientRect();"
+            "return [...document.querySelectorAll('#filters fieldset label')].map((label) => {"
+            "const range = document.createRange(); range.selectNodeContents(label.lastChild);"
+            "const text = range.getBoundingClientRect(), swatch = label.querySelector('svg').getBoundingClientRect();"
+            "return [label.innerText, swatch.width, Math.min(swatch.left, text.left), text.right, form.top, text.top, "
+            "text.bottom, Math.min(form.bottom, innerHeight)]})")
+        self.assertEqual(len(labels), len(self.script("return boxes")))
+        for name, swatch, left, right, top, text_top, text_bottom, bottom in labels:
+            with self.subTest(name):
+                self.assertGreaterEqual(swatch, 10)
+                self.assertGreaterEqual(left, 0)
+                self.assertLessEqual(right, width)
+                self.assertTrue(top <= text_top < text_bottom <= bottom, (top, text_top, text_bottom, bottom))
+        # No name lies on another, and the figure has most of the screen.
+        self.assertEqual(len({(left, text_top) for _, _, left, _, _, text_top, *_ in labels}), len(labels))
+        self.assertLess(labels[0][-1], 0.45 * self.script("return innerHeight"))
 
     def test_every_figure_has_its_marks(self):
         self.browser.open(self.path)
@@ -537,7 +556,7 @@ class Page(unittest.TestCase):
             for region in ("--bounded", "--heating", "--diverged"):
                 self.assertGreaterEqual(contrast("#111111", colours[region]), 4.5)
             backends = [colour for name, colour in colours.items() if name.startswith("--backend-")]
-            self.assertEqual(len(backends), 16)
+            self.assertEqual(len(backends), len(figures.PLACES) + figures.SPARE_COLOURS)
             # 0.02 is about what can be told apart side by side; marks are small and apart.
             for vision in VISIONS:
                 for one, other in itertools.combinations(backends, 2):
@@ -547,6 +566,29 @@ class Page(unittest.TestCase):
 
 class Parts(InTemporaryFolder):
     """What the committed results have nothing of: several commits, the study fastest, pictures."""
+
+    def test_a_backend_has_one_colour_on_every_page(self):
+        """Of one backend beside others, of all, and one that nobody knows."""
+        def colours(result):
+            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+            return dict(re.findall(r'value="(\w+)"><svg class="swatch" viewBox="0 0 10 10" aria-hidden="true" '
+                                   r'fill="var\((--backend-\d+)\)">', self.out.read_text()))
+        result = h200("table1")
+        every = colours(result)
+        self.assertGreater(len(every), 10)
+        self.assertEqual(len(set(every.values())), len(every))
+        for row in result["benchmarks"]:
+            for old, new in (("cuda_scatter", "mine_of_today"), ("cpu_parallel", "vulkan_implicit")):
+                if row["backend"] == old:
+                    row.update({key: row[key].replace(old, new) for key in ("backend", "name", "run_name")})
+        changed = colours(result)
+        for name in ("mine_of_today", "vulkan_implicit"):
+            self.assertNotIn(changed[name], every.values())
+        self.assertEqual({name: changed[name] for name in every if name in changed},
+                         {name: every[name] for name in every if name in changed})
+        alone = copy.deepcopy(result)
+        alone["benchmarks"] = [row for row in result["benchmarks"] if row["backend"] in ("mine_of_today", "gl_compute_implicit")]
+        self.assertEqual(colours(alone), {name: changed[name] for name in ("mine_of_today", "gl_compute_implicit")})
 
     def history(self, *results):
         """The finding of the page's history, of results made here."""
@@ -727,4 +769,6 @@ if __name__ == "__main__":
     if reason := missing():
         print(f"skipped: {reason}")
         sys.exit(SKIPPED)
+    sys.path.insert(1, str(next((ROOT / "build/report-venv/lib").glob("python3*")) / "site-packages"))
+    from page import figures
     unittest.main()

@@ -9,6 +9,7 @@ its light, dark and printed scheme.
 import collections
 import math
 import statistics
+import zlib
 from dataclasses import dataclass
 
 import altair as alt
@@ -17,9 +18,16 @@ import comparison
 
 from . import reading
 
-# A colour a backend, in the order of names; shapes tell families apart where colours would not.
-COLOURS = 16
-SHAPES = {"CUDA": "circle", "OpenGL": "square", "CPU": "triangle-up"}
+# A colour a backend, the same on every page: page.css has them by these places. A name that is not here, of a backend of
+# somebody's own or of a newer program, takes one of the six beyond by its own sum, whatever else is on the page.
+PLACES = {name: place for place, name in enumerate((
+    "cuda_explicit_cached", "cuda_explicit_cached_grid", "cuda_explicit_delta", "cuda_explicit_device",
+    "cuda_implicit_cached", "cuda_implicit_device", "cuda_implicit_shared", "cuda_march", "cuda_resident", "cuda_scatter",
+    "gl_compute_explicit", "gl_compute_implicit", "gl_fragment_explicit", "gl_fragment_implicit",
+    "cpu_parallel", "cpu_reference"))}
+SPARE_COLOURS = 6
+# Shapes tell families apart where colours would not.
+SHAPES = {"CUDA": "circle", "OpenGL": "square", "CPU": "triangle-up", "another API": "diamond"}
 FORMULATIONS = {"paper": "cross", "position": "triangle-down", "displacement": "square", "increment": "circle",
                 "compensated": "diamond"}
 # Binds a figure to its unit.
@@ -107,6 +115,10 @@ def groups(rows, *keys):
     return found
 
 
+def colour_of(backend):
+    return f"var(--backend-{PLACES.get(backend, len(PLACES) + zlib.crc32(backend.encode()) % SPARE_COLOURS)})"
+
+
 def backend_order(backends):
     return sorted(backends, key=lambda name: (list(SHAPES).index(reading.family(name)), name))
 
@@ -134,7 +146,7 @@ class Charts:
 
     def __init__(self, backends):
         self.backends = backend_order(backends)
-        self.colours = {name: f"var(--backend-{index % COLOURS})" for index, name in enumerate(self.backends)}
+        self.colours = {name: colour_of(name) for name in self.backends}
 
     def colour(self):
         return alt.Color("backend:N", legend=None,

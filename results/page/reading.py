@@ -193,7 +193,7 @@ def short_contender(name):
 
 def family(backend):
     """What a backend's times are to be told apart by: the API in its name."""
-    return {"cuda": "CUDA", "gl": "OpenGL"}.get(backend.split("_")[0], "CPU")
+    return {"cuda": "CUDA", "gl": "OpenGL", "cpu": "CPU"}.get(backend.split("_")[0], "another API")
 
 
 def measured(results):
