@@ -4,11 +4,12 @@ the figures behind that.
 
 Usage: report.py [RESULTS...] -o report.html [--pictures FOLDER [--program VOXSPRING]]
 
-RESULTS are results of `voxspring study` (schema.json), or folders, which are searched for such files; this folder unless
-some are named. Several files of one study on one machine add its history. --pictures shows the datasets: VOXSPRING draws
-them into FOLDER, where they stay until it is newer; without it those that are there are shown. The page needs no network. It is written in one
-go, and its path printed: after any error, which names file, key and value and exits with 2, the old one is as it was.
-`./run report` makes it with the packages in requirements.txt.
+RESULTS are results of `voxspring study` (RESULT.json, or compressed RESULT.json.gz), or folders, which are searched for such
+files; the folder of this script unless some are named. Several files of one study on one machine add its history. --pictures
+shows the datasets: VOXSPRING draws them into FOLDER, where they stay until it is newer; without it those that are there are
+shown. The page needs no network. It is written in one go, and its path printed: after any error, which names file, key and
+value and exits with 2, the old one is as it was. It takes Python 3.11 and the packages in requirements.txt, which `./run
+report` installs in the source tree.
 """
 
 import argparse
@@ -28,8 +29,8 @@ def refuse(message):
 try:
     from page import document, pictures, reading
 except ModuleNotFoundError as error:
-    refuse(f"the Python package {error.name} is missing: `./run report` installs it, or pip install -r "
-           f"{HERE / 'requirements.txt'}")
+    in_tree = "`./run report` installs it, or " if (HERE.parent / "CMakeLists.txt").exists() else ""
+    refuse(f"the Python package {error.name} is missing: {in_tree}pip install -r {HERE / 'requirements.txt'}")
 
 
 def write_whole(path, text):

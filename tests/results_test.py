@@ -3,15 +3,20 @@
 The current directory is the source tree.
 """
 
+import contextlib
 import gzip
+import importlib
+import io
 import json
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
 import unittest
+from unittest import mock
 
 sys.path.insert(0, "results")
 import compact  # noqa: E402
@@ -105,21 +110,78 @@ class Compact(InTemporaryFolder):
             self.assertEqual(path.read_text(), content)
 
 
+class Installed(InTemporaryFolder):
+    """The scripts alone, in a folder that cannot be written to, started from elsewhere: as in a prefix or a package."""
+
+    def setUp(self):
+        super().setUp()
+        self.share = self.folder / "prefix/share/voxspring/results"
+        shutil.copytree(RESULTS, self.share, ignore=lambda folder, names: {
+            name for name in names if pathlib.Path(folder) == RESULTS and (RESULTS / name).is_dir() and name != "page"}
+            | {"__pycache__"})
+        self.share.chmod(0o555)
+        self.addCleanup(self.share.chmod, 0o755)
+
+    def start(self, script, *arguments, **more):
+        return run("/usr/bin/python3", "-B", "-W", "error", self.share / script, *arguments, cwd="/", **more)
+
+    def test_diff(self):
+        path = (RESULTS / "amd-epyc/stability.json.gz").resolve()
+        said = self.start("diff.py", path, path)
+        self.assertEqual((said.returncode, said.stderr), (0, ""))
+        self.assertIn(" same", said.stdout)
+
+    def test_what_python_lacks_is_named_with_the_file_that_lists_it(self):
+        said = self.start("report.py", "--out", self.folder / "a.html")
+        self.assertEqual((said.returncode, said.stdout), (2, ""), said.stderr)
+        self.assertRegex(said.stderr, rf"^report.py: the Python package \w+ is missing: pip install -r {self.share}/"
+                         "requirements.txt\n$")
+        self.assertTrue((self.share / "requirements.txt").exists())
+
+    def test_the_others(self):
+        for script, study in (("pareto.py", "pareto"), ("stability.py", "stability")):
+            said = run("/usr/bin/python3", "-B", self.share / script, (RESULTS / f"amd-epyc/{study}.json.gz").resolve(), "--out",
+                       self.folder / "a.svg", cwd="/")
+            self.assertEqual((said.returncode, said.stderr), (0, ""))
+            self.assertIn("</svg>", (self.folder / "a.svg").read_text())
+
+
 class Figures(InTemporaryFolder):
-    """pareto.py and stability.py, which draw from the same file the same bytes."""
+    """pareto.py and stability.py."""
 
     def draw(self, script, result, **more):
         return run("/usr/bin/python3", f"results/{script}.py", result, "--out", self.folder / "a.svg", **more)
 
-    def test_committed_figures_are_of_the_committed_results_and_small(self):
-        path = RESULTS / "amd-epyc/stability.json.gz"
-        said = self.draw("stability", path)
-        self.assertEqual((said.returncode, said.stderr), (0, ""))
-        # Another matplotlib may place its marks elsewhere.
-        drawn = (self.folder / "a.svg").read_text()
-        self.assertIn("measured limit / theory", drawn)
-        for path in RESULTS.glob("*/*.svg"):
+    def test_committed_figures_are_small(self):
+        figures = list(RESULTS.glob("*/*.svg"))
+        self.assertGreater(len(figures), 3)
+        for path in figures:
             self.assertLess(path.stat().st_size, 200_000, path)
+
+    def refused(self, script, path):
+        """What a script says of a file before it exits with 2."""
+        module, err = importlib.import_module(script), io.StringIO()
+        with mock.patch.object(sys, "argv", [f"results/{script}.py", str(path), "--out", str(self.folder / "a.svg")]), \
+                contextlib.redirect_stderr(err), self.assertRaises(SystemExit) as end:
+            module.main()
+        self.assertEqual(end.exception.code, 2)
+        self.assertEqual(err.getvalue().count("\n"), 1, err.getvalue())
+        return err.getvalue()
+
+    def test_what_is_no_result_is_refused(self):
+        for script, row, key in (("pareto", {"name": "a"}, "pareto[0].scene"), ("stability", {"name": "a", "scene": "b"},
+                                                                                "stability[0].backend")):
+            good = result_files.load(RESULTS / f"amd-epyc/{script}.json.gz")
+            for content, words in (({"context": 1}, "context: 1; expected an object"), ("[" * 100_000, "nested too deeply"),
+                                   (good | {script: [row]}, f"{key}: is missing"), (good | {script: []}, f"{script}: has no rows"),
+                                   (b"\x1f\x8b\x08", "Compressed file ended")):
+                path = self.write("bad.json", content)
+                said = self.refused(script, path)
+                for word in (f"{script}.py: {path}", words):
+                    self.assertIn(word, said)
+        row = result_files.load(RESULTS / "amd-epyc/pareto.json.gz")
+        row["pareto"][0]["precision"] = "float16"
+        self.assertIn("pareto: precision: 'float16': expected one of", self.refused("pareto", self.write("a.json", row)))
 
     def test_without_matplotlib(self):
         self.write("matplotlib.py", ABSENT.format("matplotlib"))
