@@ -7,6 +7,7 @@ A table stands between `<!-- NAME -->` and `<!-- /NAME -->`; its figures come fr
 `fastest` from the fastest.json.gz of every machine that has one, medians over the repetitions. --check changes nothing and exits with 1 if the page is not what the results say.
 """
 
+import collections
 import pathlib
 import re
 import sys
@@ -39,6 +40,11 @@ def three_digits(value):
 
 def microseconds(value):
     return three_digits(value) if value is not None else "-"
+
+
+def time_of(row):
+    """The median of a row, with the mark of one that its run says is not to be trusted."""
+    return "~" * bool(row.get("noisy")) + microseconds(row["real_time"])
 
 
 def percent(value):
@@ -83,13 +89,13 @@ def limits(study):
 def steps(study):
     rows = medians(study)
     scenes = scenes_of(rows)
-    cells = by_scene(rows, lambda row: [microseconds(row["real_time"]),
+    cells = by_scene(rows, lambda row: [time_of(row),
                                         three_digits(row["spring_updates_per_second"] * 1e-9),
                                         f"{percent(row['fraction_of_limit'])} ({row['limited_by']})",
                                         f"{row['error_max']:.1e}"])
     header = ["time a step"] + [f"{scene}: {what}" for scene in scenes
                                 for what in ("us", "G springs/s", "of limit", "error")]
-    order = sorted(cells, key=lambda name: float(cells[name][scenes[0]][0]))
+    order = sorted(cells, key=lambda name: float(cells[name][scenes[0]][0].removeprefix("~")))
     return table(header, [[name] + [cell for scene in scenes for cell in cells[name].get(scene, ["-"] * 4)]
                           for name in order])
 
@@ -98,7 +104,7 @@ def scaling():
     rows = medians("figure8")
     scenes = scenes_of(rows)
     particles = {row["scene"]: row["particles"] for row in rows}
-    cells = by_scene(rows, lambda row: f"{microseconds(row['real_time'])} "
+    cells = by_scene(rows, lambda row: f"{time_of(row)} "
                                        f"({three_digits(row['real_time'] * 1e3 / row['particles'])})")
     header = ["us a step (ns a particle)"] + [f"{scene[4:]}^3: {particles[scene]}" for scene in scenes]
     return table(header, [[name] + [cells[name].get(scene, "-") for scene in scenes] for name in cells])
@@ -109,7 +115,7 @@ def edits():
     scenes = scenes_of(rows)
     def cell(row):
         slow_down = row["real_time"] * 1e-6 / row["seconds_per_step_without_edits"] - 1
-        return f"{100 * slow_down:+.1f} %"
+        return "~" * bool(row.get("noisy")) + f"{100 * slow_down:+.1f} %"
     slow = by_scene(rows, cell)
     latency = by_scene(rows, lambda row: row)
     counts = [latency[next(iter(latency))][scene]["edits"] for scene in scenes]
@@ -129,10 +135,11 @@ def tuning():
         own = row["name"].split("/iterations:")[0].split("/")[4:]
         entry = best.setdefault(key, {"default": None, "time": float("inf")})
         if not own:
-            entry["default"] = row["real_time"]
+            entry["default"] = row
         if row["real_time"] < entry["time"]:
-            entry.update(time=row["real_time"], tuning=own[0] if own else "the default")
-    rows = [[f"`{backend}`", scene, microseconds(entry["default"]), microseconds(entry["time"]), entry["tuning"]]
+            entry.update(time=row["real_time"], best=row, tuning=own[0] if own else "the default")
+    rows = [[f"`{backend}`", scene, time_of(entry["default"]) if entry["default"] else "-", time_of(entry["best"]),
+             entry["tuning"]]
             for (backend, scene), entry in sorted(best.items())]
     return table(["strategy", "scene", "default (us)", "best (us)", "with"], rows)
 
@@ -154,8 +161,9 @@ def formulations():
     lines = []
     for (scene, name), by_formulation in cells.items():
         base = by_formulation["position"]["real_time"]
-        lines.append([f"{name}, {scene}", microseconds(base)] +
-                     [f"{by_formulation[f]['real_time'] / base:.2f} ({by_formulation[f]['error_relative_l2']:.1e})"
+        lines.append([f"{name}, {scene}", time_of(by_formulation["position"])] +
+                     ["~" * bool(by_formulation[f].get("noisy")) +
+                      f"{by_formulation[f]['real_time'] / base:.2f} ({by_formulation[f]['error_relative_l2']:.1e})"
                       for f in FORMULATIONS])
     return table(["10000 steps", "position (us a step)"] + FORMULATIONS, lines)
 
@@ -203,45 +211,67 @@ def quantity(target, value):
     return f"{three_digits(value * 1e-9)} G {kind.split('_')[0]}s/s"
 
 
-def judged(target):
-    """What became of a target of a block of `fastest`."""
-    asked = f"`{target['backends']}` {quantity(target, target['value'])}"
-    if target["met"] is None:
-        return f"{asked}: not measured"
-    return (f"{asked}: {'met' if target['met'] else 'missed'}, {quantity(target, target['measured'])}, "
-            f"{percent(target['reached'])}")
+def medians_by_name(result):
+    return {row["name"].split("/iterations:")[0]: row for row in result["benchmarks"] if row.get("aggregate_name") == "median"}
+
+
+def machines():
+    """Every machine's result of the study fastest."""
+    for path in result_files.committed(HERE):
+        if result_files.study_of(path) == "fastest":
+            yield result_files.load(path)
+
+
+def titled(result, text):
+    context = result["context"]["voxspring"]
+    clean = "" if context["clean"] else " (not clean)"
+    return f"{context['gpu'] or context['cpu']}; commit {context['commit']}{clean}.\n\n{text}"
+
+
+def targets():
+    """What became of the targets that the study file names, machine by machine."""
+    parts = []
+    for result in machines():
+        rows, known = [], medians_by_name(result)
+        for block in result["fastest"]:
+            for target in block["targets"]:
+                if target["met"] is None:
+                    continue
+                row = known[target["name"]]
+                rows.append([f"{block['scene']} {block['formulation']} {block['precision']}", quantity(target, target["value"]),
+                             quantity(target, target["measured"]), contender(row), f"{percent(row['fraction_of_limit'])} "
+                             f"({row['limited_by']})", f"{'met' if target['met'] else 'missed'}, {percent(target['reached'])}"])
+        if rows:
+            parts.append(titled(result, table(["dataset", "target", "measured", "by", "of limit", "of the target"], rows)))
+    return "\n\n".join(parts)
 
 
 def fastest():
-    """For each machine the fastest strategy of each dataset, and what became of the targets."""
+    """For each machine the fastest strategy of each dataset."""
     parts = []
-    for path in result_files.committed(HERE):
-        if result_files.study_of(path) != "fastest":
-            continue
-        result = result_files.load(path)
-        context = result["context"]["voxspring"]
-        rows = []
+    for result in machines():
+        rows, known = [], medians_by_name(result)
         for block in result["fastest"]:
-            paper, times = block["paper"], block["auto"]["times_fastest"]
+            paper, times, row = block["paper"], block["auto"]["times_fastest"], known[block["name"]]
+            compiling = row.get("compile_seconds")
             rows.append([f"{block['scene']} {block['formulation']} {block['precision']}", contender(block),
-                         microseconds(block["seconds_per_step"] * 1e6),
+                         "~" * bool(row.get("noisy")) + microseconds(block["seconds_per_step"] * 1e6),
                          three_digits(block["particle_updates_per_second"] * 1e-9),
                          three_digits(block["spring_updates_per_second"] * 1e-9),
                          f"{percent(block['fraction_of_limit'])} ({block['limited_by']})", f"{block['error_max']:.1e}",
                          f"{paper['ratio']:.2f} ({contender(paper)})" if paper else "-",
-                         f"{times:.2f}" if times else "not measured", three_digits(block["ready_seconds"] * 1e3),
-                         "; ".join(map(judged, block["targets"])) or "-"])
+                         f"{times:.2f}" if times else "not measured",
+                         three_digits(block["ready_seconds"] * 1e3) + (f" ({three_digits(compiling * 1e3)})" if compiling else "")])
         header = ["dataset", "fastest", "us a step", "G particles/s", "G springs/s", "of limit", "error", "x the paper's best",
-                  "x auto", "ready (ms)", "targets"]
-        parts.append(f"{context['gpu'] or context['cpu']}; commit {context['commit']}"
-                     f"{'' if context['clean'] else ' (not clean)'}.\n\n" + table(header, rows))
+                  "x auto", "ready (compiling) (ms)"]
+        parts.append(titled(result, table(header, rows)))
     return "\n\n".join(parts)
 
 
 def resting():
     """A step of all tiles, one that leaves out those at rest, and what share of them it took in the end."""
     work = {row["name"]: row["work"] for row in result("skips")["verification"] if "work" in row}
-    times = {row["name"].split("/iterations:")[0]: row["real_time"] for row in medians("skips")}
+    times = {row["name"].split("/iterations:")[0]: row for row in medians("skips")}
     scenes, lines = scenes_of(medians("skips")), {}
     for name, skipping in times.items():
         way = next((way for way in ("skip", "flush") if name.endswith(f"/rest={way}")), None)
@@ -251,24 +281,32 @@ def resting():
         scene, backend, formulation, *_ = name.split("/")
         share = work[name]["tiles_stepped"] / work[name]["tiles"]
         cells = lines.setdefault((backend, formulation, way), {})
-        cells[scene] = f"{microseconds(times[plain])} / {microseconds(skipping)} ({percent(share)})"
+        cells[scene] = f"{time_of(times[plain])} / {time_of(skipping)} ({percent(share)})"
     return table(["us a step of all / of what moves (tiles stepped)"] + scenes,
                  [[f"`{backend}` {formulation}" + ", flush" * (way == "flush")] + [cells.get(scene, "-") for scene in scenes]
                   for (backend, formulation, way), cells in sorted(lines.items())])
 
 
 def files():
-    """Of which commit and day each file is."""
-    lines = []
+    """Of which commit, day and card each file is, and what its runs say of themselves."""
+    lines, cards = [], {}
     for path in result_files.within(RESULTS):
-        context = result_files.load(path)["context"]
-        build = context["voxspring"]
+        result = result_files.load(path)
+        build, rows = result["context"]["voxspring"], result["benchmarks"]
+        own = {backend["uuid"] for backend in build["backends"].values() if backend.get("uuid")}
+        repetitions = collections.Counter(row["name"] for row in rows if row["run_type"] == "iteration")
+        of_rows = [row.get("noisy") for row in rows if row.get("aggregate_name") == "median"]
+        strangers = sum(any("other processes" in reason for reason in noisy or []) for noisy in of_rows)
         lines.append([f"`{result_files.study_of(path)}`", build["commit"][:8] + " (not clean)" * (not build["clean"]),
-                      context["date"][:10]])
-    return table(["file", "commit", "day"], lines)
+                      result["context"]["date"][:10],
+                      ", ".join(chr(ord("A") + cards.setdefault(uuid, len(cards))) for uuid in sorted(own)) or "-",
+                      " to ".join(map(str, sorted({min(repetitions.values()), max(repetitions.values())}))) if repetitions
+                      else "-",
+                      f"{sum(map(bool, of_rows))} of {len(of_rows)} ({strangers})" if of_rows else "-"])
+    return table(["file", "commit", "day", "card", "repetitions", "marked `~` (other processes on the card)"], lines)
 
 
-TABLES = {"fastest": fastest, "limits": lambda: limits("table1"), "table1": lambda: steps("table1"), "figure7": lambda: steps("figure7"),
+TABLES = {"fastest": fastest, "targets": targets, "limits": lambda: limits("table1"), "table1": lambda: steps("table1"), "figure7": lambda: steps("figure7"),
           "figure8": scaling, "edits": edits, "tuning": tuning, "formulations": formulations, "stress": stress,
           "stability": stability, "resting": resting, "files": files}
 
