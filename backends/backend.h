@@ -64,18 +64,18 @@ struct Timing {
     double host_seconds = 0;    ///< from before the first call to after the last synchronization
 };
 
-/// What a run has to stay within, and how often to look.
-struct Watch {
+/// What a run has to stay within, and how often that is checked.
+struct DivergenceMonitor {
     /// The farthest that a particle may move in one step: |x(t) - x(t - dt)|, in units of length.
     double largest_increment = 0;
-    /// Look after a whole number of times that many steps, or as soon after as the backend can without
+    /// Checked after a whole number of times that many steps, or as soon after as the backend can without
     /// slowing down; 0: never.
     int every = 0;
 };
 
-/// The first look that found a particle not finite or too fast, in steps since upload(): the run left its
+/// The first check that found a particle not finite or too fast, in steps since upload(): the run left its
 /// bounds after step `last_good` and until step `found`.
-struct Departure {
+struct Divergence {
     std::int64_t last_good = 0;
     std::int64_t found = 0;
 };
@@ -117,11 +117,11 @@ public:
     /// Enqueue `count` steps; may return before they have run.
     virtual void step(int count) = 0;
 
-    /// From the next upload() on, look at the state on the device while it steps. Looking changes no bit of
+    /// From the next upload() on, check the state on the device while it steps. A check changes no bit of
     /// it. Until the first call: never.
-    virtual void watch(const Watch&) {}
+    virtual void monitor(const DivergenceMonitor&) {}
     /// Where the run since upload() left its bounds, if it has. Synchronizes.
-    virtual std::optional<Departure> departure() { return std::nullopt; }
+    virtual std::optional<Divergence> divergence() { return std::nullopt; }
 
     /// Wait for everything enqueued. Late errors surface here.
     virtual void synchronize() = 0;

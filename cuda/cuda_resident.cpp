@@ -128,7 +128,7 @@ private:
     void enqueue_steps(int count) override {
         // A launch takes as long as some ten steps: with looks, often enough to find a fault early, and
         // seldom enough to cost 1% at most.
-        const int longest = watched() ? 1024 : 1 << 16;
+        const int longest = monitored() ? 1024 : 1 << 16;
         while (count > 0) {
             const int steps = std::min(count, longest);
             launch_words_together(*launch().kernel, launch().grid, launch().block, launch().step, steps, tag_,

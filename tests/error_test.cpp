@@ -153,17 +153,17 @@ TEST(Chaos, IsFoundWhereTwoOrdersOfSummationPart) {
     EXPECT_TRUE(wild.chaotic()) << *wild.divergence;
 
     // Nothing fails for an error there, but for a state that is not finite.
-    Truth truth{scene.problem, 2000, scene.state, {}, wild};
+    ReferenceSolution solution{scene.problem, 2000, scene.state, {}, wild};
     const BackendSpec spec = BackendSpec::parse("cpu_parallel:precision=float64");
     State state = scene.state;
     state.displacement[3].x += 1;
-    EXPECT_TRUE(judge(truth, state, spec).passed());
-    EXPECT_EQ(error_fields(truth, state, judge(truth, state, spec)).at("chaotic"), true);
+    EXPECT_TRUE(judge(solution, state, spec).passed());
+    EXPECT_EQ(error_fields(solution, state, judge(solution, state, spec)).at("chaotic"), true);
     state.displacement[3].x = NAN;
-    EXPECT_FALSE(judge(truth, state, spec).passed());
-    truth.chaos = calm;
+    EXPECT_FALSE(judge(solution, state, spec).passed());
+    solution.chaos = calm;
     state.displacement[3].x = 1;
-    EXPECT_FALSE(judge(truth, state, spec).passed());
+    EXPECT_FALSE(judge(solution, state, spec).passed());
 }
 
 // --- What is asked for -----------------------------------------------------------------------------------
@@ -173,9 +173,9 @@ TEST(Judge, AdmitsTheErrorThatSleepAsksFor) {
     scene.problem = make_lattice_problem(solid({5, 4, 6}), FACE_BITS | EDGE_BITS);
     scene.problem.lattice.spacing = {2, 0.5, 1};
     scene.state = state_at_rest(scene.problem);
-    const Truth truth{scene.problem, 40, scene.state, {}, {}};
+    const ReferenceSolution solution{scene.problem, 40, scene.state, {}, {}};
     const auto tolerance = [&](const std::string& spec) {
-        return judge(truth, scene.state, BackendSpec::parse(spec)).tolerance;
+        return judge(solution, scene.state, BackendSpec::parse(spec)).tolerance;
     };
     const double rounding = tolerance("cpu_parallel");
     EXPECT_DOUBLE_EQ(tolerance("cpu_parallel:sleep=1e-4"), rounding + 40 * 1e-4 * 0.5);
@@ -386,13 +386,13 @@ TEST(Divergence, IsFoundAtItsStep) {
     const auto backend = BackendSpec::parse("cpu_reference").make();
     SceneRunner runner(scene);
     for (const int steps : {200, 20}) {  // with a look on the way and without
-        const Watch watch = watch_of(scene, steps);
-        backend->watch(watch);
+        const DivergenceMonitor monitor = divergence_monitor(scene, steps);
+        backend->monitor(monitor);
         runner.rewind(*backend);
         runner.run(*backend, steps);
-        const auto departure = find_departure(*backend, runner, watch, backend->download(), steps);
-        ASSERT_TRUE(departure) << steps;
-        EXPECT_EQ(departure->found, departure->last_good + 1);
+        const auto divergence = find_divergence(*backend, runner, monitor, backend->download(), steps);
+        ASSERT_TRUE(divergence) << steps;
+        EXPECT_EQ(divergence->found, divergence->last_good + 1);
         const auto fastest_after = [&](std::int64_t n) {
             backend->upload(scene.problem, scene.state);
             backend->step(int(n));
@@ -401,10 +401,10 @@ TEST(Divergence, IsFoundAtItsStep) {
                 fastest = std::max(fastest, std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z));
             return fastest;
         };
-        EXPECT_LE(fastest_after(departure->last_good), watch.largest_increment);
-        EXPECT_GT(fastest_after(departure->found), watch.largest_increment);
-        EXPECT_THAT(describe(*departure, watch),
-                    HasSubstr("diverged at step " + std::to_string(departure->found)));
+        EXPECT_LE(fastest_after(divergence->last_good), monitor.largest_increment);
+        EXPECT_GT(fastest_after(divergence->found), monitor.largest_increment);
+        EXPECT_THAT(describe(*divergence, monitor),
+                    HasSubstr("diverged at step " + std::to_string(divergence->found)));
     }
 }
 

@@ -23,7 +23,7 @@ namespace {
 using Fault = std::function<void()>;
 
 /// cpu_reference, which calls `fault` in every step.
-class Faulty : public WatchedCpuBackend {
+class Faulty : public MonitoredCpuBackend {
 public:
     explicit Faulty(Fault fault)
         : fault_(std::move(fault)), sound_(BackendSpec::parse("cpu_reference").make()) {}

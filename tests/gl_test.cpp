@@ -353,21 +353,21 @@ TEST_P(GlFragment, WatchFindsTheFirstLookThatFails) {
         ++first;
     } while (std::none_of(state.increment.begin(), state.increment.end(), too_fast));
     ASSERT_GT(first, 1);
-    EXPECT_FALSE(backend->departure()) << "nobody watched";
+    EXPECT_FALSE(backend->divergence()) << "nobody watched";
 
     for (const int every : {1, 2, 7}) {
-        backend->watch({largest, every});
+        backend->monitor({largest, every});
         backend->upload(problem, start);
         const int found = (first + every - 1) / every * every;
         backend->step(found - 1);
-        EXPECT_FALSE(backend->departure());
+        EXPECT_FALSE(backend->divergence());
         for (int n = 0; n < 40; ++n) backend->step(5);  // as far as NaN
-        const auto departure = backend->departure();
-        ASSERT_TRUE(departure);
-        EXPECT_EQ(departure->found, found);
-        EXPECT_EQ(departure->last_good, found - every);
+        const auto divergence = backend->divergence();
+        ASSERT_TRUE(divergence);
+        EXPECT_EQ(divergence->found, found);
+        EXPECT_EQ(divergence->last_good, found - every);
         backend->upload(problem, start);
-        EXPECT_FALSE(backend->departure()) << "an upload starts anew";
+        EXPECT_FALSE(backend->divergence()) << "an upload starts anew";
     }
 }
 
@@ -376,27 +376,27 @@ TEST_P(GlFragment, WatchFindsWhatIsNotFinite) {
     State start = state_at_rest(problem);
     start.displacement.back().y = std::numeric_limits<double>::quiet_NaN();
     const auto backend = make(GetParam());
-    backend->watch({std::numeric_limits<double>::infinity(), 3});
+    backend->monitor({std::numeric_limits<double>::infinity(), 3});
     backend->upload(problem, start);
     backend->step(2);
-    EXPECT_FALSE(backend->departure());
+    EXPECT_FALSE(backend->divergence());
     backend->step(1);
-    const auto departure = backend->departure();
-    ASSERT_TRUE(departure);
-    EXPECT_EQ(departure->found, 3);
-    EXPECT_EQ(departure->last_good, 0);
+    const auto divergence = backend->divergence();
+    ASSERT_TRUE(divergence);
+    EXPECT_EQ(divergence->found, 3);
+    EXPECT_EQ(divergence->last_good, 0);
 }
 
 TEST_P(GlFragment, WatchPassesAGoodRunAndChangesNoBit) {
     const Problem problem = problem_with_everything();
     for (const char* mask : {",mask=stencil", ",mask=none"}) {
         const auto backend = make(GetParam() + mask);
-        backend->watch({0.1, 3});
+        backend->monitor({0.1, 3});
         const State watched = after(*backend, problem, 40);
-        EXPECT_FALSE(backend->departure());
-        backend->watch({0.1, 0});
+        EXPECT_FALSE(backend->divergence());
+        backend->monitor({0.1, 0});
         expect_same_bits(after(*backend, problem, 40), watched);
-        EXPECT_FALSE(backend->departure());
+        EXPECT_FALSE(backend->divergence());
     }
 }
 

@@ -14,6 +14,7 @@
 
 #include "backends/cpu/cpu_backend.h"
 #include "backends/registry.h"
+#include "harness/results/result.h"
 #include "harness/study/study.h"
 
 namespace voxspring::testing {

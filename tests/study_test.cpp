@@ -27,7 +27,7 @@ namespace {
 using ::testing::HasSubstr;
 
 /// cpu_reference with a fault.
-class Faulty : public WatchedCpuBackend {
+class Faulty : public MonitoredCpuBackend {
 public:
     enum class Fault {
         none,
@@ -88,7 +88,7 @@ private:
 };
 
 /// A device that is lost in one of the calls to it; every call fails from then on, as with a card that has
-/// fallen off its bus. The processes of all contenders have the same one.
+/// fallen off its bus. The processes of all cases have the same one.
 struct Device {
     std::array<char, 16> lost_in = {};
     int calls_left = 0;
@@ -102,7 +102,7 @@ Device& device =
     *new (mmap(nullptr, sizeof(Device), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0)) Device;
 
 /// cpu_reference on that device.
-class Losing : public WatchedCpuBackend {
+class Losing : public MonitoredCpuBackend {
 public:
     Losing() : sound_(BackendSpec::parse("cpu_reference").make()) {
         if (device.lost) throw Unavailable("no context: device lost");
@@ -450,9 +450,9 @@ protected:
     void TearDown() override { device = {}; }
 };
 
-// Two contenders, each of which warms up (upload, step, synchronize), is timed four times (upload,
+// Two cases, each of which warms up (upload, step, synchronize), is timed four times (upload,
 // synchronize, step, synchronize) and read once. Before the device is lost in the second scene, three batches
-// are timed there, so that a contender has repetitions of either kind and none has finished.
+// are timed there, so that a case has repetitions of either kind and none has finished.
 INSTANTIATE_TEST_SUITE_P(, LostDevice,
                          ::testing::Values(std::pair{"upload", 2 * (1 + 4) + 2 * 1 + 3 + 1},
                                            std::pair{"step", 2 * (1 + 4) + 2 * 1 + 3 + 1},

@@ -5,25 +5,25 @@
 
 namespace voxspring {
 
-void WatchedCpuBackend::upload(const Problem& problem, const State& state) {
-    watch_ = coming_watch_;
+void MonitoredCpuBackend::upload(const Problem& problem, const State& state) {
+    monitor_ = next_monitor_;
     steps_ = last_good_ = 0;
-    departure_.reset();
+    divergence_.reset();
     begin(problem, state);
 }
 
-void WatchedCpuBackend::step(int count) {
+void MonitoredCpuBackend::step(int count) {
     while (count > 0) {
-        const std::int64_t to_look = watch_.every > 0 ? watch_.every - steps_ % watch_.every : count;
+        const std::int64_t to_look = monitor_.every > 0 ? monitor_.every - steps_ % monitor_.every : count;
         const int steps = int(std::min<std::int64_t>(count, to_look));
         advance(steps);
         steps_ += steps;
         count -= steps;
-        if (steps != to_look || watch_.every <= 0 || departure_.has_value()) continue;
-        if (within(watch_.largest_increment)) {
+        if (steps != to_look || monitor_.every <= 0 || divergence_.has_value()) continue;
+        if (within(monitor_.largest_increment)) {
             last_good_ = steps_;
         } else {
-            departure_ = {last_good_, steps_};
+            divergence_ = {last_good_, steps_};
         }
     }
 }

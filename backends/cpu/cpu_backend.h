@@ -29,12 +29,12 @@ private:
 };
 
 /// One that can be watched: looks come exactly after every so many steps.
-class WatchedCpuBackend : public CpuBackend {
+class MonitoredCpuBackend : public CpuBackend {
 public:
     void upload(const Problem& problem, const State& state) final;
     void step(int count) final;
-    void watch(const Watch& watch) final { coming_watch_ = watch; }
-    std::optional<Departure> departure() final { return departure_; }
+    void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
+    std::optional<Divergence> divergence() final { return divergence_; }
 
 private:
     /// upload() without the watch.
@@ -44,10 +44,10 @@ private:
     /// Whether every particle is finite and its latest step no longer than that.
     virtual bool within(double largest_increment) = 0;
 
-    Watch watch_, coming_watch_;
+    DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;      ///< since upload()
     std::int64_t last_good_ = 0;  ///< the latest of them that a look found within bounds
-    std::optional<Departure> departure_;
+    std::optional<Divergence> divergence_;
 };
 
 /// `target`: the instruction set in use; `threads`: how many run a step.

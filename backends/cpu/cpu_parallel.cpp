@@ -183,7 +183,7 @@ Array<T> filled(std::ptrdiff_t size, T value) {
 }
 
 template <class T>
-class CpuParallel final : public WatchedCpuBackend {
+class CpuParallel final : public MonitoredCpuBackend {
 public:
     explicit CpuParallel(const Options& options)
         : options_(options),

@@ -10,7 +10,7 @@
 namespace voxspring {
 namespace {
 
-class CpuReference final : public WatchedCpuBackend {
+class CpuReference final : public MonitoredCpuBackend {
 public:
     explicit CpuReference(Formulation formulation) : formulation_(formulation) {}
 

@@ -31,16 +31,16 @@ GlBackend::GlBackend(const Options& options)
 
 void GlBackend::rewind(const Defines& more) {
     steps_ = 0;
-    watch_ = next_watch_;
-    if (watch_.every == 0) return;
-    if (watch_program_.get() == 0) {
+    monitor_ = next_monitor_;
+    if (monitor_.every == 0) return;
+    if (monitor_program_.get() == 0) {
         Defines defines = formulation_defines(formulation_);
         defines.insert(more.begin(), more.end());
-        watch_program_ = Program(context_, load_source("watch.comp", defines));
+        monitor_program_ = Program(context_, load_source("watch.comp", defines));
         found_ = make_buffer(context_);
         glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
     }
-    watch_program_.set("inverse_largest", float(1 / watch_.largest_increment));
+    monitor_program_.set("inverse_largest", float(1 / monitor_.largest_increment));
     glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
 }
 
@@ -49,7 +49,7 @@ void GlBackend::step(int count) {
     for (int n = 0; n < count; ++n) {
         enqueue_step();
         ++steps_;
-        if (watch_.every > 0 && steps_ % watch_.every == 0) look();
+        if (monitor_.every > 0 && steps_ % monitor_.every == 0) look();
     }
 }
 
@@ -57,8 +57,8 @@ void GlBackend::look() {
     GLint stepping = 0;
     glGetIntegerv(GL_CURRENT_PROGRAM, &stepping);
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, found_binding, found_.get());
-    watch_program_.set("look", int(steps_ / watch_.every));
-    glUseProgram(watch_program_.get());
+    monitor_program_.set("look", int(steps_ / monitor_.every));
+    glUseProgram(monitor_program_.get());
     enqueue_look();
     glUseProgram(GLuint(stepping));
 }
@@ -83,16 +83,16 @@ void GlBackend::measure(std::span<float> squares) {
     std::copy(lengths.begin(), lengths.end(), squares.begin());
 }
 
-std::optional<Departure> GlBackend::departure() {
-    if (watch_.every == 0) return std::nullopt;
+std::optional<Divergence> GlBackend::divergence() {
+    if (monitor_.every == 0) return std::nullopt;
     context_.make_current();
     GLuint look = never_found;
     glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     glGetNamedBufferSubData(found_.get(), 0, sizeof(look), &look);
     context_.check("watching");
     if (look == never_found) return std::nullopt;
-    const std::int64_t found = std::int64_t(look) * watch_.every;
-    return Departure{found - watch_.every, found};
+    const std::int64_t found = std::int64_t(look) * monitor_.every;
+    return Divergence{found - monitor_.every, found};
 }
 
 void GlBackend::synchronize() {

@@ -17,8 +17,8 @@ namespace voxspring::gl {
 class GlBackend : public Backend {
 public:
     void step(int count) final;
-    void watch(const Watch& watch) final { next_watch_ = watch; }
-    std::optional<Departure> departure() final;
+    void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
+    std::optional<Divergence> divergence() final;
     void synchronize() final;
 
 protected:
@@ -53,11 +53,11 @@ private:
     bool all_terms_;
     Query begin_, end_;
     Program measure_program_;
-    Program watch_program_;   // made with the first upload that is watched
-    Buffer found_;            // shaders/watch.comp's
-    std::int64_t steps_ = 0;  // since upload()
-    Watch watch_;             // of this run
-    Watch next_watch_;        // of the next one
+    Program monitor_program_;         // made with the first upload that is watched
+    Buffer found_;                    // shaders/watch.comp's
+    std::int64_t steps_ = 0;          // since upload()
+    DivergenceMonitor monitor_;       // of this run
+    DivergenceMonitor next_monitor_;  // of the next one
 };
 
 /// The macros of shaders/motion.glsl that say which formulation it is.

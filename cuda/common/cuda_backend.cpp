@@ -44,18 +44,18 @@ void CudaBackend::forget_graphs() {
 
 void CudaBackend::rewind() {
     current_ = 0;
-    watch_ = next_watch_;
+    monitor_ = next_monitor_;
     steps_ = last_look_ = 0;
     const Fault none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
-    if (watch_.every > 0) fault_.upload(std::span(&none, 1), stream_);
+    if (monitor_.every > 0) fault_.upload(std::span(&none, 1), stream_);
 }
 
 void CudaBackend::step(int count) {
     // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no
     // longer than its launch; who asks for more looks than that gets them at their price.
-    const bool often = watch_.every > 0 && watch_.every < 32;
+    const bool often = monitor_.every > 0 && monitor_.every < 32;
     while (count > 0) {
-        const int steps = often ? std::min(count, watch_.every - int(steps_ - last_look_)) : count;
+        const int steps = often ? std::min(count, monitor_.every - int(steps_ - last_look_)) : count;
         enqueue_steps(steps);
         count -= steps;
     }
@@ -80,20 +80,20 @@ void CudaBackend::enqueue_steps(int count) {
 
 void CudaBackend::stepped(int count) {
     steps_ += count;
-    if (watch_.every > 0 && steps_ - last_look_ >= watch_.every) look();
+    if (monitor_.every > 0 && steps_ - last_look_ >= monitor_.every) look();
 }
 
 void CudaBackend::look() {
-    enqueue_look({steps_, last_look_, watch_.largest_increment}, fault_.data());
+    enqueue_look({steps_, last_look_, monitor_.largest_increment}, fault_.data());
     last_look_ = steps_;
 }
 
-std::optional<Departure> CudaBackend::departure() {
-    if (watch_.every == 0) return std::nullopt;
+std::optional<Divergence> CudaBackend::divergence() {
+    if (monitor_.every == 0) return std::nullopt;
     Fault fault{};
     fault_.download(std::span(&fault, 1), stream_);
     if (fault.step == std::numeric_limits<long long>::max()) return std::nullopt;
-    return Departure{fault.last, fault.step};
+    return Divergence{fault.last, fault.step};
 }
 
 }  // namespace voxspring::cuda

@@ -21,8 +21,8 @@ public:
     Capabilities capabilities() const override;
     std::string unsupported(const Problem& problem) const final;
     void step(int count) final;
-    void watch(const Watch& watch) final { next_watch_ = watch; }
-    std::optional<Departure> departure() final;
+    void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
+    std::optional<Divergence> divergence() final;
     void synchronize() final { stream_.synchronize(); }
     DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
 
@@ -40,7 +40,7 @@ protected:
     /// To be called when that many more steps have been enqueued: looks if it is time to.
     void stepped(int count);
     /// Whether there are looks.
-    bool watched() const { return watch_.every > 0; }
+    bool monitored() const { return monitor_.every > 0; }
     /// Enqueues `count` steps, and looks between them: graphs of single ones unless overridden.
     virtual void enqueue_steps(int count);
 
@@ -66,7 +66,7 @@ private:
     Stream stream_;
     Event begin_, end_;
     int current_ = 0;
-    Watch watch_, next_watch_;
+    DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;      ///< since upload()
     std::int64_t last_look_ = 0;  ///< after how many of them
     Buffer<Fault> fault_;         ///< one

@@ -11,7 +11,7 @@ namespace voxspring {
 class Progress {
 public:
     struct Scene {
-        int rows = 0;     ///< contenders
+        int rows = 0;     ///< cases
         double work = 0;  ///< in whatever unit, the same for all scenes
     };
     explicit Progress(std::vector<Scene> scenes);

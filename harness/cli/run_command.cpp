@@ -55,8 +55,8 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
     if (const std::string why = runner.unsupported(*backend); !why.empty()) {
         throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
     }
-    const Watch watch = watch_of(scene, options.steps);
-    backend->watch(watch);
+    const DivergenceMonitor monitor = divergence_monitor(scene, options.steps);
+    backend->monitor(monitor);
     Timing timing;
     double largest = 0;
     const auto play = [&](const auto& take) {
@@ -69,13 +69,14 @@ int run_scene(const std::string& argument, const RunOptions& options, std::ostre
             timing.host_seconds += batch.host_seconds;
             step = end;
             const State state = backend->download();
-            const auto departure = find_departure(*backend, runner, watch, state, step);
+            const auto divergence = find_divergence(*backend, runner, monitor, state, step);
             largest = largest_displacement(state);
-            if (departure || !std::isfinite(largest)) {
-                throw std::runtime_error(spec.entry->name + ": " + scene.name + " " +
-                                         (departure ? describe(*departure, watch) : "is no longer finite") +
-                                         "; time step " + std::to_string(scene.problem.time_step) +
-                                         ", stable " + std::to_string(scene.stable_time_step));
+            if (divergence || !std::isfinite(largest)) {
+                throw std::runtime_error(
+                    spec.entry->name + ": " + scene.name + " " +
+                    (divergence ? describe(*divergence, monitor) : "is no longer finite") + "; time step " +
+                    std::to_string(scene.problem.time_step) + ", stable " +
+                    std::to_string(scene.stable_time_step));
             }
             take({scene, runner.problem(), state, step, step * scene.problem.time_step, spec.label()});
         }

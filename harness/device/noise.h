@@ -38,7 +38,7 @@ private:
     std::unique_ptr<Library> library_;
 };
 
-/// What is known of the repetitions of one contender. Where lists are not empty they are of all repetitions.
+/// What is known of the repetitions of one case. Where lists are not empty they are of all repetitions.
 struct Observed {
     std::vector<double> seconds = {};        ///< of each repetition
     std::vector<double> spins = {};          ///< spin_seconds() beside it
@@ -46,7 +46,7 @@ struct Observed {
     std::vector<unsigned> card_mhz = {};     ///< after it
     std::vector<unsigned> other_users = {};  ///< processes on the card that are none of the study's
 };
-/// Why the contender's time is not to be trusted, each reason with its figure in parentheses; none: nothing
+/// Why the case's time is not to be trusted, each reason with its figure in parentheses; none: nothing
 /// is known against it.
 std::vector<std::string> reasons_of_noise(const Observed& observed);
 

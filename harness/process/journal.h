@@ -66,10 +66,10 @@ private:
     std::map<std::string, std::pair<int, nlohmann::json>> finished_;
 };
 
-/// Those of one contender, or of whatever else has names of its own.
-class Record {
+/// Those of one case, or of whatever else has names of its own.
+class JournalScope {
 public:
-    Record(Journal& journal, std::string prefix) : journal_(&journal), prefix_(std::move(prefix)) {}
+    JournalScope(Journal& journal, std::string prefix) : journal_(&journal), prefix_(std::move(prefix)) {}
     const nlohmann::json* find(const std::string& name) const { return journal_->find(prefix_ + name); }
     int session_of(const std::string& name) const { return journal_->session_of(prefix_ + name); }
     void keep(const std::string& name, nlohmann::json value) {

@@ -113,12 +113,12 @@ void come_to_rest() {
 
 const nlohmann::json rest_question = {{"do", "rest"}};
 
-nlohmann::json answer_of(Answerer& answerer, const nlohmann::json& question, const Post& post) {
+nlohmann::json answer_of(Answerer& answerer, const nlohmann::json& question, const OnEvent& on_event) {
     const auto refusal = [](const char* kind, const std::string& message) {
         return nlohmann::json{{"threw", kind}, {"message", message}};
     };
     try {
-        if (question != rest_question) return {{"answer", answerer.answer(question, post)}};
+        if (question != rest_question) return {{"answer", answerer.answer(question, on_event)}};
         come_to_rest();
         return {{"answer", nullptr}};
     } catch (const Closed&) {
@@ -141,8 +141,8 @@ nlohmann::json answer_of(Answerer& answerer, const nlohmann::json& question, con
     std::signal(SIGTERM, SIG_IGN);
     try {
         const auto answerer = make();
-        const Post post = [&](const nlohmann::json& news) { send(socket, {{"news", news}}); };
-        for (;;) send(socket, answer_of(*answerer, receive(socket), post));
+        const OnEvent on_event = [&](const nlohmann::json& event) { send(socket, {{"event", event}}); };
+        for (;;) send(socket, answer_of(*answerer, receive(socket), on_event));
     } catch (const Closed&) {
         _exit(0);
     } catch (...) {
@@ -245,7 +245,8 @@ void Worker::rest() {
     }
 }
 
-nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& doing, const Post& on_news) {
+nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& doing,
+                           const OnEvent& on_event) {
     if (last_asked_ != nullptr && last_asked_ != this) std::exchange(last_asked_, nullptr)->rest();
     if (process_ < 0) throw WorkerLost(lost_);
     last_asked_ = this;
@@ -257,8 +258,8 @@ nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& do
     }
     for (;;) {
         nlohmann::json message = receive(doing);
-        if (message.contains("news")) {
-            if (on_news) on_news(message.at("news"));
+        if (message.contains("event")) {
+            if (on_event) on_event(message.at("event"));
             continue;
         }
         asked_ = false;

@@ -19,7 +19,7 @@ class WorkerLost : public std::runtime_error {
 };
 
 /// Sends this process's parent word of something before the answer.
-using Post = std::function<void(const nlohmann::json& news)>;
+using OnEvent = std::function<void(const nlohmann::json& event)>;
 
 /// What answers in the other process.
 class Answerer {
@@ -28,7 +28,7 @@ public:
     Answerer(const Answerer&) = delete;
     Answerer& operator=(const Answerer&) = delete;
     virtual ~Answerer() = default;
-    virtual nlohmann::json answer(const nlohmann::json& question, const Post& post) = 0;
+    virtual nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) = 0;
 };
 
 /// A forked copy of this process: it has all that is in memory when it is made. It ends with this object, or
@@ -47,7 +47,8 @@ public:
 
     /// The answer. Throws WorkerLost if the process ends, or says nothing for as long as the time-out, while
     /// `doing` (it is then killed); Unavailable or DeviceError with the message of what its answerer threw.
-    nlohmann::json ask(const nlohmann::json& question, const std::string& doing, const Post& on_news = {});
+    nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
+                       const OnEvent& on_event = {});
 
 private:
     nlohmann::json receive(const std::string& doing);

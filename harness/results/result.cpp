@@ -27,14 +27,14 @@ bool is_median(const nlohmann::json& row) {
     return only || row.value("aggregate_name", "") == "median";
 }
 
-std::string contender_name(const nlohmann::json& row) {
+std::string case_name(const nlohmann::json& row) {
     const std::string name = row.at("name");
     return name.substr(0, name.find("/iterations:"));
 }
 
-std::string contender(const nlohmann::json& row) {
+std::string case_label(const nlohmann::json& row) {
     const std::string scene = row.at("scene");
-    std::string text = contender_name(row).substr(scene.size() + 1);
+    std::string text = case_name(row).substr(scene.size() + 1);
     std::replace(text.begin(), text.end(), '/', ' ');
     return text;
 }
@@ -47,13 +47,13 @@ void print_noise(const std::vector<nlohmann::json>& rows, std::ostream& out) {
         if (!row.contains("noisy")) continue;
         for (const std::string reason : row.at("noisy")) {
             const std::string kind = kind_of(reason);
-            by_kind[kind].push_back(row.at("scene").get<std::string>() + " " + contender(row) +
+            by_kind[kind].push_back(row.at("scene").get<std::string>() + " " + case_label(row) +
                                     reason.substr(kind.size()));
         }
     }
-    for (const auto& [kind, contenders] : by_kind) {
+    for (const auto& [kind, cases] : by_kind) {
         out << "~ not to be trusted, " << kind << ":\n";
-        for (const std::string& one : contenders) out << "    " << one << "\n";
+        for (const std::string& one : cases) out << "    " << one << "\n";
     }
 }
 
@@ -61,18 +61,18 @@ void print_unmeasured(const nlohmann::json& result, std::ostream& out) {
     for (const char* list : {"skipped", "failed"}) {
         // A reason once, with all that it holds for.
         std::vector<std::string> reasons;
-        std::map<std::string, std::vector<std::string>> contenders, on;
+        std::map<std::string, std::vector<std::string>> cases, on;
         const auto add = [](std::vector<std::string>& to, const std::string& text) {
             if (std::find(to.begin(), to.end(), text) == to.end()) to.push_back(text);
         };
         for (const auto& row : result.at(list)) {
             const std::string reason = row.at("reason");
             add(reasons, reason);
-            add(contenders[reason], contender(row));
+            add(cases[reason], case_label(row));
             add(on[reason], row.at("scene"));
         }
         for (const std::string& reason : reasons) {
-            out << list << ": " << reason << "\n    " << joined(contenders[reason]) << "\n    on "
+            out << list << ": " << reason << "\n    " << joined(cases[reason]) << "\n    on "
                 << joined(on[reason]) << "\n";
         }
     }
@@ -119,7 +119,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
         for (const auto& row : rows) {
             std::ostringstream ratio;
             ratio << std::fixed << std::setprecision(2) << time(row) / time(rows.front());
-            table.push_back({scene, contender(row), noise_mark(row) + si(time(row) * 1e-6, "s"),
+            table.push_back({scene, case_label(row), noise_mark(row) + si(time(row) * 1e-6, "s"),
                              si(row.at("particle_updates_per_second"), "/s"),
                              si(row.at("spring_updates_per_second"), "/s"),
                              error_text(row.at("error_relative_l2")), error_text(row.at("error_max")),
@@ -130,7 +130,7 @@ void print_table(const nlohmann::json& result, std::ostream& out) {
             std::ostringstream slow_down;
             slow_down << std::showpos << std::fixed << std::setprecision(1)
                       << 100 * (time(row) * 1e-6 / without - 1) << " %";
-            edits.push_back({scene, contender(row), std::to_string(row.at("edits").get<int>()),
+            edits.push_back({scene, case_label(row), std::to_string(row.at("edits").get<int>()),
                              si(row.at("edit_seconds_median"), "s"), si(row.at("edit_seconds_max"), "s"),
                              si(without, "s"), slow_down.str()});
         }

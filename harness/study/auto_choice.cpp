@@ -190,7 +190,7 @@ nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nloh
         for (const auto& row : rows) {
             const double time = row.at("real_time");
             fastest = std::min(fastest, time);
-            if (contender_name(row) == name) chosen = std::min(chosen, time);
+            if (case_name(row) == name) chosen = std::min(chosen, time);
         }
         if (std::isfinite(chosen)) {
             choice["name"] = name;

@@ -70,7 +70,7 @@ nlohmann::json judge(const Target& target, const Rows& rows) {
     if (target.quantity == Quantity::speed_ratio) judged["over"] = target.over;
     const auto best = fastest_row(rows, by_glob(target.backends));
     if (!best) return judged;
-    judged["name"] = contender_name(*best);
+    judged["name"] = case_name(*best);
     if (const auto value = measured(target, *best, rows); value && *value > 0) {
         judged["measured"] = *value;
         const double reached = is_at_most(target.quantity) ? target.value / *value : *value / target.value;
@@ -161,7 +161,7 @@ nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target
     for (const Key& key : order) {
         const Rows& rows = groups[key];
         const nlohmann::json best = fastest_row(rows, [](const auto&) { return true; }).value();
-        nlohmann::json block = {{"name", contender_name(best)}, {"seconds_per_step", step_seconds(best)}};
+        nlohmann::json block = {{"name", case_name(best)}, {"seconds_per_step", step_seconds(best)}};
         for (const char* field :
              {"scene", "formulation", "precision", "backend", "tuning", "particles", "springs", "voxels",
               "particle_updates_per_second", "spring_updates_per_second", "ready_seconds", "limit_seconds",
@@ -174,7 +174,7 @@ nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target
         if (best.contains("noisy")) block["noisy"] = best.at("noisy");
         block["paper"] = nullptr;
         if (const auto paper = fastest_row(rows, of_the_paper)) {
-            block["paper"] = {{"name", contender_name(*paper)},
+            block["paper"] = {{"name", case_name(*paper)},
                               {"seconds_per_step", step_seconds(*paper)},
                               {"ratio", step_seconds(*paper) / step_seconds(best)}};
         }
@@ -196,7 +196,7 @@ void print_fastest(const nlohmann::json& result, std::ostream& out) {
     for (const auto& block : result.at("fastest")) {
         const auto& paper = block.at("paper");
         table.push_back(
-            {block.at("scene"), contender(block), noise_mark(block) + si(block.at("seconds_per_step"), "s"),
+            {block.at("scene"), case_label(block), noise_mark(block) + si(block.at("seconds_per_step"), "s"),
              si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"), error_text(block.at("error_relative_l2")),
              percent_of(block.at("fraction_of_limit")), paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
@@ -210,7 +210,7 @@ void print_fastest(const nlohmann::json& result, std::ostream& out) {
                                     block.at("precision").get<std::string>();
         if (!block.at("paper").is_null())
             out << dataset << ": the best of the paper's is "
-                << contender({{"scene", block.at("scene")}, {"name", block.at("paper").at("name")}}) << "\n";
+                << case_label({{"scene", block.at("scene")}, {"name", block.at("paper").at("name")}}) << "\n";
         out << dataset << ": auto takes " << block.at("auto").at("reason").get<std::string>() << "\n";
         for (const auto& target : block.at("targets")) {
             out << dataset << ": target for " << target.at("backends").get<std::string>() << " "

@@ -53,17 +53,17 @@ void spread_threads() {
 }
 
 /// What is timed of a backend, in its process.
-class TimingTask : public Task {
+class TimingRunner : public CaseRunner {
 public:
-    TimingTask(BackendSpec spec, const Scene& scene, const Batch& batch, SharedState& shared)
+    TimingRunner(BackendSpec spec, const Scene& scene, const Batch& batch, SharedState& shared)
         : spec_(std::move(spec)),
           scene_(scene),
           batch_(batch),
           shared_(shared),
-          watch_(watch_of(scene, steps_in_all(batch))),
+          monitor_(divergence_monitor(scene, steps_in_all(batch))),
           runner_(scene) {}
 
-    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post&) override {
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
         const std::string what = question.at("do");
         if (what == "warm up") return warm_up(backend, question.at("batches"));
         if (what == "repeat") return repeat(backend, question.at("last"));
@@ -79,8 +79,8 @@ private:
     /// Reads the state that has been reached; a run that diverged fails.
     nlohmann::json read(Backend& backend, int steps) {
         const State state = backend.download();
-        if (const auto departure = find_departure(backend, runner_, watch_, state, steps))
-            throw std::runtime_error(describe(*departure, watch_));
+        if (const auto divergence = find_divergence(backend, runner_, monitor_, state, steps))
+            throw std::runtime_error(describe(*divergence, monitor_));
         return shared_.put(state);
     }
 
@@ -88,14 +88,14 @@ private:
     /// batch, and where batches go on from each other by those that were timed before. The work is that of
     /// the step after the batch: right after an upload a backend knows of nothing that rests.
     nlohmann::json warm_up(Backend& backend, int batches) {
-        backend.watch(watch_);
+        backend.monitor(monitor_);
         const auto begin = Clock::now();
         runner_.rewind(backend);
         const double compile_seconds = backend.compile_seconds();
         const double upload_seconds = std::max(0.0, seconds_since(begin) - compile_seconds);
         for (int i = 0; i < batches; ++i) runner_.run(backend, batch_.steps);
         backend.synchronize();
-        if (backend.departure()) (void)read(backend, batches * batch_.steps);
+        if (backend.divergence()) (void)read(backend, batches * batch_.steps);
         // Counting takes a step, which only a rewind takes back.
         const WorkCount work = batch_.rewind ? backend.count_work() : WorkCount{};
         return {{"compile_seconds", compile_seconds}, {"upload_seconds", upload_seconds}, {"work", work}};
@@ -118,7 +118,7 @@ private:
             answer["waiting"] = counts ? (*waited_end - *waited_begin) / timing.host_seconds : 0.0;
         }
         answer["spin_seconds"] = spin_seconds();
-        if (last || backend.departure()) answer["state"] = read(backend, steps_in_all(batch_));
+        if (last || backend.divergence()) answer["state"] = read(backend, steps_in_all(batch_));
         if (runner_.edits_within(batch_.steps) > 0) {
             // Beside the batch with edits, so that both meet the same clocks.
             backend.upload(scene_.problem, scene_.state);
@@ -155,7 +155,7 @@ private:
     const Scene& scene_;
     const Batch batch_;
     SharedState& shared_;
-    const Watch watch_;
+    const DivergenceMonitor monitor_;
     SceneRunner runner_;
 };
 
@@ -166,34 +166,34 @@ StepWork step_work_of(const nlohmann::json& json) {
             .exchanges = json.at("exchanges")};
 }
 
-/// What all contenders of a scene are measured with.
+/// What all cases of a scene are measured with.
 struct Course {
     const Scene& scene;
     const Batch& batch;
-    const Truth& truth;
+    const ReferenceSolution& solution;
     SharedState& state;
     int edits;         ///< within a batch
     const Card* card;  ///< null: not watched
     unsigned own;      ///< processes of this study that compute on it
 };
 
-/// One contender while Google Benchmark calls it in whatever order it likes. What its record has is not asked
+/// One case while Google Benchmark calls it in whatever order it likes. What the journal has is not asked
 /// of its process again.
 class Run {
 public:
-    Run(Contender& contender, const Course& course)
-        : contender_(contender),
+    Run(Case& benchmark_case, const Course& course)
+        : case_(benchmark_case),
           course_(course),
-          name_(row_identity(course.scene.name, contender.spec()).at("name")),
-          failure_(text_of(contender.record().find("failed"))) {}
+          name_(row_identity(course.scene.name, benchmark_case.spec()).at("name")),
+          failure_(text_of(benchmark_case.scope().find("failed"))) {}
 
-    Contender& contender() { return contender_; }
+    Case& benchmark_case() { return case_; }
     const std::string& name() const { return name_; }
     /// Empty: none so far.
     const std::string& failure() const { return failure_; }
     void fail(const std::string& reason) {
         failure_ = reason;
-        contender_.record().keep("failed", reason);
+        case_.scope().keep("failed", reason);
     }
     /// Whether there is nothing left to ask.
     bool finished() const {
@@ -206,14 +206,13 @@ public:
         attempt([&] {
             int done = 0;
             while (known("repetition " + std::to_string(done + 1))) ++done;
-            const nlohmann::json warm = contender_.ask(
+            const nlohmann::json warm = case_.ask(
                 {{"do", "warm up"}, {"batches", course_.batch.rewind ? 1 : 1 + done}}, "warming up");
             if (known("warm")) return;
             // An earlier session may have been cut short between the two.
             if (!known("step work"))
-                contender_.record().keep("step work",
-                                         contender_.ask({{"do", "step work"}}, "counting its work"));
-            contender_.record().keep("warm", warm);
+                case_.scope().keep("step work", case_.ask({{"do", "step work"}}, "counting its work"));
+            case_.scope().keep("warm", warm);
         });
     }
 
@@ -223,28 +222,26 @@ public:
     /// The next repetition: what it took, or nothing where there is none because of a failure.
     std::optional<nlohmann::json> repeat() {
         const std::string name = "repetition " + std::to_string(++begun_);
-        if (!known(name)) attempt([&] { contender_.record().keep(name, timed(name)); });
+        if (!known(name)) attempt([&] { case_.scope().keep(name, timed(name)); });
         if (!known(name)) return std::nullopt;
-        return *contender_.record().find(name);
+        return *case_.scope().find(name);
     }
 
     void measure_edits() {
         if (course_.edits == 0 || finished()) return;
-        attempt([&] {
-            contender_.record().keep("edits", contender_.ask({{"do", "edits"}}, "timing its edits"));
-        });
+        attempt([&] { case_.scope().keep("edits", case_.ask({{"do", "edits"}}, "timing its edits")); });
     }
 
     /// Whether its repetitions are of more than one session of the study.
     bool resumed() const {
         const auto session = [&](int number) {
-            return contender_.record().session_of("repetition " + std::to_string(number));
+            return case_.scope().session_of("repetition " + std::to_string(number));
         };
         return session(1) != session(course_.batch.repetitions);
     }
 
-    const nlohmann::json& of_record(const std::string& name) const { return *contender_.record().find(name); }
-    bool known(const std::string& name) const { return contender_.record().find(name) != nullptr; }
+    const nlohmann::json& kept(const std::string& name) const { return *case_.scope().find(name); }
+    bool known(const std::string& name) const { return case_.scope().find(name) != nullptr; }
 
 private:
     static std::string text_of(const nlohmann::json* text) {
@@ -258,18 +255,18 @@ private:
 
     nlohmann::json timed(const std::string& name) {
         const bool last = begun_ == course_.batch.repetitions;
-        nlohmann::json answer = contender_.ask({{"do", "repeat"}, {"last", last}}, "timing " + name);
+        nlohmann::json answer = case_.ask({{"do", "repeat"}, {"last", last}}, "timing " + name);
         for (const char* clock : {"device_seconds", "host_seconds"}) {
             if (!std::isfinite(answer.at(clock).get<double>()))
                 throw std::runtime_error(std::string("its clock gave no number of ") + clock);
         }
         look_at_card(answer);
         if (!answer.contains("state")) return answer;
-        // Judged at once: of a large scene the states of all contenders would not fit into memory.
+        // Judged at once: of a large scene the states of all cases would not fit into memory.
         const State left = course_.state.take(answer.at("state"));
         answer.erase("state");
-        const Comparison comparison = judge(course_.truth, left, contender_.spec());
-        answer["errors"] = error_fields(course_.truth, left, comparison);
+        const Comparison comparison = judge(course_.solution, left, case_.spec());
+        answer["errors"] = error_fields(course_.solution, left, comparison);
         answer["verified"] = {{"passed", comparison.passed()},
                               {"finite", comparison.finite},
                               {"error_rms", number_or_null(comparison.rms)},
@@ -280,14 +277,14 @@ private:
 
     /// Right after a batch, before the card's clock has had time to fall.
     void look_at_card(nlohmann::json& answer) {
-        const std::string uuid = contender_.capabilities().at("uuid");
+        const std::string uuid = case_.capabilities().at("uuid");
         if (course_.card == nullptr || uuid.empty()) return;
         if (const auto mhz = course_.card->clock_mhz()) answer["card_mhz"] = *mhz;
         if (const auto count = course_.card->process_count())
             answer["other_users"] = *count > course_.own ? *count - course_.own : 0u;
     }
 
-    Contender& contender_;
+    Case& case_;
     const Course& course_;
     std::string name_;
     std::string failure_;
@@ -344,7 +341,7 @@ double statistic(const std::string& name, const std::vector<double>& values) {
     return name == "stddev" ? deviation : deviation / mean;
 }
 
-/// What Google Benchmark would have said of cpu_time, had it run in the contender's process.
+/// What Google Benchmark would have said of cpu_time, had it run in the case's process.
 double cpu_time(const nlohmann::json& row, const std::vector<double>& step_microseconds) {
     if (row.at("run_type") == "aggregate") return statistic(row.at("aggregate_name"), step_microseconds);
     return step_microseconds.at(row.at("repetition_index").get<std::size_t>());
@@ -374,18 +371,18 @@ nlohmann::json row_identity(const std::string& scene, const BackendSpec& spec) {
             {"tuning", spec.tuning()}};
 }
 
-void add_failures(SceneResult& result, const std::string& scene, std::vector<Contender>& contenders) {
-    for (Contender& contender : contenders) {
-        const nlohmann::json* reason = contender.record().find("failed");
+void add_failures(SceneResult& result, const std::string& scene, std::vector<Case>& cases) {
+    for (Case& benchmark_case : cases) {
+        const nlohmann::json* reason = benchmark_case.scope().find("failed");
         if (reason == nullptr) continue;
-        result.lists["failed"].push_back(row_identity(scene, contender.spec()));
+        result.lists["failed"].push_back(row_identity(scene, benchmark_case.spec()));
         result.lists["failed"].back()["reason"] = *reason;
     }
 }
 
-MakeTask timing_task(const Scene& scene, const Batch& batch, SharedState& state) {
+MakeCaseRunner timing_runner(const Scene& scene, const Batch& batch, SharedState& state) {
     return [&scene, batch, &state](const BackendSpec& spec) {
-        return std::make_unique<TimingTask>(spec, scene, batch, state);
+        return std::make_unique<TimingRunner>(spec, scene, batch, state);
     };
 }
 
@@ -402,13 +399,13 @@ nlohmann::json run_google_benchmark(std::vector<Run>& runs, const Course& course
     std::exception_ptr stopped;
     benchmark::ClearRegisteredBenchmarks();
     for (Run& run : runs) {
-        if (!run.finished()) on_repetition(run.contender().spec().label(), 0, total);
+        if (!run.finished()) on_repetition(run.benchmark_case().spec().label(), 0, total);
         run.warm_up();
         benchmark::RegisterBenchmark(run.name().c_str(),
                                      [&, total](benchmark::State& state) {
                                          ++begun;
                                          if (run.is_next_to_run() && !stopped && !interrupted())
-                                             on_repetition(run.contender().spec().label(), begun, total);
+                                             on_repetition(run.benchmark_case().spec().label(), begun, total);
                                          repeat(state, run, course, springs, stopped);
                                      })
             ->Iterations(course.batch.steps)
@@ -431,18 +428,18 @@ nlohmann::json edit_fields(const Run& run, const Course& course) {
     if (course.edits == 0) return nlohmann::json::object();
     std::vector<double> plain;
     for (int i = 1; i <= course.batch.repetitions; ++i) {
-        const nlohmann::json& repetition = run.of_record("repetition " + std::to_string(i));
+        const nlohmann::json& repetition = run.kept("repetition " + std::to_string(i));
         plain.push_back(repetition.at("plain_seconds").get<double>() / course.batch.steps);
     }
-    nlohmann::json fields = run.of_record("edits");
+    nlohmann::json fields = run.kept("edits");
     fields["seconds_per_step_without_edits"] = median(plain);
     return fields;
 }
 
 /// What all rows of a run say: how long it took to be ready.
 nlohmann::json ready_fields(const Run& run) {
-    const nlohmann::json& warm = run.of_record("warm");
-    const double construct = run.of_record("introduction").at("construct_seconds");
+    const nlohmann::json& warm = run.kept("warm");
+    const double construct = run.kept("introduction").at("construct_seconds");
     const double compile = warm.at("compile_seconds"), upload = warm.at("upload_seconds");
     return {{"construct_seconds", construct},
             {"compile_seconds", compile},
@@ -453,10 +450,10 @@ nlohmann::json ready_fields(const Run& run) {
 /// Why its time is not to be trusted.
 std::vector<std::string> noise_of(Run& run, const Course& course) {
     // What the processor does says nothing of a card.
-    const std::string uuid = run.contender().capabilities().at("uuid");
+    const std::string uuid = run.benchmark_case().capabilities().at("uuid");
     Observed observed;
     for (int i = 1; i <= course.batch.repetitions; ++i) {
-        const nlohmann::json& repetition = run.of_record("repetition " + std::to_string(i));
+        const nlohmann::json& repetition = run.kept("repetition " + std::to_string(i));
         observed.seconds.push_back(repetition.at("device_seconds"));
         if (uuid.empty()) {
             observed.spins.push_back(repetition.at("spin_seconds"));
@@ -472,13 +469,13 @@ std::vector<std::string> noise_of(Run& run, const Course& course) {
 std::vector<nlohmann::json> rows_of(Run& run, const Course& course, const nlohmann::json& measured,
                                     nlohmann::json identity) {
     std::optional<StepLimit> limit;
-    if (const auto& limits = run.contender().limits) {
-        limit = limit_of(step_work_of(run.of_record("step work")), *limits,
-                         run.contender().spec().options.precision);
+    if (const auto& limits = run.benchmark_case().limits) {
+        limit = limit_of(step_work_of(run.kept("step work")), *limits,
+                         run.benchmark_case().spec().options.precision);
     }
     std::vector<double> cpu_microseconds;
     for (int i = 1; i <= course.batch.repetitions; ++i) {
-        const nlohmann::json& repetition = run.of_record("repetition " + std::to_string(i));
+        const nlohmann::json& repetition = run.kept("repetition " + std::to_string(i));
         cpu_microseconds.push_back(1e6 * repetition.at("cpu_seconds").get<double>() / course.batch.steps);
     }
     const std::vector<std::string> noise = noise_of(run, course);
@@ -504,21 +501,21 @@ void add_rows(SceneResult& result, Run& run, const Course& course, const nlohman
               std::uint64_t springs) {
     const Scene& scene = course.scene;
     const std::string reference = References::is_large(scene) ? "cpu_parallel" : reference_backend;
-    nlohmann::json identity = row_identity(scene.name, run.contender().spec());
+    nlohmann::json identity = row_identity(scene.name, run.benchmark_case().spec());
     identity["steps"] = course.batch.steps;
     identity["particles"] = scene.problem.particle_count();
     identity["springs"] = springs;
     identity["voxels"] = scene.problem.lattice.voxel_count();
     identity["reference"] = reference;
-    identity["error_steps"] = course.truth.steps;
+    identity["error_steps"] = course.solution.steps;
 
     std::string failure = run.failure();
     if (failure.empty()) {
-        const nlohmann::json& last = run.of_record("repetition " + std::to_string(course.batch.repetitions));
+        const nlohmann::json& last = run.kept("repetition " + std::to_string(course.batch.repetitions));
         nlohmann::json verified = identity;
         verified.update(last.at("errors"));
         verified.update(last.at("verified"));
-        const nlohmann::json& work = run.of_record("warm").at("work");
+        const nlohmann::json& work = run.kept("warm").at("work");
         if (!work.empty()) verified["work"] = work;
         if (verified.at("passed").get<bool>()) {
             identity.update(last.at("errors"));
@@ -538,32 +535,31 @@ void add_rows(SceneResult& result, Run& run, const Course& course, const nlohman
 
 }  // namespace
 
-SceneResult measure(const Scene& scene, std::vector<Contender>& contenders, const Batch& batch,
-                    SharedState& state, References& references, const Card* card,
-                    const OnRepetition& on_repetition) {
+SceneResult measure(const Scene& scene, std::vector<Case>& cases, const Batch& batch, SharedState& state,
+                    References& references, const Card* card, const OnRepetition& on_repetition) {
     const int all_steps = steps_in_all(batch);
     const std::uint64_t springs = count_springs(scene.problem).total();
 
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = problem_after(scene, all_steps);
-    Truth truth{edited ? *edited : scene.problem, all_steps, {}, {}, {}};
-    truth.same_step = references.after(scene, all_steps);
-    truth.chaos = references.chaos(scene, all_steps);
-    truth.conserved = conserved(truth.problem, truth.same_step);
+    ReferenceSolution solution{edited ? *edited : scene.problem, all_steps, {}, {}, {}};
+    solution.same_step = references.after(scene, all_steps);
+    solution.chaos = references.chaos(scene, all_steps);
+    solution.conserved = conserved(solution.problem, solution.same_step);
     if (batch.total_error) {
-        truth.refined = references.refined(scene, {scene.problem.time_step, all_steps}, {all_steps});
+        solution.refined = references.refined(scene, {scene.problem.time_step, all_steps}, {all_steps});
     } else {
-        truth.refined.reason = "the study does not ask for it";
+        solution.refined.reason = "the study does not ask for it";
     }
 
-    const auto computes_on_card = [](const Contender& contender) {
-        return capabilities_of(contender.capabilities()).family == ApiFamily::cuda;
+    const auto computes_on_card = [](const Case& benchmark_case) {
+        return capabilities_of(benchmark_case.capabilities()).family == ApiFamily::cuda;
     };
-    const auto own = std::count_if(contenders.begin(), contenders.end(), computes_on_card);
-    const Course course{scene, batch,        truth, state, SceneRunner(scene).edits_within(batch.steps),
+    const auto own = std::count_if(cases.begin(), cases.end(), computes_on_card);
+    const Course course{scene, batch,        solution, state, SceneRunner(scene).edits_within(batch.steps),
                         card,  unsigned(own)};
     std::vector<Run> runs;
-    for (Contender& contender : contenders) runs.emplace_back(contender, course);
+    for (Case& benchmark_case : cases) runs.emplace_back(benchmark_case, course);
     const nlohmann::json measured = run_google_benchmark(runs, course, springs, on_repetition);
     for (Run& run : runs) run.measure_edits();
 

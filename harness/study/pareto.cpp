@@ -37,17 +37,18 @@ std::string device_of(const nlohmann::json& capabilities, std::map<std::string, 
 struct Timed {
     std::vector<double> seconds;
     State last;
-    std::optional<Departure> departure;
+    std::optional<Divergence> divergence;
 };
 
-Timed time_runs(Backend& backend, const Scene& scene, const Watch& watch, int steps, int repetitions) {
+Timed time_runs(Backend& backend, const Scene& scene, const DivergenceMonitor& monitor, int steps,
+                int repetitions) {
     SceneRunner runner(scene);
     Timed timed;
-    backend.watch(watch);
+    backend.monitor(monitor);
     const auto once = [&] {
         runner.rewind(backend);
         const double seconds = backend.timed([&] { runner.run(backend, steps); }).device_seconds;
-        timed.departure = backend.departure();
+        timed.divergence = backend.divergence();
         return seconds;
     };
     double total = once();
@@ -56,12 +57,12 @@ Timed time_runs(Backend& backend, const Scene& scene, const Watch& watch, int st
     } else {
         total = 0;
     }
-    while (!timed.departure && int(timed.seconds.size()) < repetitions && total < most_seconds) {
+    while (!timed.divergence && int(timed.seconds.size()) < repetitions && total < most_seconds) {
         timed.seconds.push_back(once());
         total += timed.seconds.back();
     }
     timed.last = backend.download();
-    timed.departure = find_departure(backend, runner, watch, timed.last, steps);
+    timed.divergence = find_divergence(backend, runner, monitor, timed.last, steps);
     return timed;
 }
 
@@ -70,19 +71,19 @@ Span span_of(const Scene& scene, const TimeSteps& time_steps) {
     return {time_steps.fractions.front() * scene.stable_time_step, time_steps.steps};
 }
 
-/// Runs one time step after another, in the contender's process.
-class ParetoTask : public Task {
+/// Runs one time step after another, in the case's process.
+class ParetoRunner : public CaseRunner {
 public:
-    ParetoTask(const Scene& scene, const TimeSteps& time_steps, SharedState& shared)
+    ParetoRunner(const Scene& scene, const TimeSteps& time_steps, SharedState& shared)
         : scene_(scene), time_steps_(time_steps), shared_(shared) {}
 
-    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post&) override {
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
         const int steps = question.at("steps");
         const Scene stepped = in_steps(scene_, span_of(scene_, time_steps_), steps);
-        const Watch watch = watch_of(stepped, steps);
-        const Timed timed = time_runs(backend, stepped, watch, steps, time_steps_.repetitions);
+        const DivergenceMonitor monitor = divergence_monitor(stepped, steps);
+        const Timed timed = time_runs(backend, stepped, monitor, steps, time_steps_.repetitions);
         nlohmann::json answer = {{"state", shared_.put(timed.last)}, {"seconds", timed.seconds}};
-        if (timed.departure) answer["diverged"] = describe(*timed.departure, watch);
+        if (timed.divergence) answer["diverged"] = describe(*timed.divergence, monitor);
         return answer;
     }
 
@@ -96,20 +97,20 @@ private:
 struct Step {
     const Scene& scene;
     const Scene& stepped;
-    const Truth& truth;
+    const ReferenceSolution& solution;
     SharedState& state;
 };
 
 /// One row, without its device; or, in `reason` alone, why there is none.
-nlohmann::json run_step(Contender& contender, const Step& step) {
+nlohmann::json run_step(Case& benchmark_case, const Step& step) {
     const Scene& scene = step.scene;
     const Scene& stepped = step.stepped;
-    const int steps = step.truth.steps;
-    nlohmann::json row = row_identity(scene.name, contender.spec());
+    const int steps = step.solution.steps;
+    nlohmann::json row = row_identity(scene.name, benchmark_case.spec());
     const nlohmann::json timed =
-        contender.ask({{"do", "run"}, {"steps", steps}}, "running " + std::to_string(steps) + " steps");
+        benchmark_case.ask({{"do", "run"}, {"steps", steps}}, "running " + std::to_string(steps) + " steps");
     const State last = step.state.take(timed.at("state"));
-    const Comparison comparison = judge(step.truth, last, contender.spec());
+    const Comparison comparison = judge(step.solution, last, benchmark_case.spec());
     const bool diverged = timed.contains("diverged");
     if (!diverged && !comparison.passed())
         throw std::runtime_error("does not agree with cpu_reference: " + comparison.reason + " (in " +
@@ -124,12 +125,12 @@ nlohmann::json run_step(Contender& contender, const Step& step) {
     if (diverged) {
         row["seconds"] = nullptr;
         row["reason"] = timed.at("diverged");
-        row.update(no_error_fields(step.truth));
+        row.update(no_error_fields(step.solution));
     } else {
         const std::vector<double> seconds = timed.at("seconds");
         row["seconds"] = median(seconds);
         if (const auto noise = reasons_of_noise({.seconds = seconds}); !noise.empty()) row["noisy"] = noise;
-        row.update(error_fields(step.truth, last, comparison));
+        row.update(error_fields(step.solution, last, comparison));
     }
     return row;
 }
@@ -152,19 +153,18 @@ void check_pareto(const Scene& scene, const TimeSteps& time_steps) {
                        "fractions that take at most " + std::to_string(most_steps) + " steps");
 }
 
-MakeTask pareto_task(const Scene& scene, const TimeSteps& time_steps, SharedState& state) {
+MakeCaseRunner pareto_runner(const Scene& scene, const TimeSteps& time_steps, SharedState& state) {
     return [&scene, time_steps, &state](const BackendSpec&) {
-        return std::make_unique<ParetoTask>(scene, time_steps, state);
+        return std::make_unique<ParetoRunner>(scene, time_steps, state);
     };
 }
 
-SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contenders,
-                           const TimeSteps& time_steps, SharedState& state, References& references,
-                           const OnRepetition& on_repetition) {
+SceneResult measure_pareto(const Scene& scene, std::vector<Case>& cases, const TimeSteps& time_steps,
+                           SharedState& state, References& references, const OnRepetition& on_repetition) {
     const Span span = span_of(scene, time_steps);
     std::vector<int> counts;
     for (const double fraction : time_steps.fractions) counts.push_back(int(steps_of(time_steps, fraction)));
-    const int total = int(counts.size() * contenders.size());
+    const int total = int(counts.size() * cases.size());
     on_repetition("float64 references", 0, total);
     const Refined refined = references.refined(scene, span, counts);
     const Chaos chaos = references.chaos(in_steps(scene, span, counts.front()), counts.front());
@@ -175,26 +175,26 @@ SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contender
     int begun = 0;
     for (const int steps : counts) {
         const Scene stepped = in_steps(scene, span, steps);
-        Truth truth{stepped.problem, steps, references.after(stepped, steps), refined, chaos};
-        truth.conserved = conserved(truth.problem, truth.same_step);
+        ReferenceSolution solution{stepped.problem, steps, references.after(stepped, steps), refined, chaos};
+        solution.conserved = conserved(solution.problem, solution.same_step);
         const std::string name = "row of " + std::to_string(steps) + " steps";
-        for (Contender& contender : contenders) {
+        for (Case& benchmark_case : cases) {
             ++begun;
-            Record& record = contender.record();
-            if (record.find(name) == nullptr && record.find("failed") == nullptr) {
-                on_repetition(contender.spec().label(), begun, total);
+            JournalScope& scope = benchmark_case.scope();
+            if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
+                on_repetition(benchmark_case.spec().label(), begun, total);
                 const auto failure = failure_of([&] {
-                    record.keep(name, run_step(contender, {scene, stepped, truth, state}));
+                    scope.keep(name, run_step(benchmark_case, {scene, stepped, solution, state}));
                 });
-                if (failure) record.keep("failed", *failure);
+                if (failure) scope.keep("failed", *failure);
             }
-            if (record.find(name) == nullptr) continue;
-            rows.push_back(*record.find(name));
-            rows.back()["device"] = device_of(contender.capabilities(), by_uuid);
+            if (scope.find(name) == nullptr) continue;
+            rows.push_back(*scope.find(name));
+            rows.back()["device"] = device_of(benchmark_case.capabilities(), by_uuid);
             rows.back()["end_time"] = span.time_step * span.steps;
         }
     }
-    add_failures(result, scene.name, contenders);
+    add_failures(result, scene.name, cases);
     mark_fronts(rows);
     return result;
 }
@@ -231,7 +231,7 @@ void print_fronts(const nlohmann::json& result, std::ostream& out) {
         const std::string place = scene + " on " + device;
         if (row.at("diverged").get<bool>()) {
             std::ostringstream text;
-            text << scene << " " << contender(row) << " at " << row.at("fraction_of_stable").get<double>()
+            text << scene << " " << case_label(row) << " at " << row.at("fraction_of_stable").get<double>()
                  << " of the stable time step " << row.at("reason").get<std::string>();
             diverged.push_back(text.str());
         } else if (row.at("total_error_reason").is_string()) {
@@ -253,7 +253,7 @@ void print_fronts(const nlohmann::json& result, std::ostream& out) {
             std::ostringstream time_step, fraction;
             time_step << std::setprecision(3) << row.at("time_step").get<double>();
             fraction << std::setprecision(3) << row.at("fraction_of_stable").get<double>();
-            table.push_back({"  " + contender(row), noise_mark(row) + si(row.at("seconds"), "s"),
+            table.push_back({"  " + case_label(row), noise_mark(row) + si(row.at("seconds"), "s"),
                              error_text(row.at("total_error_relative_l2")),
                              error_text(row.at("error_relative_l2")), time_step.str(), fraction.str(),
                              std::to_string(row.at("steps").get<int>())});

@@ -23,17 +23,16 @@ struct TimeSteps {
 /// step takes more steps than an int holds.
 void check_pareto(const Scene& scene, const TimeSteps& time_steps);
 
-/// What a contender does in its process to be measured so. `scene` and `state` must outlive it.
-MakeTask pareto_task(const Scene& scene, const TimeSteps& time_steps, SharedState& state);
+/// What a case does in its process to be measured so. `scene` and `state` must outlive it.
+MakeCaseRunner pareto_runner(const Scene& scene, const TimeSteps& time_steps, SharedState& state);
 
-/// Runs every contender, whose task is pareto_task(), with every time step. The list `pareto` has one row for
+/// Runs every case, whose runner is pareto_runner(), with every time step. The list `pareto` has one row for
 /// each: seconds from the start to the end time (median), errors of the state there (errors.h), and whether
 /// it is on its device's front. A run that left its bounds is `diverged`; it has no time and no errors. The
-/// list `failed`: contenders whose device or process failed, or whose rounding error is out of bounds. What
-/// the contenders' records have is not run again; once interrupted, nothing further is run.
-SceneResult measure_pareto(const Scene& scene, std::vector<Contender>& contenders,
-                           const TimeSteps& time_steps, SharedState& state, References& references,
-                           const OnRepetition& on_repetition);
+/// list `failed`: cases whose device or process failed, or whose rounding error is out of bounds. What
+/// the journal has of them is not run again; once interrupted, nothing further is run.
+SceneResult measure_pareto(const Scene& scene, std::vector<Case>& cases, const TimeSteps& time_steps,
+                           SharedState& state, References& references, const OnRepetition& on_repetition);
 
 /// Sets `on_front` in rows of one scene: of those on the same device, sorted by time, each whose total error
 /// is more than 1% smaller than that of all before it. Total errors are known no better.

@@ -19,7 +19,7 @@ std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns);
 /// Whether a pattern names a backend that this build left out.
 bool matches_left_out(const std::string& pattern);
 
-/// What the command line's --backend leaves of a scene's contenders, and what it adds to them.
+/// What the command line's --backend leaves of a scene's cases, and what it adds to them.
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs);
 
 /// "cpu_parallel, cpu_reference, ..."

@@ -231,7 +231,7 @@ void StabilityStudy::run(const BackendSpec& spec, Backend& backend, bool map, co
 }
 
 void print_stability(const nlohmann::json& result, std::ostream& out) {
-    // One line a scene, start and damping: what the contenders reach lies within a few 1e-4.
+    // One line a scene, start and damping: what the cases reach lies within a few 1e-4.
     using Key = std::array<std::string, 4>;
     std::vector<Key> lines;
     std::map<Key, std::vector<const nlohmann::json*>> rows;
@@ -243,16 +243,15 @@ void print_stability(const nlohmann::json& result, std::ostream& out) {
         if (!rows.contains(key)) lines.push_back(key);
         rows[key].push_back(&row);
     }
-    std::vector<std::vector<std::string>> table = {{"scene", "start", "damping", "limit in theory",
-                                                    "contenders", "steps", "least measured / theory", "of",
-                                                    "most", "of"}};
+    std::vector<std::vector<std::string>> table = {{"scene", "start", "damping", "limit in theory", "cases",
+                                                    "steps", "least measured / theory", "of", "most", "of"}};
     for (const Key& key : lines) {
         const auto ratio = [](const nlohmann::json* row) { return row->at("ratio").get<double>(); };
         const auto [least, most] = std::minmax_element(rows[key].begin(), rows[key].end(),
                                                        [&](auto a, auto b) { return ratio(a) < ratio(b); });
         table.push_back({key[0], key[1], key[2], key[3], std::to_string(rows[key].size()),
                          std::to_string((*least)->at("steps").get<int>()), fixed(ratio(*least), 4),
-                         contender(**least), fixed(ratio(*most), 4), contender(**most)});
+                         case_label(**least), fixed(ratio(*most), 4), case_label(**most)});
     }
     print_aligned(table, out);
     for (const auto& map : result.at("stability_map")) {

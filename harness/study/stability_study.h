@@ -70,7 +70,7 @@ State run_from(const State& start, const Problem& problem, Backend& backend, int
 /// and after, without which the energy of a fast mode is out by up to a third.
 double energy_before_step(const Problem& problem, Backend& backend);
 
-/// A line a scene, start and damping, with the range of what contenders reach, and each map.
+/// A line a scene, start and damping, with the range of what cases reach, and each map.
 void print_stability(const nlohmann::json& result, std::ostream& out);
 
 }  // namespace voxspring

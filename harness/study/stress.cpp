@@ -456,12 +456,12 @@ const State& StressReferences::of(const std::string& name, const Problem& proble
     if (found != states_.end()) return found->second;
     const auto backend = BackendSpec::parse("cpu_parallel:precision=float64,formulation=increment").make();
     const State& state = states_[key] = run_from(state_at_rest(problem), problem, *backend, steps);
-    if (post_) post_({{"reference", key}, {"state", nlohmann::json::binary(packed(state))}});
+    if (on_event_) on_event_({{"reference", key}, {"state", nlohmann::json::binary(packed(state))}});
     return state;
 }
 
-void StressReferences::hear(const nlohmann::json& news) {
-    states_[news.at("reference")] = unpacked(news.at("state").get_binary());
+void StressReferences::take(const nlohmann::json& event) {
+    states_[event.at("reference")] = unpacked(event.at("state").get_binary());
 }
 
 void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,

@@ -24,13 +24,13 @@ public:
     /// `steps` after rest. `name` says which problem it is.
     const State& of(const std::string& name, const Problem& problem, int steps);
 
-    /// Where those are computed in another process, each is posted to this one, whose hear() keeps it.
-    void post_to(const Post& post) { post_ = post; }
-    void hear(const nlohmann::json& news);
+    /// Where those are computed in another process, each is sent to this one, whose take() keeps it.
+    void report_to(const OnEvent& on_event) { on_event_ = on_event; }
+    void take(const nlohmann::json& event);
 
 private:
     std::map<std::string, State> states_;
-    Post post_;
+    OnEvent on_event_;
 };
 
 /// Runs the suite on a backend:

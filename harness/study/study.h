@@ -71,7 +71,7 @@ struct StudyOptions {
     std::optional<int> repetitions;
     std::optional<std::filesystem::path> out;
     bool resume = false;  ///< go on with what a run of the same study left beside `out`
-    /// For which a contender's process may say nothing before it counts as hung. An answer is a batch or a
+    /// For which a case's process may say nothing before it counts as hung. An answer is a batch or a
     /// measurement; the longest of the built-in studies, a map of stability on OpenGL in software, takes
     /// minutes.
     std::chrono::duration<double> timeout = std::chrono::minutes(30);

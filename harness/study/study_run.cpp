@@ -1,4 +1,4 @@
-// The run of a study: one scene after the other, each of its contenders in a process of its own.
+// The run of a study: one scene after the other, each of its cases in a process of its own.
 #include <algorithm>
 #include <ctime>
 #include <fstream>
@@ -21,7 +21,7 @@
 #include "harness/base/schema_versions.h"
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
-#include "harness/process/contender.h"
+#include "harness/process/case.h"
 #include "harness/process/journal.h"
 #include "harness/process/shared_state.h"
 #include "harness/results/capabilities.h"
@@ -56,9 +56,9 @@ void select_scenes(Study& study, const std::vector<std::string>& globs) {
     study.scenes = std::move(kept);
 }
 
-/// The contenders of a scene that is not at hand: without what the rules would take.
-std::vector<BackendSpec> known_contenders(const Study& study, const StudyScene& item,
-                                          const StudyOptions& options) {
+/// The cases of a scene that is not at hand: without what the rules would take.
+std::vector<BackendSpec> known_cases(const Study& study, const StudyScene& item,
+                                     const StudyOptions& options) {
     const auto known = [](std::vector<std::string> patterns) {
         patterns.erase(std::remove_if(patterns.begin(), patterns.end(), asks_for_auto), patterns.end());
         return patterns;
@@ -146,7 +146,7 @@ std::vector<std::string> own_lists(StudyKind kind) {
     return {};
 }
 
-/// The contender NAME/FORMULATION/PRECISION[/TUNING].
+/// The case NAME/FORMULATION/PRECISION[/TUNING].
 BackendSpec spec_of_label(const std::string& label) {
     std::istringstream parts(label);
     std::string name, formulation, precision, tuning;
@@ -189,7 +189,7 @@ public:
         constexpr double overhead = 5e5;  // steps of a particle, in the time of what else a batch takes
         std::vector<Progress::Scene> scenes;
         for (const StudyScene& item : study_.scenes) {
-            const std::size_t rows = known_contenders(study_, item, options_).size();
+            const std::size_t rows = known_cases(study_, item, options_).size();
             double steps = item.steps;
             for (std::size_t i = 1; i < study_.time_steps.size(); ++i)
                 steps += item.steps * study_.time_steps[0] / study_.time_steps[i];
@@ -200,7 +200,7 @@ public:
         return scenes;
     }
 
-    /// Of contenders: measured, which of a timing study are the verified ones, skipped and failed.
+    /// Of cases: measured, which of a timing study are the verified ones, skipped and failed.
     std::size_t row_count() const {
         std::size_t count = 0;
         for (const char* list : {"verification", "pareto", "stability", "stress", "skipped", "failed"}) {
@@ -218,7 +218,7 @@ public:
             progress_->begin(item.scene);
             const std::size_t before = row_count();
             if (const auto refusal = too_large_.find(item.scene); refusal != too_large_.end()) {
-                for (const BackendSpec& spec : known_contenders(study_, item, options_))
+                for (const BackendSpec& spec : known_cases(study_, item, options_))
                     put("skipped", row_identity(item.scene, spec), refusal->second);
             } else {
                 run_scene(item);
@@ -257,7 +257,7 @@ private:
             return std::any_of(asked.begin(), asked.end(), asks_for_auto);
         };
         if (chooses(options_.backends) || (chooses(patterns) && options_.backends.empty()) ||
-            !known_contenders(study_, item, options_).empty())
+            !known_cases(study_, item, options_).empty())
             return;
         const std::string known = "a glob that matches one of: " + registered_names();
         if (!options_.backends.empty())
@@ -363,7 +363,9 @@ private:
 
     /// What a scene has in the journal, whose names say which scene of the study it is: one may be there
     /// twice.
-    Record record_of(const std::string& of) { return {*journal_, std::to_string(number_) + " " + of + " "}; }
+    JournalScope scope_of(const std::string& of) {
+        return {*journal_, std::to_string(number_) + " " + of + " "};
+    }
 
     /// `patterns` with what the rules take for `scene` in the place of "auto"; each choice is a row of
     /// `auto`.
@@ -387,24 +389,25 @@ private:
         return patterns;
     }
 
-    std::vector<BackendSpec> contenders_of(const StudyScene& item, const Scene& scene) {
+    std::vector<BackendSpec> cases_of(const StudyScene& item, const Scene& scene) {
         return select(expand_all(with_choices(patterns_of(item), scene)),
                       with_choices(options_.backends, scene));
     }
 
-    /// The contender, ready to be asked; nothing where it cannot run the scene, which the result then says.
-    std::optional<Contender> enter(const BackendSpec& spec, const Scene& scene, const MakeTask& make_task) {
+    /// The case, ready to be asked; nothing where it cannot run the scene, which the result then says.
+    std::optional<Case> enter(const BackendSpec& spec, const Scene& scene,
+                              const MakeCaseRunner& make_runner) {
         const nlohmann::json row = row_identity(scene.name, spec);
-        Contender contender(spec, scene, make_task, record_of(spec.label()), options_.timeout);
-        if (const nlohmann::json* failed = contender.record().find("not entered")) {
+        Case benchmark_case(spec, scene, make_runner, scope_of(spec.label()), options_.timeout);
+        if (const nlohmann::json* failed = benchmark_case.scope().find("not entered")) {
             put("failed", row, *failed);
             return std::nullopt;
         }
         std::string unavailable, reason;
         const auto failure = failure_of([&] {
             try {
-                reason = refusal_of(contender);
-                if (reason.empty()) note_limits(contender);
+                reason = refusal_of(benchmark_case);
+                if (reason.empty()) note_limits(benchmark_case);
             } catch (const Unavailable& absent) {
                 unavailable = absent.what();
             }
@@ -412,24 +415,24 @@ private:
         // What was there for an earlier scene has been lost since.
         const bool lost = context_["backends"].contains(spec.entry->name);
         if (failure) {
-            contender.record().keep("not entered", *failure);
+            benchmark_case.scope().keep("not entered", *failure);
             put("failed", row, *failure);
         }
         if (!unavailable.empty()) put(lost ? "failed" : "skipped", row, unavailable);
         if (!reason.empty()) put("skipped", row, reason);
         const bool entered = !failure && unavailable.empty() && reason.empty() && !interrupted();
-        return entered ? std::optional(std::move(contender)) : std::nullopt;
+        return entered ? std::optional(std::move(benchmark_case)) : std::nullopt;
     }
 
-    /// Introduces a contender: empty, or why it cannot run the scene.
-    std::string refusal_of(Contender& contender) {
-        const nlohmann::json introduction = contender.introduce();
+    /// Introduces a case: empty, or why it cannot run the scene.
+    std::string refusal_of(Case& benchmark_case) {
+        const nlohmann::json introduction = benchmark_case.introduce();
         const nlohmann::json& capabilities = introduction.at("capabilities");
         auto& backends = context_["backends"];
         if (std::string other = other_card(backends, capabilities.at("uuid")); !other.empty()) return other;
         std::string unsupported = introduction.at("unsupported");
         if (unsupported.empty()) {
-            backends[contender.spec().entry->name] = capabilities;
+            backends[benchmark_case.spec().entry->name] = capabilities;
             watch_card(capabilities.at("uuid"));
         }
         return unsupported;
@@ -446,17 +449,17 @@ private:
         }
     }
 
-    /// What a device can do is measured once, by the first contender on it.
-    void note_limits(Contender& contender) {
+    /// What a device can do is measured once, by the first case on it.
+    void note_limits(Case& benchmark_case) {
         if (study_.kind != StudyKind::timing && study_.kind != StudyKind::fastest) return;
-        const Capabilities capabilities = capabilities_of(contender.introduce().at("capabilities"));
-        contender.limits =
-            limits_.of(capabilities, [&] { return contender.measure_limits(Record(*journal_, "limits ")); });
+        const Capabilities capabilities = capabilities_of(benchmark_case.introduce().at("capabilities"));
+        benchmark_case.limits = limits_.of(
+            capabilities, [&] { return benchmark_case.measure_limits(JournalScope(*journal_, "limits ")); });
     }
 
     void run_scene(const StudyScene& item) {
         const auto scene = scenes_.of(study_, item);
-        SceneResult measured = measure_scene(item, *scene, contenders_of(item, *scene));
+        SceneResult measured = measure_scene(item, *scene, cases_of(item, *scene));
         if (!measured.context.is_null() && !std::exchange(has_context_, true))
             result_["context"] = measured.context;
         for (auto& [list, rows] : measured.lists) {
@@ -471,16 +474,16 @@ private:
             case StudyKind::timing:
             case StudyKind::fastest: {
                 SharedState state(scene.problem.particle_count());
-                auto contenders = enter_all(specs, scene, timing_task(scene, batch_of(item), state));
-                if (contenders.empty()) return {};
-                return measure(scene, contenders, batch_of(item), state, references_, card_.get(),
+                auto cases = enter_all(specs, scene, timing_runner(scene, batch_of(item), state));
+                if (cases.empty()) return {};
+                return measure(scene, cases, batch_of(item), state, references_, card_.get(),
                                shows_progress());
             }
             case StudyKind::pareto: {
                 SharedState state(scene.problem.particle_count());
-                auto contenders = enter_all(specs, scene, pareto_task(scene, time_steps_of(item), state));
-                if (contenders.empty()) return {};
-                return measure_pareto(scene, contenders, time_steps_of(item), state, references_,
+                auto cases = enter_all(specs, scene, pareto_runner(scene, time_steps_of(item), state));
+                if (cases.empty()) return {};
+                return measure_pareto(scene, cases, time_steps_of(item), state, references_,
                                       shows_progress());
             }
             case StudyKind::stability:
@@ -491,14 +494,15 @@ private:
         return measure_stress(item, scene, specs);
     }
 
-    std::vector<Contender> enter_all(const std::vector<BackendSpec>& specs, const Scene& scene,
-                                     const MakeTask& make_task) {
-        std::vector<Contender> contenders;
+    std::vector<Case> enter_all(const std::vector<BackendSpec>& specs, const Scene& scene,
+                                const MakeCaseRunner& make_runner) {
+        std::vector<Case> cases;
         for (const BackendSpec& spec : specs) {
             progress_->show(spec.label(), 0, int(specs.size()));
-            if (auto contender = enter(spec, scene, make_task)) contenders.push_back(*std::move(contender));
+            if (auto benchmark_case = enter(spec, scene, make_runner))
+                cases.push_back(*std::move(benchmark_case));
         }
-        return contenders;
+        return cases;
     }
 
     SceneResult measure_stability(const StudyScene& item, const Scene& scene,
@@ -507,36 +511,36 @@ private:
         bool map = item.map;  // of the first
         SceneResult result;
         for (const BackendSpec& spec : specs) {
-            const MakeTask task =
-                suite_task([&stability, map](const BackendSpec& of, Backend& backend, const Once& once,
-                                             const Post&) { stability.run(of, backend, map, once); });
-            auto contender = enter(spec, scene, task);
-            if (!contender) continue;
+            const MakeCaseRunner make_runner =
+                suite_runner([&stability, map](const BackendSpec& of, Backend& backend, const Once& once,
+                                               const OnEvent&) { stability.run(of, backend, map, once); });
+            auto benchmark_case = enter(spec, scene, make_runner);
+            if (!benchmark_case) continue;
             if (stability.empty()) {
                 put("skipped", row_identity(scene.name, spec),
                     "nothing oscillates, or how fast is not known");
                 continue;
             }
             map = false;
-            add(result, measure_suite(*contender, scene.name, shows_measurement(specs, spec)));
+            add(result, measure_suite(*benchmark_case, scene.name, shows_measurement(specs, spec)));
         }
         return result;
     }
 
-    /// One contender after the other: what one computes of references, the next ones have.
+    /// One case after the other: what one computes of references, the next ones have.
     SceneResult measure_stress(const StudyScene& item, const Scene& scene,
                                const std::vector<BackendSpec>& specs) {
-        const MakeTask task =
-            suite_task([&](const BackendSpec& of, Backend& backend, const Once& once, const Post& post) {
-                stress_references_.post_to(post);
+        const MakeCaseRunner make_runner = suite_runner(
+            [&](const BackendSpec& of, Backend& backend, const Once& once, const OnEvent& on_event) {
+                stress_references_.report_to(on_event);
                 run_stress(of, backend, item.lengths, stress_references_, once);
             });
         SceneResult result;
         for (const BackendSpec& spec : specs) {
-            auto contender = enter(spec, scene, task);
-            if (!contender) continue;
-            add(result, measure_suite(*contender, scene.name, shows_measurement(specs, spec),
-                                      [&](const auto& news) { stress_references_.hear(news); }));
+            auto benchmark_case = enter(spec, scene, make_runner);
+            if (!benchmark_case) continue;
+            add(result, measure_suite(*benchmark_case, scene.name, shows_measurement(specs, spec),
+                                      [&](const auto& event) { stress_references_.take(event); }));
         }
         return result;
     }

@@ -1,4 +1,4 @@
-// Suites: measurements that a contender makes one after the other in its process.
+// Suites: measurements that a case makes one after the other in its process.
 #pragma once
 
 #include <functional>
@@ -14,16 +14,16 @@ using Once = std::function<void(const std::string& name, const std::function<Row
 
 /// A suite. What it posts is for whoever calls measure_suite().
 using RunSuite =
-    std::function<void(const BackendSpec& spec, Backend& backend, const Once& once, const Post& post)>;
+    std::function<void(const BackendSpec& spec, Backend& backend, const Once& once, const OnEvent& on_event)>;
 
-/// What a contender does in its process to go through a suite.
-MakeTask suite_task(RunSuite run);
+/// What a case does in its process to go through a suite.
+MakeCaseRunner suite_runner(RunSuite run);
 
-/// Takes a contender, whose task is suite_task(), through its suite; what its record has is not measured
+/// Takes a case, whose runner is suite_runner(), through its suite; what the journal has is not measured
 /// again. What fails the suite as a whole, the end of the process included, is a row of the list `failed`.
 /// Once interrupted, the rows so far.
-Rows measure_suite(Contender& contender, const std::string& scene,
+Rows measure_suite(Case& benchmark_case, const std::string& scene,
                    const std::function<void(const std::string& name)>& on_measurement,
-                   const Post& on_news = {});
+                   const OnEvent& on_event = {});
 
 }  // namespace voxspring

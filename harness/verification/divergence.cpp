@@ -10,7 +10,7 @@
 namespace voxspring {
 namespace {
 
-constexpr int look_every = 64;
+constexpr int check_every = 64;
 constexpr std::int64_t longest_replay = 1'000'000;
 
 /// NaN where any is.
@@ -34,35 +34,38 @@ double largest_increment(const Scene& scene, int steps) {
            springs.strain + problem.time_step * problem.time_step * acceleration * forced;
 }
 
-Watch watch_of(const Scene& scene, int steps) { return {largest_increment(scene, steps), look_every}; }
-
-std::optional<Departure> find_departure(Backend& backend, SceneRunner& runner, const Watch& watch,
-                                        const State& last, int steps) {
-    std::optional<Departure> departure = backend.departure();
-    const double fastest = longest(last.increment);
-    if (!departure) {
-        if (fastest <= watch.largest_increment) return std::nullopt;
-        if (std::isfinite(fastest)) departure = Departure{0, steps};
-    }
-    if (departure && departure->found - departure->last_good <= 1) return departure;
-    const std::int64_t end = departure ? departure->found : steps;
-    if (end > longest_replay) return departure;
-    backend.watch({watch.largest_increment, 1});
-    runner.rewind(backend);
-    runner.run(backend, int(end));
-    const std::optional<Departure> replayed = backend.departure();
-    backend.watch(watch);
-    return replayed ? replayed : departure;
+DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {
+    return {largest_increment(scene, steps), check_every};
 }
 
-std::string describe(const Departure& departure, const Watch& watch) {
-    std::ostringstream text;
-    if (departure.found - departure.last_good <= 1) {
-        text << "diverged at step " << departure.found;
-    } else {
-        text << "diverged between steps " << departure.last_good << " and " << departure.found;
+std::optional<Divergence> find_divergence(Backend& backend, SceneRunner& runner,
+                                          const DivergenceMonitor& monitor, const State& last, int steps) {
+    std::optional<Divergence> divergence = backend.divergence();
+    const double fastest = longest(last.increment);
+    if (!divergence) {
+        if (fastest <= monitor.largest_increment) return std::nullopt;
+        if (std::isfinite(fastest)) divergence = Divergence{0, steps};
     }
-    text << ": a particle is not finite or moved by more than " << watch.largest_increment << " in one step";
+    if (divergence && divergence->found - divergence->last_good <= 1) return divergence;
+    const std::int64_t end = divergence ? divergence->found : steps;
+    if (end > longest_replay) return divergence;
+    backend.monitor({monitor.largest_increment, 1});
+    runner.rewind(backend);
+    runner.run(backend, int(end));
+    const std::optional<Divergence> replayed = backend.divergence();
+    backend.monitor(monitor);
+    return replayed ? replayed : divergence;
+}
+
+std::string describe(const Divergence& divergence, const DivergenceMonitor& monitor) {
+    std::ostringstream text;
+    if (divergence.found - divergence.last_good <= 1) {
+        text << "diverged at step " << divergence.found;
+    } else {
+        text << "diverged between steps " << divergence.last_good << " and " << divergence.found;
+    }
+    text << ": a particle is not finite or moved by more than " << monitor.largest_increment
+         << " in one step";
     return text.str();
 }
 

@@ -22,17 +22,17 @@ namespace voxspring {
 /// springs that meet. A run that diverges grows by a factor a step, so that the room costs few steps.
 double largest_increment(const Scene& scene, int steps);
 
-/// The watch on every run of the harness: largest_increment(), looked at every 64 steps.
-Watch watch_of(const Scene& scene, int steps);
+/// What every run of the harness is held to: largest_increment(), checked every 64 steps.
+DivergenceMonitor divergence_monitor(const Scene& scene, int steps);
 
 /// Where the run of `steps` since the last rewind(), which left `last`, departed from its bounds, if it has:
-/// as the backend saw it, or between its last look and `last`. The step is found by playing the scene once
-/// more under a look at every step, unless that takes more than a million steps. A `last` that is not finite
-/// and that the second run does not confirm is left to compare(). Leaves `watch` set.
-std::optional<Departure> find_departure(Backend& backend, SceneRunner& runner, const Watch& watch,
-                                        const State& last, int steps);
+/// as the backend saw it, or between its last check and `last`. The step is found by playing the scene once
+/// more checked after every step, unless that takes more than a million steps. A `last` that is not finite
+/// and that the second run does not confirm is left to compare(). Leaves `monitor` set.
+std::optional<Divergence> find_divergence(Backend& backend, SceneRunner& runner,
+                                          const DivergenceMonitor& monitor, const State& last, int steps);
 
 /// "diverged at step 128: ...", or "between steps 64 and 128".
-std::string describe(const Departure& departure, const Watch& watch);
+std::string describe(const Divergence& divergence, const DivergenceMonitor& monitor);
 
 }  // namespace voxspring

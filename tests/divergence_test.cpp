@@ -29,25 +29,25 @@ protected:
 };
 
 TEST_P(Watched, ARunWithinItsBoundsDoesNotDepart) {
-    backend->watch({.largest_increment = 1, .every = 1});
+    backend->monitor({.largest_increment = 1, .every = 1});
     backend->upload(problem, random_state(problem, 0.05, 62));
-    EXPECT_FALSE(backend->departure().has_value());
+    EXPECT_FALSE(backend->divergence().has_value());
     backend->step(20);
-    EXPECT_FALSE(backend->departure().has_value());
+    EXPECT_FALSE(backend->divergence().has_value());
 }
 
 TEST_P(Watched, FindsTheFirstLookAtWhichAParticleIsNotFinite) {
-    backend->watch({.largest_increment = 1, .every = 4});
+    backend->monitor({.largest_increment = 1, .every = 4});
     State start = random_state(problem, 0.05, 63);
     start.displacement.back().y = std::numeric_limits<double>::quiet_NaN();
     backend->upload(problem, start);
     backend->step(3);
-    EXPECT_FALSE(backend->departure().has_value());
+    EXPECT_FALSE(backend->divergence().has_value());
     backend->step(6);
-    const std::optional<Departure> departure = backend->departure();
-    ASSERT_TRUE(departure.has_value());
-    EXPECT_EQ(departure->last_good, 0);
-    EXPECT_EQ(departure->found, 4);
+    const std::optional<Divergence> divergence = backend->divergence();
+    ASSERT_TRUE(divergence.has_value());
+    EXPECT_EQ(divergence->last_good, 0);
+    EXPECT_EQ(divergence->found, 4);
 }
 
 // Every particle falls freely: after step n it moves by n g dt^2.
@@ -58,16 +58,16 @@ TEST_P(Watched, FindsTheLooksBetweenWhichAParticleBecameTooFast) {
     falling.time_step = 1;
     struct Case {
         int every;
-        Departure departure;
+        Divergence divergence;
     };
     for (const Case& c : {Case{1, {10, 11}}, Case{4, {8, 12}}, Case{7, {7, 14}}}) {
-        backend->watch({.largest_increment = 0.105, .every = c.every});
+        backend->monitor({.largest_increment = 0.105, .every = c.every});
         backend->upload(falling, state_at_rest(falling));
         for (const int count : {1, 5, 14}) backend->step(count);
-        const std::optional<Departure> departure = backend->departure();
-        ASSERT_TRUE(departure.has_value());
-        EXPECT_EQ(departure->last_good, c.departure.last_good) << c.every;
-        EXPECT_EQ(departure->found, c.departure.found) << c.every;
+        const std::optional<Divergence> divergence = backend->divergence();
+        ASSERT_TRUE(divergence.has_value());
+        EXPECT_EQ(divergence->last_good, c.divergence.last_good) << c.every;
+        EXPECT_EQ(divergence->found, c.divergence.found) << c.every;
     }
 }
 
@@ -75,21 +75,21 @@ TEST_P(Watched, OnlyTheNextUploadTakesAWatch) {
     State start = random_state(problem, 0.05, 64);
     start.increment[3].x = 5;
     backend->upload(problem, start);
-    backend->watch({.largest_increment = 1, .every = 1});
+    backend->monitor({.largest_increment = 1, .every = 1});
     backend->step(2);
-    EXPECT_FALSE(backend->departure().has_value());
+    EXPECT_FALSE(backend->divergence().has_value());
     backend->upload(problem, start);
     backend->step(2);
-    EXPECT_TRUE(backend->departure().has_value());
+    EXPECT_TRUE(backend->divergence().has_value());
     backend->upload(problem, state_at_rest(problem));
     backend->step(2);
-    EXPECT_FALSE(backend->departure().has_value());
+    EXPECT_FALSE(backend->divergence().has_value());
 }
 
 TEST_P(Watched, LookingChangesNoBit) {
     const State start = random_state(problem, 0.05, 65);
     const auto run = [&](int every) {
-        backend->watch({.largest_increment = 1, .every = every});
+        backend->monitor({.largest_increment = 1, .every = every});
         backend->upload(problem, start);
         backend->step(23);
         return backend->download();

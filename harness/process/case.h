@@ -19,16 +19,17 @@
 namespace voxspring {
 
 /// What a kind of study does with one backend, in the backend's process.
-class Task {
+class CaseRunner {
 public:
-    Task() = default;
-    Task(const Task&) = delete;
-    Task& operator=(const Task&) = delete;
-    virtual ~Task() = default;
-    virtual nlohmann::json answer(Backend& backend, const nlohmann::json& question, const Post& post) = 0;
+    CaseRunner() = default;
+    CaseRunner(const CaseRunner&) = delete;
+    CaseRunner& operator=(const CaseRunner&) = delete;
+    virtual ~CaseRunner() = default;
+    virtual nlohmann::json answer(Backend& backend, const nlohmann::json& question,
+                                  const OnEvent& on_event) = 0;
 };
 /// Called in the backend's process.
-using MakeTask = std::function<std::unique_ptr<Task>(const BackendSpec&)>;
+using MakeCaseRunner = std::function<std::unique_ptr<CaseRunner>(const BackendSpec&)>;
 
 /// Ctrl-C was pressed: nothing further is begun.
 class Interrupted : public std::exception {
@@ -37,26 +38,27 @@ public:
 };
 
 /// One of a scene's. Its process is started by the first question that the journal has no answer to.
-class Contender {
+class Case {
 public:
     /// `scene` must outlive it.
-    Contender(BackendSpec spec, const Scene& scene, MakeTask make_task, Record record,
-              std::chrono::duration<double> timeout);
+    Case(BackendSpec spec, const Scene& scene, MakeCaseRunner make_runner, JournalScope scope,
+         std::chrono::duration<double> timeout);
 
     const BackendSpec& spec() const { return spec_; }
     /// What is finished of it.
-    Record& record() { return record_; }
+    JournalScope& scope() { return scope_; }
 
     /// Constructs the backend, unless the journal has what that gave: its `capabilities`, `unsupported`
     /// (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
     nlohmann::json introduce();
     /// Of the backend that it has been introduced with.
-    const nlohmann::json& capabilities() const { return record_.find("introduction")->at("capabilities"); }
-    /// Asks its task. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
+    const nlohmann::json& capabilities() const { return scope_.find("introduction")->at("capabilities"); }
+    /// Asks its runner. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
     /// device is not the one that the journal knows.
-    nlohmann::json ask(const nlohmann::json& question, const std::string& doing, const Post& on_news = {});
-    /// Measures the device's limits on a backend of its own, unless `record` has them. Throws as ask() does.
-    DeviceLimits measure_limits(Record record);
+    nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
+                       const OnEvent& on_event = {});
+    /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
+    DeviceLimits measure_limits(JournalScope scope);
 
     std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
 
@@ -65,14 +67,14 @@ private:
 
     BackendSpec spec_;
     const Scene& scene_;
-    MakeTask make_task_;
-    Record record_;
+    MakeCaseRunner make_runner_;
+    JournalScope scope_;
     std::chrono::duration<double> timeout_;
     std::unique_ptr<Worker> process_;
 };
 
-/// Calls `action`, which is about one contender. Why it failed; nothing if it did not or was interrupted
-/// (which is to go on when the study is resumed). Throws what is not the contender's fault: BadInput,
+/// Calls `action`, which is about one case. Why it failed; nothing if it did not or was interrupted
+/// (which is to go on when the study is resumed). Throws what is not the case's fault: BadInput,
 /// Unwritten.
 std::optional<std::string> failure_of(const std::function<void()>& action);
 

@@ -1,4 +1,4 @@
-#include "harness/process/contender.h"
+#include "harness/process/case.h"
 
 #include <utility>
 
@@ -13,17 +13,17 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// A contender in its process.
+/// A case in its process.
 class Host : public Answerer {
 public:
-    Host(const BackendSpec& spec, const Scene& scene, const MakeTask& make_task)
-        : spec_(spec), scene_(scene), make_task_(make_task) {}
+    Host(const BackendSpec& spec, const Scene& scene, const MakeCaseRunner& make_runner)
+        : spec_(spec), scene_(scene), make_runner_(make_runner) {}
 
-    nlohmann::json answer(const nlohmann::json& question, const Post& post) override {
+    nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) override {
         if (question.at("do") == "construct") return construct();
         if (question.at("do") == "limits") return to_json(spec_.make()->measure_limits());
-        if (task_ == nullptr) task_ = make_task_(spec_);
-        return task_->answer(*backend_, question, post);
+        if (runner_ == nullptr) runner_ = make_runner_(spec_);
+        return runner_->answer(*backend_, question, on_event);
     }
 
 private:
@@ -38,9 +38,9 @@ private:
 
     const BackendSpec& spec_;
     const Scene& scene_;
-    const MakeTask& make_task_;
+    const MakeCaseRunner& make_runner_;
     std::unique_ptr<Backend> backend_;
-    std::unique_ptr<Task> task_;
+    std::unique_ptr<CaseRunner> runner_;
 };
 
 /// Says something of a backend.
@@ -48,7 +48,7 @@ class Look : public Answerer {
 public:
     Look(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look)
         : spec_(spec), look_(look) {}
-    nlohmann::json answer(const nlohmann::json&, const Post&) override { return look_(*spec_.make()); }
+    nlohmann::json answer(const nlohmann::json&, const OnEvent&) override { return look_(*spec_.make()); }
 
 private:
     const BackendSpec& spec_;
@@ -57,51 +57,51 @@ private:
 
 }  // namespace
 
-Contender::Contender(BackendSpec spec, const Scene& scene, MakeTask make_task, Record record,
-                     std::chrono::duration<double> timeout)
+Case::Case(BackendSpec spec, const Scene& scene, MakeCaseRunner make_runner, JournalScope scope,
+           std::chrono::duration<double> timeout)
     : spec_(std::move(spec)),
       scene_(scene),
-      make_task_(std::move(make_task)),
-      record_(std::move(record)),
+      make_runner_(std::move(make_runner)),
+      scope_(std::move(scope)),
       timeout_(timeout) {}
 
-void Contender::start() {
+void Case::start() {
     if (interrupted()) throw Interrupted();
     if (process_ != nullptr) return;
-    process_ = std::make_unique<Worker>([this] { return std::make_unique<Host>(spec_, scene_, make_task_); },
-                                        timeout_);
+    process_ = std::make_unique<Worker>(
+        [this] { return std::make_unique<Host>(spec_, scene_, make_runner_); }, timeout_);
     const nlohmann::json introduction =
         process_->ask({{"do", "construct"}}, "constructing " + spec_.entry->name);
-    const nlohmann::json* known = record_.find("introduction");
+    const nlohmann::json* known = scope_.find("introduction");
     if (known == nullptr) {
-        record_.keep("introduction", introduction);
+        scope_.keep("introduction", introduction);
     } else if (known->at("capabilities") != introduction.at("capabilities")) {
         throw BadInput("the journal", spec_.entry->name, introduction.at("capabilities").dump(),
                        "the device that was measured before, " + known->at("capabilities").dump());
     }
 }
 
-nlohmann::json Contender::introduce() {
-    if (record_.find("introduction") == nullptr) start();
-    return *record_.find("introduction");
+nlohmann::json Case::introduce() {
+    if (scope_.find("introduction") == nullptr) start();
+    return *scope_.find("introduction");
 }
 
-nlohmann::json Contender::ask(const nlohmann::json& question, const std::string& doing, const Post& on_news) {
+nlohmann::json Case::ask(const nlohmann::json& question, const std::string& doing, const OnEvent& on_event) {
     start();
-    return process_->ask(question, doing, on_news);
+    return process_->ask(question, doing, on_event);
 }
 
-DeviceLimits Contender::measure_limits(Record record) {
+DeviceLimits Case::measure_limits(JournalScope scope) {
     const std::string device = capabilities().at("api");
-    if (record.find(device) == nullptr) {
+    if (scope.find(device) == nullptr) {
         nlohmann::json measured;
         const auto failure = failure_of([&] {
             measured = ask({{"do", "limits"}}, "measuring the limits of its device");
         });
         if (!failure && measured.is_null()) throw Interrupted();
-        record.keep(device, failure ? nlohmann::json(*failure) : measured);
+        scope.keep(device, failure ? nlohmann::json(*failure) : measured);
     }
-    const nlohmann::json& known = *record.find(device);
+    const nlohmann::json& known = *scope.find(device);
     if (known.is_string()) throw DeviceError(known.get<std::string>());
     return device_limits_of(known);
 }
