@@ -30,7 +30,8 @@ class Study(unittest.TestCase):
         # The script goes where there is no tool but these.
         self.tools = pathlib.Path(folder.name) / "tools"
         self.tools.mkdir()
-        for tool in ("bash", "cat", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "rm", "tail", "touch"):
+        for tool in ("bash", "cat", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "nproc", "rm", "sed", "sleep",
+                     "sort", "tail", "touch", "tr", "uniq"):
             (self.tools / tool).symlink_to(shutil.which(tool))
         self.write(self.tools / "dpkg-query", DPKG_QUERY)
         self.write(self.tools / "cmake", "#!/bin/bash\n")
@@ -98,6 +99,56 @@ class Study(unittest.TestCase):
         self.write(self.tools / "cmake", "#!/bin/bash\necho broken >&2\nexit 1\n")
         done = self.run_script("study")
         self.assertEqual((done.returncode, done.stdout, done.stderr), (1, "Building.\n", "broken\n"))
+
+    def test_a_build_in_a_pipe_says_how_far_it_is(self):
+        self.write(self.tools / "cmake", "#!/bin/bash\necho '[34/171] Building CXX object'\nsleep 2.2\n")
+        done = self.run_script("study", VOXSPRING_PROGRESS="1")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lines = done.stdout.splitlines()
+        self.assertEqual(lines[:3], ["Building."] + 2 * ["Building 34 of 171 ..."])
+        self.assertEqual(lines[3], "study")
+
+    def asked_for(self, *arguments):
+        """The packages that a command looks for; none is there, and it gives up."""
+        self.write(self.tools / "dpkg-query", "#!/bin/bash\n")
+        done = self.run_script(*arguments)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("there is no apt-get here", done.stderr)
+        return {line.strip() for line in done.stdout.splitlines()[1:]}
+
+    def test_packaging_installs_no_browser_and_no_second_compiler(self):
+        for package in self.asked_for("package"):
+            self.assertNotRegex(package, "chromium|selenium|clang|llvm|python|scipy")
+        self.assertEqual(self.asked_for("package") - self.asked_for("study"),
+                         {"libgtest-dev", "libgmock-dev", "xz-utils"})
+
+    def test_the_quick_tests_install_no_browser_and_no_sanitizer(self):
+        for package in self.asked_for("test"):
+            self.assertNotRegex(package, "chromium|selenium|clang-14|clang-tidy|llvm")
+        self.assertIn("chromium", self.asked_for("test", "all"))
+
+    def stage_results(self, *arguments, **environment):
+        """The lines that a stand-in for CTest writes of its variables, and the last line of `run test`."""
+        for tool in ("git", "clang-format-14", "shellcheck"):
+            self.write(self.tools / tool, "#!/bin/bash\n")
+        seen = self.tree / "seen"
+        self.write(self.tools / "ctest", "#!/bin/bash\n"
+                   f"echo \"$2 ${{VOXSPRING_REQUIRE-unset}}\" >>{seen}\n"
+                   "while [ $# -gt 0 ]; do [ $1 = --output-junit ] && "
+                   "echo '<testsuite tests=\"7\" failures=\"1\" disabled=\"0\" skipped=\"2\">' >$2; shift; done\nexit 1\n")
+        done = self.run_script("test", *arguments, **environment)
+        self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
+        return seen.read_text().splitlines(), done.stdout.splitlines()[-1]
+
+    def test_counts_what_the_tests_say_and_requires_mesa(self):
+        self.assertEqual(self.stage_results("release"), (["ci gl"], "4 passed, 1 failed, 2 skipped"))
+        self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="")[0][-1], "ci ")
+        self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="cuda,gl")[0][-1], "ci cuda,gl")
+
+    def test_names_the_stages(self):
+        done = self.run_script("test", "nosuch")
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("no stage nosuch; there are release format package", done.stderr)
 
     def test_says_how_it_is_used(self):
         self.assertEqual(self.run_script("help").returncode, 0)

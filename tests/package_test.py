@@ -1,0 +1,93 @@
+"""The package that `./run package` makes, as its user meets it: unpacked into an empty folder, with the few tools that its
+scripts call and no compiler on the PATH, OpenGL on Mesa.
+
+Usage: package_test.py ARCHIVE.tar.xz
+"""
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import unittest
+
+ARCHIVE = pathlib.Path(sys.argv.pop(1)).resolve()
+TOOLS = ("bash", "cat", "date", "dirname", "env", "mkdir", "mktemp", "nproc", "rm")
+# glibc's own, and what a graphics driver brings.
+SYSTEM_LIBRARIES = re.compile(r"(linux-vdso|ld-linux.*|lib(c|m|dl|pthread|rt)|lib(EGL|GL|OpenGL).*)\.so.*")
+
+
+class Package(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(folder.cleanup)
+        cls.folder = pathlib.Path(folder.name).resolve()
+        cls.tools = cls.folder / "tools"
+        cls.tools.mkdir()
+        for tool in TOOLS:
+            (cls.tools / tool).symlink_to(shutil.which(tool))
+        with tarfile.open(ARCHIVE) as archive:
+            archive.extractall(cls.folder)
+        cls.package, = (path for path in cls.folder.iterdir() if path != cls.tools)
+
+    def call(self, *command, **environment):
+        """The package's file that `command` names, with arguments and no variables but these and the PATH."""
+        return subprocess.run([self.package / command[0], *command[1:]], capture_output=True, text=True, timeout=1500,
+                              cwd=self.folder, check=False, env={"PATH": str(self.tools), "OMP_WAIT_POLICY": "passive",
+                                                                 "VOXSPRING_CACHE": str(self.folder / "cache"), **environment})
+
+    def test_brings_its_libraries(self):
+        for program in sorted((self.package / "bin").iterdir()):
+            loaded = self.call(program, LD_TRACE_LOADED_OBJECTS="1").stdout
+            self.assertIn("libc.so", loaded)
+            for line in loaded.splitlines():
+                name, where = line.split()[0], line.split()[2:3]
+                if not SYSTEM_LIBRARIES.fullmatch(pathlib.Path(name).name):
+                    self.assertTrue(where and where[0].startswith(f"{self.package}/"), f"{program.name}: {line}")
+
+    def test_readme_names_what_is_there(self):
+        readme = (self.package / "README.md").read_text()
+        named = re.findall(r"\]\(([^)]*)\)|(?:^|[\s`])(\./run|bin/\w+)", readme, re.MULTILINE)
+        self.assertGreater(len(named), 5)
+        for link, file in named:
+            self.assertTrue((self.package / (link or file)).exists(), link or file)
+        commands = self.call("bin/voxspring", "--help").stdout
+        for command in re.findall(r"bin/voxspring ([a-z]+)", readme):
+            self.assertRegex(commands, rf"(?m)^ +{command}\b")
+
+    def test_measures_on_the_processor_and_on_mesa(self):
+        done = self.call("run", "study", "smoke")
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        commit = (self.package / "COMMIT").read_text().strip()
+        result, = (self.package / "results/local").glob(f"*-{commit}.json")
+        measured = {row["backend"] for row in json.loads(result.read_text())["benchmarks"]}
+        for backend in ("cpu_reference", "cpu_parallel", "gl_fragment_implicit", "gl_compute_implicit"):
+            self.assertIn(backend, measured)
+
+    def test_its_tests_pass(self):
+        done = self.call("run", "test", VOXSPRING_REQUIRE=os.environ.get("VOXSPRING_REQUIRE", "gl"))
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        tests = {path.name for path in (self.package / "bin").glob("*_test")}
+        self.assertIn("resting_test", tests)
+        self.assertLessEqual(tests, set(done.stdout.split()))
+        self.assertNotIn(" 0 tests", done.stdout)
+
+    def test_a_broken_mesa_fails_its_tests(self):
+        done = self.call("run", "test", "--gtest_filter=*gl_fragment_implicit*OneStep*:*gl_fragment*Conformance*",
+                         VOXSPRING_REQUIRE="gl", LIBGL_DRIVERS_PATH="/nowhere", __EGL_VENDOR_LIBRARY_DIRS="/nowhere")
+        self.assertEqual(done.returncode, 1, done.stdout)
+        self.assertIn("required and unavailable", done.stdout)
+
+    def test_refuses_what_it_does_not_know(self):
+        self.assertEqual(self.call("run", "help").returncode, 0)
+        self.assertEqual(self.call("run", "stduy").returncode, 2)
+        self.assertEqual(self.call("run", "study", "nosuch").returncode, 2)
+
+
+if __name__ == "__main__":
+    unittest.main()
