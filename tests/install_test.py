@@ -27,7 +27,9 @@ class Install(unittest.TestCase):
         shutil.copytree("tests/example_project", cls.project)
         cls.call(CMAKE, "--install", BUILD, "--prefix", cls.prefix)
         cls.call(CMAKE, "-S", cls.project, "-B", cls.project / "build", "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}",
-                 "-DCMAKE_BUILD_TYPE=Release", f"-DCMAKE_PREFIX_PATH={cls.prefix}")
+                 f"-DCMAKE_PREFIX_PATH={cls.prefix}",
+                 # Without CUDA's toolkit: what has CUDA backends needs two libraries of it and no more.
+                 "-DCMAKE_DISABLE_FIND_PACKAGE_CUDAToolkit=ON")
 
     @staticmethod
     def call(*command, code=0):
@@ -83,12 +85,42 @@ class Install(unittest.TestCase):
         self.assertEqual({row["backend"] for row in result["failed"]}, {"my_backend"})
         self.assertEqual({row["backend"] for row in result["benchmarks"]}, {"cpu_reference"})
 
-    def refusal(self, wanted="voxspring 0.1", **environment):
+    def test_what_is_measured_is_optimised_without_a_word(self):
+        commands = (self.project / "build/build.ninja").read_text()
+        self.assertRegex(commands, r"FLAGS = .*-O3")
+
+    def configure_without_build_type(self, *options):
+        """What CMake prints for a project that has no build type and sets none."""
+        with tempfile.TemporaryDirectory() as folder:
+            pathlib.Path(folder, "CMakeLists.txt").write_text(
+                "cmake_minimum_required(VERSION 3.25)\nproject(mine LANGUAGES CXX)\nfind_package(voxspring 0.2 REQUIRED)\n")
+            done = subprocess.run([CMAKE, "-S", folder, "-B", f"{folder}/build", "-G", "Ninja",
+                                   f"-DCMAKE_CXX_COMPILER={CXX}", f"-DCMAKE_PREFIX_PATH={self.prefix}", *options],
+                                  capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return " ".join(done.stderr.split())
+
+    def test_warns_of_a_project_without_optimisation(self):
+        warning = "mine is compiled without optimisation"
+        self.assertIn(warning, self.configure_without_build_type())
+        self.assertNotIn(warning, self.configure_without_build_type("-DCMAKE_BUILD_TYPE=Debug"))
+        self.assertNotIn(warning, self.configure_without_build_type("-DCMAKE_CXX_FLAGS=-O2"))
+
+    def test_the_library_is_optimised_without_a_word(self):
+        with tempfile.TemporaryDirectory() as folder:
+            environment = {key: value for key, value in os.environ.items() if key != "CMAKE_BUILD_TYPE"}
+            done = subprocess.run([CMAKE, "-S", ".", "-B", folder, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}",
+                                   "-DVOXSPRING_TESTS=OFF", "-DVOXSPRING_CUDA=OFF"],
+                                  capture_output=True, text=True, timeout=120, env=environment)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertIn("CMAKE_BUILD_TYPE:STRING=Release", pathlib.Path(folder, "CMakeCache.txt").read_text())
+
+    def refusal(self, wanted="voxspring 0.2", **environment):
         """What CMake says to a project that wants such a package."""
         with tempfile.TemporaryDirectory() as folder:
             lists = (self.project / "CMakeLists.txt").read_text()
-            self.assertIn("find_package(voxspring 0.1 ", lists)
-            pathlib.Path(folder, "CMakeLists.txt").write_text(lists.replace("voxspring 0.1", wanted))
+            self.assertIn("find_package(voxspring 0.2 ", lists)
+            pathlib.Path(folder, "CMakeLists.txt").write_text(lists.replace("voxspring 0.2", wanted))
             result = subprocess.run([CMAKE, "-S", folder, "-B", f"{folder}/build", "-G", "Ninja",
                                      f"-DCMAKE_CXX_COMPILER={CXX}", f"-DCMAKE_PREFIX_PATH={self.prefix}"],
                                     capture_output=True, text=True, timeout=60, env=os.environ | environment)
@@ -96,7 +128,7 @@ class Install(unittest.TestCase):
         return " ".join(result.stderr.split())
 
     def test_another_version_is_not_taken(self):
-        self.assertIn("version: 0.1.0", self.refusal("voxspring 9"))
+        self.assertIn("version: 0.2.0", self.refusal("voxspring 9"))
 
     def test_says_what_it_needs_and_does_not_find(self):
         self.assertIn("voxspring needs epoxy, which is not installed",
