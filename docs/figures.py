@@ -1,0 +1,87 @@
+#!/usr/bin/env python3
+"""Fills the table of README.md from a committed result, and the picture in docs/architecture.md from the sources' includes.
+
+Usage: figures.py [--check]
+
+A figure stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes nothing and exits with 1 if a page is not what the
+result or the sources say.
+"""
+
+import pathlib
+import re
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parent
+sys.path[:0] = [str(ROOT / "results"), str(ROOT / "tests")]
+
+import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
+import paper  # noqa: E402  # pylint: disable=wrong-import-position
+
+# The strategies of the table: of each kind the one that says most.
+SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
+         "gl_compute_explicit", "gl_fragment_implicit", "cpu_parallel"]
+
+
+def heart():
+    """The best row of each shown backend on the heart."""
+    context = paper.result("fastest")["context"]["voxspring"]
+    best = {}
+    for row in paper.medians("fastest"):
+        if row["scene"] == "heart" and row["backend"] in SHOWN:
+            best[row["backend"]] = min(row, best.get(row["backend"], row), key=lambda row: row["real_time"])
+    rows = sorted(best.values(), key=lambda row: row["real_time"])
+    lines = [[f"`{row['backend']}`", "~" * bool(row.get("noisy")) + paper.microseconds(row["real_time"]),
+              f"{row['real_time'] / rows[0]['real_time']:.2f}", paper.three_digits(row["particle_updates_per_second"] * 1e-9),
+              paper.percent(row["fraction_of_limit"]), f"{row['error_max']:.1e}"] for row in rows]
+    return (paper.table(["backend", "us a step", "x fastest", "G particles/s", "% of roofline", "error"], lines) +
+            f"\n\n{rows[0]['particles']:,} particles, {rows[0]['formulation']} in {rows[0]['precision']}, {rows[0]['error_steps']} steps, "
+            f"on {context['gpu']} and {context['cpu']}; commit {context['commit'][:8]}.")
+
+
+def architecture():
+    """The rooms as a Mermaid graph. An arrow is an include; one that a path of others implies is left out."""
+    arrows = {}
+    for source, included in includes_test.includes_of(ROOT):
+        here, there = includes_test.room_of(source), includes_test.room_of(included)
+        if here and there and here != there:
+            arrows.setdefault(here, set()).add(there)
+
+    def reached(room):
+        return {room}.union(*(reached(lower) for lower in arrows.get(room, ())))
+
+    lines = ["```mermaid", "flowchart TD"]
+    rooms = [room for level in reversed(includes_test.ROOMS) for room in level]
+    for top in dict.fromkeys(room.split("/")[0] for room in rooms):
+        lines.append(f"    subgraph {top}")
+        lines += [f'        {room.replace("/", "_")}_["{room}"]' for room in rooms if room.split("/")[0] == top]
+        lines.append("    end")
+    for room in rooms:
+        for lower in sorted(arrows.get(room, ())):
+            if not any(lower in reached(other) for other in arrows[room] - {lower}):
+                lines.append(f"    {room.replace('/', '_')}_ --> {lower.replace('/', '_')}_")
+    return "\n".join(lines + ["```"])
+
+
+PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture}}
+
+
+def main():
+    stale = []
+    for path, figures in PAGES.items():
+        page = path.read_text()
+        for name, make in figures.items():
+            block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
+            if not block.search(page):
+                sys.exit(f"{path.name} has no place for {name}")
+            page = block.sub(lambda match, text=make(): f"{match[1]}\n{text}\n\n{match[2]}", page)
+        if page != path.read_text():
+            stale.append(path)
+            if "--check" not in sys.argv[1:]:
+                path.write_text(page)
+    if stale and "--check" in sys.argv[1:]:
+        sys.exit("\n".join(f"{path.relative_to(ROOT)} is not what results and sources say: run docs/figures.py" for path in stale))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""README.md and docs/: their figures come from committed results and sources, their links lead somewhere, their commands exist.
+
+VOXSPRING names the program; the current directory is the source tree.
+"""
+
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+PAGES = [pathlib.Path("README.md"), pathlib.Path("CONTRIBUTING.md"), *sorted(pathlib.Path("docs").glob("*.md"))]
+# A number with a unit of time, rate or ratio.
+MEASURED = re.compile(r"~?\d[\d.,]*\s*(us|ms|ns|GB/s|MB|GB|%|G/s|M/s|times)(?![\w])")
+
+
+class Pages(unittest.TestCase):
+    def test_the_first_page_is_short(self):
+        self.assertLessEqual(len(pathlib.Path("README.md").read_text().splitlines()), 150)
+
+    def test_figures_are_what_results_and_sources_say(self):
+        done = subprocess.run([sys.executable, "docs/figures.py", "--check"], capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_a_figure_by_hand_is_noticed(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            for name in ("backends", "cuda", "harness", "results", "tests"):
+                (root / name).symlink_to(pathlib.Path(name).resolve())
+            shutil.copytree("docs", root / "docs")
+            readme = pathlib.Path("README.md").read_text()
+            row = re.search(r"\| `cuda_resident` \| ([\d.]+) ", readme)
+            (root / "README.md").write_text(readme[:row.start(1)] + "0.99" + readme[row.end(1):])
+            check = [sys.executable, root / "docs/figures.py"]
+            done = subprocess.run([*check, "--check"], capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 1)
+            self.assertIn("README.md is not what results and sources say", done.stderr)
+            subprocess.run(check, check=True)
+            self.assertEqual((root / "README.md").read_text(), readme)
+
+    def test_the_first_page_has_no_figure_of_its_own(self):
+        text = re.sub(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", "", pathlib.Path("README.md").read_text(), flags=re.DOTALL)
+        self.assertEqual([match[0] for match in MEASURED.finditer(text)], [])
+        self.assertTrue(MEASURED.search("takes 1.22 us a step"))
+
+    def test_links_lead_somewhere(self):
+        for page in PAGES:
+            for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+                if "://" in link:
+                    continue
+                file, _, anchor = link.partition("#")
+                target = page.parent / file if file else page
+                self.assertTrue(target.exists(), f"{page}: {link}")
+                if anchor:
+                    heads = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
+                    anchors = {re.sub(r"[^\w -]", "", head).strip().lower().replace(" ", "-") for head in heads}
+                    self.assertIn(anchor, anchors, f"{page}: {link}")
+
+    def test_commands_exist(self):
+        commands = subprocess.run([os.environ["VOXSPRING"], "--help"], capture_output=True, text=True, check=True).stdout
+        usage = subprocess.run(["./run", "help"], capture_output=True, text=True, check=True).stdout
+        for page in PAGES:
+            text = page.read_text()
+            for command in re.findall(r"(?:^    |`)(?:build/release/)?voxspring ([a-z]+)", text, re.MULTILINE):
+                self.assertRegex(commands, rf"(?m)^ +{command}\b", page)
+            for command in re.findall(r"(?:^    |`)\./run ([a-z]+)", text, re.MULTILINE):
+                self.assertIn(f"./run {command}", usage, page)
+
+
+if __name__ == "__main__":
+    unittest.main()
