@@ -47,25 +47,144 @@ struct Cuts {
     }
 };
 
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
 struct Box {
-    glm::dvec3 low{-std::numeric_limits<double>::infinity()};
-    glm::dvec3 high{std::numeric_limits<double>::infinity()};
+    glm::dvec3 low{infinity};  ///< of nothing, unless it is said
+    glm::dvec3 high{-infinity};
+
+    void include(const glm::dvec3& point) {
+        low = glm::min(low, point);
+        high = glm::max(high, point);
+    }
+    bool meets(const Box& other) const {
+        return low.x <= other.high.x && other.low.x <= high.x && low.y <= other.high.y &&
+               other.low.y <= high.y && low.z <= other.high.z && other.low.z <= high.z;
+    }
 };
 
+using Triangle = std::array<glm::dvec3, 3>;
+
+Box box_of(const Triangle& triangle) {
+    Box box;
+    for (const glm::dvec3& corner : triangle) box.include(corner);
+    return box;
+}
+
 struct Bounds {
-    Box operator()(const Plane&) const { return {}; }
+    Box operator()(const Plane&) const { return {glm::dvec3(-infinity), glm::dvec3(infinity)}; }
     Box operator()(const TrianglePatch& patch) const {
         Box box;
-        std::swap(box.low, box.high);
-        for (const auto& triangle : patch.triangles) {
-            for (const glm::dvec3& corner : triangle) {
-                box.low = glm::min(box.low, corner);
-                box.high = glm::max(box.high, corner);
-            }
+        for (const Triangle& triangle : patch.triangles) {
+            for (const glm::dvec3& corner : triangle) box.include(corner);
         }
         return box;
     }
     Box operator()(const Ball& ball) const { return {ball.centre - ball.radius, ball.centre + ball.radius}; }
+};
+
+/// A patch's triangles in a tree of boxes, so that a line is held against those near it alone. A line that
+/// touches no box of a triangle does not go through it; boxes are wider than their triangles by more than
+/// rounding adds to where a line is.
+class TriangleTree {
+public:
+    explicit TriangleTree(const TrianglePatch& patch) : triangles_(patch.triangles) {
+        if (triangles_.empty()) return;
+        const Box all = Bounds{}(patch);
+        const glm::dvec3 reach = glm::max(glm::abs(all.low), glm::abs(all.high));
+        margin_ = 1e-9 * std::max({reach.x, reach.y, reach.z});
+        build(0, triangles_.size());
+    }
+
+    bool cuts(const glm::dvec3& a, const glm::dvec3& b) const {
+        Box line;
+        line.include(a);
+        line.include(b);
+        return any_near(line, [&](const Triangle& triangle) { return goes_through(triangle, a, b); });
+    }
+    /// Whether a line within `box` may be cut.
+    bool may_cut_within(const Box& box) const {
+        return any_near(box, [](const Triangle&) { return true; });
+    }
+
+private:
+    /// Whether `holds` for one of the triangles near `box`.
+    template <class Holds>
+    bool any_near(const Box& box, const Holds& holds) const {
+        for (std::size_t n = 0; n < nodes_.size();) {
+            const Node& node = nodes_[n];
+            if (!node.box.meets(box)) {
+                n = node.next;
+                continue;
+            }
+            for (std::size_t t = node.first; t < node.end; ++t) {
+                if (holds(triangles_[t])) return true;
+            }
+            ++n;
+        }
+        return false;
+    }
+
+    /// In depth-first order: the children of a node follow it.
+    struct Node {
+        Box box;
+        std::size_t next = 0;            ///< after the node and all below it
+        std::size_t first = 0, end = 0;  ///< its triangles; none unless it is a leaf
+    };
+    static constexpr std::size_t max_in_leaf = 4;
+
+    void build(std::size_t first, std::size_t end) {
+        const std::size_t index = nodes_.size();
+        nodes_.emplace_back();
+        Box box, centres;
+        for (std::size_t t = first; t < end; ++t) {
+            const Box own = box_of(triangles_[t]);
+            box.include(own.low - margin_);
+            box.include(own.high + margin_);
+            centres.include(own.low + own.high);
+        }
+        if (end - first <= max_in_leaf) {
+            nodes_[index] = {box, index + 1, first, end};
+            return;
+        }
+        const glm::dvec3 extent = centres.high - centres.low;
+        const int axis = extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
+        const auto centre = [axis](const Triangle& t) {
+            return std::min({t[0][axis], t[1][axis], t[2][axis]}) +
+                   std::max({t[0][axis], t[1][axis], t[2][axis]});
+        };
+        const auto begin = triangles_.begin();
+        const std::size_t middle = first + (end - first) / 2;
+        std::nth_element(
+            begin + std::ptrdiff_t(first), begin + std::ptrdiff_t(middle), begin + std::ptrdiff_t(end),
+            [&](const Triangle& one, const Triangle& other) { return centre(one) < centre(other); });
+        build(first, middle);
+        build(middle, end);
+        nodes_[index] = {box, nodes_.size(), 0, 0};
+    }
+
+    std::vector<Triangle> triangles_;
+    std::vector<Node> nodes_;
+    double margin_ = 0;
+};
+
+/// cuts() of one shape, for many lines.
+class Cutter {
+public:
+    explicit Cutter(const Shape& shape) : shape_(shape) {
+        if (const auto* patch = std::get_if<TrianglePatch>(&shape)) tree_.emplace(*patch);
+    }
+    bool operator()(const glm::dvec3& a, const glm::dvec3& b) const {
+        return tree_ ? tree_->cuts(a, b) : cuts(shape_, a, b);
+    }
+    /// Whether it may cut a line that begins at `a` and is at most `length` long.
+    bool may_cut_from(const glm::dvec3& a, double length) const {
+        return !tree_ || tree_->may_cut_within({a - length, a + length});
+    }
+
+private:
+    const Shape& shape_;
+    std::optional<TriangleTree> tree_;
 };
 
 bool is_one_of(const Spring& spring, const std::vector<ChangedSpring>& sorted) {
@@ -141,14 +260,17 @@ std::optional<Direction> SpringEditor::direction_between(std::uint32_t first, st
 
 SpringEdit SpringEditor::cut(const Shape& shape) {
     SpringEdit edit;
+    const Cutter crosses(shape);
     const auto& x = problem_.rest_position;
     if (!particle_.empty()) {
+        const double longest = longest_lattice_spring();
         visit_near(shape, [&](std::uint32_t i) {
+            if (!crosses.may_cut_from(x[i], longest)) return;
             for (const Direction& direction : directions()) {
                 const auto bit = std::size_t(direction.bit);
                 if (bit % 2 == 0 || (problem_.lattice.mask[i] >> bit & 1U) == 0) continue;
                 const std::uint32_t j = neighbour(i, direction);
-                if (!cuts(shape, x[i], x[j])) continue;
+                if (!crosses(x[i], x[j])) continue;
                 const Spring spring{i, j, problem_.spring_stiffness(i, j, direction),
                                     problem_.rest_length[bit]};
                 edit.removed.push_back({spring, direction.bit});
@@ -156,7 +278,7 @@ SpringEdit SpringEditor::cut(const Shape& shape) {
         });
     }
     for (const Spring& spring : problem_.springs) {
-        if (cuts(shape, x[spring.first], x[spring.second])) edit.removed.push_back({spring, -1});
+        if (crosses(x[spring.first], x[spring.second])) edit.removed.push_back({spring, -1});
     }
     finish(edit);
     return edit;
@@ -164,14 +286,17 @@ SpringEdit SpringEditor::cut(const Shape& shape) {
 
 SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional<double> stiffness) {
     if (particle_.empty()) return {};
+    const Cutter crosses(shape);
     const auto& x = problem_.rest_position;
     std::set<std::uint32_t> faces;
+    const double longest = longest_lattice_spring();
     visit_near(shape, [&](std::uint32_t i) {
+        if (!crosses.may_cut_from(x[i], longest)) return;
         for (const Direction& direction : directions()) {
             if ((problem_.group_bits >> direction.bit & 1U) == 0) continue;
             if ((problem_.lattice.mask[i] >> direction.bit & 1U) != 0) continue;
             const std::uint32_t j = neighbour(i, direction);
-            if (j != no_particle && cuts(shape, x[std::min(i, j)], x[std::max(i, j)])) faces.insert(i);
+            if (j != no_particle && crosses(x[std::min(i, j)], x[std::max(i, j)])) faces.insert(i);
         }
     });
     std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
@@ -187,7 +312,7 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
                         (std::ptrdiff_t(z) * problem_.lattice.dims.y + y) * problem_.lattice.dims.x + other)];
                     // no_particle is no face. Each pair once.
                     if (j <= i || !faces.contains(j) || glm::distance(x[i], x[j]) > within) continue;
-                    if (cuts(shape, x[i], x[j])) pairs.emplace_back(i, j);
+                    if (crosses(x[i], x[j])) pairs.emplace_back(i, j);
                 }
             }
         }

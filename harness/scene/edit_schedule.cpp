@@ -1,0 +1,136 @@
+#include "harness/scene/edit_schedule.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <utility>
+#include <variant>
+
+#include "backends/physics/edit.h"
+
+namespace voxspring {
+namespace {
+
+/// Voxels that a suture by shape may span: pairs of particles grow with the cube of it.
+constexpr int max_suture_voxels = 8;
+
+/// One time of an edit.
+struct Due {
+    const EditSpec* spec;
+    int time;
+    std::int64_t step;
+};
+
+Shape moved(const Shape& shape, const glm::dvec3& by) {
+    struct Move {
+        const glm::dvec3& by;
+        Shape operator()(Plane plane) const {
+            plane.point += by;
+            return plane;
+        }
+        Shape operator()(TrianglePatch patch) const {
+            for (auto& triangle : patch.triangles) {
+                for (glm::dvec3& corner : triangle) corner += by;
+            }
+            return patch;
+        }
+        Shape operator()(Ball ball) const {
+            ball.centre += by;
+            return ball;
+        }
+    };
+    return std::visit(Move{by}, shape);
+}
+
+void check_work(const std::vector<EditSpec>& specs, const Lattice& lattice, const SceneSizeLimits& limits) {
+    double work = 0;
+    for (const EditSpec& spec : specs) {
+        const auto* patch = spec.shape ? std::get_if<TrianglePatch>(&*spec.shape) : nullptr;
+        const std::size_t triangles = patch != nullptr ? patch->triangles.size() : 1;
+        work += double(spec.times) * double(lattice.voxel_count()) * double(triangles);
+        if (work > limits.edit_work) {
+            spec.source.refuse("fewer or smaller edits: all of them look at more than " +
+                               std::to_string(std::int64_t(limits.edit_work)) + " voxels times triangles");
+        }
+    }
+}
+
+void check_reach(const std::vector<EditSpec>& specs, const glm::dvec3& spacing) {
+    const double max = max_suture_voxels * std::min({spacing.x, spacing.y, spacing.z});
+    for (const EditSpec& spec : specs) {
+        if (spec.within > max) {
+            spec.source.refuse("a suture within " + std::to_string(max_suture_voxels) + " times the spacing");
+        }
+    }
+}
+
+/// Every time of every edit by step; of one step, in the order of the file.
+std::vector<Due> by_step(const std::vector<EditSpec>& specs) {
+    std::vector<Due> all;
+    for (const EditSpec& spec : specs) {
+        for (int time = 0; time < spec.times; ++time)
+            all.push_back({&spec, time, spec.step + std::int64_t(time) * spec.every});
+    }
+    std::stable_sort(all.begin(), all.end(), [](const Due& a, const Due& b) { return a.step < b.step; });
+    return all;
+}
+
+/// The particles that the suture `spec` joins by their voxels.
+std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs_of(const EditSpec& spec, const Lattice& lattice,
+                                                              const std::vector<std::uint32_t>& particle) {
+    const auto particle_at = [&](const glm::ivec3& c) {
+        const glm::ivec3 d = lattice.dims;
+        std::uint32_t i = no_particle;
+        if (c.x < d.x && c.y < d.y && c.z < d.z) {
+            i = particle[(std::size_t(c.z) * std::size_t(d.y) + std::size_t(c.y)) * std::size_t(d.x) +
+                         std::size_t(c.x)];
+        }
+        if (i == no_particle) spec.source.refuse("pairs of active voxels in a grid of " + to_string(d));
+        return i;
+    };
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
+    for (const auto& [a, b] : spec.voxels) {
+        pairs.emplace_back(particle_at(a), particle_at(b));
+        if (pairs.back().first == pairs.back().second) spec.source.refuse("pairs of different voxels");
+    }
+    return pairs;
+}
+
+/// Makes the edit on what `editor` has.
+SpringEdit make_edit(const Due& due, SpringEditor& editor, const Lattice& lattice,
+                     const std::vector<std::uint32_t>& particle) {
+    const EditSpec& spec = *due.spec;
+    if (!spec.shape) return editor.suture(pairs_of(spec, lattice, particle), spec.stiffness);
+    const Shape shape = moved(*spec.shape, double(due.time) * spec.move);
+    return spec.suture ? editor.suture(shape, spec.within, spec.stiffness) : editor.cut(shape);
+}
+
+}  // namespace
+
+std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
+                                          const SceneSizeLimits& limits) {
+    check_work(specs, problem.lattice, limits);
+    check_reach(specs, problem.lattice.spacing);
+    Problem edited = problem;
+    SpringEditor editor(edited);
+    const std::vector<std::uint32_t> particle = particle_of_voxel(problem.lattice);
+
+    std::vector<ScheduledEdit> scheduled;
+    std::vector<bool> changes(specs.size(), false);
+    for (const Due& due : by_step(specs)) {
+        SpringEdit edit = make_edit(due, editor, problem.lattice, particle);
+        if (edit.empty()) continue;
+        changes[std::size_t(due.spec - specs.data())] = true;
+        if (due.step > std::numeric_limits<int>::max()) due.spec->source.refuse("at most 2147483647 steps");
+        scheduled.push_back({int(due.step), std::move(edit)});
+    }
+    for (std::size_t s = 0; s < specs.size(); ++s) {
+        if (changes[s]) continue;
+        specs[s].source.refuse(specs[s].suture ? "a suture of particles that no spring joins"
+                                               : "a cut that some spring crosses");
+    }
+    return scheduled;
+}
+
+}  // namespace voxspring
