@@ -287,7 +287,7 @@ TEST(Scene, VolumesByThresholdAndLabels) {
         return load_scene(folder.write("s.json", text), small);
     };
     const Scene threshold = scene("", "");
-    EXPECT_EQ(threshold.name, "s");
+    EXPECT_EQ(threshold.name, "s.json");
     EXPECT_EQ(threshold.problem.lattice.voxel, (std::vector<std::uint32_t>{1, 2, 4, 5, 7}));
     EXPECT_EQ(threshold.problem.lattice.spacing, glm::dvec3(1, 2, 3));
     EXPECT_TRUE(threshold.problem.material.empty());
@@ -351,12 +351,61 @@ TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
               file + ": dataset: 120 active voxels is not accepted; expected at most 100 on this machine");
 }
 
+// The heart is pinned at one side of x, where a rod along z is but one slice.
+TEST(Scene, ARodByItselfIsPinnedAtItsEnd) {
+    const TemporaryFolder folder;
+    const auto rod = [&](glm::ivec3 dims) {
+        const std::string data(std::size_t(dims.x * dims.y * dims.z), '\1');
+        return load_scene(folder.write("rod.nii", nifti_file(nifti_header(dims, 2), data)), small);
+    };
+    for (const glm::ivec3 dims : {glm::ivec3(1, 1, 97), glm::ivec3(1, 97, 1), glm::ivec3(97, 1, 1)}) {
+        const Scene scene = rod(dims);
+        EXPECT_EQ(count_springs(scene.problem).total(), 96u);
+        // 0.35 of 97, from the lower end.
+        const std::vector<std::size_t> pinned = pinned_particles(scene.problem);
+        EXPECT_EQ(pinned.size(), 34u);
+        EXPECT_EQ(pinned.back(), 33u);
+        EXPECT_EQ(scene.problem.time_step, 0.5 * scene.stable_time_step);
+    }
+    const std::string file = (folder.path() / "rod.nii").string();
+    EXPECT_EQ(
+        refusal([&] {
+            rod({1, 1, 1});
+        }),
+        file +
+            ": time_step: {\"fraction_of_stable\":0.5} is not accepted; expected a number of units of time: "
+            "every particle is pinned, so that nothing limits the time step");
+}
+
+TEST(Scene, WhereNothingOscillatesItIsSaidWhy) {
+    const auto refused = [](const std::string& keys) {
+        const std::string message = refusal([&] { box_with(keys); });
+        return message.substr(message.rfind("time: "));
+    };
+    const std::string so = ", so that nothing limits the time step";
+    EXPECT_EQ(refused(R"("pinned": {"side": "z-", "slices": 2})"), "time: every particle is pinned" + so);
+    EXPECT_EQ(refusal([] { parse(R"({"dataset": {"type": "box", "dims": [1, 1, 1]}})"); }),
+              "scene: time_step: nothing is not accepted; expected a number of units of time: there are no "
+              "springs" +
+                  so);
+    // Two particles held and one that falls past them.
+    const TemporaryFolder folder;
+    folder.write("v.nrrd", nrrd_file("type: uint8\ndimension: 3\nsizes: 4 1 1\nencoding: raw\n",
+                                     std::string("\1\1\0\1", 4)));
+    const std::string text =
+        R"({"dataset": {"type": "volume", "file": "v.nrrd"}, "pinned": {"side": "x-", "slices": 2}})";
+    const std::string message = refusal([&] { load_scene(folder.write("s.json", text), small); });
+    EXPECT_EQ(message.substr(message.rfind("time: ")), "time: no particle that may move has a spring" + so);
+}
+
 TEST(Scene, SceneFilesCanBeResized) {
     const TemporaryFolder folder;
     const std::string file =
         folder.write("my@2.json", R"({"dataset": {"type": "box", "dims": [2, 2, 2]}, "description": "d"})");
-    EXPECT_EQ(load_scene(file).name, "my@2");
-    EXPECT_EQ(load_scene(file + "@3x4x5").name, "my@2@3x4x5");
+    EXPECT_EQ(load_scene(file).name, "my@2.json");
+    EXPECT_EQ(load_scene(file).source, file);
+    EXPECT_EQ(load_scene(file + "@3x4x5").name, "my@2.json@3x4x5");
+    EXPECT_EQ(load_scene(file + "@3x4x5").source, file + "@3x4x5");
     EXPECT_EQ(load_scene(file + "@3x4x5").problem.lattice.dims, glm::ivec3(3, 4, 5));
     EXPECT_EQ(load_scene(file).description, "d");
 }

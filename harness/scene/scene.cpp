@@ -31,14 +31,7 @@ bool ends_with(const std::string& text, const std::string& end) {
     return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
 
-/// The file's name without folder and extension.
-std::string stem(const std::string& file) {
-    std::string name = std::filesystem::path(file).filename().string();
-    const std::string extension = ".json";
-    if (name.size() > extension.size() && ends_with(name, extension))
-        name.resize(name.size() - extension.size());
-    return name;
-}
+std::string file_name(const std::string& file) { return std::filesystem::path(file).filename().string(); }
 
 LabelledGrid load_dataset(const SceneFile& scene, const std::string& file, const SceneSizeLimits& limits) {
     const DatasetSpec& dataset = scene.dataset;
@@ -122,30 +115,39 @@ Problem make_problem(const SceneFile& scene, LabelledGrid labelled) {
     return problem;
 }
 
+/// The first and the last slice along `axis` that have an active voxel.
+std::pair<int, int> active_slices(const Lattice& lattice, int axis) {
+    int lowest = lattice.dims[axis];
+    int highest = 0;
+    for (const std::uint32_t voxel : lattice.voxel) {
+        const int slice = lattice.coordinates(voxel)[axis];
+        lowest = std::min(lowest, slice);
+        highest = std::max(highest, slice);
+    }
+    return {lowest, highest};
+}
+
+/// The box of voxels that `region` is, both ends included.
+std::pair<glm::ivec3, glm::ivec3> voxels_of(const Region& region, const Lattice& lattice) {
+    if (!region.at_side) return {region.from, region.to};
+    const auto [lowest, highest] = active_slices(lattice, region.axis);
+    const int extent = highest - lowest + 1;
+    const int wanted =
+        region.fraction > 0 ? std::max(1, int(std::lround(region.fraction * extent))) : region.slices;
+    const int slices = std::min(wanted, extent);
+    glm::ivec3 from(0);
+    glm::ivec3 to = lattice.dims - 1;
+    if (region.upper) {
+        from[region.axis] = highest - slices + 1;
+    } else {
+        to[region.axis] = lowest + slices - 1;
+    }
+    return {from, to};
+}
+
 /// The particles of `region`, of which there must be one at least.
 std::vector<std::size_t> particles_in(const Region& region, const Lattice& lattice) {
-    glm::ivec3 from = region.from;
-    glm::ivec3 to = region.to;
-    if (region.at_side) {
-        int lowest = lattice.dims[region.axis];
-        int highest = 0;
-        for (const std::uint32_t voxel : lattice.voxel) {
-            const int slice = lattice.coordinates(voxel)[region.axis];
-            lowest = std::min(lowest, slice);
-            highest = std::max(highest, slice);
-        }
-        const int extent = highest - lowest + 1;
-        const int wanted =
-            region.fraction > 0 ? std::max(1, int(std::lround(region.fraction * extent))) : region.slices;
-        const int slices = std::min(wanted, extent);
-        from = glm::ivec3(0);
-        to = lattice.dims - 1;
-        if (region.upper) {
-            from[region.axis] = highest - slices + 1;
-        } else {
-            to[region.axis] = lowest + slices - 1;
-        }
-    }
+    const auto [from, to] = voxels_of(region, lattice);
     std::vector<std::size_t> particles;
     for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
         const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
@@ -157,6 +159,32 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
     if (particles.empty())
         region.source.refuse("a region with an active voxel in a grid of " + to_string(lattice.dims));
     return particles;
+}
+
+/// The region at the same side of another axis, the one along which the body is longest, where it has but one
+/// slice along the region's own and would be pinned as a whole: a rod along z that the heart's region is
+/// applied to.
+Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
+    std::array<int, 3> extent{};
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto [lowest, highest] = active_slices(lattice, axis);
+        extent[std::size_t(axis)] = highest - lowest + 1;
+    }
+    if (extent[std::size_t(region.axis)] == 1)
+        region.axis = int(std::max_element(extent.begin(), extent.end()) - extent.begin());
+    return region;
+}
+
+void pin_regions(Problem& problem, const SceneFile& scene) {
+    if (scene.pinned.empty()) return;
+    // What a volume by itself is pinned by, its user has not chosen.
+    const bool by_itself = scene.dataset.type == DatasetType::volume && !scene.dataset.file_source;
+    std::vector<std::uint8_t> pinned(problem.particle_count());
+    for (const Region& region : scene.pinned) {
+        const Region chosen = by_itself ? on_an_axis_with_slices(region, problem.lattice) : region;
+        for (const std::size_t i : particles_in(chosen, problem.lattice)) pinned[i] = 1;
+    }
+    pin(problem, std::move(pinned));
 }
 
 /// Sets `field` on the particles of its region that may move, times `scale`.
@@ -179,6 +207,13 @@ void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double s
     }
 }
 
+std::string why_nothing_oscillates(const Problem& problem) {
+    const auto& pinned = problem.pinned;
+    if (!pinned.empty() && std::find(pinned.begin(), pinned.end(), std::uint8_t{0}) == pinned.end())
+        return "every particle is pinned";
+    return pinned.empty() ? "there are no springs" : "no particle that may move has a spring";
+}
+
 /// `limiting`: with_all_springs().
 double choose_time_step(const TimeStep& chosen, double stable, const Problem& limiting,
                         const std::string& file) {
@@ -191,7 +226,8 @@ double choose_time_step(const TimeStep& chosen, double stable, const Problem& li
         time_step = chosen.fraction * stable_time_step(*frequency.squared, limiting.damping);
     }
     if (std::isfinite(time_step) && time_step > 0) return time_step;
-    const std::string accepted = "a number of units of time: without springs nothing limits the time step";
+    const std::string accepted = "a number of units of time: " + why_nothing_oscillates(limiting) +
+                                 ", so that nothing limits the time step";
     if (chosen.source) chosen.source->refuse(accepted);
     throw BadInput(file, "time_step", "nothing", accepted);
 }
@@ -214,13 +250,7 @@ Scene build(const SceneFile& file_says, const std::string& file, const SceneSize
     scene.description = file_says.description;
     Problem& problem = scene.problem;
     problem = make_problem(file_says, std::move(labelled));
-    if (!file_says.pinned.empty()) {
-        std::vector<std::uint8_t> pinned(problem.particle_count());
-        for (const Region& region : file_says.pinned) {
-            for (const std::size_t i : particles_in(region, problem.lattice)) pinned[i] = 1;
-        }
-        pin(problem, std::move(pinned));
-    }
+    pin_regions(problem, file_says);
     for (const PointLoad& load : file_says.loads) {
         problem.load.resize(problem.particle_count());
         for (const std::size_t i : particles_in(load.region, problem.lattice)) problem.load[i] += load.force;
@@ -285,12 +315,11 @@ Resize split_resize(const std::string& argument) {
 }
 
 SceneFile volume_with_parameters_of_heart(const std::string& file) {
-    SceneFile scene = read_scene_file(parse_json(*builtin_text("heart"), "heart"));
-    scene.description = "The volume " + std::filesystem::path(file).filename().string() +
-                        " with the parameters of the scene heart.";
+    SceneFile scene = read_scene_file(parse_json(*builtin_text("heart"), file));
+    scene.description = "The volume " + file_name(file) + " with the parameters of the scene heart.";
     scene.dataset = {};
     scene.dataset.type = DatasetType::volume;
-    scene.dataset.file = std::filesystem::path(file).filename().string();
+    scene.dataset.file = file_name(file);
     return scene;
 }
 
@@ -299,8 +328,8 @@ SceneFile volume_with_parameters_of_heart(const std::string& file) {
 Scene load_scene(const std::string& argument, const SceneSizeLimits& limits) {
     if (is_volume_name(argument)) {
         Scene scene = build(volume_with_parameters_of_heart(argument), argument, limits);
-        // With its ending: a volume called heart is not the scene heart.
-        scene.name = std::filesystem::path(argument).filename().string();
+        scene.name = file_name(argument);
+        scene.source = argument;
         return scene;
     }
     const Resize resize = split_resize(argument);
@@ -318,13 +347,16 @@ Scene load_scene(const std::string& argument, const SceneSizeLimits& limits) {
         file_says.dataset.dims = resize.dims;
     }
     Scene scene = build(file_says, argument, limits);
-    scene.name = stem(resize.base) + resize.suffix;
+    // A file keeps its ending: my heart.json is not the scene heart.
+    scene.name = file_name(resize.base) + resize.suffix;
+    scene.source = argument;
     return scene;
 }
 
 Scene parse_scene(const std::string& text, const std::string& file, const SceneSizeLimits& limits) {
     Scene scene = build(read_scene_file(parse_json(text, file)), file, limits);
-    scene.name = stem(file);
+    scene.name = file_name(file);
+    scene.source = file;
     return scene;
 }
 
@@ -341,7 +373,7 @@ Problem with_all_springs(const Scene& scene) {
 std::vector<BuiltinScene> builtin_scenes() {
     std::vector<BuiltinScene> scenes;
     for (const auto& [file, text] : builtin_scene_files) {
-        const std::string name = stem(std::string(file));
+        const std::string name = std::filesystem::path(file).stem().string();
         scenes.push_back({name, read_scene_file(parse_json(text, name)).description});
     }
     return scenes;
