@@ -148,7 +148,7 @@ TEST(SpringEditor, APatchCutsWhatEachOfItsTrianglesCuts) {
             found.emplace_back(changed.spring.first, changed.spring.second);
         std::sort(expected.begin(), expected.end());
         std::sort(found.begin(), found.end());
-        if (triangles > 4) ASSERT_FALSE(expected.empty());
+        ASSERT_TRUE(triangles <= 4 || !expected.empty());
         EXPECT_EQ(found, expected) << triangles;
         // A suture of the same faces brings back every one of them.
         editor.suture(patch, 1.5);

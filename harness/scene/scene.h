@@ -19,8 +19,8 @@ struct ScheduledEdit {
 
 struct Scene {
     /// What result rows call it: the built-in name, or the name of the scene file or volume file without its
-    /// folder, with "@WxHxD" or "@N" where the argument resized it. Has no '/'. Files in different folders may
-    /// share it.
+    /// folder, with "@WxHxD" or "@N" where the argument resized it. Has no '/'. Files in different folders
+    /// may share it.
     std::string name;
     std::string source;       ///< the argument that it was loaded from; empty for one built in memory
     std::string description;  ///< one sentence; may be empty
@@ -33,9 +33,9 @@ struct Scene {
     double stable_time_step = 0;
 };
 
-/// `argument` is a built-in scene ("box"), a scene file (*.json) or a volume file (volume_endings()), which is
-/// simulated with the parameters of the built-in scene `heart`; where it is one slice thick along the axis at
-/// whose side the heart is pinned, it is pinned along its longest axis. "@N" or "@WxHxD" after a built-in
+/// `argument` is a built-in scene ("box"), a scene file (*.json) or a volume file (volume_endings()), which
+/// is simulated with the parameters of the built-in scene `heart`; where it is one slice thick along the axis
+/// at whose side the heart is pinned, it is pinned along its longest axis. "@N" or "@WxHxD" after a built-in
 /// name or a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
 ///
 /// Throws BadInput. Allocates in proportion to what was really read and never beyond `limits`.
