@@ -236,14 +236,14 @@ def can_tell(old, new):
     return least_p(old, new) < FALSE_DISCOVERIES
 
 
-def complete_times(rows, result, marked):
-    """What takes all rows: the noise of the device each ran on, and Benjamini and Hochberg's q."""
+def complete_times(rows, device, marked):
+    """What takes all rows: the noise of the device that `device` says each ran on, and Benjamini and Hochberg's q."""
     spreads = collections.defaultdict(list)
     rows = [row for row in rows if row["time"] and row["time"]["spread"] is not None]
     for row in rows:
-        spreads[result.device(row["backend"])].append(row["time"]["spread"])
+        spreads[device(row)].append(row["time"]["spread"])
     for row in rows:
-        of_device = float(numpy.quantile(spreads[result.device(row["backend"])], 0.75))
+        of_device = float(numpy.quantile(spreads[device(row)], 0.75))
         unknown = marked(row) or min(row["repetitions"]) < MINIMUM_REPETITIONS
         row["time"]["noise"] = max(row["time"]["spread"], of_device, UNKNOWN_NOISE if unknown else 0)
     times = [row["time"] for row in rows if row["time"]["p"] is not None]
@@ -309,7 +309,7 @@ def pair(old, new, options):
             else:
                 reason = new.unmeasured["skipped"].get(identity)
                 row["verdict"], row["detail"] = "gone", f"skipped: {reason}" if reason else ""
-    complete_times(compared, new, lambda row: marked[id(row)])
+    complete_times(compared, lambda row: new.device(row["backend"]), lambda row: marked[id(row)])
     for row in compared:
         if row["time"] and row["verdict"] in ("", "error grew"):
             verdict, detail = judge_repetitions(row, options.threshold)
@@ -338,6 +338,16 @@ def judge_repetitions(row, threshold):
         return "too few repetitions", f"the file has one time of each, {MINIMUM_REPETITIONS} are needed"
     return "too few repetitions", (f"{old} and {new}, of which p is {least_p(old, new):.2g} at best; {MINIMUM_REPETITIONS} "
                                    "are needed")
+
+
+def is_clearly_slower(times, other, marked, threshold=Rule.threshold):
+    """Whether `other` takes longer than `times`, of one machine and of runs of their own: as the rule has it of two results,
+    but for U, which answers whether a row changed and asks for more repetitions than a choice among rows does."""
+    if min(len(times), len(other)) < 3:
+        return False
+    found = compare_times(times, other)
+    noise = max(found["spread"], UNKNOWN_NOISE if marked else 0)
+    return found["interval"][0] > 1 + max(threshold, NOISE_FACTOR * noise if noise > CALM * threshold else 0)
 
 
 def judge_state(a, b, row, differ, options):

@@ -4,6 +4,7 @@ The current directory is the source tree. Needs chromium and its driver, and the
 build/report-venv, which `./run test` installs; where either is missing all of this is skipped: exit code 77.
 """
 
+import collections
 import contextlib
 import copy
 import functools
@@ -14,6 +15,7 @@ import json
 import math
 import os
 import pathlib
+import random
 import re
 import resource
 import shutil
@@ -224,6 +226,60 @@ class Input(InTemporaryFolder):
             row["name"] = row["name"].replace("heart", "</script><h1 id=evil>")
         self.assertEqual(report(self.write("evil.json", result), "--out", self.out).returncode, 0)
         self.assertNotIn("</script><h1 id=evil>", self.out.read_text())
+
+
+# Values that have caught readers out, for any key.
+ODD = [None, True, 0, -1, 1.5, "", "x", [], {}, [1], {"a": 1}, [[1]], 1e308, 10**400, math.nan, "\0", "</script>", ["x"], [None]]
+MUTATIONS = 40
+
+
+def places(value):
+    """Every (holder, key) in a document."""
+    found = []
+    for key, child in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+        found += [(value, key), *places(child)]
+    return found
+
+
+def small_result():
+    """A few rows of every list."""
+    result = h200("fastest")
+    result["benchmarks"] = [row for row in result["benchmarks"] if row["scene"] == "heart" and row["backend"] in
+                            ("cuda_resident", "gl_compute_implicit")][:40]
+    result["benchmarks"] += [row for row in h200("edits")["benchmarks"] if row["backend"] == "cuda_scatter"][:14]
+    result["fastest"] = [block for block in result["fastest"] if block["scene"] == "heart"][:1]
+    for study, count in (("pareto", 6), ("stability", 4), ("stress", 4)):
+        result[study] = h200(study)[study][:count]
+    result["stability_map"] = h200("stability")["stability_map"][:1]
+    result["failed"] = result["skipped"] = [{"name": "n", "scene": "heart", "backend": "b", "reason": "r"}]
+    return result
+
+
+class Mutated(InTemporaryFolder):
+    def test_a_result_with_any_value_is_read_or_refused(self):
+        """By the page and by diff.py; a traceback of either fails this."""
+        import comparison
+        from page import document
+        good = small_result()
+        whole, generator, read = self.write("good.json", good), random.Random(1), 0
+        for _ in range(MUTATIONS):
+            result = copy.deepcopy(good)
+            by_key = {}
+            for holder, key in places(result):
+                by_key.setdefault(key if isinstance(key, str) else "", []).append((holder, key))
+            holder, key = generator.choice(by_key[generator.choice(sorted(by_key))])
+            value = generator.choice(ODD)
+            holder[key] = copy.deepcopy(value)
+            path = self.write("bad.json", result)
+            for reader in (lambda: document.page([reading.read(path)], {}, []),
+                           lambda: comparison.document(whole, path, comparison.Rule())):
+                with self.subTest(key=key, value=value):
+                    try:
+                        reader()
+                        read += 1
+                    except reading.BadInput as error:
+                        self.assertIn("bad.json: ", str(error))
+        self.assertTrue(MUTATIONS // 2 < read < 2 * MUTATIONS, read)
 
 
 class Browser:
@@ -639,6 +695,36 @@ class Parts(InTemporaryFolder):
         for backend in other["context"]["voxspring"]["backends"].values():
             backend["device"] = "Another"
         self.assertRegex(self.history(result, other), r"nothing can be told of figure7: .*: expected \"NVIDIA H200")
+
+    def test_the_fastest_is_one_that_repetitions_tell_from_the_others(self):
+        times = {row["backend"]: row["real_time"] for row in medians("table1") if row["scene"] == "box@32"}
+        def equals(factor, repetitions=9, **fields):
+            """What the page says box@32's fastest is not to be told from, with another at a multiple of its time."""
+            result, count = h200("table1"), collections.Counter()
+            kept = []
+            for row in result["benchmarks"]:
+                count[row["run_name"]] += row["run_type"] == "iteration"
+                if row["run_type"] == "iteration" and count[row["run_name"]] > repetitions:
+                    continue
+                kept.append(row)
+                if row["scene"] == "box@32" and row["backend"] == "cuda_implicit_cached":
+                    row["real_time"] *= factor * times["cuda_resident"] / times["cuda_implicit_cached"]
+                    row.update(fields)
+            result["benchmarks"] = kept
+            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+            text = self.out.read_text()
+            row = text[text.index('<tr data-scene="box@32">'):]
+            self.assertIn("cuda_<wbr>resident", row[:400])
+            found = re.search("not to be told from ([^<]*)<", row[:row.index("</tr>")])
+            return (found and found[1]), re.search("<h1>(.*?)</h1>", text)[1]
+        self.assertEqual(equals(1.03), ("cuda_implicit_cached", "On NVIDIA H200, cuda_resident is the fastest on heart and "
+                                        "cuda_resident and cuda_implicit_cached cannot be told apart on box@32"))
+        fastest = "On NVIDIA H200, cuda_resident is the fastest on heart and box@32"
+        self.assertEqual(equals(1.4), (None, fastest))
+        self.assertEqual(equals(1.25, noisy=["its clock moved"])[0], "cuda_implicit_cached")
+        self.assertEqual(equals(1.5, noisy=["its clock moved"]), (None, fastest))
+        self.assertEqual(equals(3, repetitions=3), (None, fastest))
+        self.assertRegex(equals(3, repetitions=2)[0], r"^cuda_\w+, cuda_\w+ and 12 others$")
 
     def test_the_study_fastest_says_what_was_aimed_at(self):
         result = h200("table1")

@@ -84,6 +84,12 @@ def winners(rows):
     return dict(sorted(found.items(), key=lambda item: -len(item[1])))
 
 
+def names(rows):
+    """Backends by name, or the first of them and how many more."""
+    found = [row["backend"] for row in rows]
+    return figures.listed(found if len(found) <= FEW else found[:FEW - 1] + [f"{len(found) - FEW + 1} others"])
+
+
 def exact_enough(group):
     return figures.fastest(row for row in group if row["rounding"] is not None and row["rounding"] <= SMALL_ERROR)
 
@@ -104,9 +110,12 @@ def fastest_table(charts, entries, papers):
                 f"{ratio:.2f} times as long; {figures.error_text(exact['rounding'])} after "
                 f"{exact['error_steps']} steps")
         limit = (f"{figures.percent(best['of_limit'])}{small(best['limited_by'] or '')}" if best["of_limit"] else "–")
+        equals = figures.as_fast(best, group)
+        remarks = [f"not to be told from {names(equals)}"] if equals else []
         paper = papers.get((best["machine"], best["scene"], best["contender"]))
-        cells = [strategy(best["contender"]) + (remark(f"{paper:.2f} times as fast as the best of the paper's strategies")
-                                                if paper else ""),
+        if paper:
+            remarks.append(f"{paper:.2f} times as fast as the best of the paper's strategies")
+        cells = [strategy(best["contender"]) + "".join(map(remark, remarks)),
                  f"<b>{escape(figures.time_text(best['microseconds']))}</b>"
                  + small(figures.engineering(best["spring_rate"], "springs/s"))
                  + (remark("not to be trusted: " + best["noisy"]) if best["noisy"] else ""),
@@ -157,14 +166,17 @@ def headline(found, runs, drawn):
     """The answer in one sentence, and in a few more; without any of times or errors the first finding."""
     if found:
         machine, entries = next(iter(found.items()))
-        names = [best["backend"] for best, _ in entries]
-        if len(names) <= FEW:
-            wins = figures.groups([best for best, _ in entries], "backend").items()
-            title = figures.listed(f"{name} is the fastest on {figures.listed(row['scene'] for row in rows)}"
-                                   for (name,), rows in wins)
+        told = [best for best, group in entries if not figures.as_fast(best, group)]
+        untold = [(best, figures.as_fast(best, group)) for best, group in entries if best not in told]
+        if len(entries) <= FEW:
+            wins = figures.groups(told, "backend").items()
+            parts = [f"{name} is the fastest on {figures.listed(row['scene'] for row in rows)}" for (name,), rows in wins]
+            parts += [f"{names([best] + equals)} cannot be told apart on {best['scene']}" for best, equals in untold]
+            title = figures.listed(parts)
         else:
-            most = max(dict.fromkeys(names), key=names.count)
-            title = f"{most} is the fastest on {names.count(most)} of {len(names)} datasets"
+            wins = collections.Counter(best["backend"] for best in told).most_common(1)
+            title = (f"{wins[0][0]} is the fastest on {wins[0][1]} of {len(entries)} datasets" if wins else
+                     f"the fastest cannot be told on any of {len(entries)} datasets")
         best, _ = entries[-1]
         size = figures.engineering(best["particles"], "particles")
         lead = (f"On {'the largest, ' * (len(entries) > 1)}{best['scene']} with {size}, a step takes "

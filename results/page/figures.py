@@ -7,6 +7,7 @@ its light, dark and printed scheme.
 """
 
 import collections
+import functools
 import math
 import statistics
 import zlib
@@ -127,6 +128,19 @@ def fastest(rows):
     return min(rows, key=lambda row: row["microseconds"], default=None)
 
 
+@functools.cache
+def is_clearly_slower(times, other, marked):
+    return comparison.is_clearly_slower(times, other, marked)
+
+
+def as_fast(best, group):
+    """Of the other backends, each at its best, those that repetitions do not tell from the fastest, fastest first."""
+    others = [fastest(own) for (backend,), own in groups(group, "backend").items() if backend != best["backend"]]
+    return sorted((row for row in others if not is_clearly_slower(
+        best["repetition_times"], row["repetition_times"], bool(best["noisy"] or row["noisy"]))),
+        key=lambda row: row["microseconds"])
+
+
 def labelled(rows):
     """With what tells the rows of a figure apart, beyond what they all share."""
     common = len({row["formulation"] for row in rows}) == 1
@@ -199,12 +213,14 @@ def datasets(charts, results, rows):
     wins = {}
     for group in groups(best, "machine", "scene").values():
         row = fastest(group)
-        wins.setdefault(row["machine"], []).append(row["backend"])
+        wins.setdefault(row["machine"], []).append("" if as_fast(row, group) else row["backend"])
     findings = []
     for machine, winners in wins.items():
-        ordered = sorted(set(winners), key=lambda name: (-winners.count(name), name))
-        findings.append((machine, listed(f"{name} wins {winners.count(name)}" for name in ordered)
-                         + f" of {len(winners)} datasets"))
+        ordered = sorted({*winners} - {""}, key=lambda name: (-winners.count(name), name))
+        text = f"{listed(f'{name} wins {winners.count(name)}' for name in ordered) or 'no backend wins any'} of {len(winners)} datasets"
+        if untold := winners.count(""):
+            text += f", and on {untold} the fastest cannot be told"
+        findings.append((machine, text))
     panels = []
     for machine in distinct(best, "machine"):
         of_machine = [row for row in best if row["machine"] == machine]
@@ -218,7 +234,9 @@ def datasets(charts, results, rows):
                        f"{len(distinct(of_machine, 'backend'))} backends on {len(order)} datasets.")
         panels.append(charts.panel(machine, {"machine": machine}, points, alternative, step=("scene", 30)))
     return Figure("datasets", by_machine(findings), "Median time a step of each backend with its fastest "
-                  "formulation and tuning, in the latest file that has it. Farther left is faster.", STEP, best, panels,
+                  "formulation and tuning, in the latest file that has it. Farther left is faster. A dataset is won where "
+                  "repetitions tell the fastest from every other backend: by more than 5%, and by more than thrice their spread.",
+                  STEP, best, panels,
                   used(results, having="benchmarks"))
 
 

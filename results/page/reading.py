@@ -216,6 +216,7 @@ def measured(results):
                 "contender": contender(row), "formulation": row["formulation"], "precision": row["precision"],
                 "tuning": row.get("tuning", ""), "steps": row["steps"], "particles": row["particles"],
                 "microseconds": row["real_time"], "least": min(times), "most": max(times),
+                "repetition_times": tuple(times),
                 "particle_rate": row["particles"] / row["real_time"] * 1e6,
                 "spring_rate": row["springs"] / row["real_time"] * 1e6,
                 "limit_microseconds": limit * 1e6 if limit else None, "limited_by": row.get("limited_by"),
