@@ -5,6 +5,7 @@
 #include <set>
 #include <utility>
 
+#include "backends/suggestion.h"
 #include "builtin_study_files.h"  // generated
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
@@ -143,9 +144,13 @@ Study load_study(const std::string& argument) {
     const auto builtin = builtin_study_files.find(argument + ".json");
     if (builtin == builtin_study_files.end() && path.extension() != ".json") {
         std::string known;
-        for (const auto& [file, text] : builtin_study_files)
-            known += std::filesystem::path(file).stem().string() + ", ";
-        throw BadInput("command line", "STUDY", argument, known + "or a .json file");
+        std::vector<std::string> names;
+        for (const auto& [file, text] : builtin_study_files) {
+            names.push_back(std::filesystem::path(file).stem().string());
+            known += names.back() + ", ";
+        }
+        throw BadInput("command line", "STUDY", argument,
+                       known + "or a .json file" + did_you_mean(argument, names));
     }
     JsonObject root = builtin != builtin_study_files.end()
                           ? parse_json(builtin->second, std::string(builtin->first))
