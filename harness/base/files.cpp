@@ -5,6 +5,8 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <climits>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -13,6 +15,45 @@
 #include "harness/base/bad_input.h"
 
 namespace voxspring {
+namespace {
+
+// The temporary file that is being written, for a signal's handler, which may not touch a std::string.
+char unfinished_file[PATH_MAX];
+volatile std::sig_atomic_t unfinished_file_is_known = 0;
+
+/// As long as it lives, remove_unfinished_file() removes that file. A longer path is not known to it.
+class Unfinished {
+public:
+    explicit Unfinished(const std::string& path) {
+        if (path.size() >= sizeof unfinished_file) return;
+        path.copy(unfinished_file, path.size());
+        unfinished_file[path.size()] = '\0';
+        unfinished_file_is_known = 1;
+    }
+    Unfinished(const Unfinished&) = delete;
+    Unfinished& operator=(const Unfinished&) = delete;
+    ~Unfinished() { unfinished_file_is_known = 0; }
+};
+
+/// What is written in place: nothing there could be replaced by a file.
+bool is_pipe_or_device(const std::filesystem::path& path) {
+    struct stat status {};
+    return stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode);
+}
+
+/// The file that `path` stands for where it is a symbolic link, or a link to one, there or not.
+std::filesystem::path behind_links(std::filesystem::path path) {
+    constexpr int most = 40;  // as many as Linux follows
+    std::error_code error;
+    for (int links = 0; links < most && std::filesystem::is_symlink(path, error); ++links) {
+        const std::filesystem::path target = std::filesystem::read_symlink(path, error);
+        if (error) break;
+        path = target.is_absolute() ? target : path.parent_path() / target;
+    }
+    return path;
+}
+
+}  // namespace
 
 bool write_all(int file, std::string_view text) {
     while (!text.empty()) {
@@ -32,13 +73,21 @@ void sync_folder_of(const std::filesystem::path& file) {
     close(descriptor);
 }
 
-void write_atomically(const std::filesystem::path& path, const std::string& text) {
+void write_atomically(const std::filesystem::path& asked, const std::string& text) {
     const auto fail = [&](const char* what) {
-        throw std::system_error(errno, std::generic_category(), what + (" " + path.string()));
+        throw std::system_error(errno, std::generic_category(), what + (" " + asked.string()));
     };
+    if (is_pipe_or_device(asked)) {
+        const int file = open(asked.c_str(), O_WRONLY | O_CLOEXEC);
+        if (file < 0 || !write_all(file, text)) fail("cannot write");
+        close(file);
+        return;
+    }
+    const std::filesystem::path path = behind_links(asked);
     std::string temporary = path.string() + ".XXXXXX";
     const int file = mkstemp(temporary.data());
     if (file < 0) fail("cannot write");
+    const Unfinished unfinished(temporary);
     const bool written = write_all(file, text);
     // mkstemp makes the file private; a result is as readable as any file its user writes.
     const mode_t mask = umask(0);
@@ -56,18 +105,23 @@ void write_atomically(const std::filesystem::path& path, const std::string& text
     sync_folder_of(path);
 }
 
+void remove_unfinished_file() {
+    if (unfinished_file_is_known != 0) unlink(unfinished_file);
+}
+
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension) {
-    if (path.extension() != extension) {
-        throw BadInput("command line", option, path.string(), "a path that ends in " + extension);
-    }
-    std::string probe = path.string() + ".XXXXXX";
+    const auto refuse = [&](const std::string& accepted) {
+        throw BadInput("command line", option, path.string(), accepted);
+    };
+    if (path.extension() != extension) refuse("a path that ends in " + extension);
+    if (is_pipe_or_device(path)) return;
+    std::error_code none;
+    if (std::filesystem::is_directory(path, none)) refuse("the path of a file; this is a folder");
+    std::string probe = behind_links(path).string() + ".XXXXXX";
     const int file = mkstemp(probe.data());
-    if (file < 0) {
-        throw BadInput(
-            "command line", option, path.string(),
-            std::string("a path in a folder that takes a new file (") + std::strerror(errno) + ")");
-    }
+    if (file < 0)
+        refuse(std::string("a path in a folder that takes a new file (") + std::strerror(errno) + ")");
     close(file);
     unlink(probe.c_str());
 }

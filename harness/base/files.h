@@ -7,9 +7,14 @@
 
 namespace voxspring {
 
-/// Replaces `path` by `text` in one step: a reader sees the old file or the new one. Throws
+/// Replaces `path` by `text` in one step: a reader sees the old file or the new one. Of a symbolic link that
+/// is the file behind it; what is no file, a pipe or a device, is written to as it is. Throws
 /// std::system_error, leaving `path` as it was.
 void write_atomically(const std::filesystem::path& path, const std::string& text);
+
+/// Removes the temporary file of a write_atomically() that is under way: for the handler of a signal that
+/// ends the process.
+void remove_unfinished_file();
 
 /// Writes all of it to an open file; false, with errno set, if not all of it could be written.
 bool write_all(int file, std::string_view text);
@@ -17,8 +22,8 @@ bool write_all(int file, std::string_view text);
 /// the file system can.
 void sync_folder_of(const std::filesystem::path& file);
 
-/// Throws BadInput unless `path` ends in `extension` and its folder takes a new file. `option` is what
-/// the message calls it.
+/// Throws BadInput unless `path` ends in `extension`, is no folder and lies in one that takes a new file.
+/// `option` is what the message calls it.
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension);
 

@@ -4,24 +4,32 @@
 
 #include <string_view>
 
+#include "harness/base/files.h"
+
 namespace voxspring {
 namespace {
 
 volatile std::sig_atomic_t signals_caught = 0;
+volatile std::sig_atomic_t ends_at_once = 0;
+
+void say(std::string_view message) { (void)!write(STDERR_FILENO, message.data(), message.size()); }
 
 /// Calls nothing but what a signal may interrupt.
 void note(int) {
     signals_caught = signals_caught + 1;
-    if (signals_caught > 1) _exit(interrupted_exit_code);
-    constexpr std::string_view message =
-        "\nvoxspring: stopping after what is in flight; once more to stop at once\n";
-    (void)!write(STDERR_FILENO, message.data(), message.size());
+    if (ends_at_once != 0 || signals_caught > 1) {
+        remove_unfinished_file();
+        if (signals_caught == 1) say("\nvoxspring: interrupted\n");
+        _exit(interrupted_exit_code);
+    }
+    say("\nvoxspring: stopping after what is in flight; once more to stop at once\n");
 }
 
 }  // namespace
 
-CaughtInterruptions::CaughtInterruptions() {
+CaughtInterruptions::CaughtInterruptions(bool at_once) : ended_at_once_(ends_at_once != 0) {
     signals_caught = 0;
+    ends_at_once = at_once ? 1 : 0;
     struct sigaction action {};
     action.sa_handler = note;
     sigaction(SIGINT, &action, &interrupt_);
@@ -31,6 +39,7 @@ CaughtInterruptions::CaughtInterruptions() {
 CaughtInterruptions::~CaughtInterruptions() {
     sigaction(SIGINT, &interrupt_, nullptr);
     sigaction(SIGTERM, &terminate_, nullptr);
+    ends_at_once = ended_at_once_ ? 1 : 0;
 }
 
 bool interrupted() { return signals_caught > 0; }

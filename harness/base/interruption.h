@@ -5,17 +5,20 @@
 
 namespace voxspring {
 
-/// As long as it lives the first SIGINT or SIGTERM is noted and said; the next one ends the process at once.
+/// As long as it lives the first SIGINT or SIGTERM is noted and said; the next one ends the process at once,
+/// and removes what write_atomically() has not finished. With `at_once` the first one does so already: for
+/// work that leaves nothing to finish.
 class CaughtInterruptions {
 public:
-    CaughtInterruptions();
+    explicit CaughtInterruptions(bool at_once = false);
     CaughtInterruptions(const CaughtInterruptions&) = delete;
     CaughtInterruptions& operator=(const CaughtInterruptions&) = delete;
     ~CaughtInterruptions();
 
 private:
     struct sigaction interrupt_ {
-    }, terminate_{};  ///< what they were
+    }, terminate_{};      ///< what they were
+    bool ended_at_once_;  ///< likewise, of the one around this one
 };
 
 /// Whether one of them has been caught since the latest CaughtInterruptions began.
