@@ -1,13 +1,53 @@
-// How far a study is: on a terminal one line that is overwritten, elsewhere a line a scene.
+// What the program does and how far it is: on a terminal one line that is overwritten, elsewhere a line every
+// ten seconds (VOXSPRING_PROGRESS_SECONDS: so many), all to standard error.
 #pragma once
 
 #include <chrono>
+#include <condition_variable>
+#include <mutex>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace voxspring {
 
-/// Writes to standard error. The time left is what the work that was done took, for the work that is left.
+/// "3 h 20 min", "12 min", "45 s".
+std::string duration_text(double seconds);
+
+/// Work of one thing after the other, some of which cannot say how far it is. A thread of its own writes the
+/// line, so that what takes long in one call is seen as well; nothing is written of what takes less than a
+/// second.
+class Activity {
+public:
+    Activity() = default;
+    Activity(const Activity&) = delete;
+    Activity& operator=(const Activity&) = delete;
+    ~Activity() { end(); }
+
+    /// `what` begins now, of unknown length.
+    void begin(const std::string& what);
+    /// So much of what began last is done, from 0 to 1: what is left is said to take as long as that did.
+    void done(double fraction, const std::string& detail);
+    /// Nothing is under way any more: removes the line from a terminal.
+    void end();
+
+private:
+    using Clock = std::chrono::steady_clock;
+
+    void write();
+    std::string line() const;
+
+    std::mutex mutex_;
+    std::condition_variable changed_;
+    bool ends_ = false;
+    std::string what_, detail_;
+    double fraction_ = 0;
+    Clock::time_point begin_;
+    std::thread writer_;  ///< last: it uses all of the others
+};
+
+/// Of a study, which elsewhere than on a terminal has a line for each scene too. The time left is what the
+/// work that was done took, for the work that is left.
 class Progress {
 public:
     struct Scene {
@@ -26,21 +66,18 @@ public:
     /// The scene has given that many rows.
     void end(int rows);
 
-    /// "3 h 20 min", "12 min", "45 s".
-    static std::string duration_text(double seconds);
-
 private:
     using Clock = std::chrono::steady_clock;
 
     std::string left(double fraction) const;
-    void overwrite(const std::string& line) const;
+    void write_now_and_then(const std::string& line);
 
     std::vector<Scene> scenes_;
     double all_work_ = 0, work_done_ = 0;
     int all_rows_ = 0, rows_done_ = 0;
     std::size_t number_ = 0;  ///< of the scene, from 1
     std::string heading_;
-    Clock::time_point scene_begin_, begin_ = Clock::now();
+    Clock::time_point scene_begin_, begin_ = Clock::now(), written_ = Clock::now();
     double fraction_at_begin_ = -1;  ///< negative: nothing has been shown
     bool terminal_;
 };
