@@ -130,7 +130,8 @@ std::string list_formats() {
     return text;
 }
 
-Exports::Exports(const ExportOptions& options, int steps) : steps_(steps) {
+Exports::Exports(const ExportOptions& options, int steps)
+    : steps_(steps), digits_(std::max<std::size_t>(6, std::to_string(steps).size())) {
     const auto& every = options.every;
     if (every && options.out.empty() && !options.frames) {
         throw BadInput("command line", "--every", std::to_string(*every),
@@ -196,24 +197,22 @@ void Exports::look_at(const Snapshot& snapshot) {
 
 std::string Exports::name_in_series(const std::filesystem::path& path, std::int64_t step) const {
     // As many digits in each name, so that they sort by step.
-    const std::size_t digits = std::max<std::size_t>(6, std::to_string(steps_).size());
     std::string number = std::to_string(step);
-    number.insert(0, digits - number.size(), '0');
+    number.insert(0, digits_ - number.size(), '0');
     return path.stem().string() + "_" + number + path.extension().string();
 }
 
 void Exports::write(const Snapshot& snapshot) {
+    written_.clear();
     for (File& file : files_) {
         if (!is_due(file, snapshot.step)) continue;
         const std::string contents =
             is_picture(file) ? pictures_->png(snapshot) : file.writer->contents(snapshot);
-        if (!file.every) {
-            write_atomically(file.path, contents);
-            continue;
-        }
-        const std::string name = name_in_series(file.path, snapshot.step);
-        write_atomically(file.path.parent_path() / name, contents);
-        if (!file.writer->collected) continue;
+        const std::string name =
+            file.every ? name_in_series(file.path, snapshot.step) : file.path.filename().string();
+        written_.push_back(file.path.parent_path() / name);
+        write_atomically(written_.back(), contents);
+        if (!file.every || !file.writer->collected) continue;
         file.listed += R"(    <DataSet timestep=")";
         append_number(file.listed, snapshot.time);
         file.listed += R"(" part="0" file=")" + escaped(name) + "\"/>\n";

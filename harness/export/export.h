@@ -74,6 +74,11 @@ public:
     Exports(const Exports&) = delete;
     Exports& operator=(const Exports&) = delete;
 
+    /// The run ends after `step` steps, earlier than was said: that is where the last files are due.
+    void end_at(int step) { steps_ = step; }
+    /// What the latest write() wrote, without the .pvd of a series.
+    const std::vector<std::filesystem::path>& written() const { return written_; }
+
     /// The next step after `step` after which write() is due.
     int next(int step) const;
     /// Whether there are pictures that have to look_at() a whole run before it is written.
@@ -97,8 +102,10 @@ private:
     bool is_due(const File& file, std::int64_t step) const;
 
     std::vector<File> files_;
+    std::vector<std::filesystem::path> written_;
     std::unique_ptr<Pictures> pictures_;
     int steps_ = 0;
+    std::size_t digits_ = 6;  ///< of a step in a series' names, at least
 };
 
 }  // namespace voxspring

@@ -372,6 +372,7 @@ std::string npz(const Snapshot& snapshot) {
     NpzFile file;
     file.array("position", positions(snapshot));
     file.array("displacement", snapshot.state.displacement);
+    file.array("increment", snapshot.state.increment);
     file.array("velocity", velocities(snapshot));
     file.array("mass", masses(problem));
     file.array("pinned", or_zeros(problem.pinned, problem));

@@ -31,6 +31,7 @@ std::string vtu(const Snapshot& snapshot);
 /// list_springs():
 ///
 ///     position, displacement, velocity    (n, 3) float64
+///     increment                           (n, 3) float64, x(t) - x(t - dt): what --resume goes on from
 ///     mass                                (n,) float64
 ///     pinned, material                    (n,) uint8
 ///     voxel                               (n, 3) int32, x, y, z; (0, 3) without a lattice

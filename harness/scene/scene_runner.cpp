@@ -30,9 +30,17 @@ std::string SceneRunner::unsupported(const Backend& backend) {
     return reason;
 }
 
+void SceneRunner::start_from(int step, const State& state) {
+    first_ = step;
+    start_ = &state;
+}
+
 void SceneRunner::rewind(Backend& backend) {
     restart();
-    backend.upload(scene_.problem, scene_.state);
+    for (; next_ < scene_.edits.size() && scene_.edits[next_].step < first_; ++next_)
+        apply(*edited_, scene_.edits[next_].edit);
+    step_ = first_;
+    backend.upload(problem(), start_ != nullptr ? *start_ : scene_.state);
 }
 
 void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {

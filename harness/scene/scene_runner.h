@@ -20,7 +20,10 @@ public:
     /// Empty, or why `backend` cannot run the scene from its first edit to its last.
     std::string unsupported(const Backend& backend);
 
-    /// Uploads the scene's state at step 0.
+    /// From the next rewind() on the scene starts from `state`, which it reached after `step` steps, instead
+    /// of from its own at step 0. `state` must outlive this.
+    void start_from(int step, const State& state);
+    /// Uploads the state that the scene starts from, with the edits made before it.
     void rewind(Backend& backend);
     /// Goes on from the last rewind() by `steps` steps and the edits due before them. Asynchronous, as step()
     /// is. `edit` takes the place of Backend::edit() where somebody has to watch.
@@ -38,6 +41,8 @@ private:
 
     const Scene& scene_;
     std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty where a scene has none
+    const State* start_ = nullptr;   ///< null: the scene's own
+    int first_ = 0;                  ///< step of the start
     std::size_t next_ = 0;           ///< edit
     int step_ = 0;
 };
