@@ -2,6 +2,9 @@
 // file format, results/scene.schema.json publishes it.
 #pragma once
 
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -40,6 +43,22 @@ struct Scene {
 ///
 /// Throws BadInput. Allocates in proportion to what was really read and never beyond `limits`.
 Scene load_scene(const std::string& argument,
+                 const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
+
+/// What is asked of a volume that has no scene file; what is not comes from the file or from the scene
+/// `heart`.
+struct VolumeOptions {
+    std::optional<std::vector<std::int64_t>> labels;  ///< each once; never together with a threshold
+    std::optional<double> threshold;
+    std::optional<glm::dvec3> spacing;
+    std::optional<glm::dvec3> gravity;
+
+    bool any() const { return labels || threshold || spacing || gravity; }
+};
+
+/// The same, of a volume with these options. Throws BadInput if there are any and `argument` is no volume
+/// file.
+Scene load_scene(const std::string& argument, const VolumeOptions& volume,
                  const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
 
 /// The scene that the JSON `text` describes. `file` is what messages name and what a volume's path is

@@ -68,7 +68,10 @@ struct StudyOptions {
     /// matches nothing of the study but a backend or a scene outside of it adds that.
     std::vector<std::string> backends;
     std::vector<std::string> scenes;
+    VolumeOptions volume;  ///< of each scene that is a volume file
     std::optional<int> repetitions;
+    /// The first SIGINT or SIGTERM ends the process, where nobody wants what is finished.
+    bool stops_at_once = false;
     std::optional<std::filesystem::path> out;
     bool resume = false;  ///< go on with what a run of the same study left beside `out`
     /// For which a case's process may say nothing before it counts as hung. An answer is a batch or a

@@ -38,6 +38,7 @@
 #include "harness/study/study.h"
 #include "harness/study/suite.h"
 #include "harness/verification/reference.h"
+#include "harness/volume/volume.h"
 
 namespace voxspring {
 namespace {
@@ -71,11 +72,15 @@ std::vector<BackendSpec> known_cases(const Study& study, const StudyScene& item,
 /// twice.
 class Scenes {
 public:
+    /// `volume` is of those that are volume files.
+    explicit Scenes(VolumeOptions volume) : volume_(std::move(volume)) {}
+
     std::shared_ptr<const Scene> of(const Study& study, const StudyScene& item) {
         if (study.kind == StudyKind::stress) return std::make_shared<const Scene>(stands_for_all(item));
         if (item.built) return item.built;
         if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
-        auto scene = std::make_shared<const Scene>(load_scene(item.scene));
+        auto scene = std::make_shared<const Scene>(
+            load_scene(item.scene, is_volume_name(item.scene) ? volume_ : VolumeOptions{}));
         if (particles_ + scene->problem.particle_count() <=
             SceneSizeLimits::of_this_machine().particles / 4) {
             particles_ += scene->problem.particle_count();
@@ -92,6 +97,7 @@ private:
         return scene;
     }
 
+    VolumeOptions volume_;
     std::map<std::string, std::shared_ptr<const Scene>> kept_;
     std::uint64_t particles_ = 0;
 };
@@ -176,6 +182,10 @@ public:
             throw BadInput("command line", "--scene", options.scenes.front(),
                            "none: the suite has its own scenes");
         select_scenes(study_, options.scenes);
+        const auto is_volume = [](const StudyScene& item) { return is_volume_name(item.scene); };
+        if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_volume))
+            throw BadInput("command line", "--labels, --threshold, --spacing or --gravity", study_.name,
+                           "a study with a volume file among its scenes: --scene FILE adds one");
         study_.repetitions = options.repetitions.value_or(study_.repetitions);
         if (options.out) check_writable(*options.out, "--out", ".json");
         for (const StudyScene& item : study_.scenes) check(item);
@@ -211,7 +221,7 @@ public:
     }
 
     nlohmann::json run() {
-        const CaughtInterruptions caught;
+        const CaughtInterruptions caught(options_.stops_at_once);
         check_devices();
         for (const StudyScene& item : study_.scenes) {
             ++number_;
@@ -320,7 +330,8 @@ private:
     static bool is_finished(const std::filesystem::path& file) {
         std::ifstream text(file);
         const nlohmann::json result = nlohmann::json::parse(text, nullptr, false);
-        return result.is_object() && result.contains("context") && !is_unfinished(result);
+        return result.is_object() && result.contains("context") && result.at("context").is_object() &&
+               !is_unfinished(result);
     }
 
     /// The devices that the journal knows are those of this machine; one backend of each API is asked.
@@ -573,7 +584,7 @@ private:
 
     Study study_;
     const StudyOptions& options_;
-    Scenes scenes_;
+    Scenes scenes_{options_.volume};
     std::map<std::string, std::string> too_large_;  ///< scene to reason
     nlohmann::json result_, context_;
     bool has_context_ = false;  ///< of Google Benchmark
