@@ -57,6 +57,18 @@ class Install(unittest.TestCase):
         self.assertIn("dataset", json.loads((share / "harness/scenes/heart.json").read_text()))
         self.assertIn("properties", json.loads((share / "results/schema.json").read_text()))
 
+    def test_installs_the_scripts_that_the_program_starts_and_what_shells_complete(self):
+        # The system's Python has the packages; another one on the PATH may not.
+        helped = subprocess.run([self.prefix / "bin/voxspring", "diff", "--help"], capture_output=True, text=True, timeout=60,
+                                env={"PATH": "/usr/bin:/bin"})
+        self.assertIn("--across-devices", helped.stdout)
+        share = self.prefix / "share"
+        for script in ("report.py", "diff.py", "versions.py", "requirements.txt", "page/page.js"):
+            self.assertTrue((share / "voxspring/results" / script).exists(), script)
+        bash = (share / "bash-completion/completions/voxspring").read_text()
+        self.assertEqual(bash, self.call(self.prefix / "bin/voxspring", "completion", "bash"))
+        self.assertTrue((share / "zsh/site-functions/_voxspring").read_text().startswith("#compdef voxspring"))
+
     def test_another_program_measures_its_own_backend_on_its_own_scene(self):
         result, table = self.run_example(0)
         jsonschema.Draft202012Validator(json.loads(pathlib.Path("results/schema.json").read_text())).validate(result)

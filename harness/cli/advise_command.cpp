@@ -28,6 +28,7 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
         scene = load_scene(argument).name;
         StudyOptions study = options.study;
         study.scenes = {argument};
+        study.stops_at_once = true;
         const nlohmann::json result = run_study(load_study("pareto"), study);
         if (is_unfinished(result)) return interrupted_exit_code;
         print_unmeasured(result, out);

@@ -8,9 +8,13 @@
 #include <vector>
 
 #include "harness/export/export.h"
+#include "harness/scene/scene.h"
 #include "harness/study/study.h"
 
 namespace voxspring {
+
+/// "voxspring 0.1.0 (commit 0123456789ab)".
+std::string version_text();
 
 /// `voxspring list`: backends, available or why not; built-in scenes and studies.
 void list_everything(bool json, std::ostream& out);
@@ -19,11 +23,17 @@ void list_everything(bool json, std::ostream& out);
 void list_limits(bool json, std::ostream& out);
 
 /// `voxspring info`: dims, particles, springs, memory and time step of a scene. Throws BadInput.
-void describe_scene(const std::string& scene, bool json, std::ostream& out);
+void describe_scene(const std::string& scene, const VolumeOptions& volume, bool json, std::ostream& out);
+
+/// The longest run.
+inline constexpr int max_run_steps = 1'000'000'000;
 
 struct RunOptions {
     std::string backend;
-    int steps = 100;
+    int steps = 100;                              ///< from the scene's start
+    std::optional<double> time;                   ///< instead of `steps`, in the scene's unit
+    std::optional<std::filesystem::path> resume;  ///< a state that `out` wrote
+    VolumeOptions volume;
     ExportOptions out;
 };
 

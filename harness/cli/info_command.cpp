@@ -10,6 +10,7 @@
 #include <string>
 
 #include "backends/registry.h"
+#include "harness/base/progress.h"
 #include "harness/cli/commands.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
@@ -34,9 +35,11 @@ struct SceneFacts {
     std::string limit_unknown;                   ///< why there is none
 };
 
-SceneFacts facts_of(const std::string& argument) {
+SceneFacts facts_of(const std::string& argument, const VolumeOptions& volume) {
+    Activity activity;
+    activity.begin("reading " + argument);
     SceneFacts facts;
-    facts.scene = load_scene(argument);
+    facts.scene = load_scene(argument, volume);
     const Problem& problem = facts.scene.problem;
     facts.springs = count_springs(problem);
     for (const auto p : problem.pinned) facts.pinned += p;
@@ -44,6 +47,7 @@ SceneFacts facts_of(const std::string& argument) {
         facts.bytes[name] = entry.bytes(problem, BackendSpec::parse(name).options);
     const Problem limiting = with_all_springs(facts.scene);
     facts.undamped = stable_time_step(frequency_bound_squared(limiting), 0);
+    activity.begin("computing the limit of the time step by Lanczos' iteration");
     const Frequency frequency = true_frequency_squared(limiting);
     if (frequency.squared) {
         facts.limit = stable_time_step(*frequency.squared, problem.damping);
@@ -157,8 +161,8 @@ void print_memory(const SceneFacts& facts, std::ostream& out) {
 
 }  // namespace
 
-void describe_scene(const std::string& argument, bool json, std::ostream& out) {
-    const SceneFacts facts = facts_of(argument);
+void describe_scene(const std::string& argument, const VolumeOptions& volume, bool json, std::ostream& out) {
+    const SceneFacts facts = facts_of(argument, volume);
     if (json) {
         out << to_json(facts).dump(2) << "\n";
         return;

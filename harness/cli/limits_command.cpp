@@ -3,6 +3,7 @@
 #include <stdexcept>
 
 #include "backends/registry.h"
+#include "harness/base/progress.h"
 #include "harness/cli/commands.h"
 #include "harness/device/limits.h"
 
@@ -10,14 +11,17 @@ namespace voxspring {
 
 void list_limits(bool json, std::ostream& out) {
     MeasuredLimits limits;
+    Activity activity;
     for (const auto& [name, entry] : registry()) {
         const BackendSpec spec = BackendSpec::parse(name);
+        activity.begin("measuring what the device of " + name + " can do");
         try {
             limits.of(spec.make()->capabilities(), [&] { return spec.make()->measure_limits(); });
         } catch (const std::runtime_error&) {
             // `voxspring list` says why there is no such device.
         }
     }
+    activity.end();
     if (json) {
         out << limits.json().dump(2) << "\n";
     } else {

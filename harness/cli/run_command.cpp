@@ -1,14 +1,21 @@
+#include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <memory>
+#include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
 
 #include "backends/registry.h"
+#include "harness/base/bad_input.h"
+#include "harness/base/interruption.h"
+#include "harness/base/progress.h"
 #include "harness/cli/commands.h"
 #include "harness/export/export.h"
 #include "harness/export/pictures.h"
+#include "harness/export/saved_state.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
@@ -28,69 +35,230 @@ double largest_displacement(const State& state) {
     return largest;
 }
 
+/// As many steps as come nearest to `time`, one at least. Says so where that is not exact.
+int steps_to(double time, const Scene& scene, std::ostream& out) {
+    const double time_step = scene.problem.time_step;
+    const double steps = std::max(1.0, std::round(time / time_step));
+    if (steps > max_run_steps) {
+        std::ostringstream most;
+        most << "a time of at most " << max_run_steps << " steps of " << time_step << " in " << scene.name;
+        throw BadInput("command line", "--time", std::to_string(time), most.str());
+    }
+    constexpr double rounding = 1e-9;
+    if (std::abs(steps * time_step - time) > rounding * time)
+        out << "time " << time << " is no whole number of time steps of " << time_step << ": " << steps
+            << " steps, to time " << steps * time_step << "\n";
+    return int(steps);
+}
+
+/// How many steps to take before looking whether to stop, and saying how far the run is: about a fifth of a
+/// second of them.
+class Stride {
+public:
+    explicit Stride(std::size_t particles)
+        : steps_(std::clamp(first_work / double(std::max<std::size_t>(particles, 1)), 1.0, most)) {}
+
+    int steps() const { return int(steps_); }
+    void took(int steps, double seconds) {
+        if (steps < int(steps_)) return;  // the last ones before a file
+        const double wanted = steps_ * wanted_seconds / std::max(seconds, 1e-9);
+        steps_ = std::clamp(wanted, std::max(1.0, steps_ / 4), std::min(most, steps_ * 4));
+    }
+
+private:
+    static constexpr double first_work =
+        1e6;  ///< steps of a particle; a slow machine takes a tenth of a second
+    static constexpr double wanted_seconds = 0.2;
+    static constexpr double most = 1e6;
+
+    double steps_;
+};
+
+/// A scene, the backend that runs it and the files that it is to leave.
+class Run {
+public:
+    Run(const std::string& argument, const RunOptions& options, std::ostream& out)
+        : options_(options), out_(out), steps_(options.steps) {
+        const bool by_rules = asks_for_auto(options.backend);
+        if (by_rules) {
+            check_auto(options.backend);
+        } else {
+            spec_ = BackendSpec::parse(options.backend);
+        }
+        if (!options.time) exports_ = std::make_unique<Exports>(options.out, steps_);
+        activity_.begin("reading " + argument);
+        scene_ = std::make_unique<Scene>(load_scene(argument, options.volume));
+        if (options.time) {
+            steps_ = steps_to(*options.time, *scene_, out);
+            exports_ = std::make_unique<Exports>(options.out, steps_);
+        }
+        runner_ = std::make_unique<SceneRunner>(*scene_);
+        if (options.resume) resume(*options.resume);
+        activity_.begin(scene_->name + ": starting " + options.backend);
+        make_backend(by_rules);
+        monitor_ = divergence_monitor(*scene_, steps_);
+        backend_->monitor(monitor_);
+    }
+
+    int exit_code() {
+        const CaughtInterruptions caught;
+        if (exports_->looks_ahead()) {
+            in_first_pass_ = true;
+            play([&](const Snapshot& snapshot) { exports_->look_at(snapshot); });
+        }
+        if (!interrupted()) {
+            in_first_pass_ = false;
+            play([&](const Snapshot& snapshot) { exports_->write(snapshot); });
+        }
+        return in_first_pass_ || reached_ < steps_ ? stop() : finish();
+    }
+
+private:
+    void resume(const std::filesystem::path& file) {
+        saved_ = read_saved_state(file, *scene_);
+        if (saved_->step >= steps_)
+            throw BadInput("command line", options_.time ? "--time" : "--steps",
+                           std::to_string(steps_) + " steps",
+                           "more than the " + std::to_string(saved_->step) + " that " + file.string() +
+                               " has reached: they count from the scene's start");
+        first_ = saved_->step;
+        runner_->start_from(first_, saved_->state);
+    }
+
+    void make_backend(bool by_rules) {
+        if (by_rules) {
+            AutoChoice choice = choose_backend(options_.backend, *scene_, [&](const Backend& candidate) {
+                return runner_->unsupported(candidate).empty();
+            });
+            activity_.end();
+            out_ << "auto: " << choice.reason << "\n";
+            spec_ = choice.spec;
+            backend_ = std::move(choice.backend);
+        } else {
+            backend_ = spec_.make();
+        }
+        if (const std::string why = runner_->unsupported(*backend_); !why.empty())
+            throw std::runtime_error(spec_.entry->name + " cannot run " + scene_->name + ": " + why);
+    }
+
+    std::string subject() const { return scene_->name + " on " + spec_.label(); }
+
+    Snapshot snapshot_of(const State& state) const {
+        return {*scene_, runner_->problem(), state, reached_, reached_ * time_step(), spec_.label()};
+    }
+
+    /// All steps, or as many as were made when an interruption came. `take` gets each state that files are
+    /// of.
+    template <class Take>
+    void play(const Take& take) {
+        const std::string what =
+            subject() + (in_first_pass_ ? ", first pass, for one scale of all pictures" : "");
+        timing_ = {};
+        activity_.begin(what + ": uploading");
+        runner_->rewind(*backend_);
+        activity_.begin(what);
+        Stride stride(scene_->problem.particle_count());
+        reached_ = first_;
+        while (reached_ < steps_) {
+            const int end = exports_->next(reached_);
+            while (reached_ < end && !interrupted())
+                step_on(std::min(stride.steps(), end - reached_), stride);
+            if (reached_ < end || (interrupted() && reached_ < steps_)) return;
+            const State state = checked_state();
+            take(snapshot_of(state));
+        }
+    }
+
+    void step_on(int steps, Stride& stride) {
+        const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
+        timing_.device_seconds += batch.device_seconds;
+        timing_.host_seconds += batch.host_seconds;
+        stride.took(steps, batch.host_seconds);
+        reached_ += steps;
+        activity_.done(double(reached_ - first_) / (steps_ - first_),
+                       "step " + std::to_string(reached_) + " of " + std::to_string(steps_));
+    }
+
+    /// The state that was reached. Throws where the run has left its bounds.
+    State checked_state() {
+        State state = backend_->download();
+        auto divergence = find_divergence(*backend_, *runner_, monitor_, state, reached_ - first_);
+        largest_ = largest_displacement(state);
+        if (!divergence && std::isfinite(largest_)) return state;
+        if (divergence) {
+            divergence->last_good += first_;
+            divergence->found += first_;
+        }
+        throw std::runtime_error(spec_.entry->name + ": " + scene_->name + " " +
+                                 (divergence ? describe(*divergence, monitor_) : "is no longer finite") +
+                                 "; time step " + std::to_string(time_step()) + ", stable " +
+                                 std::to_string(scene_->stable_time_step));
+    }
+
+    double time_step() const { return scene_->problem.time_step; }
+
+    int finish() {
+        activity_.end();
+        const int steps = steps_ - first_;
+        out_ << scene_->name << ": " << steps << " steps";
+        if (first_ > 0) out_ << ", " << first_ + 1 << " to " << steps_ << ",";
+        out_ << " of " << scene_->problem.particle_count() << " particles on " << spec_.label() << " in "
+             << timing_.host_seconds << " s, " << timing_.device_seconds / steps * 1e6
+             << " us a step; largest displacement " << largest_ << "\n";
+        if (const Pictures* pictures = exports_->pictures();
+            pictures != nullptr && pictures->colouring() == Colouring::error)
+            out_ << "largest error against float64 " << pictures->largest() << "\n";
+        return 0;
+    }
+
+    /// Leaves the state that was reached.
+    int stop() {
+        const bool leaves = reached_ > first_ && (!options_.out.out.empty() || options_.out.frames);
+        if (leaves) {
+            activity_.begin(subject() + ": writing the state after step " + std::to_string(reached_));
+            const State state = checked_state();
+            exports_->end_at(reached_);
+            if (in_first_pass_) exports_->look_at(snapshot_of(state));
+            exports_->write(snapshot_of(state));
+        }
+        activity_.end();
+        out_ << scene_->name << ": interrupted after step " << reached_ << " of " << steps_;
+        if (!leaves) {
+            out_ << (reached_ > first_ ? "; without --out nothing is written\n" : "; nothing is written\n");
+            return interrupted_exit_code;
+        }
+        std::string states, resumable;
+        for (const auto& path : exports_->written()) {
+            states += (states.empty() ? "" : ", ") + path.string();
+            if (path.extension() == ".npz") resumable = path.string();
+        }
+        out_ << "; its state is in " << states << "\n";
+        if (!resumable.empty()) out_ << "the same command with --resume " << resumable << " goes on\n";
+        return interrupted_exit_code;
+    }
+
+    const RunOptions& options_;
+    std::ostream& out_;
+    int steps_;
+    int first_ = 0;               ///< step that the run starts after
+    int reached_ = 0;             ///< step
+    bool in_first_pass_ = false;  ///< of two, in which nothing is written
+    BackendSpec spec_;
+    std::unique_ptr<Exports> exports_;
+    std::unique_ptr<Scene> scene_;
+    std::optional<SavedState> saved_;
+    std::unique_ptr<SceneRunner> runner_;
+    std::unique_ptr<Backend> backend_;
+    DivergenceMonitor monitor_;
+    Timing timing_;
+    double largest_ = 0;
+    Activity activity_;
+};
+
 }  // namespace
 
 int run_scene(const std::string& argument, const RunOptions& options, std::ostream& out) {
-    const bool by_rules = asks_for_auto(options.backend);
-    BackendSpec spec;
-    if (by_rules) {
-        check_auto(options.backend);
-    } else {
-        spec = BackendSpec::parse(options.backend);
-    }
-    Exports exports(options.out, options.steps);
-    const Scene scene = load_scene(argument);
-    SceneRunner runner(scene);
-    std::unique_ptr<Backend> backend;
-    if (by_rules) {
-        AutoChoice choice = choose_backend(options.backend, scene, [&](const Backend& candidate) {
-            return runner.unsupported(candidate).empty();
-        });
-        out << "auto: " << choice.reason << "\n";
-        spec = choice.spec;
-        backend = std::move(choice.backend);
-    } else {
-        backend = spec.make();
-    }
-    if (const std::string why = runner.unsupported(*backend); !why.empty()) {
-        throw std::runtime_error(spec.entry->name + " cannot run " + scene.name + ": " + why);
-    }
-    const DivergenceMonitor monitor = divergence_monitor(scene, options.steps);
-    backend->monitor(monitor);
-    Timing timing;
-    double largest = 0;
-    const auto play = [&](const auto& take) {
-        timing = {};
-        runner.rewind(*backend);
-        for (int step = 0; step < options.steps;) {
-            const int end = exports.next(step);
-            const Timing batch = backend->timed([&] { runner.run(*backend, end - step); });
-            timing.device_seconds += batch.device_seconds;
-            timing.host_seconds += batch.host_seconds;
-            step = end;
-            const State state = backend->download();
-            const auto divergence = find_divergence(*backend, runner, monitor, state, step);
-            largest = largest_displacement(state);
-            if (divergence || !std::isfinite(largest)) {
-                throw std::runtime_error(
-                    spec.entry->name + ": " + scene.name + " " +
-                    (divergence ? describe(*divergence, monitor) : "is no longer finite") + "; time step " +
-                    std::to_string(scene.problem.time_step) + ", stable " +
-                    std::to_string(scene.stable_time_step));
-            }
-            take({scene, runner.problem(), state, step, step * scene.problem.time_step, spec.label()});
-        }
-    };
-    if (exports.looks_ahead()) play([&](const Snapshot& snapshot) { exports.look_at(snapshot); });
-    play([&](const Snapshot& snapshot) { exports.write(snapshot); });
-    out << scene.name << ": " << options.steps << " steps of " << scene.problem.particle_count()
-        << " particles on " << spec.label() << " in " << timing.host_seconds << " s, "
-        << timing.device_seconds / options.steps * 1e6 << " us a step; largest displacement " << largest
-        << "\n";
-    if (const Pictures* pictures = exports.pictures();
-        pictures != nullptr && pictures->colouring() == Colouring::error)
-        out << "largest error against float64 " << pictures->largest() << "\n";
-    return 0;
+    return Run(argument, options, out).exit_code();
 }
 
 }  // namespace voxspring

@@ -317,9 +317,6 @@ Resize split_resize(const std::string& argument) {
     if ((sides.size() != 1 && sides.size() != 3) || sides.back() < 0)
         throw BadInput(argument, "dims", resize.suffix, "@N or @WxHxD");
     if (sides.size() == 1) sides.resize(3, sides[0]);
-    if (*std::max_element(sides.begin(), sides.end()) > longest_side)
-        throw BadInput(argument, "dims", resize.suffix,
-                       "sides of 1 to " + std::to_string(longest_side) + " voxels");
     resize.dims = {int(sides[0]), int(sides[1]), int(sides[2])};
     return resize;
 }

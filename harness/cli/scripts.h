@@ -1,0 +1,19 @@
+// `voxspring report` and `voxspring diff`: Python scripts that come with the program.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace voxspring {
+
+/// Each script's description, by the command that starts it.
+const std::map<std::string, std::string>& scripts();
+bool is_script(const std::string& command);
+
+/// Becomes the script with these arguments; returns only by throwing. It is looked for in the folders
+/// results/ and share/voxspring/results/ beside the program and above it: in the source tree, an installation
+/// or a package. Throws BadInput where it, or a Python to run it, is not to be found.
+int run_script(const std::string& command, const std::vector<std::string>& arguments);
+
+}  // namespace voxspring

@@ -1,0 +1,296 @@
+"""What the command line accepts, what it refuses and how it says so; what comes of a full disk behind standard output.
+
+VOXSPRING names the executable; the current directory is the source tree.
+"""
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import unittest
+
+from program import VOXSPRING, InTemporaryFolder, voxspring
+
+RUN = ("run", "box@4", "--backend", "cpu_reference")
+
+
+class Words(InTemporaryFolder):
+    def test_names_its_version(self):
+        said = voxspring("--version")
+        self.assertEqual((said.returncode, said.stderr), (0, ""))
+        version = re.search(r"project\(voxspring VERSION (\S+)", pathlib.Path("CMakeLists.txt").read_text())[1]
+        self.assertRegex(said.stdout, rf"^voxspring {re.escape(version)} \(commit ([0-9a-f]{{12}}|unknown)(, changed since)?\)\n$")
+
+    def test_help_names_every_command_and_the_exit_codes(self):
+        said = voxspring("--help").stdout
+        for word in ("list", "limits", "info", "run", "study", "advise", "report", "diff", "completion", "130",
+                     "VOXSPRING_PROGRESS_SECONDS"):
+            self.assertIn(word, said)
+        self.assertIn("fpath", voxspring("completion", "--help").stdout)
+
+    def test_asks_what_was_meant(self):
+        for arguments, meant in (
+                (["stuyd", "smoke"], "study"), (["nosuch"], None), (["infp"], "info"),
+                (["info", "haert"], "heart"), (["info", "nothing_like_it"], None), (["info", "haert@4"], "heart"),
+                (["study", "defualt"], "default"),
+                (["study", "smoke", "--backend", "cpu_paralel"], "cpu_parallel"),
+                (["run", "box@4", "--backend", "cpu_paralel"], "cpu_parallel"),
+                (["run", "box@4", "--backend", "cpu_parallel:precison=float64"], "precision"),
+                ([*RUN, "--stpes", "3"], "--steps"), (["run", "box@4", "--backnd", "cpu_reference"], "--backend"),
+                ([*RUN, "--stpes=3"], "--steps"), (["--vesrion"], "--version"), ([*RUN, "--zzz"], None)):
+            refused = voxspring(*arguments)
+            self.assert_refused(refused)
+            if meant:
+                self.assertTrue(refused.stderr.endswith(f"; did you mean {meant}?\n"), refused.stderr)
+            else:
+                self.assertNotIn("did you mean", refused.stderr)
+        self.assertIn("expected one of list, limits, info, run, study, advise, diff, report, completion", voxspring("nosuch").stderr)
+
+    def test_refuses_numbers_with_their_range(self):
+        whole = "a whole number from 1 to 1000000000"
+        for option, values, accepted in (
+                ("--steps", ("0", "-1", "abc", "1e3", "1000000000000", "3.5", "", "1 "), whole),
+                ("--every", ("0", "-1", "abc", "1e3", "1e12"), whole),
+                ("--time", ("0", "-1", "nan", "inf", "abc"), "a number from 1e-12 to 1e+12")):
+            for value in values:
+                self.assert_refused(voxspring(*RUN, f"{option}={value}" if value else option, *([] if value else [""])),
+                                    option, value, accepted)
+        for option, values, accepted in (
+                ("--repetitions", ("0", "-1", "abc", "10001"), "a whole number from 1 to 10000"),
+                ("--timeout", ("0", "-1", "nan", "inf", "1e10", "soon"), "a number from 0.001 to 1e+06")):
+            for value in values:
+                self.assert_refused(voxspring("study", "smoke", f"{option}={value}"), option, value, accepted)
+        for value in ("0", "-1", "nan", "inf", "small"):
+            self.assert_refused(voxspring("advise", "box@4", f"--error={value}"), "--error", value, "a number from 1e-30 to 1e+06")
+        self.assert_refused(voxspring(*RUN, "--time", "1e12"), "--time", "a time of at most 1000000000 steps")
+        self.assert_refused(voxspring(*RUN, "--frames", ""), "--frames", "the path of a folder")
+        self.assert_refused(voxspring("info", "box@99999999"), "@99999999", "sides from 1 to 1048576")
+
+    def test_refuses_what_a_specification_says_twice_or_cannot_mean(self):
+        self.assert_refused(voxspring("run", "box@4", "--backend", "cpu_parallel:threads=1,threads=2"), "threads", "twice")
+        self.assert_refused(voxspring("study", "smoke", "--backend", "cpu_parallel:precision=float32,precision=float64"),
+                            "precision", "twice")
+
+    def test_takes_every_value_of_a_tuning_parameter(self):
+        out = self.folder / "result.json"
+        ran = voxspring("study", "smoke", "--scene", "box@4", "--backend", "cpu_parallel:rest=*", "--repetitions", 1, "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stderr)
+
+    def test_time_in_the_place_of_steps(self):
+        time_step = json.loads(voxspring("info", "box@4", "--json").stdout)["time_step"]
+        exact = voxspring(*RUN, "--time", 10 * time_step)
+        self.assertEqual(exact.returncode, 0, exact.stderr)
+        self.assertRegex(exact.stdout, r"^box@4: 10 steps of ")
+        near = voxspring(*RUN, "--time", 10.3 * time_step)
+        said, ran = near.stdout.splitlines()
+        self.assertRegex(said, r"^time \S+ is no whole number of time steps of \S+: 10 steps, to time \S+$")
+        self.assertRegex(ran, r"^box@4: 10 steps of ")
+        self.assertRegex(voxspring(*RUN, "--time", 1e-6).stdout.splitlines()[-1], r"^box@4: 1 steps of ")
+        self.assertEqual(voxspring(*RUN, "--time", 1, "--steps", 3).returncode, 2)
+
+
+class Volume(InTemporaryFolder):
+    """Options that stand for a scene file."""
+
+    def setUp(self):
+        super().setUp()
+        self.file = self.folder / "body.nrrd"
+        # 6 x 5 x 4 voxels: label 2 in the lower two slices, 7 in the third, nothing in the fourth.
+        data = bytes([2] * 60 + [7] * 30 + [0] * 30)
+        self.file.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 6 5 4\nencoding: raw\nspacings: 2 2 3\n\n" + data)
+
+    def info(self, *options):
+        said = voxspring("info", self.file, "--json", *options)
+        self.assertEqual(said.returncode, 0, said.stderr)
+        return json.loads(said.stdout)
+
+    def test_labels_threshold_spacing_and_gravity(self):
+        self.assertEqual((self.info()["active_particles"], self.info()["spacing"]), (90, [2, 2, 3]))
+        self.assertEqual(self.info("--threshold", 2)["active_particles"], 30)
+        self.assertEqual(self.info("--threshold=-1")["active_particles"], 120)
+        self.assertEqual(self.info("--labels", 2)["active_particles"], 60)
+        self.assertEqual(self.info("--labels", "2,7")["active_particles"], 90)
+        self.assertEqual(self.info("--spacing", 1.5)["spacing"], [1.5, 1.5, 1.5])
+        self.assertEqual(self.info("--spacing", "1,2,4")["spacing"], [1, 2, 4])
+
+    def test_a_run_is_that_of_the_scene_file_that_says_the_same(self):
+        with open("harness/scenes/heart.json") as file:
+            scene = json.load(file)
+        del scene["$schema"]
+        scene |= {"dataset": {"type": "volume", "file": "body.nrrd", "labels": [2]}, "spacing": [1, 2, 4], "gravity": [0, 0.5, -1e-3]}
+        (self.folder / "scene.json").write_text(json.dumps(scene))
+        run = ("--backend", "cpu_reference", "--steps", 20, "--out")
+        for scene, out, options in ((self.file, "a.csv", ("--labels", "2", "--spacing", "1,2,4", "--gravity=0,0.5,-1e-3")),
+                                    (self.folder / "scene.json", "b.csv", ())):
+            ran = voxspring("run", scene, *run, self.folder / out, *options)
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+        self.assertEqual((self.folder / "a.csv").read_text(), (self.folder / "b.csv").read_text())
+
+    def test_a_study_takes_them_too(self):
+        out = self.folder / "result.json"
+        ran = voxspring("study", "smoke", "--scene", self.file, "--labels", 7, "--backend", "cpu_*", "--repetitions", 1, "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stderr)
+        self.assertEqual({row["particles"] for row in json.loads(out.read_text())["verification"]}, {30})
+
+    def test_refuses_what_makes_no_volume(self):
+        for options, words in ((["--labels", "3"], ("body.nrrd", "3")), (["--labels", "2,2"], ("--labels", "2,2", "once")),
+                               (["--labels", ""], ("--labels", "whole number")), (["--labels", "2;7"], ("2;7",)),
+                               (["--spacing", "0"], ("--spacing", "0", "1e-12")), (["--spacing", "1,2"], ("--spacing", "1,2", "X,Y,Z")),
+                               (["--spacing", "nan"], ("--spacing", "nan")), (["--gravity", "1"], ("--gravity", "X,Y,Z")),
+                               (["--gravity", "0,0,inf"], ("--gravity", "inf")), (["--threshold", "7"], ("body.nrrd",)),
+                               (["--threshold", "nan"], ("--threshold", "nan"))):
+            self.assert_refused(voxspring("info", self.file, *options), *words)
+        for scene in ("heart", "box@4"):
+            self.assert_refused(voxspring("run", scene, "--backend", "cpu_reference", "--spacing", 2), scene, "a volume file")
+        self.assert_refused(voxspring("study", "smoke", "--spacing", 2), "--spacing", "volume file")
+        self.assertEqual(voxspring("info", self.file, "--labels", 2, "--threshold", 1).returncode, 2)
+
+
+class Output(InTemporaryFolder):
+    def test_a_full_standard_output_is_an_error(self):
+        study = ("study", "smoke", "--scene", "box@4", "--backend", "cpu_reference", "--repetitions", "1")
+        for arguments in (("info", "box@8", "--json"), ("list",), ("list", "--json"), RUN, study, ("--help",),
+                          ("completion", "bash")):
+            with open("/dev/full", "w") as full:
+                ran = subprocess.run([VOXSPRING, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, timeout=300)
+            self.assertEqual(ran.returncode, 1, arguments)
+            self.assertIn("not all of the output could be written to standard output", ran.stderr)
+
+    def test_follows_a_link_and_writes_to_a_pipe(self):
+        target, link = self.folder / "target.csv", self.folder / "link.csv"
+        link.symlink_to(target.name)
+        for _ in range(2):  # to a file that is not there, and to one that is
+            self.assertEqual(voxspring(*RUN, "--steps", 3, "--out", link).returncode, 0)
+            self.assertTrue(link.is_symlink())
+            self.assertFalse(target.is_symlink())
+            self.assertEqual(len(target.read_text().splitlines()), 65)
+        pipe = self.folder / "pipe.csv"
+        os.mkfifo(pipe)
+        read = []
+        reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
+        reader.start()
+        self.assertEqual(voxspring(*RUN, "--steps", 3, "--out", pipe).returncode, 0)
+        reader.join()
+        self.assertTrue(pipe.is_fifo())
+        self.assertEqual(read[0], target.read_text())
+
+    def test_a_folder_is_no_file(self):
+        folder = self.folder / "d.csv"
+        folder.mkdir()
+        self.assert_refused(voxspring(*RUN, "--steps", 1000000000, "--out", folder), "d.csv", "folder")
+        result = self.folder / "d.json"
+        result.mkdir()
+        self.assert_refused(voxspring("study", "smoke", "--out", result), "d.json", "folder")
+
+    def test_results_of_another_kind_are_refused(self):
+        for text in ('{"context": 1}', '{"context": {}, "pareto": 3}', '{"pareto": [{}]}', "[]", '"\\ud800"'):
+            other = self.folder / "other.json"
+            other.write_text(text)
+            self.assert_refused(voxspring("advise", "box@4", "--error", 1, "--results", other), "other.json")
+            # As one that was not finished, and whose journal is lost.
+            ran = voxspring("study", "smoke", "--scene", "box@4", "--backend", "cpu_reference", "--repetitions", 1, "--resume",
+                            "--out", other)
+            self.assertIn(ran.returncode, (0, 2), ran.stderr)
+            self.assertNotIn("json.exception", ran.stderr)
+
+    def test_progress_in_a_pipe(self):
+        environment = os.environ | {"VOXSPRING_PROGRESS_SECONDS": "0.02"}
+        ran = voxspring("run", "box@20", "--backend", "cpu_reference", "--steps", 400, env=environment)
+        self.assertEqual(ran.returncode, 0, ran.stderr)
+        self.assertRegex(ran.stderr, r"(?m)^voxspring: box@20 on cpu_reference/\S+: step \d+ of 400, \d+ s, \d+ s left$")
+        told = voxspring("info", "box@24", env=environment)
+        self.assertRegex(told.stderr, r"(?m)^voxspring: computing the limit of the time step by Lanczos' iteration, \d+ s")
+        study = voxspring("study", "smoke", "--scene", "box@12", "--backend", "cpu_reference", env=environment)
+        self.assertRegex(study.stderr, r"(?m)^\[1/1\] box@12 \d+/\d+, 0/1 rows.*: cpu_reference/")
+        self.assertEqual(voxspring("run", "box@20", "--backend", "cpu_reference", "--steps", 400).stderr, "")
+
+
+class Shells(InTemporaryFolder):
+    def complete(self, *words):
+        script = f"""source <({VOXSPRING} completion bash)
+            COMP_WORDS=({" ".join(f"'{word}'" for word in words)}) COMP_CWORD={len(words) - 1}
+            _voxspring; printf '%s\\n' "${{COMPREPLY[@]}}" """
+        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, cwd=self.folder)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return done.stdout.split()
+
+    def test_bash_completes_commands_options_and_names(self):
+        (self.folder / "my_heart.json").touch()
+        self.assertEqual(self.complete("voxspring", "st"), ["study"])
+        self.assertEqual(self.complete("voxspring", "run", "--st"), ["--steps"])
+        self.assertEqual(self.complete("voxspring", "run", "hea"), ["heart"])
+        self.assertEqual(self.complete("voxspring", "run", "my"), ["my_heart.json"])
+        self.assertEqual(self.complete("voxspring", "run", "box", "--backend", "cpu_r"), ["cpu_reference"])
+        self.assertEqual(self.complete("voxspring", "study", "smo"), ["smoke"])
+        self.assertEqual(self.complete("voxspring", "run", "box", "--colour", "e"), ["error"])
+        self.assertEqual(self.complete("voxspring", "study", "smoke", "--out", "my"), ["my_heart.json"])
+        if shutil.which("shellcheck"):
+            (self.folder / "voxspring.bash").write_text("#!/bin/bash\n" + voxspring("completion", "bash").stdout)
+            # SC2207: bash 4 has mapfile, but each word here is without blanks.
+            checked = subprocess.run(["shellcheck", "-e", "SC2207", self.folder / "voxspring.bash"], capture_output=True, text=True)
+            self.assertEqual(checked.returncode, 0, checked.stdout)
+
+    def test_zsh_takes_its_script(self):
+        said = voxspring("completion", "zsh")
+        self.assertEqual(said.returncode, 0, said.stderr)
+        self.assertTrue(said.stdout.startswith("#compdef voxspring\n"))
+        for word in ("cpu_reference", "heart", "smoke", "--resume", "advise"):
+            self.assertIn(word, said.stdout)
+        if shutil.which("zsh"):
+            script = self.folder / "_voxspring"
+            script.write_text(said.stdout)
+            read = subprocess.run(["zsh", "-n", script], capture_output=True, text=True)
+            self.assertEqual((read.returncode, read.stderr), (0, ""))
+
+    def test_refuses_another_shell(self):
+        self.assert_refused(voxspring("completion", "fish"), "fish", "bash or zsh")
+
+
+class Scripts(InTemporaryFolder):
+    def place(self, program, scripts):
+        (self.folder / program).parent.mkdir(parents=True)
+        shutil.copy(VOXSPRING, self.folder / program)
+        if scripts:
+            shutil.copytree("results", self.folder / scripts, ignore=shutil.ignore_patterns("nvidia*", "amd*", "local", "*.png"))
+        return self.folder / program
+
+    def call(self, program, *arguments, **options):
+        return subprocess.run([program, *arguments], capture_output=True, text=True, timeout=60, **options)
+
+    def test_are_found_in_a_tree_a_prefix_and_a_package(self):
+        for program, scripts in (("tree/build/release/voxspring", "tree/results"),
+                                 ("prefix/bin/voxspring", "prefix/share/voxspring/results"),
+                                 ("package/bin/voxspring", "package/results")):
+            # The system's Python has the packages; another one on the PATH may not.
+            called = self.call(self.place(program, scripts), "diff", "--help", env={"PATH": "/usr/bin:/bin"})
+            self.assertEqual(called.returncode, 0, called.stderr)
+            self.assertIn("--across-devices", called.stdout)
+
+    def test_say_where_they_are_not(self):
+        program = self.place("alone/bin/voxspring", None)
+        for command in ("diff", "report"):
+            called = self.call(program, command)
+            self.assert_refused(called, f"{command}.py", str(program.parent))
+
+    def test_say_which_python_they_need(self):
+        program = self.place("prefix/bin/voxspring", "prefix/share/voxspring/results")
+        called = self.call(program, "diff", "a.json", "b.json", env={"PATH": str(self.folder)})
+        self.assert_refused(called, "python3", "scipy")
+        # A Python without the packages.
+        python = self.folder / "python3"
+        python.write_text(f'#!/bin/sh\nexec {sys.executable} -I -S "$@"\n')
+        python.chmod(0o755)
+        called = self.call(program, "report", "--out", "a.html", env={"PATH": f"{self.folder}:/usr/bin:/bin"})
+        self.assert_refused(called, "missing", "requirements.txt")
+
+    def test_give_the_scripts_exit_code(self):
+        program = self.place("prefix/bin/voxspring", "prefix/share/voxspring/results")
+        self.assertEqual(self.call(program, "diff", "none.json", "none.json").returncode, 2)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,28 @@
+"""The voxspring executable, which VOXSPRING names, for the tests that run it. The current directory is the source tree."""
+
+import os
+import pathlib
+import subprocess
+import tempfile
+import unittest
+
+VOXSPRING = os.environ["VOXSPRING"]
+
+
+def voxspring(*arguments, **options):
+    return subprocess.run([VOXSPRING, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options)
+
+
+class InTemporaryFolder(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def assert_refused(self, result, *words):
+        """Exit code 2 and one line that has every word; nothing on disk."""
+        self.assertEqual(result.returncode, 2, result.stderr)
+        self.assertEqual(result.stdout, "")
+        self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+        for word in words:
+            self.assertIn(word, result.stderr)

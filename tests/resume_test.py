@@ -1,0 +1,200 @@
+"""Ctrl-C in `voxspring run`, and going on from what it left.
+
+VOXSPRING names the executable; the current directory is the source tree.
+"""
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import time
+import unittest
+import zipfile
+
+from program import VOXSPRING, InTemporaryFolder, voxspring
+
+# Within the program's step batches of a fifth of a second and the writing of a small state, on a machine that does
+# something else as well.
+SOON_SECONDS = 20
+
+
+def array_bytes(path, name):
+    with zipfile.ZipFile(path) as arrays:
+        data = arrays.read(f"{name}.npy")
+    return data[10 + int.from_bytes(data[8:10], "little"):]
+
+
+def state_of(path):
+    return {name: array_bytes(path, name) for name in ("step", "displacement", "increment", "springs", "position")}
+
+
+class Interrupted(InTemporaryFolder):
+    def interrupt(self, *arguments, after="step", sent=signal.SIGINT):
+        """Ends a program once it has said `after`; its exit code, what it wrote, and how long it took to end."""
+        environment = os.environ | {"VOXSPRING_PROGRESS_SECONDS": "0.05"}
+        program = subprocess.Popen([VOXSPRING, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                   env=environment)
+        for line in program.stderr:
+            if after in line:
+                break
+        begin = time.monotonic()
+        program.send_signal(sent)
+        out, errors = program.communicate(timeout=300)
+        return program.returncode, out, errors, time.monotonic() - begin
+
+    def test_leaves_the_state_and_goes_on_from_it(self):
+        out, whole, resumed = (self.folder / f"{name}.npz" for name in ("state", "whole", "resumed"))
+        table = self.folder / "state.csv"
+        for sent in (signal.SIGINT, signal.SIGTERM):
+            code, said, errors, seconds = self.interrupt("run", "box@12", "--backend", "cpu_reference", "--steps", 10**9,
+                                                         "--out", out, "--out", table, sent=sent)
+            self.assertEqual(code, 130, errors)
+            self.assertLess(seconds, SOON_SECONDS)
+            self.assertIn("stopping after what is in flight", errors)
+            reached = int(re.search(rf"^box@12: interrupted after step (\d+) of {10**9}; its state is in {out}, {table}$",
+                                    said, re.MULTILINE)[1])
+            self.assertIn(f"--resume {out} goes on", said)
+            self.assertEqual({path.name for path in self.folder.iterdir()}, {"state.npz", "state.csv"})
+        steps = reached + 30
+        for arguments in (["--out", whole], ["--out", resumed, "--resume", out]):
+            ran = voxspring("run", "box@12", "--backend", "cpu_reference", "--steps", steps, *arguments)
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+        self.assertIn(f"box@12: 30 steps, {reached + 1} to {steps}, of 1728 particles", ran.stdout)
+        self.assertEqual(state_of(resumed), state_of(whole))
+
+    def test_without_a_file_says_so(self):
+        code, said, _, _ = self.interrupt("run", "box@12", "--backend", "cpu_reference", "--steps", 10**9)
+        self.assertEqual(code, 130)
+        self.assertRegex(said, r"^box@12: interrupted after step \d+ of 1000000000; without --out nothing is written\n$")
+
+    def test_a_series_ends_where_it_was_interrupted(self):
+        frames = self.folder / "frames"
+        code, said, errors, _ = self.interrupt("run", "box@6", "--backend", "cpu_reference", "--steps", 10**8, "--frames", frames,
+                                               "--every", 5 * 10**7, "--size", "64x64", after="first pass, for one scale")
+        self.assertEqual(code, 130, errors)
+        if "nothing is written" not in said:  # stopped before its first step
+            reached = int(re.search(r"interrupted after step (\d+) of", said)[1])
+            self.assertEqual([path.name for path in frames.iterdir()], [f"frame_{reached:09}.png"])
+
+    def test_a_second_one_while_a_file_is_written_leaves_no_temporary_file(self):
+        out = self.folder / "state.npz"
+        out.write_text("old")
+        program = subprocess.Popen([VOXSPRING, "run", "box@90", "--backend", "cpu_parallel", "--steps", str(10**9), "--out", out],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                   env=os.environ | {"VOXSPRING_PROGRESS_SECONDS": "0.05"})
+        for line in program.stderr:
+            if "step" in line:
+                break
+        program.send_signal(signal.SIGINT)
+        while len(os.listdir(self.folder)) == 1 and program.poll() is None:
+            pass
+        program.send_signal(signal.SIGTERM)
+        program.communicate(timeout=300)
+        self.assertEqual(program.returncode, 130)
+        self.assertEqual(os.listdir(self.folder), ["state.npz"])
+        self.assertEqual(out.read_text(), "old")
+
+    def test_a_terminal_has_one_line_that_goes_again(self):
+        terminal, end = pty.openpty()
+        program = subprocess.Popen([VOXSPRING, "run", "box@12", "--backend", "cpu_reference", "--steps", str(10**9)],
+                                   stdout=subprocess.PIPE, stderr=end, text=True)
+        os.close(end)
+        shown = b""
+        try:
+            while chunk := os.read(terminal, 1000):
+                if b" left" in chunk and b" left" not in shown:
+                    program.send_signal(signal.SIGINT)
+                shown += chunk
+        except OSError:  # the program has closed its end
+            pass
+        finally:
+            os.close(terminal)
+        program.communicate(timeout=300)
+        self.assertEqual(program.returncode, 130)
+        self.assertRegex(shown, rb"\r\x1b\[Kbox@12 on cpu_reference/\S+: step \d+ of 1000000000, \d+ s, \S+ \S+( \S+ \S+)? left\r\x1b\[K")
+        self.assertTrue(shown.endswith(b"\r\x1b[K"), shown)
+
+    def test_advise_ends_at_once(self):
+        code, said, errors, seconds = self.interrupt("advise", "heart", "--error", "1e-3", "--backend", "cpu_reference", after="[1/1]")
+        self.assertEqual((code, said), (130, ""), errors)
+        self.assertIn("voxspring: interrupted", errors)
+        self.assertLess(seconds, 2)
+
+
+class Resume(InTemporaryFolder):
+    """`exact`: what --resume's help says keeps its bits."""
+
+    def run_in_two(self, scene, backend, steps, first, name="body"):
+        whole, half, resumed = (self.folder / f"{name}_{part}.npz" for part in ("whole", "half", "resumed"))
+        for count, arguments in ((steps, ["--out", whole]), (first, ["--out", half]),
+                                 (steps, ["--out", resumed, "--resume", half])):
+            ran = voxspring("run", scene, "--backend", backend, "--steps", count, *arguments)
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+        return state_of(whole), state_of(resumed)
+
+    def test_keeps_the_bits_of_an_uninterrupted_run(self):
+        for formulation in ("increment", "displacement", "position", "paper"):
+            for backend in (f"cpu_parallel:precision=float32,formulation={formulation}",
+                            f"cpu_parallel:precision=float64,formulation={formulation}"):
+                whole, resumed = self.run_in_two("heart@15x13x12", backend, 40, 17)
+                self.assertEqual(resumed, whole, backend)
+        for backend in ("cpu_reference", "cpu_reference:formulation=compensated", "gl_compute_implicit"):
+            whole, resumed = self.run_in_two("heart@15x13x12", backend, 40, 17)
+            self.assertEqual(resumed, whole, backend)
+
+    def test_compensated_float32_goes_on_close_by(self):
+        whole, resumed = self.run_in_two("heart@15x13x12", "cpu_parallel:formulation=compensated,precision=float32", 40, 17)
+        self.assertEqual(resumed["springs"], whole["springs"])
+
+    def test_edits_before_the_step_are_applied(self):
+        # Cuts after steps 50 and 250, a suture after step 150.
+        for first in (40, 50, 51, 160):
+            whole, resumed = self.run_in_two("scalpel_10", "cpu_parallel:formulation=increment", 170, first)
+            self.assertEqual(resumed, whole, first)
+
+    def test_refuses_what_is_no_state_of_the_scene(self):
+        state = self.folder / "state.npz"
+        run = ("run", "box@4", "--backend", "cpu_reference")
+        self.assertEqual(voxspring(*run, "--steps", 10, "--out", state).returncode, 0)
+        for steps in (10, 3):
+            self.assert_refused(voxspring(*run, "--steps", steps, "--resume", state), "--steps", "more than the 10", "state.npz")
+        self.assert_refused(voxspring("run", "box@5", "--backend", "cpu_reference", "--resume", state), "state.npz", "dims", "box@5")
+        (self.folder / "slow.json").write_text(json.dumps({"dataset": {"type": "box", "dims": [4, 4, 4]}, "time_step": 0.01}))
+        self.assert_refused(voxspring("run", self.folder / "slow.json", "--backend", "cpu_reference", "--resume", state),
+                            "state.npz", "time_step", "0.01")
+        self.assert_refused(voxspring(*run, "--resume", self.folder / "none.npz"), "none.npz")
+        text = self.folder / "text.npz"
+        text.write_text("no zip")
+        self.assert_refused(voxspring(*run, "--resume", text), "text.npz", "voxspring run --out")
+        whole = state.read_bytes()
+        place = whole.index(b"increment.npy") + 200
+        for name, damaged in (("cut", whole[:len(whole) // 2]), ("changed", whole[:place] + b"\x55" + whole[place + 1:])):
+            (self.folder / f"{name}.npz").write_bytes(damaged)
+            self.assert_refused(voxspring(*run, "--resume", self.folder / f"{name}.npz"), f"{name}.npz")
+        # Without an array, and with one that is not finite.
+        for name, change in (("lacking", None), ("infinite", b"\x00\x00\x00\x00\x00\x00\xf0\x7f")):
+            path = self.folder / f"{name}.npz"
+            with zipfile.ZipFile(state) as old, zipfile.ZipFile(path, "w") as new:
+                for item in old.namelist():
+                    data = old.read(item)
+                    if item == "increment.npy":
+                        if change is None:
+                            continue
+                        data = data[:-8] + change
+                    new.writestr(item, data)
+            self.assert_refused(voxspring(*run, "--resume", path), f"{name}.npz", "increment")
+
+    def test_numpy_can_pack_it_anew(self):
+        state, packed = self.folder / "state.npz", self.folder / "packed.npz"
+        run = ("run", "box@4", "--backend", "cpu_reference")
+        self.assertEqual(voxspring(*run, "--steps", 10, "--out", state).returncode, 0)
+        with zipfile.ZipFile(state) as old, zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as new:
+            for item in old.namelist():
+                new.writestr(item, old.read(item))
+        self.assertEqual(voxspring(*run, "--steps", 20, "--resume", packed).returncode, 0)
+
+
+if __name__ == "__main__":
+    unittest.main()
