@@ -8,6 +8,8 @@
 #include <set>
 #include <utility>
 
+#include "backends/suggestion.h"
+
 namespace voxspring {
 namespace {
 
@@ -100,6 +102,13 @@ std::string registered_names() {
     std::string names;
     for (const auto& [name, entry] : registry()) names += (names.empty() ? "" : ", ") + name;
     return names;
+}
+
+std::string accepted_globs(const std::string& pattern) {
+    std::vector<std::string> names;
+    for (const auto& [name, entry] : registry()) names.push_back(name);
+    return "a glob that matches one of: " + registered_names() +
+           did_you_mean(pattern.substr(0, pattern.find(':')), names);
 }
 
 }  // namespace voxspring

@@ -25,4 +25,7 @@ std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vecto
 /// "cpu_parallel, cpu_reference, ..."
 std::string registered_names();
 
+/// What stands for backends that `pattern` does not match, for messages; and which one may have been meant.
+std::string accepted_globs(const std::string& pattern);
+
 }  // namespace voxspring

@@ -269,10 +269,11 @@ private:
         if (chooses(options_.backends) || (chooses(patterns) && options_.backends.empty()) ||
             !known_cases(study_, item, options_).empty())
             return;
-        const std::string known = "a glob that matches one of: " + registered_names();
         if (!options_.backends.empty())
-            throw BadInput("command line", "--backend", options_.backends.front(), known);
-        throw BadInput("study " + study_.name, "backends of " + item.scene, patterns.front(), known);
+            throw BadInput("command line", "--backend", options_.backends.front(),
+                           accepted_globs(options_.backends.front()));
+        throw BadInput("study " + study_.name, "backends of " + item.scene, patterns.front(),
+                       accepted_globs(patterns.front()));
     }
 
     void begin_result() {
