@@ -338,9 +338,16 @@ private:
 
 ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
                                 bool overlap) {
-    const bool rows =
-        partition == Partition::rows || (partition == Partition::automatic && rows_are_full(problem));
-    return Layout(problem, pollers, overlap, deal_out(problem, blocks, rows)).make();
+    const auto lay_out = [&](bool rows) {
+        return Layout(problem, pollers, overlap, deal_out(problem, blocks, rows)).make();
+    };
+    if (partition == Partition::automatic && rows_are_full(problem)) {
+        // A block has whole rows: where the card has few blocks, that can be more lanes than single particles
+        // take.
+        ResidentLayout layout = lay_out(true);
+        if (too_much_for_a_block(layout).empty()) return layout;
+    }
+    return lay_out(partition == Partition::rows);
 }
 
 std::string too_much_for_a_block(const ResidentLayout& layout) {

@@ -37,8 +37,10 @@ struct ResidentLayout {
     std::uint32_t lane_count() const { return std::uint32_t(blocks) * std::uint32_t(lanes); }
 };
 
-/// `problem` has a lattice and no springs beyond it. At most `blocks` blocks. `overlap`: springs within a
-/// block are added while points from beyond its border are on their way, where a whole warp can.
+/// `problem` has a lattice, a particle at least, and no springs beyond the lattice. At most `blocks` blocks.
+/// `overlap`: springs within a block are added while points from beyond its border are on their way, where a
+/// whole warp can. `automatic` takes rows where they waste no more than a tenth of their lanes and a block
+/// can hold its share.
 ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
                                 bool overlap);
 
