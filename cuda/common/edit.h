@@ -8,27 +8,41 @@
 #include <vector>
 
 #include "backends/layout/layout.h"
-#include "cuda/device/buffer.h"
+#include "cuda/device/event.h"
+#include "cuda/device/pinned.h"
 #include "cuda/kernels/edit.h"
 
 namespace voxspring::cuda {
 
-/// Device memory for values on their way to a kernel; grows by doubling, so that edits seldom allocate.
+/// Memory for values on their way to a kernel; grows by doubling, so that edits seldom allocate.
 template <class T>
 class Staging {
 public:
-    /// The values on the device, until the next call: both are ordered by `stream`.
+    /// The values on the device, until the next call: both are ordered by `stream`. `values` may change at
+    /// once: they leave from pinned memory, which waits here until the device has fetched what was sent
+    /// before.
     const T* send(std::span<const T> values, const Stream& stream) {
-        if (values.size() > buffer_.size()) buffer_.resize(std::max(values.size(), 2 * buffer_.size()));
-        if (!values.empty())
-            check(cudaMemcpyAsync(buffer_.data(), values.data(), values.size_bytes(), cudaMemcpyHostToDevice,
-                                  stream.get()));
+        if (values.empty()) return buffer_.data();
+        if (pending_) sent_.wait();
+        if (values.size() > buffer_.size()) {
+            const std::size_t size = std::max(values.size(), 2 * buffer_.size());
+            buffer_.resize(size);
+            pinned_.resize(size);
+        }
+        std::copy(values.begin(), values.end(), pinned_.data());
+        check(cudaMemcpyAsync(buffer_.data(), pinned_.data(), values.size_bytes(), cudaMemcpyHostToDevice,
+                              stream.get()));
+        sent_.record(stream);
+        pending_ = true;
         return buffer_.data();
     }
     std::size_t bytes() const { return buffer_.bytes(); }
 
 private:
     Buffer<T> buffer_;
+    Pinned<T> pinned_;
+    Event sent_;  ///< the latest values have left `pinned_`
+    bool pending_ = false;
 };
 
 /// The lists of some particles on their way to a kernel, all in one copy.
