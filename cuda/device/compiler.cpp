@@ -1,11 +1,16 @@
 #include "cuda/device/compiler.h"
 
+#include <dlfcn.h>
+#include <elf.h>
+#include <link.h>
 #include <nvrtc.h>
 
 #include <algorithm>
 #include <chrono>
+#include <cstring>
 #include <filesystem>
 #include <source_location>
+#include <string_view>
 #include <vector>
 
 #include "backends/backend.h"
@@ -101,12 +106,57 @@ std::pair<int, bool> nearest(int architecture) {
     return {best, false};
 }
 
+/// The build id of an ELF file that is loaded, as its bytes; empty if it has none.
+std::string build_id(const dl_phdr_info& file) {
+    for (int n = 0; n < file.dlpi_phnum; ++n) {
+        const auto& part = file.dlpi_phdr[n];
+        if (part.p_type != PT_NOTE) continue;
+        const char* at = reinterpret_cast<const char*>(file.dlpi_addr + part.p_vaddr);
+        const char* const end = at + part.p_memsz;
+        while (std::size_t(end - at) >= sizeof(ElfW(Nhdr))) {
+            ElfW(Nhdr) note{};
+            std::memcpy(&note, at, sizeof note);
+            const auto aligned = [](std::size_t size) { return (size + 3) / 4 * 4; };
+            const char* const name = at + sizeof note;
+            const char* const content = name + aligned(note.n_namesz);
+            if (note.n_type == NT_GNU_BUILD_ID &&
+                std::string_view(name, note.n_namesz) == std::string_view("GNU", 4))
+                return {content, note.n_descsz};
+            at = content + aligned(note.n_descsz);
+        }
+    }
+    return {};
+}
+
 }  // namespace
+
+const std::string& compiler_build() {
+    static const std::string build = [] {
+        int major = 0, minor = 0;
+        check(nvrtcVersion(&major, &minor));
+        std::string text = std::to_string(major) + "." + std::to_string(minor) + " ";
+        // NVRTC tells no patch level. Its library's build id is another for each.
+        Dl_info library{};
+        if (dladdr(reinterpret_cast<const void*>(&nvrtcVersion), &library) == 0) return text;
+        struct Search {
+            const void* base;
+            std::string id;
+        } search{library.dli_fbase, {}};
+        dl_iterate_phdr(
+            [](dl_phdr_info* file, std::size_t, void* found) {
+                auto& wanted = *static_cast<Search*>(found);
+                if (reinterpret_cast<const void*>(file->dlpi_addr) != wanted.base) return 0;
+                wanted.id = build_id(*file);
+                return 1;
+            },
+            &search);
+        return text + search.id;
+    }();
+    return build;
+}
 
 CompiledKernel compile(const KernelSource& source, int architecture) {
     const auto [target, exact] = nearest(architecture);
-    int major = 0, minor = 0;
-    check(nvrtcVersion(&major, &minor));
     const std::string name = "cuda/kernels/" + source.file;
     // No contraction: what fused multiply-adds there are stand in the source, so that bits depend on nothing
     // else.
@@ -118,8 +168,7 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
 
     static const auto all_headers = headers();
     Hash inputs;
-    inputs.add_number(major);
-    inputs.add_number(minor);
+    inputs.add(compiler_build());
     inputs.add(name);
     for (const auto& [header, content] : all_headers) {
         inputs.add(header);

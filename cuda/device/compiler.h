@@ -22,6 +22,9 @@ struct CompiledKernel {
 /// wrong.
 CompiledKernel compile(const KernelSource& source, int architecture);
 
+/// The version of NVRTC and the build id of its library: what code depends on besides its source.
+const std::string& compiler_build();
+
 /// The name of every kernel.
 inline constexpr const char* kernel_name = "step";
 
