@@ -289,6 +289,7 @@ MarchTile march_tile(const std::string& name, Precision precision) {
     // Two rows a thread evaluate 13.5 springs a particle, one row 15.5: in float64 all that registers have
     // room for.
     if (precision == Precision::float64) {
+        if (name == "64x4") return {{1, 32, 1, 4, 3, 2}, 4};
         if (name == "64x8") return {{1, 32, 1, 8, 4, 3}, 2};
         if (name == "128x8") return {{1, 32, 2, 8, 4, 3}, 1};
         return {};
@@ -304,13 +305,23 @@ MarchTile march_tile(const std::string& name, Precision precision) {
     return {};
 }
 
-std::string best_march_tile(const Problem& problem, Precision precision) {
-    if (precision == Precision::float64) return "64x8";
-    const Lattice& lattice = problem.lattice;
+std::string best_march_tile(const Problem& problem, Precision precision, std::size_t shared_bytes) {
+    // From the fastest on an H200 to what fits any card.
+    std::vector<const char*> tiles = {"128x20", "64x20", "64x16", "64x8"};
     // Narrow tiles hold less that is empty where little is active, and small lattices need many blocks.
-    const bool dense = 2 * problem.particle_count() > lattice.voxel_count();
-    if (lattice.dims.x <= 64) return "64x8";
-    return dense ? "128x20" : "64x16";
+    const bool dense = 2 * problem.particle_count() > problem.lattice.voxel_count();
+    if (precision == Precision::float64) {
+        tiles = {"64x8", "64x4"};
+    } else if (problem.lattice.dims.x <= 64) {
+        tiles = {"64x8"};
+    } else if (!dense) {
+        tiles = {"64x16", "64x8"};
+    }
+    const int real = precision == Precision::float32 ? sizeof(float) : sizeof(double);
+    const auto best = std::find_if(tiles.begin(), tiles.end(), [&](const char* tile) {
+        return std::size_t(march_tile(tile, precision).shape.shared_bytes(real)) <= shared_bytes;
+    });
+    return best == tiles.end() ? tiles.back() : *best;
 }
 
 Axes march_axes(const Lattice& lattice, std::size_t real_bytes) {

@@ -20,8 +20,9 @@ struct MarchTile {
 };
 /// By its width and height in particles, "128x16". Empty shapes (no warps) where a precision has none such.
 MarchTile march_tile(const std::string& name, Precision precision);
-/// The tile for a problem, by the shape of its lattice and how full it is.
-std::string best_march_tile(const Problem& problem, Precision precision);
+/// The tile for a problem, by the shape of its lattice and how full it is: the best of those that
+/// `shared_bytes` of a block hold, or the smallest.
+std::string best_march_tile(const Problem& problem, Precision precision, std::size_t shared_bytes);
 
 /// Elements of an array of vectors: every x of the lattice, then every y, then every z.
 struct Axes {

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstring>
+#include <limits>
 #include <string>
 
 #include "backends/layout/layout.h"
@@ -19,8 +20,9 @@ namespace {
 
 constexpr int least_architecture = 90;  // has the copy engine
 
-MarchTile tile_of(const std::string& tuned, const Problem& problem, Precision precision) {
-    return march_tile(tuned == "auto" ? best_march_tile(problem, precision) : tuned, precision);
+MarchTile tile_of(const std::string& tuned, const Problem& problem, Precision precision,
+                  std::size_t shared_bytes) {
+    return march_tile(tuned == "auto" ? best_march_tile(problem, precision, shared_bytes) : tuned, precision);
 }
 
 std::uint64_t state_bytes(const Axes& axes, Formulation formulation, std::size_t real_bytes) {
@@ -74,7 +76,7 @@ public:
         this->synchronize();
         compile_seconds_ = 0;
         problem_ = &problem;
-        tile_ = tile_of(tuned_, problem, precision);
+        tile_ = tile_for(problem);
         axes_ = march_axes(problem.lattice, sizeof(Real));
         {
             const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
@@ -137,8 +139,12 @@ private:
     static constexpr Precision precision =
         sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
 
+    MarchTile tile_for(const Problem& problem) const {
+        return tile_of(tuned_, problem, precision, this->device().shared_bytes());
+    }
+
     std::string refused(const Problem& problem) const override {
-        const MarchShape shape = tile_of(tuned_, problem, precision).shape;
+        const MarchShape shape = tile_for(problem).shape;
         if (shape.warps() == 0) return "tiles of " + tuned_ + " are not for " + to_string(precision);
         const int architecture = this->device().architecture();
         if (architecture < least_architecture)
@@ -162,7 +168,7 @@ private:
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return state_bytes(march_axes(problem.lattice, sizeof(Real)), formulation_, sizeof(Real)) +
-               most_plan_bytes(problem.lattice, tile_of(tuned_, problem, precision).shape);
+               most_plan_bytes(problem.lattice, tile_for(problem).shape);
     }
     std::uint64_t bytes_held() const override {
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes() + items_.bytes() +
@@ -226,7 +232,9 @@ private:
 
 std::uint64_t march_bytes(const Problem& problem, const Options& options) {
     const std::size_t real = options.precision == Precision::float32 ? sizeof(float) : sizeof(double);
-    const MarchTile tile = tile_of(options.tuning.at("tile"), problem, options.precision);
+    // Of a card with room for any tile.
+    const MarchTile tile = tile_of(options.tuning.at("tile"), problem, options.precision,
+                                   std::numeric_limits<std::size_t>::max());
     return state_bytes(march_axes(problem.lattice, real), options.formulation, real) +
            (tile.shape.warps() == 0 ? 0 : most_plan_bytes(problem.lattice, tile.shape));
 }

@@ -19,7 +19,7 @@ KernelSource march_source(const Problem& problem, Formulation formulation, const
                           Precision precision);
 
 /// Tiles by their width and height in particles, the default first. auto: best_march_tile().
-inline const TuningValues march_tiles = {"auto",  "32x20", "64x8",   "64x16",  "64x20",
+inline const TuningValues march_tiles = {"auto",  "32x20", "64x4",   "64x8",   "64x16", "64x20",
                                          "64x24", "128x8", "128x16", "128x20", "128x24"};
 
 }  // namespace voxspring::cuda
