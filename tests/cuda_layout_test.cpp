@@ -1154,6 +1154,27 @@ TEST(OwnLists, ChangesAreAllThatChanged) {
     }
 }
 
+// An edit is one kernel, whose threads write in any order.
+TEST(SpringSlots, AnEditWritesEachSlotOnce) {
+    const Problem problem = sutured(lattice(solid({4, 3, 3})));
+    const auto springs = list_every_spring<float>(problem, Formulation::position);
+    SpringSlots slots(problem, springs.begin, Formulation::position);
+    SpringEdit edit;
+    const ChangedSpring of_lattice{{0, 1, 1, 1}, 1};
+    edit.removed = {of_lattice, {problem.springs[0], -1}, {problem.springs[1], -1}};
+    edit.added = {of_lattice, {{2, 20, 0.5, 1.5}, -1}};
+    std::set<std::pair<std::size_t, std::uint32_t>> written;
+    for (const auto& change : slots.slots_of<float>(edit)) {
+        const bool searched = change.begin < change.end;
+        EXPECT_TRUE(written.emplace(change.begin, searched ? change.ends.first : 0).second) << change.begin;
+        if (searched) EXPECT_EQ(change.constants.stiffness, 1);
+    }
+    // What was given back is there for the next one.
+    SpringEdit next;
+    next.added = {{{3, 21, 0.5, 1.5}, -1}};
+    EXPECT_LT(slots.slots_of<float>(next).front().begin, springs.ends.size());
+}
+
 TYPED_TEST(KernelBodies, SpringSlotsHoldTheSpringsOfTheEditedProblem) {
     using Real = typename TypeParam::Real;
     // Sorted, since slots have no order.

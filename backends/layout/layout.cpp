@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <glm/geometric.hpp>
+#include <set>
 #include <sstream>
 
 #include "backends/physics/inverse_root.h"
@@ -505,12 +506,12 @@ bool SpringSlots::was_listed(const ChangedSpring& changed) const {
     return changed.bit >= 0 && (listed_->lattice.mask[changed.spring.first] >> changed.bit & 1U) != 0;
 }
 
-SpringSlots::Range SpringSlots::remove(const ChangedSpring& changed) {
+SpringSlots::Range SpringSlots::remove(const ChangedSpring& changed, std::vector<std::size_t>& freed) {
     if (was_listed(changed)) return {begin_[std::size_t(changed.bit)], begin_[std::size_t(changed.bit) + 1]};
     const auto found = others_.find({changed.spring.first, changed.spring.second});
     const std::size_t slot = found->second;
     others_.erase(found);
-    free_.push_back(slot);
+    freed.push_back(slot);
     return {slot, slot};
 }
 
@@ -547,8 +548,18 @@ std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit& edit) {
                           rest,
                           !by_increments(formulation_)});
     };
-    for (const ChangedSpring& changed : edit.removed) write(changed, remove(changed), 0);
+    // A listed spring that goes and comes back stays.
+    std::set<std::pair<std::uint32_t, int>> back;
+    for (const ChangedSpring& changed : edit.added) {
+        if (!edit.removed.empty() && was_listed(changed)) back.emplace(changed.spring.first, changed.bit);
+    }
+    std::vector<std::size_t> freed;
+    for (const ChangedSpring& changed : edit.removed) {
+        if (!was_listed(changed) || !back.contains({changed.spring.first, changed.bit}))
+            write(changed, remove(changed, freed), 0);
+    }
     for (const ChangedSpring& changed : edit.added) write(changed, add(changed), changed.spring.stiffness);
+    free_.insert(free_.end(), freed.begin(), freed.end());
     return edited;
 }
 

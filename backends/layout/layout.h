@@ -171,7 +171,7 @@ public:
     SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin,
                 Formulation formulation);
 
-    /// What `edit` writes into the array.
+    /// What `edit` writes into the array: each slot once, in any order.
     template <class Real>
     std::vector<EditedSpring<Real>> slots_of(const SpringEdit& edit);
     /// Slots that have ever been in use.
@@ -180,7 +180,8 @@ public:
 private:
     /// A range of slots to search or, empty, a slot.
     using Range = std::pair<std::size_t, std::size_t>;
-    Range remove(const ChangedSpring& changed);
+    /// `freed`: slots that later edits may give to others; within one edit a slot is written once.
+    Range remove(const ChangedSpring& changed, std::vector<std::size_t>& freed);
     Range add(const ChangedSpring& changed);
     bool was_listed(const ChangedSpring& changed) const;
 
