@@ -32,6 +32,18 @@ std::uint64_t delta_bytes(const Problem& problem, Formulation formulation) {
            roomy(own.columns()) * column_bytes<Real>(formulation);
 }
 
+/// No less than delta_bytes(), without making the lists: every particle begins one, and every end of a spring
+/// beyond the lattice takes a chunk of columns.
+template <class Real>
+std::uint64_t max_delta_bytes(const Problem& problem, Formulation formulation) {
+    const Placement placement = place_guarded(problem);
+    const std::uint64_t particles = problem.particle_count();
+    return particle_bytes<Real>(problem, placement, formulation) +
+           (problem.has_materials() ? placement.words * sizeof(Real) : 0) +
+           (particles / slice_particles + 1) * sizeof(Slice) + particles * sizeof(RowDeltas) +
+           roomy(2 * problem.springs.size() * own_chunk) * column_bytes<Real>(formulation);
+}
+
 template <class Real>
 class DeltaBackend final : public ParticleBackend<Real, DeltaStep<Real>> {
 public:
@@ -142,6 +154,9 @@ private:
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return delta_bytes<Real>(problem, this->formulation());
+    }
+    std::uint64_t max_bytes_needed(const Problem& problem) const override {
+        return max_delta_bytes<Real>(problem, this->formulation());
     }
     std::uint64_t bytes_held() const override {
         return this->particle_bytes_held() + slices_on_device_.bytes() + lists_on_device_.bytes() +

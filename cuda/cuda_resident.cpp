@@ -2,6 +2,7 @@
 // what crosses its border goes through L2.
 #include <algorithm>
 #include <memory>
+#include <optional>
 
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/work.h"
@@ -32,10 +33,18 @@ public:
         exchange_.fill_with_zeros(stream);
         begun_.resize(1);
         begun_.fill_with_zeros(stream);
+        stall_.resize(1);
+        *stall_.data() = 0;
         step.exchange = exchange_.data();
         step.begun = begun_.data();
+        step.stall = stall_.data();
         step.lane_count = layout.lane_count();
         step.published_count = layout.published_count;
+    }
+    /// What a launch that gave up has said, once it has ended.
+    std::optional<ResidentStall> stall() const {
+        if (stall_.size() == 0 || *stall_.data() == 0) return std::nullopt;
+        return ResidentStall::unpacked(*stall_.data());
     }
     std::uint64_t bytes() const {
         return particle_.bytes() + published_.bytes() + polled_.bytes() + polled_word_.bytes() +
@@ -48,6 +57,7 @@ private:
     Buffer<std::uint16_t> own_slot_, slot_, polled_slot_;
     Buffer<std::uint8_t> border_;
     Buffer<TaggedPoint> exchange_;
+    Pinned<std::uint64_t> stall_;
 };
 
 /// What the tables take where every particle is published and every lane has one.
@@ -74,7 +84,7 @@ public:
         synchronize();
         start_compiling();
         tag_ = launches_ = 0;
-        start(problem, state, place_compact(problem), problem.lattice.mask, lay_out(problem));
+        start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }
 
     /// Every table anew: which particles a block steps stays, but not what its neighbours are.
@@ -82,7 +92,7 @@ public:
         follow(edited);
         if (edit.empty()) return;
         synchronize();
-        Launch launch = lay_out(edited);
+        Launch launch = prepare(edited);
         launch.step.motion = this->launch().step.motion;
         tag_ = launches_ = 0;
         resume(launch);
@@ -99,16 +109,30 @@ public:
     }
 
 private:
-    Launch lay_out(const Problem& problem) {
+    /// Whether a spring of the lattice pulls while its particles are where they rest.
+    static bool is_stressed(const ImplicitStep<float>& step) {
+        return std::any_of(std::begin(step.deficit), std::end(step.deficit),
+                           [](float deficit) { return deficit != 0; });
+    }
+
+    /// The tables for `problem`; those that refused() made if it is the same body.
+    const ResidentLayout& layout_of(const Problem& problem, bool stressed) const {
+        if (latest_ && latest_->stressed == stressed && latest_->dims == problem.lattice.dims &&
+            latest_->voxel == problem.lattice.voxel && latest_->mask == problem.lattice.mask)
+            return latest_->layout;
+        // Masks are not mirrored.
+        const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
+        latest_ = {stressed, problem.lattice.dims, problem.lattice.voxel, problem.lattice.mask,
+                   lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap)};
+        return latest_->layout;
+    }
+
+    Launch prepare(const Problem& problem) {
         Launch launch;
         static_cast<ImplicitStep<float>&>(launch.step) =
             make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation());
-        const bool stressed = std::any_of(std::begin(launch.step.deficit), std::end(launch.step.deficit),
-                                          [](float deficit) { return deficit != 0; });
-        // Masks are not mirrored.
-        const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
-        const ResidentLayout layout =
-            lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap);
+        const bool stressed = is_stressed(launch.step);
+        const ResidentLayout& layout = layout_of(problem, stressed);
         if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
         if (!by_increments(formulation())) measure_rest_lengths<float>(launch.step.rest_length, stream());
         tables_.upload(layout, launch.step, stream());
@@ -140,6 +164,7 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
+        if (!device().launches_together()) return "the device has no cooperative launches";
         if (problem.particle_count() == 0) return "there is no particle to reside";
         if (problem.lattice.voxel_count() == 0)
             return "resident blocks are made of a regular grid and the network lies on none";
@@ -152,17 +177,34 @@ private:
             return std::to_string(problem.particle_count()) + " particles exceed the " +
                    std::to_string(most) + " that " + std::to_string(device().multiprocessors()) +
                    " multiprocessors hold";
-        return {};
+        return too_much_for_a_block(layout_of(
+            problem,
+            is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation()))));
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return resident_bytes(problem, options_);
     }
     std::uint64_t bytes_held() const override { return particle_bytes_held() + tables_.bytes(); }
 
+    std::string failure_note() const override {
+        const std::optional<ResidentStall> stall = tables_.stall();
+        if (!stall) return {};
+        return "resident block " + std::to_string(stall->block) + " waited in vain for step " +
+               std::to_string(stall->step) + " since the latest upload or edit";
+    }
+
     const Options options_;
     const Partition partition_;
     const int pollers_;
     ResidentTables tables_;
+    /// The latest layout and all that it follows from: refused() and the upload after it ask for the same.
+    struct LaidOut {
+        bool stressed;
+        glm::ivec3 dims;
+        std::vector<std::uint32_t> voxel, mask;
+        ResidentLayout layout;
+    };
+    mutable std::optional<LaidOut> latest_;
     std::uint32_t tag_ = 0;       ///< of the latest point published
     std::uint32_t launches_ = 0;  ///< since the tables were uploaded
 };

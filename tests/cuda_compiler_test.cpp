@@ -100,6 +100,28 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
     }
 }
 
+// A block that waits for others, which never come, ends the launch: there is a trap for either wait.
+TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
+    const KernelSource source{"resident.cu",
+                              {{"REAL", "float"},
+                               {"FETCH", "PastL1"},
+                               {"THREADS", "512"},
+                               {"BLOCKS", "1"},
+                               {"LANES", "256"},
+                               {"POLLERS", "256"},
+                               {"ROUNDS", "2"},
+                               {"SLOTS", "768"},
+                               {"BORDERS", "16"},
+                               {"MASKED", "0"},
+                               {"TERMS", "KernelTerms<Formulation::increment,262143u,0u,false>"}}};
+    const std::string ptx = compile(source, 999).code;
+    std::size_t traps = 0;
+    for (std::size_t at = ptx.find("trap;"); at != std::string::npos; at = ptx.find("trap;", at + 1)) ++traps;
+    EXPECT_GE(traps, 2U);
+    EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).block, 131U);
+    EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).step, 70000U);
+}
+
 /// Whether `tile` can be had in that precision, and compiles.
 void compile_march(const char* tile, Precision precision, Formulation formulation, const Problem& problem) {
     SCOPED_TRACE(std::string(tile) + " " + to_string(precision) + " " + to_string(formulation));
@@ -117,7 +139,7 @@ TEST(Compiler, CompilesTheMarch) {
     moved.gravity.z = 1;
     for (const Precision precision : {Precision::float32, Precision::float64}) {
         for (const char* tile :
-             {"32x20", "64x8", "64x16", "64x20", "64x24", "128x8", "128x16", "128x20", "128x24"})
+             {"32x20", "64x4", "64x8", "64x16", "64x20", "64x24", "128x8", "128x16", "128x20", "128x24"})
             compile_march(tile, precision, Formulation::position, problem);
         for (const Formulation formulation :
              {Formulation::position, Formulation::displacement, Formulation::increment})
@@ -147,6 +169,14 @@ TEST(Compiler, FindsOnDiskWhatItCompiledBefore) {
     EXPECT_GT(compile(source, 90).seconds + compile(source, 80).seconds, 0);
     std::filesystem::remove_all(folder);
     unsetenv("VOXSPRING_CACHE");
+}
+
+// NVRTC tells 13.0 and no patch level. The id that `readelf -n` shows has 20 bytes.
+TEST(Compiler, KernelsOnDiskAreOfOneBuildOfTheCompiler) {
+    const std::string& build = compiler_build();
+    const std::size_t version = build.find(' ');
+    ASSERT_NE(version, std::string::npos);
+    EXPECT_GE(build.size() - version - 1, 8U) << "no build id";
 }
 
 TEST(Compiler, SaysWhatIsWrong) {

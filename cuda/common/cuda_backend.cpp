@@ -32,9 +32,20 @@ std::string CudaBackend::unsupported(const Problem& problem) const {
     if (std::string why = refused(problem); !why.empty()) return why;
     // What the last upload took is given back, or taken over, by the next.
     const std::uint64_t available = device_.free_bytes() + bytes_held();
+    if (max_bytes_needed(problem) <= available) return {};
     const std::uint64_t needed = bytes_needed(problem);
     if (needed <= available) return {};
     return "needs " + gibibytes(needed) + " of device memory, " + gibibytes(available) + " are free";
+}
+
+void CudaBackend::synchronize() {
+    try {
+        stream_.synchronize();
+    } catch (const DeviceError& error) {
+        if (const std::string note = failure_note(); !note.empty())
+            throw DeviceError(note + ": " + error.what());
+        throw;
+    }
 }
 
 void CudaBackend::forget_graphs() {

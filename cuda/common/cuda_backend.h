@@ -23,7 +23,7 @@ public:
     void step(int count) final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
-    void synchronize() final { stream_.synchronize(); }
+    void synchronize() final;
     DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
 
 protected:
@@ -49,11 +49,16 @@ private:
     virtual std::string refused(const Problem& problem) const = 0;
     /// Device memory that upload(problem) would take, and that the last one took.
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
+    /// No less than bytes_needed(), where that is quicker to say.
+    virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
     /// Enqueue one step that reads buffer `reading`; not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
     /// Which of two kinds of step that is now, 0 or 1.
     virtual int kind_of_step() const { return 0; }
+
+    /// Empty, or what a kernel that failed has said about it.
+    virtual std::string failure_note() const { return {}; }
 
     /// Enqueue a look at x(t).
     virtual void enqueue_look(const Look& look, Fault* fault) = 0;

@@ -63,6 +63,9 @@ Device::Device() {
     threads_per_multiprocessor_ = properties.maxThreadsPerMultiProcessor;
     shared_bytes_ = properties.sharedMemPerBlockOptin;
     architecture_ = 10 * properties.major + properties.minor;
+    int cooperative = 0;
+    check(cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, 0));
+    launches_together_ = cooperative != 0;
     cudaFuncAttributes attributes{};
     require(cudaFuncGetAttributes(&attributes, probe),
             "this build has no code for " + name_ + " (compute capability " +

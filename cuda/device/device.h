@@ -25,6 +25,8 @@ public:
     int threads_per_multiprocessor() const { return threads_per_multiprocessor_; }
     /// The most shared memory that a block may have.
     std::size_t shared_bytes() const { return shared_bytes_; }
+    /// Whether blocks of a launch may wait for each other (a cooperative launch).
+    bool launches_together() const { return launches_together_; }
     /// Compute capability, 90 for 9.0.
     int architecture() const { return architecture_; }
     /// Bytes of device memory that nobody has allocated.
@@ -44,6 +46,7 @@ private:
     int threads_per_multiprocessor_ = 0;
     int architecture_ = 0;
     std::size_t shared_bytes_ = 0;
+    bool launches_together_ = false;
 };
 
 }  // namespace voxspring::cuda

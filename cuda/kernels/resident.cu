@@ -24,13 +24,24 @@ __device__ void put(int half, int slot, Vector<float> point) {
 __device__ void border_is_here() { asm volatile("bar.sync 1, %0;" ::"n"(all_threads) : "memory"); }
 __device__ void own_points_are_here() { asm volatile("bar.sync 2, %0;" ::"n"(LANES) : "memory"); }
 
-/// Waits until every block has read its start from memory, so that this one may overwrite it.
-__device__ void all_have_begun(const ResidentStep& step, std::uint32_t launches) {
+/// Ends the launch, all blocks of it, after a wait that nothing ended.
+__device__ void give_up(const ResidentStep& step, std::uint32_t number) {
+    *static_cast<volatile std::uint64_t*>(step.stall) = ResidentStall{blockIdx.x, number}.packed();
+    __threadfence_system();
+    __trap();
+}
+
+/// Waits until every block has read its start from memory, so that this one may overwrite it after step
+/// `number`.
+__device__ void all_have_begun(const ResidentStep& step, std::uint32_t launches, std::uint32_t number) {
     const std::uint32_t wanted = launches * gridDim.x;
-    std::uint32_t begun = 0;
-    do {
+    std::uint32_t looks_in_vain = 0;
+    while (true) {
+        std::uint32_t begun = 0;
         asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(begun) : "l"(step.begun) : "memory");
-    } while (int(begun - wanted) < 0);
+        if (int(begun - wanted) >= 0) return;
+        if (++looks_in_vain == max_resident_looks) give_up(step, number);
+    }
 }
 
 struct Lane {
@@ -109,6 +120,7 @@ struct Polls {
 /// Fetches what the others publish with `tag` into half `half`.
 __device__ void poll(const Polls& polls, const ResidentStep& step, int half, std::uint32_t tag) {
     std::uint32_t missing = polls.wanted;
+    std::uint32_t looks_in_vain = 0;
     while (missing != 0) {
         TaggedPoint found[ROUNDS];
 #pragma unroll
@@ -119,6 +131,7 @@ __device__ void poll(const Polls& polls, const ResidentStep& step, int half, std
             put(half, polls.slot[n], found[n].point);
             missing &= ~(1U << n);
         }
+        if (missing != 0 && ++looks_in_vain == max_resident_looks) give_up(step, tag);
     }
 }
 
@@ -159,7 +172,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         if ((border & mirrored_z) != 0) lane.spacing.z = -lane.spacing.z;
         run_lane_of<0>(border & border_kind_bits, step, lane, count, tag);
         if (!lane.active) return;
-        all_have_begun(step, launches);
+        all_have_begun(step, launches, tag + count);
         store(words + lane.word, Particle<float>{lane.self.point.high, lane.self.bits});
         if constexpr (Terms::increments) {
             store_axes(increment + lane.word, pitch, lane.before.high);

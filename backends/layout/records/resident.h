@@ -28,6 +28,21 @@ inline constexpr int neighbour_bits = 26;
 /// A lane or poll without work.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
+/// Looks at what another block is to send, after which a block gives up: on an H200 some ten seconds, where a
+/// step takes microseconds.
+inline constexpr std::uint32_t max_resident_looks = 1U << 24;
+
+/// Which block gave up on which step, counted from the first that the tables were made for; in one word, so
+/// that it is written whole.
+struct ResidentStall {
+    std::uint32_t block, step;
+    static constexpr std::uint64_t set = std::uint64_t(1) << 63;
+    VOXSPRING_HOST_DEVICE std::uint64_t packed() const { return set | std::uint64_t(block) << 32 | step; }
+    static VOXSPRING_HOST_DEVICE ResidentStall unpacked(std::uint64_t word) {
+        return {std::uint32_t((word & ~set) >> 32), std::uint32_t(word)};
+    }
+};
+
 /// Everything a resident launch needs. The lattice of its base is not used.
 struct ResidentStep : ImplicitStep<float> {
     // One a lane, `lanes` a block:
@@ -44,6 +59,7 @@ struct ResidentStep : ImplicitStep<float> {
     std::uint32_t published_count;  ///< words of `exchange` for every second step
     TaggedPoint* exchange;          ///< 2 x published_count
     std::uint32_t* begun;           ///< blocks that have read their start, of all launches
+    std::uint64_t* stall;           ///< on the host: a ResidentStall, or 0
     bool operator==(const ResidentStep&) const = default;
 };
 
