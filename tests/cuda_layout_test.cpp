@@ -1167,7 +1167,9 @@ TEST(SpringSlots, AnEditWritesEachSlotOnce) {
     for (const auto& change : slots.slots_of<float>(edit)) {
         const bool searched = change.begin < change.end;
         EXPECT_TRUE(written.emplace(change.begin, searched ? change.ends.first : 0).second) << change.begin;
-        if (searched) EXPECT_EQ(change.constants.stiffness, 1);
+        if (searched) {
+            EXPECT_EQ(change.constants.stiffness, 1.0F);
+        }
     }
     // What was given back is there for the next one.
     SpringEdit next;
