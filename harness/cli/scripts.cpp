@@ -50,7 +50,8 @@ bool has(const std::vector<std::string>& arguments, const std::string& option) {
 const std::map<std::string, std::string>& scripts() {
     static const std::map<std::string, std::string> all = {
         {"diff", "Compare two results: what got slower, or less accurate (needs Python 3 with scipy)"},
-        {"report", "A page of results as one HTML file (needs Python 3 with altair and vl-convert-python)"},
+        {"report",
+         "A page of results as one HTML file (needs Python 3 with altair, scipy and vl-convert-python)"},
     };
     return all;
 }
