@@ -19,8 +19,6 @@
 namespace voxspring::testing {
 namespace {
 
-using ::testing::UnorderedElementsAre;
-
 const double sqrt2 = std::sqrt(2.0);
 
 Problem paper_box(glm::ivec3 dims) { return make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS); }

@@ -359,7 +359,8 @@ TEST_F(Pixels, HideWhatIsBehindThem) {
     // In whichever order its faces are drawn.
     std::vector<SurfaceVertex> reversed;
     for (std::size_t n = surface_.size(); n > 0; n -= 4)
-        reversed.insert(reversed.end(), surface_.begin() + n - 4, surface_.begin() + n);
+        reversed.insert(reversed.end(), surface_.begin() + std::ptrdiff_t(n - 4),
+                        surface_.begin() + std::ptrdiff_t(n));
     for (const auto& surface : {surface_, reversed}) {
         const Image image = painter_->paint(surface, camera_, Scale(Colouring::displacement, 1));
         EXPECT_GT(image.at(pixel.x, pixel.y)[1], 2 * image.at(pixel.x, pixel.y)[2]) << "yellow before purple";

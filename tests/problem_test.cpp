@@ -75,7 +75,7 @@ TEST(Masks, SayExactlyWhichNeighboursAreActive) {
     const auto active = [&](glm::ivec3 c) {
         const glm::ivec3 d = grid.dims;
         return c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < d.x && c.y < d.y && c.z < d.z &&
-               grid.label[std::size_t((c.z * d.y + c.y) * d.x + c.x)] != 0;
+               grid.label[(std::size_t(c.z) * d.y + c.y) * d.x + c.x] != 0;
     };
     const auto particle = particle_of_voxel(lattice);
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {

@@ -102,7 +102,7 @@ class Study(unittest.TestCase):
 
     def test_a_build_in_a_pipe_says_how_far_it_is(self):
         self.write(self.tools / "cmake", "#!/bin/bash\necho '[34/171] Building CXX object'\nsleep 2.2\n")
-        done = self.run_script("study", VOXSPRING_PROGRESS="1")
+        done = self.run_script("study", VOXSPRING_PROGRESS_SECONDS="1")
         self.assertEqual(done.returncode, 0, done.stderr)
         lines = done.stdout.splitlines()
         self.assertEqual(lines[:3], ["Building."] + 2 * ["Building 34 of 171 ..."])
