@@ -435,7 +435,7 @@ TEST(SleepingTiles, SleepCostsWhatItsThresholdLeadsToExpect) {
         const auto backend = BackendSpec::parse("cpu_parallel:rest=step,threads=3," + how).make();
         backend->upload(poked.problem, poked.start);
         backend->step(1500);
-        State end = backend->download();
+        const State end = backend->download();
         work = backend->count_work();
         if (!work.empty() && work.at("tiles_stepped") == 0) {
             // What sleeps stands still.

@@ -172,7 +172,7 @@ TEST(Json, FilesAreReadWhole) {
 TEST(Json, CompressedFilesAreUnpacked) {
     const TemporaryFolder folder;
     const auto write = [&](const std::string& name, const std::string& text) {
-        auto path = folder.path() / name;
+        const auto path = folder.path() / name;
         const gzFile file = gzopen(path.c_str(), "wb");
         EXPECT_EQ(gzwrite(file, text.data(), unsigned(text.size())), int(text.size()));
         EXPECT_EQ(gzclose(file), Z_OK);

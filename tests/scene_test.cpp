@@ -329,7 +329,7 @@ TEST(Scene, VolumesByThresholdAndLabels) {
 
 TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
     const TemporaryFolder folder;
-    const std::string data(120, '\3');  // 4 x 5 x 6
+    const std::string data(4 * 5 * 6, '\3');
     const std::string file = folder.write(
         "wall.seg.nii.gz", gzipped(nifti_file(nifti_header({4, 5, 6}, 2, {0.5F, 0.5F, 2}), data)));
     const Scene scene = load_scene(file, small);
