@@ -759,7 +759,7 @@ class Parts(InTemporaryFolder):
         made = report(self.write("fastest.json", result), "--out", self.out)
         self.assertEqual(made.returncode, 0, made.stderr)
         text = self.out.read_text()
-        self.assertEqual(text.count("not to be trusted: its clock moved (by 12%)"), 1)
+        self.assertEqual(text.count("uncertain by a tenth or more: its clock moved (by 12%)"), 1)
         self.assertIn("12.34 times as fast as the best of the paper", text)
         self.assertIn("missed", text)
         self.assertIn("1 more target was not measured here.", text)

@@ -118,7 +118,7 @@ def fastest_table(charts, entries, papers):
         cells = [strategy(best["contender"]) + "".join(map(remark, remarks)),
                  f"<b>{escape(figures.time_text(best['microseconds']))}</b>"
                  + small(figures.engineering(best["spring_rate"], "springs/s"))
-                 + (remark("not to be trusted: " + best["noisy"]) if best["noisy"] else ""),
+                 + (remark("uncertain by a tenth or more: " + best["noisy"]) if best["noisy"] else ""),
                  strip(charts, each, (min(times), max(times))), limit]
         if best["rounding"] is None:
             cells.append("–")
