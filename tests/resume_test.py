@@ -3,6 +3,7 @@
 VOXSPRING names the executable; the current directory is the source tree.
 """
 
+import array
 import json
 import os
 import pty
@@ -124,8 +125,6 @@ class Interrupted(InTemporaryFolder):
 
 
 class Resume(InTemporaryFolder):
-    """`exact`: what --resume's help says keeps its bits."""
-
     def run_in_two(self, scene, backend, steps, first, name="body"):
         whole, half, resumed = (self.folder / f"{name}_{part}.npz" for part in ("whole", "half", "resumed"))
         for count, arguments in ((steps, ["--out", whole]), (first, ["--out", half]),
@@ -135,18 +134,19 @@ class Resume(InTemporaryFolder):
         return state_of(whole), state_of(resumed)
 
     def test_keeps_the_bits_of_an_uninterrupted_run(self):
-        for formulation in ("increment", "displacement", "position", "paper"):
-            for backend in (f"cpu_parallel:precision=float32,formulation={formulation}",
-                            f"cpu_parallel:precision=float64,formulation={formulation}"):
-                whole, resumed = self.run_in_two("heart@15x13x12", backend, 40, 17)
-                self.assertEqual(resumed, whole, backend)
-        for backend in ("cpu_reference", "cpu_reference:formulation=compensated", "gl_compute_implicit"):
+        backends = [f"cpu_parallel:precision={precision},formulation={formulation}" for precision in ("float32", "float64")
+                    for formulation in ("increment", "displacement", "position", "paper", "compensated")]
+        for backend in (*backends[:-1], "cpu_reference", "gl_compute_implicit"):
             whole, resumed = self.run_in_two("heart@15x13x12", backend, 40, 17)
             self.assertEqual(resumed, whole, backend)
 
-    def test_compensated_float32_goes_on_close_by(self):
-        whole, resumed = self.run_in_two("heart@15x13x12", "cpu_parallel:formulation=compensated,precision=float32", 40, 17)
-        self.assertEqual(resumed["springs"], whole["springs"])
+    def test_compensated_float64_goes_on_close_by(self):
+        # Its sums have about 106 bits, of which the file keeps 53.
+        whole, resumed = self.run_in_two("heart@15x13x12", "cpu_parallel:formulation=compensated,precision=float64", 40, 17)
+        for name in ("displacement", "increment"):
+            pairs = zip(*(array.array("d", state[name]) for state in (whole, resumed)))
+            largest = max(map(abs, array.array("d", whole[name])))
+            self.assertLess(max(abs(a - b) for a, b in pairs), 1e-13 * largest)
 
     def test_edits_before_the_step_are_applied(self):
         # Cuts after steps 50 and 250, a suture after step 150.
