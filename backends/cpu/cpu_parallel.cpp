@@ -30,6 +30,7 @@
 #include "backends/cpu/tiles.h"
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
+#include "backends/rest_policy.h"
 
 namespace voxspring {
 namespace {
@@ -92,10 +93,14 @@ bool all_terms(const Options& options) { return options.tuning.at("terms") == "a
 Root root_of(const Options& options) {
     const std::string& root = options.tuning.at("root");
     if (root == "exact") return Root::exact;
-    if (options.precision == Precision::float64) {
-        throw BadSpecification("backend cpu_parallel: root=" + root + " is for float32");
-    }
     return root == "refined" ? Root::refined : Root::raw;
+}
+
+/// Empty, or why these options do not go together.
+std::string refused_options(const Options& options) {
+    const std::string& root = options.tuning.at("root");
+    if (root != "exact" && options.precision == Precision::float64) return "root=" + root + " is for float32";
+    return refused_rest(options);
 }
 
 /// How far a particle of a tile that falls asleep moves in a step at most, in spacings; 0: none sleeps.
@@ -105,13 +110,7 @@ double sleep_threshold(const Options& options) {
 }
 
 /// How close to 0 a part of the state is set to it, in spacings; 0: not at all.
-double flush_threshold(const Options& options) {
-    if (options.tuning.at("rest") != "flush") return 0;
-    if (!by_increments(options.formulation)) {
-        throw BadSpecification("backend cpu_parallel: rest=flush is for increment and compensated");
-    }
-    return flushed_below;
-}
+double flush_threshold(const Options& options) { return rest_of(options) == Rest::flush ? flushed_below : 0; }
 
 /// Scalars of a particle's state: positions or displacements of two steps, or those and the increment.
 int state_arrays(Formulation formulation) {
@@ -244,9 +243,10 @@ public:
     }
 
     WorkCount count_work() override {
-        if (!may_rest_) return {};
+        if (!policy_.may_check()) return {};
         step(1);
-        return {{"tiles", tiles_->used()}, {"tiles_stepped", looking_ ? tiles_stepped() : tiles_->used()}};
+        return {{"tiles", tiles_->used()},
+                {"tiles_stepped", policy_.checks() ? tiles_stepped() : tiles_->used()}};
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -289,10 +289,8 @@ private:
     static constexpr std::uint32_t along_x = 0x3, higher = NEIGHBOUR_BITS & 0xAAAAAAAA;
     /// A tile sleeps once it and those around it were slow for that many steps.
     static constexpr int steps_to_sleep = 8;
-    /// Steps after which rest=auto decides anew whether looking for rest pays.
-    static constexpr int steps_to_look = 16, shortest_pause = 64, longest_pause = 1024;
-    /// Tiles from which on it looks at all: a step of less takes some 50 us.
-    static constexpr std::size_t least_tiles = 128;
+    /// Tiles from which on rest=auto checks at all: a step of less takes some 50 us.
+    static constexpr std::size_t min_checked_tiles = 128;
 
     /// A thread's part of every step.
     struct Share {
@@ -310,40 +308,35 @@ private:
         bits_ = bits_in_use(problem, options_);
         list_blocks();
         deal_out();
-        const std::string& rest = options_.tuning.at("rest");
-        const bool at_ease = problem.gravity == glm::dvec3(0) && problem.load.empty();
-        may_rest_ = !all_terms(options_) && (rest == "skip" || rest == "flush" || sleep_ > 0 ||
-                                             (rest == "auto" && at_ease && tiles_->used() >= least_tiles));
-        always_looks_ = rest == "skip" || rest == "flush" || sleep_ > 0;
-        looking_ = may_rest_;
-        pause_ = shortest_pause;
-        decision_ = steps_to_look;
+        start_policy();
+    }
+
+    void start_policy() {
+        const Rest rest = rest_of(options_);
+        const bool always = rest == Rest::skip || rest == Rest::flush || sleep_ > 0;
+        const bool chooses = rest == Rest::choose && !always && stays_at_rest(*problem_) &&
+                             tiles_->used() >= min_checked_tiles;
+        const bool any = !all_terms(options_);
+        policy_.start(any && (always || chooses), any && chooses);
     }
 
     void advance(int count) override {
         while (count > 0) {
-            if (may_rest_ && !always_looks_ && step_ >= decision_) decide_whether_to_look();
-            const bool deciding = may_rest_ && !always_looks_;
-            const int steps = deciding ? int(std::min<std::int64_t>(count, decision_ - step_)) : count;
+            if (policy_.is_due()) choose();
+            const int steps = std::min(count, policy_.steps_to_decision());
             run_steps(steps);
+            policy_.stepped(steps);
             count -= steps;
         }
     }
 
-    /// rest=auto: looking for rest costs a little, and pays where an eighth of the tiles rest.
-    void decide_whether_to_look() {
-        if (!looking_) {
-            looking_ = true;
-            tiles_->wake_all(step_);
-        } else if (8 * tiles_stepped() > 7 * tiles_->used()) {
-            looking_ = false;
-            decision_ = step_ + pause_;
-            pause_ = std::min(2 * pause_, longest_pause);
-            return;
+    void choose() {
+        if (policy_.checks()) {
+            policy_.decide(tiles_stepped(), tiles_->used());
         } else {
-            pause_ = shortest_pause;
+            policy_.begin_checks();
+            tiles_->wake_all(step_);
         }
-        decision_ = step_ + steps_to_look;
     }
 
     std::size_t tiles_stepped() const {
@@ -354,6 +347,7 @@ private:
 
     void run_steps(int count) {
         Barrier barrier;
+        const bool checks = policy_.checks();
 #pragma omp parallel num_threads(int(shares_.size()))
         {
             // Each share to the same thread every time. Should OpenMP grant fewer threads, some take several.
@@ -365,13 +359,13 @@ private:
                 for (auto s = std::size_t(omp_get_thread_num()); s < shares_.size(); s += threads) {
                     Share& share = shares_[s];
                     Task<T> task = task_from(share, step - 1);
-                    if (looking_) {
+                    if (checks) {
                         tiles_->decide(share.tiles, step);
                         task.action = share.tiles.action.data();
                         task.lively = share.tiles.lively.data();
                     }
                     cpu_parallel::step(task, formulation_, root_);
-                    if (looking_) tiles_->settle(share.tiles, step);
+                    if (checks) tiles_->settle(share.tiles, step);
                 }
                 barrier.wait();
             }
@@ -584,11 +578,9 @@ private:
     std::vector<Block> blocks_;
     std::vector<Share> shares_;
     std::unique_ptr<Tiles> tiles_;
-    bool may_rest_ = false;      ///< tiles that rest are looked for, now or at times
-    bool always_looks_ = false;  ///< at all times
-    bool looking_ = false;       ///< now
-    std::int64_t decision_ = 0;  ///< the step after which `looking_` is decided anew
-    int pause_ = 0;              ///< steps until the next look, once looking did not pay
+    /// To check tiles costs a little, and pays where an eighth of them rests.
+    RestPolicy policy_{
+        {.period = 16, .min_pause = 64, .max_pause = 1024, .paying_numerator = 7, .paying_denominator = 8}};
 };
 
 template <class T>
@@ -629,6 +621,7 @@ const Registered entry({
         },
     // What sleeps stands still where it would have moved by less than that.
     .admitted_spacings_per_step = sleep_threshold,
+    .refused_options = refused_options,
 });
 
 }  // namespace

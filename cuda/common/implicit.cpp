@@ -199,7 +199,6 @@ private:
 };
 
 std::unique_ptr<Backend> make(const KernelFamily& family, const Options& options, bool tiled) {
-    Resting::check(options);
     if (family.precision == Precision::float32)
         return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
     return std::make_unique<ImplicitBackend<double>>(family, options, tiled);
