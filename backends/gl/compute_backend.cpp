@@ -61,8 +61,8 @@ std::string ComputeBackend::too_large(const char* what, std::uint64_t bytes) con
     return reason.str();
 }
 
-std::string ComputeBackend::unsupported(const Problem& problem) const {
-    if (std::string why = refused(problem); !why.empty()) return why;
+std::string ComputeBackend::refused(const Problem& problem) const {
+    if (std::string why = refused_layout(problem); !why.empty()) return why;
     const cuda::Placement placement = place(problem);
     if (std::string why = too_large("positions", placement.words * sizeof(cuda::Word<float>)); !why.empty())
         return why;
@@ -104,6 +104,7 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
     make_program(problem);
     rewind({{"STORAGE_BUFFERS", ""}});
     bind();
+    hold(bytes_needed(problem));
     glFinish();
     context().check("uploading");
 }
@@ -185,7 +186,7 @@ glm::ivec3 ComputeBackend::rows_of_groups(int groups) {
     return {(groups + rows - 1) / rows, rows, 1};
 }
 
-void ComputeBackend::follow(const Problem& edited) {
+void ComputeBackend::set_problem(const Problem& edited) {
     context().make_current();
     problem_ = &edited;
 }

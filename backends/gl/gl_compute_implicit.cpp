@@ -8,6 +8,16 @@
 namespace voxspring {
 namespace {
 
+std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
+    const cuda::Placement placement = cuda::place_on_grid(problem.lattice);
+    const auto shape = cuda::BlockShape::parse(options.tuning.at("block"));
+    return gl::compute_bytes(problem, options, placement) +
+           (gl::needs_materials(problem, options.tuning.at("terms") == "all")
+                ? placement.words * sizeof(float)
+                : 0) +
+           cuda::active_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
+}
+
 class GlComputeImplicit final : public gl::ComputeBackend {
 public:
     explicit GlComputeImplicit(const Options& options)
@@ -17,7 +27,7 @@ public:
           votes_(context().has_subgroup_vote() && votes(options)) {}
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        follow(edited);
+        set_problem(edited);
         std::vector<std::uint32_t> particles, masks;
         for (const SpringEdit::Touched& touched : edit.touched) {
             particles.push_back(touched.particle);
@@ -31,6 +41,10 @@ public:
     }
 
 private:
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return upload_bytes(problem, options());
+    }
+
     /// What was faster on an H200 (gl/README.md).
     static bool votes(const Options& options) {
         const std::string& interior = options.tuning.at("interior");
@@ -47,7 +61,7 @@ private:
                 (dims.z + shape_.z - 1) / shape_.z};
     }
 
-    std::string refused(const Problem& problem) const override {
+    std::string refused_layout(const Problem& problem) const override {
         if (problem.lattice.voxel_count() == 0)
             return "implicit addressing needs a regular grid and the network lies on none";
         if (!problem.springs.empty())
@@ -140,16 +154,7 @@ const Registered entry({
                {"terms", {"needed", "all"}},
                {"tile", {"none", "shared"}}},
     .make = [](const Options& options) { return std::make_unique<GlComputeImplicit>(options); },
-    .bytes =
-        [](const Problem& problem, const Options& options) {
-            const cuda::Placement placement = cuda::place_on_grid(problem.lattice);
-            const auto shape = cuda::BlockShape::parse(options.tuning.at("block"));
-            return gl::compute_bytes(problem, options, placement) +
-                   (gl::needs_materials(problem, options.tuning.at("terms") == "all")
-                        ? placement.words * sizeof(float)
-                        : 0) +
-                   cuda::active_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
-        },
+    .bytes = upload_bytes,
 });
 
 }  // namespace
