@@ -241,8 +241,8 @@ HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptr
         const Lanes3<L> previous = load3<L>(task.next, i);
         Lanes3<L> next = here.high;
         if constexpr (formulation == Formulation::paper) {
-            next = next_position_as_printed(here.high, previous, force, inverse_mass, gravity,
-                                            L(task.doubled), L(task.retained), time_step_squared);
+            next = paper_position(here.high, previous, force, inverse_mass, gravity, L(task.doubled),
+                                  L(task.retained), time_step_squared);
         } else {
             next = next_position(here.high, previous, force, inverse_mass, gravity, L(task.retained),
                                  time_step_squared);
