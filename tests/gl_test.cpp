@@ -492,8 +492,8 @@ TEST_F(Gl, SpringsBeyondTheGridNeedExplicitAddressing) {
     const auto explicit_lists = make("gl_fragment_explicit");
     Problem sutured = plain_problem();
     sutured.springs.push_back({0, std::uint32_t(sutured.particle_count() - 1), 0.1, 3});
-    EXPECT_THAT(implicit->unsupported(sutured), HasSubstr("springs beyond the grid"));
-    EXPECT_THAT(implicit->unsupported(star(5)), HasSubstr("explicit addressing"));
+    EXPECT_THAT(implicit->unsupported(sutured), HasSubstr("springs beyond the lattice"));
+    EXPECT_THAT(implicit->unsupported(star(5)), HasSubstr("needs a lattice"));
     EXPECT_THAT(explicit_lists->unsupported(sutured), IsEmpty());
     EXPECT_THAT(explicit_lists->unsupported(star(5)), IsEmpty());
     EXPECT_THAT(explicit_lists->unsupported(star(100000)),

@@ -26,6 +26,7 @@
 #include "backends/cpu/parallel_options.h"
 #include "backends/cpu/subnormals.h"
 #include "backends/cpu/tiles.h"
+#include "backends/physics/addressing.h"
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
 #include "backends/rest_policy.h"
@@ -39,8 +40,7 @@ using namespace cpu_parallel;
 template <class T>
 std::string refusal(const Problem& problem) {
     const glm::ivec3 d = problem.lattice.dims;
-    if (problem.lattice.voxel_count() == 0) return "implicit addressing needs a lattice";
-    if (!problem.springs.empty()) return "implicit addressing has no springs beyond the lattice";
+    if (std::string why = implicit_refusal(problem); !why.empty()) return why;
     // In floating point, which does not overflow: an upper bound on the bytes of 24 arrays (PaddedState)
     // over the padded grid, against what 64-bit systems give a process to address.
     const double rows = (double(d.y) + 4) * (double(d.z) + 4);

@@ -8,6 +8,7 @@
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
 #include "backends/layout/layout.h"
+#include "backends/physics/addressing.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring {
@@ -62,10 +63,8 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
-        if (!problem.springs.empty()) return "springs beyond the grid need explicit addressing";
+        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         const glm::ivec3 dims = problem.lattice.dims;
-        if (problem.lattice.voxel_count() == 0)
-            return "particles that lie on no grid need explicit addressing";
         const int limit = context().max_texture_size();
         const auto flat = lay_flat(dims, limit);
         if (flat && gl::fits(gl::rgba32f, flat->size())) return {};
