@@ -150,16 +150,13 @@ private:
         };
 
         layout.bits.assign(problem.particle_count(), ACTIVE_BIT);
-        const auto particle = particle_of_voxel(problem.lattice);
+        const LatticeSprings springs(problem);
         for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
-            for (const Direction& direction : directions()) {
-                if ((problem.lattice.mask[i] >> direction.bit & 1u) == 0) continue;
-                const std::ptrdiff_t voxel = problem.lattice.voxel[i] + problem.lattice.stride(direction);
-                const std::uint32_t j = particle[std::size_t(voxel)];
+            springs.all_of(i, [&](std::uint32_t j, const Direction& direction) {
                 add(i, {j, direction.bit, problem.spring_stiffness(i, j, direction),
                         problem.rest_length[std::size_t(direction.bit)]});
                 if (!own_values) layout.bits[i] += 1u << count_bits * int(direction.group);
-            }
+            });
         }
         for (const Spring& s : problem.springs) {
             add(s.first, {s.second, -1, s.stiffness, s.rest_length});
