@@ -68,9 +68,9 @@ private:
         if (tiled_ && tile_bytes() > shared)
             return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
                    std::to_string(shared) + " of shared memory that a work group may have";
-        if (const int along_x = groups(problem.lattice.dims).x; along_x > most_groups)
-            return std::to_string(along_x) + " work groups along x exceed the " +
-                   std::to_string(most_groups) + " that every driver takes";
+        if (const int along_x = groups(problem.lattice.dims).x; along_x > max_groups)
+            return std::to_string(along_x) + " work groups along x exceed the " + std::to_string(max_groups) +
+                   " that every driver takes";
         return {};
     }
     cuda::Placement place(const Problem& problem) const override {
@@ -132,7 +132,7 @@ private:
         program.set("group_stiffness", stiffness);
     }
 
-    static constexpr int most_groups = 65535;  // along an axis, of every driver
+    static constexpr int max_groups = 65535;  // along an axis, of every driver
     const cuda::BlockShape shape_;
     const bool tiled_;
     const bool votes_;
