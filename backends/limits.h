@@ -64,31 +64,31 @@ StepLimit limit_of(const StepWork& work, const DeviceLimits& limits, Precision p
 /// Seconds that one repetition takes at best. `seconds_of(count)` runs `count` repetitions, at least one,
 /// and returns how long they took.
 template <class SecondsOf>
-double least_seconds(SecondsOf seconds_of) {
+double min_seconds(SecondsOf seconds_of) {
     // Long enough that clocks and launches do not count; so short that, on a processor shared with others,
     // some batches are over before another process takes a core.
     constexpr double long_enough = 2e-3;
     constexpr double in_all = 0.05;
-    constexpr int least_batches = 8;
-    constexpr int most = 1 << 20;  // of a clock that stands still
-    seconds_of(1);                 // what happens on a first run only
+    constexpr int min_batches = 8;
+    constexpr int max_count = 1 << 20;  // of a clock that stands still
+    seconds_of(1);                      // what happens on a first run only
     int count = 1;
     int batches = 0;
     double sum = 0;
-    double least = std::numeric_limits<double>::infinity();
-    while (batches < least_batches || (sum < in_all && batches < most)) {
+    double min = std::numeric_limits<double>::infinity();
+    while (batches < min_batches || (sum < in_all && batches < max_count)) {
         const double seconds = seconds_of(count);
         sum += seconds;
         ++batches;
-        least = std::min(least, seconds);
-        if (least >= long_enough || count == most) continue;
+        min = std::min(min, seconds);
+        if (min >= long_enough || count == max_count) continue;
         // Any batch, however late: an interruption makes others seem long enough.
         count *= 2;
         batches = 0;
         sum = 0;
-        least = std::numeric_limits<double>::infinity();
+        min = std::numeric_limits<double>::infinity();
     }
-    return least / count;
+    return min / count;
 }
 
 }  // namespace voxspring

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <set>
 #include <sstream>
 #include <utility>
 
@@ -48,6 +49,58 @@ std::string checked(const std::string& backend, const std::string& key, const st
     return value;
 }
 
+/// Throws BadSpecification where there is none.
+const BackendEntry& entry_named(const std::string& name) {
+    const auto found = registry().find(name);
+    if (found != registry().end()) return found->second;
+    if (const auto absent = left_out().find(name); absent != left_out().end())
+        throw BadSpecification("backend " + name + " is not in this build: " + absent->second);
+    if (name == "auto")
+        throw BadSpecification(
+            "'auto' is no backend by itself: it stands for the one that is chosen for a scene, by "
+            "choose_backend()");
+    throw BadSpecification("no backend '" + name +
+                           "'; known: " + joined(registry(), [](const auto& e) { return e.first; }) +
+                           did_you_mean(name, names_of(registry())));
+}
+
+void set_tuning(const BackendEntry& entry, Options& options, const std::string& key,
+                const std::string& value) {
+    const auto parameter = entry.tuning.find(key);
+    if (parameter == entry.tuning.end()) {
+        std::vector<std::string> known = names_of(entry.tuning);
+        known.insert(known.begin(), {"precision", "formulation"});
+        throw BadSpecification("backend " + entry.name + " has no parameter '" + key +
+                               "'; known: " + joined(known, itself) + did_you_mean(key, known));
+    }
+    if (!parameter->second.empty()) {
+        options.tuning[key] = checked(entry.name, key, value, parameter->second);
+    } else if (value == "auto" || is_positive_integer(value)) {
+        options.tuning[key] = value;
+    } else {
+        throw BadSpecification("backend " + entry.name + ": " + key + "=" + value +
+                               " is neither a positive integer nor auto");
+    }
+}
+
+/// Throws BadSpecification where the backend has no such key or value.
+void set_option(const BackendEntry& entry, Options& options, const std::string& key,
+                const std::string& value) {
+    const auto one_of = [&](const auto& known) {
+        std::vector<std::string> names;
+        for (const auto k : known) names.push_back(to_string(k));
+        const std::string chosen = checked(entry.name, key, value, names);
+        return known[std::size_t(std::find(names.begin(), names.end(), chosen) - names.begin())];
+    };
+    if (key == "precision") {
+        options.precision = one_of(entry.precisions);
+    } else if (key == "formulation") {
+        options.formulation = one_of(entry.formulations);
+    } else {
+        set_tuning(entry, options, key, value);
+    }
+}
+
 }  // namespace
 
 std::vector<Skip> BackendEntry::skips() const {
@@ -71,52 +124,27 @@ const std::map<std::string, std::string>& left_out() { return left_out_backends;
 
 BackendSpec BackendSpec::parse(const std::string& text) {
     const auto colon = text.find(':');
-    const std::string name = text.substr(0, colon);
-    const auto found = registry().find(name);
-    if (found == registry().end()) {
-        const auto absent = left_out().find(name);
-        throw BadSpecification(absent != left_out().end()
-                                   ? "backend " + name + " is not in this build: " + absent->second
-                                   : "no backend '" + name + "'; known: " +
-                                         joined(registry(), [](const auto& e) { return e.first; }) +
-                                         did_you_mean(name, names_of(registry())));
-    }
-    const BackendEntry& entry = found->second;
+    const BackendEntry& entry = entry_named(text.substr(0, colon));
     BackendSpec spec{&entry, {}};
     spec.options.precision = entry.precisions.front();
     spec.options.formulation = entry.formulations.front();
     for (const auto& [key, values] : entry.tuning) spec.options.tuning[key] = default_of(values);
     if (colon == std::string::npos) return spec;
 
-    std::istringstream rest(text.substr(colon + 1));
-    for (std::string item; std::getline(rest, item, ',');) {
+    std::set<std::string> seen;
+    std::istringstream items(text.substr(colon + 1));
+    for (std::string item; std::getline(items, item, ',');) {
         const auto equals = item.find('=');
         const std::string key = item.substr(0, equals);
         const std::string value = equals == std::string::npos ? "" : item.substr(equals + 1);
-        if (key == "precision") {
-            std::vector<std::string> names;
-            for (const Precision p : entry.precisions) names.push_back(to_string(p));
-            spec.options.precision =
-                checked(name, key, value, names) == "float32" ? Precision::float32 : Precision::float64;
-        } else if (key == "formulation") {
-            std::vector<std::string> names;
-            for (const Formulation f : entry.formulations) names.push_back(to_string(f));
-            const std::string chosen = checked(name, key, value, names);
-            spec.options.formulation = *std::find_if(entry.formulations.begin(), entry.formulations.end(),
-                                                     [&](Formulation f) { return to_string(f) == chosen; });
-        } else if (const auto parameter = entry.tuning.find(key); parameter == entry.tuning.end()) {
-            std::vector<std::string> known = names_of(entry.tuning);
-            known.insert(known.begin(), {"precision", "formulation"});
-            throw BadSpecification("backend " + name + " has no parameter '" + key +
-                                   "'; known: " + joined(known, itself) + did_you_mean(key, known));
-        } else if (!parameter->second.empty()) {
-            spec.options.tuning[key] = checked(name, key, value, parameter->second);
-        } else if (value == "auto" || is_positive_integer(value)) {
-            spec.options.tuning[key] = value;
-        } else {
-            throw BadSpecification("backend " + name + ": " + key + "=" + value +
-                                   " is neither a positive integer nor auto");
-        }
+        set_option(entry, spec.options, key, value);
+        if (!seen.insert(key).second)
+            throw BadSpecification("backend " + entry.name + ": '" + key + "' is there twice in '" + text +
+                                   "'; name it once");
+    }
+    if (entry.refused_options != nullptr) {
+        if (const std::string why = entry.refused_options(spec.options); !why.empty())
+            throw BadSpecification("backend " + entry.name + ": " + why);
     }
     return spec;
 }

@@ -40,6 +40,9 @@ struct BackendEntry {
     /// How far a particle may fall behind in a step because the options ask for it, in spacings. Empty: not
     /// at all.
     std::function<double(const Options&)> admitted_spacings_per_step = {};
+    /// Empty, or why these values do not go together ("rest=flush is for increment and compensated"). Empty
+    /// function: all do.
+    std::function<std::string(const Options&)> refused_options = {};
 
     /// Those of its tuning parameters that only leave work out.
     std::vector<Skip> skips() const;
@@ -62,12 +65,12 @@ class BadSpecification : public std::invalid_argument {
 };
 
 /// A backend and its options, as a user writes them: `NAME[:key=value[,key=value]...]` where a key is
-/// `precision`, `formulation` or a tuning parameter of that backend.
+/// `precision`, `formulation` or a tuning parameter of that backend, each named once.
 struct BackendSpec {
     const BackendEntry* entry = nullptr;
     Options options;
 
-    /// Throws BadSpecification.
+    /// Throws BadSpecification: `auto` too, which no name stands for before a scene is known.
     static BackendSpec parse(const std::string& text);
     std::unique_ptr<Backend> make() const { return entry->make(options); }
     double admitted_spacings_per_step() const {

@@ -1,4 +1,5 @@
 // The grid in global memory, read through the texture path.
+#include "backends/rest_policy.h"
 #include "cuda/common/implicit.h"
 #include "cuda/common/tuning.h"
 
@@ -17,6 +18,7 @@ const Registered entry({
                       {"rest", implicit_rest}}),
     .make = make_implicit,
     .bytes = implicit_bytes,
+    .refused_options = refused_rest,
 });
 
 }  // namespace

@@ -1,4 +1,5 @@
 // The grid in global memory, read past L1.
+#include "backends/rest_policy.h"
 #include "cuda/common/implicit.h"
 #include "cuda/common/tuning.h"
 
@@ -17,6 +18,7 @@ const Registered entry({
                       {"rest", implicit_rest}}),
     .make = make_implicit,
     .bytes = implicit_bytes,
+    .refused_options = refused_rest,
 });
 
 }  // namespace

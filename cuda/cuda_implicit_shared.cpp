@@ -1,5 +1,6 @@
 // The grid by way of shared memory: a block loads three slices of a tile with a frame of one particle, and
 // steps the middle slice (Figure 4).
+#include "backends/rest_policy.h"
 #include "cuda/common/implicit.h"
 #include "cuda/common/tuning.h"
 
@@ -18,6 +19,7 @@ const Registered entry({
                       {"rest", implicit_rest}}),
     .make = make_tiled,
     .bytes = implicit_bytes,
+    .refused_options = refused_rest,
 });
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/work.h"
+#include "backends/physics/addressing.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/tuning.h"
@@ -166,10 +167,7 @@ private:
     std::string refused(const Problem& problem) const override {
         if (!device().launches_together()) return "the device has no cooperative launches";
         if (problem.particle_count() == 0) return "there is no particle to reside";
-        if (problem.lattice.voxel_count() == 0)
-            return "resident blocks are made of a regular grid and the network lies on none";
-        if (!problem.springs.empty())
-            return "resident blocks have no place for springs between particles that are no grid neighbours";
+        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         if (problem.has_materials())
             return "resident blocks have one stiffness a spring group, and the scene has several materials";
         const auto most = std::size_t(device().multiprocessors()) * most_resident_lanes;

@@ -71,8 +71,8 @@ Motion moved(Motion now, vec3 force, float inverse_mass, bool pinned) {
 #endif
 #else
 #ifdef PAPER
-    precise vec3 sum = next_position_as_printed(now.here, now.before, force, inverse_mass, gravity, doubled,
-                                                retained, time_step_squared);
+    precise vec3 sum = paper_position(now.here, now.before, force, inverse_mass, gravity, doubled, retained,
+                                      time_step_squared);
 #else
     precise vec3 sum =
         next_position(now.here, now.before, force, inverse_mass, gravity, retained, time_step_squared);

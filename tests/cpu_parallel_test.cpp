@@ -215,8 +215,8 @@ private:
             const auto retained = Real(1 - problem_.damping);
             const Vec3 next =
                 formulation_ == Formulation::paper
-                    ? next_position_as_printed(at, previous, force, inverse_mass, gravity,
-                                               Real(2 - problem_.damping), retained, time_step_squared_)
+                    ? paper_position(at, previous, force, inverse_mass, gravity, Real(2 - problem_.damping),
+                                     retained, time_step_squared_)
                     : next_position(at, previous, force, inverse_mass, gravity, retained, time_step_squared_);
             return {next, Vec3(0)};
         }

@@ -16,6 +16,7 @@
 #include "backends/gl/context.h"
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/program.h"
+#include "backends/gl/step_queue.h"
 #include "backends/gl/texture.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
@@ -491,8 +492,8 @@ TEST_F(Gl, SpringsBeyondTheGridNeedExplicitAddressing) {
     const auto explicit_lists = make("gl_fragment_explicit");
     Problem sutured = plain_problem();
     sutured.springs.push_back({0, std::uint32_t(sutured.particle_count() - 1), 0.1, 3});
-    EXPECT_THAT(implicit->unsupported(sutured), HasSubstr("springs beyond the grid"));
-    EXPECT_THAT(implicit->unsupported(star(5)), HasSubstr("explicit addressing"));
+    EXPECT_THAT(implicit->unsupported(sutured), HasSubstr("springs beyond the lattice"));
+    EXPECT_THAT(implicit->unsupported(star(5)), HasSubstr("needs a lattice"));
     EXPECT_THAT(explicit_lists->unsupported(sutured), IsEmpty());
     EXPECT_THAT(explicit_lists->unsupported(star(5)), IsEmpty());
     EXPECT_THAT(explicit_lists->unsupported(star(100000)),
@@ -741,6 +742,149 @@ TEST(NoGl, AMissingDriverIsASkipAndNoCrash) {
             std::exit(1);
         },
         ::testing::ExitedWithCode(0), "Unavailable: no OpenGL");
+}
+
+// --- Large runs and large problems -----------------------------------------------------------------------
+
+TEST_F(Gl, TexturesAreReadInBandsOfWhichACallCanSayTheSize) {
+    // 2^27 texels of 16 bytes are one byte more than a GLsizei holds.
+    for (const int width : {1, 100, 8192, 16384, 32768}) {
+        const std::int64_t rows = gl::rows_of_a_read(gl::rgba32f, width);
+        EXPECT_LE(rows * width * gl::rgba32f.bytes, std::numeric_limits<GLsizei>::max());
+        EXPECT_GT((rows + 1) * width * gl::rgba32f.bytes, std::numeric_limits<GLsizei>::max());
+    }
+    const gl::Context context;
+    const glm::ivec2 size(5, 7);
+    std::vector<glm::vec4> written;
+    for (int i = 0; i < size.x * size.y; ++i) written.push_back({i, -i, 0.5 * i, 1});
+    const gl::Texture texture = gl::make_texture(context, gl::rgba32f, size, written.data());
+    for (const int rows : {1, 3, 7, 100}) {
+        std::vector<glm::vec4> read(written.size() + 1, glm::vec4(-1));
+        gl::read_texture(texture, gl::rgba32f, size, read.data(), rows);
+        context.check("reading");
+        EXPECT_EQ(read.back(), glm::vec4(-1));
+        read.pop_back();
+        EXPECT_EQ(read, written) << rows;
+    }
+}
+
+/// Counts the fences that are enqueued and not waited for, in place of the driver's functions.
+class CountedFences {
+public:
+    CountedFences() : fence_(glFenceSync), wait_(glClientWaitSync) {
+        now = most = all = 0;
+        original = this;
+        glFenceSync = [](GLenum condition, GLbitfield flags) {
+            most = std::max(most, ++now);
+            ++all;
+            return original->fence_(condition, flags);
+        };
+        glClientWaitSync = [](GLsync sync, GLbitfield flags, GLuint64 timeout) {
+            --now;
+            return original->wait_(sync, flags, timeout);
+        };
+    }
+    ~CountedFences() {
+        glFenceSync = fence_;
+        glClientWaitSync = wait_;
+    }
+    CountedFences(const CountedFences&) = delete;
+    CountedFences& operator=(const CountedFences&) = delete;
+
+    static inline int now = 0, most = 0, all = 0;
+
+private:
+    static inline CountedFences* original = nullptr;
+    PFNGLFENCESYNCPROC fence_;
+    PFNGLCLIENTWAITSYNCPROC wait_;
+};
+
+TEST_F(Gl, NoMoreStepsAreQueuedThanTheQueueHolds) {
+    const Problem problem = make_lattice_problem(solid({2, 2, 2}), FACE_BITS);
+    for (const char* name : {"gl_compute_implicit", "gl_fragment_implicit"}) {
+        SCOPED_TRACE(name);
+        const auto backend = BackendSpec::parse(name).make();
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        const int steps = gl::StepQueue::steps_a_fence;
+        const int fences = int(gl::StepQueue::max_fences);
+        backend->step((fences + 1) * steps);  // and libepoxy has looked up what is replaced here
+        const CountedFences counted;
+        backend->step(10 * steps);
+        EXPECT_EQ(CountedFences::all, 10);
+        // Of those that were there before each was waited for as well.
+        EXPECT_LE(CountedFences::most, 1);
+        EXPECT_EQ(CountedFences::now, 0);
+        backend->synchronize();
+    }
+}
+
+TEST(GlMemory, IsRefusedWhereFewerBytesAreFreeThanAnUploadTakes) {
+    EXPECT_EQ(gl::memory_refusal(1000, 0, std::nullopt), "");
+    EXPECT_EQ(gl::memory_refusal(1000, 0, 1000), "");
+    EXPECT_EQ(gl::memory_refusal(1000, 600, 400), "");
+    EXPECT_THAT(gl::memory_refusal(1000, 599, 400),
+                AllOf(HasSubstr("1000 bytes"), HasSubstr("999 are free")));
+}
+
+/// A driver that tells of its memory, as NVIDIA's or AMD's does.
+class DriverWithMemory {
+public:
+    DriverWithMemory(const char* extension, GLenum query, GLint kilobytes)
+        : integer_(glGetIntegerv), string_(glGetStringi) {
+        original = this;
+        DriverWithMemory::extension = extension;
+        DriverWithMemory::query = query;
+        DriverWithMemory::kilobytes = kilobytes;
+        glGetIntegerv = [](GLenum name, GLint* value) {
+            if (name == DriverWithMemory::query) {
+                *value = DriverWithMemory::kilobytes;
+            } else {
+                original->integer_(name, value);
+            }
+        };
+        glGetStringi = [](GLenum name, GLuint index) {
+            if (name == GL_EXTENSIONS && index == 0)
+                return reinterpret_cast<const GLubyte*>(DriverWithMemory::extension);
+            return original->string_(name, index);
+        };
+    }
+    ~DriverWithMemory() {
+        glGetIntegerv = integer_;
+        glGetStringi = string_;
+    }
+    DriverWithMemory(const DriverWithMemory&) = delete;
+    DriverWithMemory& operator=(const DriverWithMemory&) = delete;
+
+private:
+    static inline DriverWithMemory* original = nullptr;
+    static inline const char* extension = nullptr;
+    static inline GLenum query = 0;
+    static inline GLint kilobytes = 0;
+    PFNGLGETINTEGERVPROC integer_;
+    PFNGLGETSTRINGIPROC string_;
+};
+
+TEST_F(Gl, ProblemsThatExceedFreeMemoryAreRefused) {
+    const Problem problem = make_lattice_problem(solid({32, 32, 32}), FACE_BITS);
+    for (const std::string name :
+         {"gl_compute_implicit", "gl_compute_explicit", "gl_fragment_implicit", "gl_fragment_explicit"}) {
+        SCOPED_TRACE(name);
+        // libepoxy looks functions up when they are first called.
+        EXPECT_EQ(BackendSpec::parse(name).make()->unsupported(problem), "");
+        (void)glGetStringi(GL_EXTENSIONS, 0);
+        const BackendSpec spec = BackendSpec::parse(name);
+        const auto needed = GLint((spec.entry->bytes(problem, spec.options) + 1023) / 1024);
+        const auto refusal = [&](const char* extension, GLenum query, GLint kilobytes) {
+            const DriverWithMemory driver(extension, query, kilobytes);
+            return spec.make()->unsupported(problem);
+        };
+        EXPECT_THAT(
+            refusal("GL_NVX_gpu_memory_info", GL_GPU_MEMORY_INFO_CURRENT_AVAILABLE_VIDMEM_NVX, needed - 1),
+            HasSubstr("bytes of device memory"));
+        EXPECT_THAT(refusal("GL_ATI_meminfo", GL_TEXTURE_FREE_MEMORY_ATI, needed - 1),
+                    HasSubstr("bytes of device memory"));
+        EXPECT_EQ(refusal("GL_ATI_meminfo", GL_TEXTURE_FREE_MEMORY_ATI, needed), "");
+    }
 }
 
 }  // namespace

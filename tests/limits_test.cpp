@@ -86,7 +86,7 @@ TEST(LeastSeconds, AreThoseOfAnUndisturbedBatch) {
     // A repetition takes 7 us. Two batches in three are interrupted for longer than a batch has to last.
     int calls = 0;
     int longest = 0;
-    const double seconds = least_seconds([&](int count) {
+    const double seconds = min_seconds([&](int count) {
         longest = std::max(longest, count);
         return count * 7e-6 + (++calls % 3 == 0 ? 0 : 5e-3);
     });
@@ -95,7 +95,7 @@ TEST(LeastSeconds, AreThoseOfAnUndisturbedBatch) {
 }
 
 TEST(LeastSeconds, EndOnAClockThatStandsStill) {
-    EXPECT_EQ(least_seconds([](int) { return 0.0; }), 0);
+    EXPECT_EQ(min_seconds([](int) { return 0.0; }), 0);
 }
 
 // --- The least work of a step, counted by hand ----------------------------------------------------------

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <iterator>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -19,7 +20,12 @@ inline std::vector<std::string> required_prefixes() {
     const char* value = std::getenv("VOXSPRING_REQUIRE");
     std::istringstream list(value == nullptr ? "" : value);
     std::vector<std::string> prefixes;
-    for (std::string prefix; std::getline(list, prefix, ',');) prefixes.push_back(prefix);
+    for (std::string item; std::getline(list, item, ',');) {
+        std::string prefix;
+        std::remove_copy(item.begin(), item.end(), std::back_inserter(prefix), ' ');
+        // An empty one would be a prefix of every name.
+        if (!prefix.empty()) prefixes.push_back(prefix);
+    }
     return prefixes;
 }
 

@@ -134,7 +134,8 @@ TEST_P(Resting, AnEditOfWhatRestsUnderStressMovesIt) {
 // looks where that can pay, stops where it does not, and may look again later: nothing that moved meanwhile
 // is at rest.
 TEST_P(Resting, AutoChangesNoBitAndSkipsWhatRests) {
-    const Poked poked({64, 64, 32});
+    // The least that a backend checks: 128 tiles of the processor, 512 blocks of a card.
+    const Poked poked(on_processor(spec) ? glm::ivec3(64, 32, 16) : glm::ivec3(64, 64, 32));
     const bool drifts = spec.options.formulation == Formulation::paper;
     const auto plain = make("rest=step"), choosing = make("rest=auto");
     for (Backend* b : {plain.get(), choosing.get()}) b->upload(poked.problem, poked.start);
@@ -176,7 +177,7 @@ TEST_P(Resting, FlushingRestsMoreForAnErrorOfWhatItFlushes) {
         return;
     }
     // Tails have come 30 particles far, what is not flushed half of that.
-    const Poked poked({64, 48, 48});
+    const Poked poked({64, 32, 32});
     const auto run = [&](const std::string& how, WorkCount& work) {
         const auto backend = make(how);
         backend->upload(poked.problem, poked.start);

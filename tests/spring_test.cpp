@@ -164,8 +164,8 @@ TEST(Update, TheFourAreOneInExactArithmetic) {
     const glm::dvec3 v = x - previous;
     const glm::dvec3 next =
         next_position(x, previous, force, inverse_mass, gravity, 1 - damping, time_step_squared);
-    const glm::dvec3 printed = next_position_as_printed(x, previous, force, inverse_mass, gravity,
-                                                        2 - damping, 1 - damping, time_step_squared);
+    const glm::dvec3 printed = paper_position(x, previous, force, inverse_mass, gravity, 2 - damping,
+                                              1 - damping, time_step_squared);
     const glm::dvec3 by_increment =
         x + (v + increment_change(v, force, inverse_mass, gravity, damping, time_step_squared));
     EXPECT_LT(glm::length(next - printed), 1e-15);

@@ -94,7 +94,7 @@ template <class T>
 double operations_per_second() {
     constexpr std::size_t repetition = 10000;
     std::atomic<std::size_t> operations = 0;  // of one repetition of all threads
-    const double seconds = least_seconds([&](int count) {
+    const double seconds = min_seconds([&](int count) {
         operations = 0;
         return parallel_seconds([&](std::size_t, std::size_t) {
             // Factors that the compiler cannot know. The sums converge to 2.
@@ -129,7 +129,7 @@ double bytes_per_second(std::size_t bytes) {
         std::fill_n(a, count, 1.0F);
         std::fill_n(b, count, 1.0F);
     });
-    const double seconds = least_seconds([&](int repetitions) {
+    const double seconds = min_seconds([&](int repetitions) {
         return on_every_part([&](const float* a, float* b, std::size_t count) {
             for (int n = 0; n < repetitions; ++n) HWY_DYNAMIC_DISPATCH(overwrite)(a, b, count);
         });

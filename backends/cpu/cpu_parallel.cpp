@@ -7,179 +7,46 @@
 // the force that it would have evaluated itself, to the bit; so forces, summed in the order of
 // neighbours.h, depend neither on the number of threads nor on the width of a register. Tiles of blocks that
 // rest are not stepped (tiles.h), which changes no bit either.
-#include <hwy/aligned_allocator.h>
 #include <omp.h>
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <string>
-#include <thread>
-#include <utility>
 #include <vector>
 
+#include "backends/cpu/barrier.h"
 #include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/kernel.h"
+#include "backends/cpu/padded_state.h"
+#include "backends/cpu/parallel_options.h"
 #include "backends/cpu/subnormals.h"
 #include "backends/cpu/tiles.h"
+#include "backends/physics/addressing.h"
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
+#include "backends/rest_policy.h"
 
 namespace voxspring {
 namespace {
 
 using namespace cpu_parallel;
 
-/// More than this starts more threads than a process can be sure to get, where OpenMP ends it.
-constexpr int most_threads = 1024;
-
-int thread_count(const Options& options) {
-    const std::string& threads = options.tuning.at("threads");
-    const int count = threads == "auto" ? omp_get_max_threads() : std::stoi(threads);
-    if (count > most_threads) {
-        throw BadSpecification("backend cpu_parallel: threads=" + threads + " is more than " +
-                               std::to_string(most_threads));
-    }
-    return count;
-}
-
-/// How many threads share that many blocks: all there are, but where the number is left to us none for less
-/// work than a barrier is worth. 128 blocks take a core about 10 us.
-std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks) {
-    const std::ptrdiff_t least = options.tuning.at("threads") == "auto" ? 128 : 1;
-    return std::min<std::ptrdiff_t>(
-        {thread_count(options), blocks, std::max<std::ptrdiff_t>(1, blocks / least)});
-}
-
-/// Where the threads of a step meet. OpenMP's own barrier spins for milliseconds: where another process has
-/// one of the cores, it keeps the very thread that it waits for from running, at the cost of a scheduler's
-/// time slice (4 ms) a step. This one spins for some microseconds, then lets others run.
-class Barrier {
-public:
-    /// Before any thread waits.
-    void expect(int threads) { threads_ = threads; }
-    void wait() {
-        const unsigned phase = phase_.load(std::memory_order_acquire);
-        if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 == threads_) {
-            arrived_.store(0, std::memory_order_relaxed);
-            phase_.store(phase + 1, std::memory_order_release);
-            return;
-        }
-        for (int tries = 0; phase_.load(std::memory_order_acquire) == phase; ++tries) {
-            if (tries >= patience) std::this_thread::yield();
-        }
-    }
-
-private:
-    static constexpr int patience = 2000;  // loads
-
-    int threads_ = 0;
-    // A cache line each: a thread that arrives does not disturb those that look.
-    alignas(64) std::atomic<int> arrived_ = 0;
-    alignas(64) std::atomic<unsigned> phase_ = 0;
-};
-
-/// Whether everything is computed, with neutral values where the scene has none, and nothing is skipped
-/// or shared: what the skips are tested against.
-bool all_terms(const Options& options) { return options.tuning.at("terms") == "all"; }
-
-Root root_of(const Options& options) {
-    const std::string& root = options.tuning.at("root");
-    if (root == "exact") return Root::exact;
-    if (options.precision == Precision::float64) {
-        throw BadSpecification("backend cpu_parallel: root=" + root + " is for float32");
-    }
-    return root == "refined" ? Root::refined : Root::raw;
-}
-
-/// How far a particle of a tile that falls asleep moves in a step at most, in spacings; 0: none sleeps.
-double sleep_threshold(const Options& options) {
-    const std::string& sleep = options.tuning.at("sleep");
-    return sleep == "off" ? 0 : std::stod(sleep);
-}
-
-/// How close to 0 a part of the state is set to it, in spacings; 0: not at all.
-double flush_threshold(const Options& options) {
-    if (options.tuning.at("rest") != "flush") return 0;
-    if (!by_increments(options.formulation)) {
-        throw BadSpecification("backend cpu_parallel: rest=flush is for increment and compensated");
-    }
-    return flushed_below;
-}
-
-/// Scalars of a particle's state: positions or displacements of two steps, or those and the increment.
-int state_arrays(Formulation formulation) {
-    if (formulation == Formulation::compensated) return 2 * (6 + 3);
-    return by_increments(formulation) ? 6 + 3 : 6;
-}
-
-/// The neighbour bits of the directions to visit: those in which any particle has a neighbour.
-std::uint32_t bits_in_use(const Problem& problem, const Options& options) {
-    if (all_terms(options)) return NEIGHBOUR_BITS;
-    std::uint32_t bits = 0;
-    for (const std::uint32_t mask : problem.lattice.mask) bits |= mask;
-    return bits & NEIGHBOUR_BITS;
-}
-
-/// The lattice with rows of whole blocks. In front of it and behind it lies a guard as long as the farthest
-/// neighbour is away, so that every register of neighbours can be loaded.
-template <class T>
-struct PaddedGrid {
-    glm::ivec3 dims;
-    std::ptrdiff_t row, slice, guard;
-
-    explicit PaddedGrid(glm::ivec3 d)
-        : dims(d),
-          row((d.x + block_size<T> - 1) / block_size<T> * block_size<T>),
-          slice(row * d.y),
-          guard(slice + row + block_size<T>) {}
-
-    std::ptrdiff_t size() const { return guard + slice * dims.z + guard; }
-    std::ptrdiff_t element(glm::ivec3 c) const { return guard + slice * c.z + row * c.y + c.x; }
-    /// A row's blocks, rows and slices.
-    glm::ivec3 blocks() const { return {int(row / block_size<T>), dims.y, dims.z}; }
-    /// Force densities of one direction and one slice, with guards as above.
-    std::ptrdiff_t density_guard() const { return row + block_size<T>; }
-    std::ptrdiff_t densities() const { return density_guard() + slice + density_guard(); }
-};
-
 /// Empty, or why `problem` cannot run.
 template <class T>
 std::string refusal(const Problem& problem) {
     const glm::ivec3 d = problem.lattice.dims;
-    if (problem.lattice.voxel_count() == 0) return "implicit addressing needs a lattice";
-    if (!problem.springs.empty()) return "implicit addressing has no springs beyond the lattice";
-    // In floating point, which does not overflow: an upper bound on the bytes of 24 arrays (copy_in)
+    if (std::string why = implicit_refusal(problem); !why.empty()) return why;
+    // In floating point, which does not overflow: an upper bound on the bytes of 24 arrays (PaddedState)
     // over the padded grid, against what 64-bit systems give a process to address.
     const double rows = (double(d.y) + 4) * (double(d.z) + 4);
     if ((d.x + double(block_size<T>)) * rows * 24 * sizeof(T) < std::ldexp(1.0, 47)) return {};
     return "a grid of " + std::to_string(d.x) + " x " + std::to_string(d.y) + " x " + std::to_string(d.z) +
            " with rows padded to " + std::to_string(block_size<T>) + " exceeds the address space";
-}
-
-template <class T>
-using Array = hwy::AlignedFreeUniquePtr<T[]>;
-
-/// Elements or particles from which on copying them is worth starting threads.
-constexpr std::ptrdiff_t worth_threads = 1 << 16;
-
-template <class T>
-Array<T> filled(std::ptrdiff_t size, T value) {
-    Array<T> array = hwy::AllocateAligned<T>(std::size_t(size));
-    if (array == nullptr) {
-        throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
-    }
-    // Each thread is the first to touch, and so has in its own memory, about what it will step.
-    T* const begin = array.get();
-#pragma omp parallel for schedule(static) if (size >= worth_threads)
-    for (std::ptrdiff_t i = 0; i < size; ++i) begin[i] = value;
-    return array;
 }
 
 template <class T>
@@ -202,15 +69,15 @@ public:
         problem_ = &edited;
         std::uint32_t bits = bits_;
         for (const SpringEdit::Touched& touched : edit.touched) {
-            const std::ptrdiff_t element = element_of(touched.particle);
-            mask_[std::size_t(element)] = touched.mask;
+            const std::ptrdiff_t element = state_.element_of(edited, touched.particle);
+            state_.mask[std::size_t(element)] = touched.mask;
             bits |= touched.mask & NEIGHBOUR_BITS;
             // A block with a particle is listed, and has no other guards than those that end its row.
             const auto next = std::upper_bound(blocks_.begin(), blocks_.end(), element,
                                                [](auto e, const Block& block) { return e < block.first; });
             Block& block = *std::prev(next);
-            block.whole = is_whole(block.first);
-            tiles_->wake(block.tile, step_);
+            block.full_stencil = has_full_stencil(block.first);
+            tiles_->mark_active(block.tile, step_);
         }
         if (bits == bits_) return;
         // Springs in a direction that had none so far.
@@ -219,44 +86,23 @@ public:
         deal_out();
     }
 
-    State download() override {
-        State state = state_at_rest(*problem_);
-        const auto current = std::size_t(step_ % 2);
-        const auto particles = std::ptrdiff_t(problem_->particle_count());
-#pragma omp parallel for schedule(static) if (particles >= worth_threads)
-        for (std::ptrdiff_t particle = 0; particle < particles; ++particle) {
-            const auto i = std::size_t(particle);
-            const auto element = std::size_t(element_of(i));
-            const auto part = [element](const Array<T>& array) {
-                return array == nullptr ? 0.0 : double(array[element]);
-            };
-            for (std::size_t axis = 0; axis < 3; ++axis) {
-                const int a = int(axis);
-                const double at = part(at_[current][axis]);
-                const double rest = on_positions(formulation_) ? problem_->rest_position[i][a] : 0;
-                state.displacement[i][a] = at - rest + part(at_low_[current][axis]);
-                state.increment[i][a] = by_increments(formulation_)
-                                            ? part(increment_[axis]) + part(increment_low_[axis])
-                                            : at - part(at_[1 - current][axis]);
-            }
-        }
-        return state;
-    }
+    State download() override { return state_.unpack(*problem_, formulation_, std::size_t(step_ % 2)); }
 
     WorkCount count_work() override {
-        if (!may_rest_) return {};
+        if (!policy_.may_check()) return {};
         step(1);
-        return {{"tiles", tiles_->used()}, {"tiles_stepped", looking_ ? tiles_stepped() : tiles_->used()}};
+        return {{"tiles", tiles_->used()},
+                {"tiles_stepped", policy_.checks() ? tiles_stepped() : tiles_->used()}};
     }
 
     StepWork step_work(const Problem& problem) const override {
         const bool all = all_terms(options_);
         const bool has_load = all || !problem.load.empty();
-        const std::uint32_t whole = bits_in_use(problem, options_) | ACTIVE_BIT;
-        std::uint64_t masks = 0;        // read: of particles that can lie in no whole block
+        const std::uint32_t full_stencil = bits_in_use(problem, options_) | ACTIVE_BIT;
+        std::uint64_t masks = 0;        // read: of particles that can lie in no block of full stencils
         std::uint64_t evaluations = 0;  // of a spring's force density: springs along x are evaluated twice
         for (const std::uint32_t mask : problem.lattice.mask) {
-            masks += all || mask != whole ? 1 : 0;
+            masks += all || mask != full_stencil ? 1 : 0;
             const std::uint32_t twice = all ? NEIGHBOUR_BITS : along_x;
             evaluations += std::uint64_t(std::popcount(mask & twice) + std::popcount(mask & ~twice & higher));
         }
@@ -283,16 +129,12 @@ public:
     }
 
 private:
-    using Vector = std::array<Array<T>, 3>;
-
     /// The mask bits of the neighbours along x, and of all those at a higher index.
     static constexpr std::uint32_t along_x = 0x3, higher = NEIGHBOUR_BITS & 0xAAAAAAAA;
     /// A tile sleeps once it and those around it were slow for that many steps.
     static constexpr int steps_to_sleep = 8;
-    /// Steps after which rest=auto decides anew whether looking for rest pays.
-    static constexpr int steps_to_look = 16, shortest_pause = 64, longest_pause = 1024;
-    /// Tiles from which on it looks at all: a step of less takes some 50 us.
-    static constexpr std::size_t least_tiles = 128;
+    /// Tiles from which on rest=auto checks at all: a step of less takes some 50 us.
+    static constexpr std::size_t min_checked_tiles = 128;
 
     /// A thread's part of every step.
     struct Share {
@@ -305,45 +147,40 @@ private:
     void begin(const Problem& problem, const State& state) override {
         problem_ = &problem;
         step_ = 0;
-        grid_ = std::make_unique<PaddedGrid<T>>(problem.lattice.dims);
-        copy_in(state);
+        state_ = {};  // the old arrays go before the new ones come
+        state_ = PaddedState<T>(problem, options_, state);
         bits_ = bits_in_use(problem, options_);
         list_blocks();
         deal_out();
-        const std::string& rest = options_.tuning.at("rest");
-        const bool at_ease = problem.gravity == glm::dvec3(0) && problem.load.empty();
-        may_rest_ = !all_terms(options_) && (rest == "skip" || rest == "flush" || sleep_ > 0 ||
-                                             (rest == "auto" && at_ease && tiles_->used() >= least_tiles));
-        always_looks_ = rest == "skip" || rest == "flush" || sleep_ > 0;
-        looking_ = may_rest_;
-        pause_ = shortest_pause;
-        decision_ = steps_to_look;
+        start_policy();
+    }
+
+    void start_policy() {
+        const Rest rest = rest_of(options_);
+        const bool always = rest == Rest::skip || rest == Rest::flush || sleep_ > 0;
+        const bool chooses = rest == Rest::choose && !always && stays_at_rest(*problem_) &&
+                             tiles_->used() >= min_checked_tiles;
+        const bool any = !all_terms(options_);
+        policy_.start(any && (always || chooses), any && chooses);
     }
 
     void advance(int count) override {
         while (count > 0) {
-            if (may_rest_ && !always_looks_ && step_ >= decision_) decide_whether_to_look();
-            const bool deciding = may_rest_ && !always_looks_;
-            const int steps = deciding ? int(std::min<std::int64_t>(count, decision_ - step_)) : count;
+            if (policy_.is_due()) choose();
+            const int steps = std::min(count, policy_.steps_to_decision());
             run_steps(steps);
+            policy_.stepped(steps);
             count -= steps;
         }
     }
 
-    /// rest=auto: looking for rest costs a little, and pays where an eighth of the tiles rest.
-    void decide_whether_to_look() {
-        if (!looking_) {
-            looking_ = true;
-            tiles_->wake_all(step_);
-        } else if (8 * tiles_stepped() > 7 * tiles_->used()) {
-            looking_ = false;
-            decision_ = step_ + pause_;
-            pause_ = std::min(2 * pause_, longest_pause);
-            return;
+    void choose() {
+        if (policy_.checks()) {
+            policy_.decide(tiles_stepped(), tiles_->used());
         } else {
-            pause_ = shortest_pause;
+            policy_.begin_checks();
+            tiles_->mark_all_active(step_);
         }
-        decision_ = step_ + steps_to_look;
     }
 
     std::size_t tiles_stepped() const {
@@ -354,6 +191,7 @@ private:
 
     void run_steps(int count) {
         Barrier barrier;
+        const bool checks = policy_.checks();
 #pragma omp parallel num_threads(int(shares_.size()))
         {
             // Each share to the same thread every time. Should OpenMP grant fewer threads, some take several.
@@ -365,13 +203,13 @@ private:
                 for (auto s = std::size_t(omp_get_thread_num()); s < shares_.size(); s += threads) {
                     Share& share = shares_[s];
                     Task<T> task = task_from(share, step - 1);
-                    if (looking_) {
+                    if (checks) {
                         tiles_->decide(share.tiles, step);
                         task.action = share.tiles.action.data();
-                        task.lively = share.tiles.lively.data();
+                        task.active_tile = share.tiles.active.data();
                     }
                     cpu_parallel::step(task, formulation_, root_);
-                    if (looking_) tiles_->settle(share.tiles, step);
+                    if (checks) tiles_->settle(share.tiles, step);
                 }
                 barrier.wait();
             }
@@ -388,61 +226,8 @@ private:
         return all;
     }
 
-    std::ptrdiff_t element_of(std::size_t particle) const {
-        return grid_->element(problem_->lattice.coordinates(problem_->lattice.voxel[particle]));
-    }
-
-    void copy_in(const State& state) {
-        const Problem& problem = *problem_;
-        // NaN in whatever holds no particle: a leak into a particle's force cannot go unseen.
-        const auto array = [&] { return filled(grid_->size(), std::numeric_limits<T>::quiet_NaN()); };
-        const bool all = all_terms(options_);
-        const bool has_load = all || !problem.load.empty();
-        const bool split = formulation_ == Formulation::compensated;
-        mask_ = filled<MaskOf<T>>(grid_->size(), 0);
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-            for (std::size_t parity = 0; parity < 2; ++parity) {
-                at_[parity][axis] = array();
-                at_low_[parity][axis] = split ? array() : nullptr;
-            }
-            increment_[axis] = by_increments(formulation_) ? array() : nullptr;
-            increment_low_[axis] = split ? array() : nullptr;
-            load_[axis] = has_load ? array() : nullptr;
-        }
-        inverse_mass_ = all || problem.has_materials() ? array() : nullptr;
-        compliance_ = problem.has_materials() ? array() : nullptr;
-        const auto particles = std::ptrdiff_t(problem.particle_count());
-#pragma omp parallel for schedule(static) if (particles >= worth_threads)
-        for (std::ptrdiff_t particle = 0; particle < particles; ++particle) {
-            const auto i = std::size_t(particle);
-            const auto element = std::size_t(element_of(i));
-            mask_[element] = problem.lattice.mask[i];
-            const glm::dvec3 at = on_positions(formulation_)
-                                      ? problem.rest_position[i] + state.displacement[i]
-                                      : state.displacement[i];
-            const glm::dvec3 before = at - state.increment[i];
-            const glm::dvec3 load = problem.load.empty() ? glm::dvec3(0) : problem.load[i];
-            for (std::size_t axis = 0; axis < 3; ++axis) {
-                const int a = int(axis);
-                const auto put = [element](Array<T>& to, double value) {
-                    if (to != nullptr) to[element] = T(value);
-                };
-                const double increment = state.increment[i][a];
-                put(at_[0][axis], at[a]);
-                put(at_low_[0][axis], at[a] - double(T(at[a])));
-                put(at_[1][axis], before[a]);
-                put(increment_[axis], increment);
-                put(increment_low_[axis], increment - double(T(increment)));
-                put(load_[axis], load[a]);
-            }
-            const Material& material = problem.material_of(i);
-            if (inverse_mass_ != nullptr) inverse_mass_[element] = T(1 / material.mass);
-            if (compliance_ != nullptr) compliance_[element] = T(1 / material.stiffness);
-        }
-    }
-
-    bool is_whole(std::ptrdiff_t first) const {
-        const MaskOf<T>* begin = mask_.get() + first;
+    bool has_full_stencil(std::ptrdiff_t first) const {
+        const MaskOf<T>* begin = state_.mask.get() + first;
         return !all_terms(options_) && std::all_of(begin, begin + block_size<T>, [this](auto mask) {
             return mask == (bits_ | ACTIVE_BIT);
         });
@@ -451,21 +236,21 @@ private:
     void list_blocks() {
         const bool all = all_terms(options_);
         blocks_.clear();
-        tiles_ = std::make_unique<Tiles>(grid_->blocks(), sleep_ > 0 ? steps_to_sleep : 1);
-        for (int z = 0; z < grid_->dims.z; ++z) {
-            const std::ptrdiff_t slice = grid_->element({0, 0, z});
-            for (std::ptrdiff_t in_slice = 0; in_slice < grid_->slice; in_slice += block_size<T>) {
-                const MaskOf<T>* begin = mask_.get() + slice + in_slice;
+        tiles_ = std::make_unique<Tiles>(state_.grid.blocks(), sleep_ > 0 ? steps_to_sleep : 1);
+        for (int z = 0; z < state_.grid.dims.z; ++z) {
+            const std::ptrdiff_t slice = state_.grid.element({0, 0, z});
+            for (std::ptrdiff_t in_slice = 0; in_slice < state_.grid.slice; in_slice += block_size<T>) {
+                const MaskOf<T>* begin = state_.mask.get() + slice + in_slice;
                 const MaskOf<T>* end = begin + block_size<T>;
                 if (!all && std::all_of(begin, end, [](auto mask) { return mask == 0; })) continue;
                 const std::ptrdiff_t block = slice + in_slice;
-                const std::uint32_t tile =
-                    tiles_->at({int(in_slice % grid_->row / block_size<T>), int(in_slice / grid_->row), z});
+                const std::uint32_t tile = tiles_->at(
+                    {int(in_slice % state_.grid.row / block_size<T>), int(in_slice / state_.grid.row), z});
                 tiles_->use(tile);
-                blocks_.push_back({block, in_slice, tile, z % 2 != 0, is_whole(block)});
+                blocks_.push_back({block, in_slice, tile, z % 2 != 0, has_full_stencil(block)});
             }
         }
-        tiles_->wake_all(step_);
+        tiles_->mark_all_active(step_);
     }
 
     void deal_out() {
@@ -484,18 +269,20 @@ private:
             task.begin = first + blocks_.size() * s / count;
             task.end = first + blocks_.size() * (s + 1) / count;
             // From there on blocks have higher neighbours in this share.
-            const std::ptrdiff_t lead = task.begin->first - grid_->slice - grid_->row - block_size<T>;
+            const std::ptrdiff_t lead =
+                task.begin->first - state_.grid.slice - state_.grid.row - block_size<T>;
             task.lead = std::lower_bound(first, task.begin, lead, [](const Block& block, auto element) {
                 return block.first < element;
             });
-            const auto [least, most] = std::minmax_element(
+            const auto [lowest, highest] = std::minmax_element(
                 task.lead, task.end, [](const Block& a, const Block& b) { return a.tile < b.tile; });
-            share.tiles = tiles_->share(least->tile, most->tile + 1);
+            share.tiles = tiles_->share(lowest->tile, highest->tile + 1);
         }
     }
 
     /// The share's next step, from state `step`.
     Task<T> task_from(const Share& share, std::int64_t step) const {
+        using Vector = typename PaddedState<T>::Vector;
         const auto pointers = [](const Vector& v) {
             return std::array<T*, 3>{v[0].get(), v[1].get(), v[2].get()};
         };
@@ -504,28 +291,28 @@ private:
         };
         const auto current = std::size_t(step % 2);
         Task<T> task = share.task;
-        task.at = constant(at_[current]);
-        task.next = pointers(at_[1 - current]);
-        task.at_low = constant(at_low_[current]);
-        task.next_low = pointers(at_low_[1 - current]);
-        task.increment = pointers(increment_);
-        task.increment_low = pointers(increment_low_);
+        task.at = constant(state_.at[current]);
+        task.next = pointers(state_.at[1 - current]);
+        task.at_low = constant(state_.at_low[current]);
+        task.next_low = pointers(state_.at_low[1 - current]);
+        task.increment = pointers(state_.increment);
+        task.increment_low = pointers(state_.increment_low);
         return task;
     }
 
     void fill_opposites(Share& share) {
         if (bits_ == 0) return;
         const auto pairs = std::ptrdiff_t(std::popcount(bits_) / 2);
-        share.density = filled(2 * pairs * grid_->densities(), T(0));
-        T* density = share.density.get() + grid_->density_guard();
+        share.density = filled(2 * pairs * state_.grid.densities(), T(0));
+        T* density = share.density.get() + state_.grid.density_guard();
         for (const Direction& direction : directions()) {
             if (direction.bit % 2 == 0 || (bits_ >> direction.bit & 1u) == 0) continue;
             const glm::ivec3 o = direction.offset;
-            const std::ptrdiff_t stride_in_slice = o.y * grid_->row + o.x;
-            const std::ptrdiff_t stride = o.z * grid_->slice + stride_in_slice;
+            const std::ptrdiff_t stride_in_slice = o.y * state_.grid.row + o.x;
+            const std::ptrdiff_t stride = o.z * state_.grid.slice + stride_in_slice;
             const RestSpring rest = rest_spring(*problem_, direction);
-            const std::array<T*, 2> of_slice = {density, density + grid_->densities()};
-            density += 2 * grid_->densities();
+            const std::array<T*, 2> of_slice = {density, density + state_.grid.densities()};
+            density += 2 * state_.grid.densities();
             // Neighbours along x lie in the same register or were left in the latest: a load that overlaps
             // a store so recent waits longer than the evaluation takes.
             const bool waits = !all_terms(options_) && stride != 1;
@@ -548,10 +335,10 @@ private:
     Task<T> uniform_task() const {
         const glm::dvec3 g = problem_->gravity;
         Task<T> task{};
-        task.load = {load_[0].get(), load_[1].get(), load_[2].get()};
-        task.mask = mask_.get();
-        task.inverse_mass = inverse_mass_.get();
-        task.compliance = compliance_.get();
+        task.load = {state_.load[0].get(), state_.load[1].get(), state_.load[2].get()};
+        task.mask = state_.mask.get();
+        task.inverse_mass = state_.inverse_mass.get();
+        task.compliance = state_.compliance.get();
         task.shortest_squared = T(problem_->shortest_squared());
         task.uniform_inverse_mass = T(1 / problem_->materials[0].mass);
         task.gravity = {T(g.x), T(g.y), T(g.z)};
@@ -574,21 +361,14 @@ private:
     const int threads_;
     const Problem* problem_ = nullptr;
     std::int64_t step_ = 0;  ///< since upload()
-    std::unique_ptr<PaddedGrid<T>> grid_;
+    PaddedState<T> state_;
     std::uint32_t bits_ = 0;  ///< of the directions to visit
-    Array<MaskOf<T>> mask_;
-    /// x or u of an even and of an odd step: the one is read while the other is overwritten.
-    std::array<Vector, 2> at_, at_low_;
-    Vector increment_, increment_low_, load_;
-    Array<T> inverse_mass_, compliance_;
     std::vector<Block> blocks_;
     std::vector<Share> shares_;
     std::unique_ptr<Tiles> tiles_;
-    bool may_rest_ = false;      ///< tiles that rest are looked for, now or at times
-    bool always_looks_ = false;  ///< at all times
-    bool looking_ = false;       ///< now
-    std::int64_t decision_ = 0;  ///< the step after which `looking_` is decided anew
-    int pause_ = 0;              ///< steps until the next look, once looking did not pay
+    /// To check tiles costs a little, and pays where an eighth of them rests.
+    RestPolicy policy_{
+        {.period = 16, .min_pause = 64, .max_pause = 1024, .paying_numerator = 7, .paying_denominator = 8}};
 };
 
 template <class T>
@@ -629,6 +409,7 @@ const Registered entry({
         },
     // What sleeps stands still where it would have moved by less than that.
     .admitted_spacings_per_step = sleep_threshold,
+    .refused_options = refused_options,
 });
 
 }  // namespace

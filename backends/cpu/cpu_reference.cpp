@@ -137,8 +137,8 @@ private:
         }
         const glm::dvec3 next =
             formulation_ == Formulation::paper
-                ? next_position_as_printed(at_[i], previous_[i], force_[i], inverse_mass, problem_->gravity,
-                                           2 - damping, 1 - damping, time_step_squared)
+                ? paper_position(at_[i], previous_[i], force_[i], inverse_mass, problem_->gravity,
+                                 2 - damping, 1 - damping, time_step_squared)
                 : next_position(at_[i], previous_[i], force_[i], inverse_mass, problem_->gravity, 1 - damping,
                                 time_step_squared);
         previous_[i] = at_[i];

@@ -124,15 +124,16 @@ HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::pt
     }
 }
 
-/// The spring forces on a register of particles. `whole`: as in Block, so that nothing needs masking.
-template <Formulation formulation, bool whole, class L, class T, class Mask>
+/// The spring forces on a register of particles. `full_stencil`: as in Block, so that nothing needs masking.
+template <Formulation formulation, bool full_stencil, class L, class T, class Mask>
 HWY_INLINE Lanes3<L> sum_forces(const Task<T>& task, const Block& block, std::ptrdiff_t lane, Mask mask,
                                 const Place<formulation, L>& here) {
     const std::ptrdiff_t i = block.first + lane;
     const L shortest_squared(task.shortest_squared);
     Lanes3<L> force = zero3<L>();
     const auto add = [&](MaskOf<T> bit, Lanes3<L> f) HWY_ATTR {
-        force = whole ? force + f : select(hn::TestBit(mask, hn::Set(MaskTag<L>(), bit)), force + f, force);
+        force = full_stencil ? force + f
+                             : select(hn::TestBit(mask, hn::Set(MaskTag<L>(), bit)), force + f, force);
     };
     for (std::size_t p = 0; p < task.opposites_count; ++p) {
         const Opposites<T>& pair = task.opposites[block.odd_slice][p];
@@ -179,88 +180,124 @@ HWY_INLINE auto difference(Lanes3<L> a, Lanes3<L> b) {
     return hn::Or(hn::Or(bits(a.x, b.x), bits(a.y, b.y)), bits(a.z, b.z));
 }
 
+/// `moved` where particles can move, else `held`. `full_stencil`: as in Block, so that all can.
+template <bool full_stencil, class L, class Chosen>
+HWY_INLINE Lanes3<L> where_moving(Chosen moving, Lanes3<L> moved, Lanes3<L> held) {
+    if constexpr (full_stencil) {
+        return moved;
+    } else {
+        return select(moving, moved, held);
+    }
+}
+
+/// What a step did to a register of particles.
+template <class L>
+struct Motion {
+    hn::Vec<MaskTag<L>> changes;  ///< all bits of the state that changed
+    Lanes3<L> increment;          ///< how far they moved
+};
+
+/// What acts on a register of particles.
+template <class L>
+struct Action {
+    Lanes3<L> force, gravity;
+    L inverse_mass, time_step_squared;
+};
+
+/// The step of the formulations by increments.
+template <Formulation formulation, bool full_stencil, class L, class T, class Chosen>
+HWY_INLINE Motion<L> integrate_increment(const Task<T>& task, std::ptrdiff_t i, Chosen moving,
+                                         const Place<formulation, L>& here, const Action<L>& action) {
+    const Lanes3<L> before = load3<L>(task.increment, i);
+    const Lanes3<L> change = increment_change(before, action.force, action.inverse_mass, action.gravity,
+                                              L(task.damping), action.time_step_squared);
+    Lanes3<L> increment = before + change;
+    Lanes3<L> increment_low = zero3<L>();
+    Lanes3<L> next = here.high + increment;
+    Lanes3<L> next_low = zero3<L>();
+    if constexpr (formulation == Formulation::compensated) {
+        const Lanes3<L> before_low = load3<L>(task.increment_low, i);
+        increment = split_high(before, before_low, change, zero3<L>());
+        increment_low = split_low(before, before_low, change, zero3<L>());
+        next = split_high(here.high, here.low, increment, increment_low);
+        next_low = split_low(here.high, here.low, increment, increment_low);
+    }
+    if (task.flush > 0) {
+        increment = flushed(increment, L(task.flush));
+        next = flushed(next, L(task.flush));
+        increment_low = low_of(increment, increment_low);
+        next_low = low_of(next, next_low);
+    }
+    increment = where_moving<full_stencil>(moving, increment, zero3<L>());
+    next = where_moving<full_stencil>(moving, next, here.high);
+    auto changes = hn::Or(difference(increment, before), difference(next, here.high));
+    if constexpr (formulation == Formulation::compensated) {
+        increment_low = where_moving<full_stencil>(moving, increment_low, zero3<L>());
+        next_low = where_moving<full_stencil>(moving, next_low, here.low);
+        changes = hn::Or(changes, difference(increment_low, load3<L>(task.increment_low, i)));
+        changes = hn::Or(changes, difference(next_low, here.low));
+        store3(increment_low, task.increment_low, i);
+        store3(next_low, task.next_low, i);
+    }
+    store3(increment, task.increment, i);
+    store3(next, task.next, i);
+    return {changes, increment};
+}
+
+/// The step of the formulations that keep two positions or displacements.
+template <Formulation formulation, bool full_stencil, class L, class T, class Chosen>
+HWY_INLINE Motion<L> integrate_place(const Task<T>& task, std::ptrdiff_t i, Chosen moving,
+                                     const Place<formulation, L>& here, const Action<L>& action) {
+    const Lanes3<L> previous = load3<L>(task.next, i);
+    Lanes3<L> next = here.high;
+    if constexpr (formulation == Formulation::paper) {
+        next = paper_position(here.high, previous, action.force, action.inverse_mass, action.gravity,
+                              L(task.doubled), L(task.retained), action.time_step_squared);
+    } else {
+        next = next_position(here.high, previous, action.force, action.inverse_mass, action.gravity,
+                             L(task.retained), action.time_step_squared);
+    }
+    next = where_moving<full_stencil>(moving, next, here.high);
+    store3(next, task.next, i);
+    return {hn::Or(difference(next, here.high), difference(here.high, previous)), next - here.high};
+}
+
+/// Whether a register of particles keeps its tile active: a bit changed or, with a `slow` above 0, a particle
+/// moved that far.
+template <class L, class T, class Mask>
+HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motion) {
+    const MaskTag<L> tag;
+    if (!(task.slow > 0)) return !hn::AllTrue(tag, hn::Eq(motion.changes, hn::Zero(tag)));
+    const auto empty = hn::Eq(hn::And(mask, hn::Set(tag, ACTIVE_BIT)), hn::Zero(tag));
+    const auto slow =
+        hn::Lt(dot(motion.increment, motion.increment).v, hn::Set(typename L::Tag(), task.slow * task.slow));
+    return !hn::AllTrue(tag, hn::Or(hn::RebindMask(tag, slow), empty));
+}
+
 /// Step a register of particles.
-template <Formulation formulation, bool whole, class L, class T>
+template <Formulation formulation, bool full_stencil, class L, class T>
 HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
     const std::ptrdiff_t i = block.first + lane;
     const MaskTag<L> tag;
     const auto mask = hn::LoadU(tag, task.mask + i);
     const auto here = place<formulation, L>(task, i);
-    Lanes3<L> force = sum_forces<formulation, whole, L>(task, block, lane, mask, here);
+    Lanes3<L> force = sum_forces<formulation, full_stencil, L>(task, block, lane, mask, here);
     if (task.load[0] != nullptr) force = force + load3<L>(task.load, i);
     const L inverse_mass =
         task.inverse_mass != nullptr ? L::load(task.inverse_mass + i) : L(task.uniform_inverse_mass);
     // Without gravity or damping its term is neutral rather than skipped: six instructions on constants,
     // in some three hundred, whose cost could not be measured.
-    const Lanes3<L> gravity = broadcast3<L>(task.gravity);
-    const L time_step_squared(task.time_step_squared);
-    const auto active = hn::And(mask, hn::Set(tag, ACTIVE_BIT));
+    const Action<L> action{force, broadcast3<L>(task.gravity), inverse_mass, L(task.time_step_squared)};
     const auto moving =
         hn::Eq(hn::And(mask, hn::Set(tag, ACTIVE_BIT | PINNED_BIT)), hn::Set(tag, ACTIVE_BIT));
-    const auto where_moving = [&](Lanes3<L> moved, Lanes3<L> held)
-                                  HWY_ATTR { return whole ? moved : select(moving, moved, held); };
-    // Of the state of the step: what changed, and how it moves.
-    auto changes = hn::Zero(tag);
-    Lanes3<L> speed = force;
-    if constexpr (by_increments(formulation)) {
-        const Lanes3<L> before = load3<L>(task.increment, i);
-        const Lanes3<L> change =
-            increment_change(before, force, inverse_mass, gravity, L(task.damping), time_step_squared);
-        Lanes3<L> increment = before + change;
-        Lanes3<L> increment_low = zero3<L>();
-        Lanes3<L> next = here.high + increment;
-        Lanes3<L> next_low = zero3<L>();
-        if constexpr (formulation == Formulation::compensated) {
-            const Lanes3<L> before_low = load3<L>(task.increment_low, i);
-            increment = split_high(before, before_low, change, zero3<L>());
-            increment_low = split_low(before, before_low, change, zero3<L>());
-            next = split_high(here.high, here.low, increment, increment_low);
-            next_low = split_low(here.high, here.low, increment, increment_low);
-        }
-        if (task.flush > 0) {
-            increment = flushed(increment, L(task.flush));
-            next = flushed(next, L(task.flush));
-            increment_low = low_of(increment, increment_low);
-            next_low = low_of(next, next_low);
-        }
-        increment = where_moving(increment, zero3<L>());
-        next = where_moving(next, here.high);
-        changes = hn::Or(difference(increment, before), difference(next, here.high));
-        if constexpr (formulation == Formulation::compensated) {
-            increment_low = where_moving(increment_low, zero3<L>());
-            next_low = where_moving(next_low, here.low);
-            changes = hn::Or(changes, difference(increment_low, load3<L>(task.increment_low, i)));
-            changes = hn::Or(changes, difference(next_low, here.low));
-            store3(increment_low, task.increment_low, i);
-            store3(next_low, task.next_low, i);
-        }
-        store3(increment, task.increment, i);
-        store3(next, task.next, i);
-        speed = increment;
-    } else {
-        const Lanes3<L> previous = load3<L>(task.next, i);
-        Lanes3<L> next = here.high;
-        if constexpr (formulation == Formulation::paper) {
-            next = next_position_as_printed(here.high, previous, force, inverse_mass, gravity,
-                                            L(task.doubled), L(task.retained), time_step_squared);
+    const Motion<L> motion = [&]() HWY_ATTR {
+        if constexpr (by_increments(formulation)) {
+            return integrate_increment<formulation, full_stencil>(task, i, moving, here, action);
         } else {
-            next = next_position(here.high, previous, force, inverse_mass, gravity, L(task.retained),
-                                 time_step_squared);
+            return integrate_place<formulation, full_stencil>(task, i, moving, here, action);
         }
-        next = where_moving(next, here.high);
-        changes = hn::Or(difference(next, here.high), difference(here.high, previous));
-        store3(next, task.next, i);
-        speed = next - here.high;
-    }
-    if (task.action == nullptr) return;
-    bool lively = false;
-    if (task.slow > 0) {
-        const auto slow = hn::Lt(dot(speed, speed).v, hn::Set(typename L::Tag(), task.slow * task.slow));
-        lively = !hn::AllTrue(tag, hn::Or(hn::RebindMask(tag, slow), hn::Eq(active, hn::Zero(tag))));
-    } else {
-        lively = !hn::AllTrue(tag, hn::Eq(changes, hn::Zero(tag)));
-    }
-    task.lively[block.tile] |= std::uint8_t(lively);
+    }();
+    if (task.action != nullptr) task.active_tile[block.tile] |= std::uint8_t(is_active(task, mask, motion));
 }
 
 /// A register of particles stays where it is, from now on at rest.
@@ -313,7 +350,7 @@ HWY_FLATTEN void run_task(const Task<T>& shared) {
             task.action != nullptr ? task.action[block->tile] : std::uint8_t(tile_steps);
         if ((action & tile_steps) != 0) {
             if (task.end - block > ahead) prefetch<formulation>(task, block[ahead]);
-            if (block->whole) {
+            if (block->full_stencil) {
                 each_lane([&](std::ptrdiff_t lane)
                               HWY_ATTR { step_particles<formulation, true, L>(task, *block, lane); });
             } else {

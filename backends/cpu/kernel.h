@@ -25,7 +25,8 @@ struct Block {
     std::ptrdiff_t in_slice;  ///< the same, counted from the start of its slice of constant z
     std::uint32_t tile;       ///< tiles.h
     bool odd_slice;
-    bool whole;  ///< every voxel has a particle that can move and has a neighbour in every direction in use
+    bool full_stencil;  ///< every voxel has a particle that can move and has a neighbour in every direction
+                        ///< in use
 };
 
 /// What a step does with a tile, in any combination.
@@ -66,10 +67,10 @@ struct Task {
     std::size_t opposites_count;
     std::ptrdiff_t farthest;          ///< the largest of their strides: what no block before has read
     const Block *lead, *begin, *end;  ///< densities alone are needed of [lead, begin)
-    const std::uint8_t* action;       ///< TileAction of each tile; null: all step, and `lively` is not kept
+    const std::uint8_t* action;  ///< TileAction of each tile; null: all step, and `active_tile` is not kept
     /// Of each tile that steps: whether that changed a bit of it or, with a `slow` above 0, whether a
     /// particle moves that far a step.
-    std::uint8_t* lively;
+    std::uint8_t* active_tile;
     T slow;
     T flush;  ///< parts of u and v closer to 0 than that are set to 0; 0: none
     T shortest_squared;

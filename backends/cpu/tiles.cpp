@@ -46,10 +46,10 @@ std::size_t Tiles::bytes(glm::ivec3 blocks, std::size_t shares) {
 
 Tiles::Share Tiles::share(std::size_t begin, std::size_t end) const {
     const std::vector<std::uint8_t> none(used_.size(), 0);
-    return {.begin = begin, .end = end, .action = none, .lively = none, .marks = {none, none, none}};
+    return {.begin = begin, .end = end, .action = none, .active = none, .marks = {none, none, none}};
 }
 
-void Tiles::wake_all(std::int64_t step) {
+void Tiles::mark_all_active(std::int64_t step) {
     for (std::size_t t = 0; t < used_.size(); ++t) {
         if (used_[t] != 0) latest_[0][t] = latest_[1][t] = step;
     }
@@ -83,12 +83,12 @@ void Tiles::settle(Share& share, std::int64_t step) {
     auto& after = latest_[std::size_t(step % 2)];
     for (std::size_t t = share.begin; t < share.end; ++t) {
         if ((share.action[t] & tile_steps) == 0) continue;  // then `after` is what `before` is
-        const std::int64_t latest = share.lively[t] != 0 ? step : before[t];
+        const std::int64_t latest = share.active[t] != 0 ? step : before[t];
         const std::atomic_ref<std::int64_t> shared(after[t]);
         std::int64_t known = shared.load(std::memory_order_relaxed);
         while (known < latest && !shared.compare_exchange_weak(known, latest, std::memory_order_relaxed)) {
         }
-        share.lively[t] = 0;
+        share.active[t] = 0;
     }
 }
 

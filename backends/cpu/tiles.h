@@ -20,12 +20,12 @@ public:
     struct Share {
         std::size_t begin = 0, end = 0;    ///< the tiles' indices are in [begin, end)
         std::vector<std::uint8_t> action;  ///< TileAction by tile, for the step at hand
-        std::vector<std::uint8_t> lively;  ///< by tile: whether the step left it so
+        std::vector<std::uint8_t> active;  ///< by tile: whether the step left it so
         std::array<std::vector<std::uint8_t>, 3> marks;
     };
 
     /// `blocks`: a row's blocks, rows and slices of the grid. A tile sleeps, and loses its speed, once it and
-    /// those around it were not lively for `window` steps, if `window` > 1; with 1 it rests.
+    /// those around it were not active for `window` steps, if `window` > 1; with 1 it rests.
     Tiles(glm::ivec3 blocks, int window);
 
     /// Index of the tile with that block.
@@ -43,12 +43,12 @@ public:
     Share share(std::size_t begin, std::size_t end) const;
 
     /// State `step` of one tile, or of all, is new.
-    void wake(std::uint32_t tile, std::int64_t step) { latest_[std::size_t(step % 2)][tile] = step; }
-    void wake_all(std::int64_t step);
+    void mark_active(std::uint32_t tile, std::int64_t step) { latest_[std::size_t(step % 2)][tile] = step; }
+    void mark_all_active(std::int64_t step);
 
     /// Fills in `action` for step `step`; all threads have finished the step before.
     void decide(Share& share, std::int64_t step) const;
-    /// Takes over `lively` after step `step` and clears it. Threads may share a tile.
+    /// Takes over `active` after step `step` and clears it. Threads may share a tile.
     void settle(Share& share, std::int64_t step);
 
     /// Tiles of those shares that their latest step stepped.
@@ -70,7 +70,7 @@ private:
     const int window_;
     const Shape shape_;
     std::vector<std::uint8_t> used_;
-    /// The latest lively step of each tile as of an even and as of an odd step: one is read while the other
+    /// The latest active step of each tile as of an even and as of an odd step: one is read while the other
     /// is written.
     std::array<std::vector<std::int64_t>, 2> latest_;
 };

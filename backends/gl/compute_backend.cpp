@@ -39,11 +39,11 @@ ComputeBackend::ComputeBackend(const Options& options, std::string shader)
       through_textures_(options.tuning.at("fetch") == "texture"),
       barrier_(GL_SHADER_STORAGE_BARRIER_BIT | (through_textures_ ? GL_TEXTURE_FETCH_BARRIER_BIT : 0U)) {
     constexpr GLint storage_blocks = 13;
-    GLint most = 0;
-    glGetIntegerv(GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS, &most);
-    if (most < storage_blocks)
-        throw Unavailable("a compute shader may have " + std::to_string(most) + " storage buffers, not " +
-                          std::to_string(storage_blocks));
+    GLint max_blocks = 0;
+    glGetIntegerv(GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS, &max_blocks);
+    if (max_blocks < storage_blocks)
+        throw Unavailable("a compute shader may have " + std::to_string(max_blocks) +
+                          " storage buffers, not " + std::to_string(storage_blocks));
 }
 
 Capabilities ComputeBackend::capabilities() const {
@@ -53,16 +53,16 @@ Capabilities ComputeBackend::capabilities() const {
 }
 
 std::string ComputeBackend::too_large(const char* what, std::uint64_t bytes) const {
-    const auto most = std::uint64_t(context().max_storage_block_size());
-    if (bytes <= most) return {};
+    const auto max_bytes = std::uint64_t(context().max_storage_block_size());
+    if (bytes <= max_bytes) return {};
     std::ostringstream reason;
-    reason << what << " of " << bytes << " bytes exceed the " << most
+    reason << what << " of " << bytes << " bytes exceed the " << max_bytes
            << " that the driver allows one storage buffer";
     return reason.str();
 }
 
-std::string ComputeBackend::unsupported(const Problem& problem) const {
-    if (std::string why = refused(problem); !why.empty()) return why;
+std::string ComputeBackend::refused(const Problem& problem) const {
+    if (std::string why = refused_layout(problem); !why.empty()) return why;
     const cuda::Placement placement = place(problem);
     if (std::string why = too_large("positions", placement.words * sizeof(cuda::Word<float>)); !why.empty())
         return why;
@@ -104,6 +104,7 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
     make_program(problem);
     rewind({{"STORAGE_BUFFERS", ""}});
     bind();
+    hold(bytes_needed(problem));
     glFinish();
     context().check("uploading");
 }
@@ -115,8 +116,8 @@ void ComputeBackend::make_program(const Problem& problem) {
     const Source source = load_source(shader_, defines);
     const auto known = programs_.find(source.text);
     if (known == programs_.end()) {
-        constexpr std::size_t most = 16;
-        if (programs_.size() == most) programs_.clear();
+        constexpr std::size_t max_programs = 16;
+        if (programs_.size() == max_programs) programs_.clear();
         const auto begin = std::chrono::steady_clock::now();
         program_ = &(programs_[source.text] = Program(context(), source));
         compile_seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -180,12 +181,12 @@ State ComputeBackend::download() {
 }
 
 glm::ivec3 ComputeBackend::rows_of_groups(int groups) {
-    constexpr int most = 65535;  // along an axis, of every driver
-    const int rows = std::max((groups + most - 1) / most, 1);
+    constexpr int max_groups = 65535;  // along an axis, of every driver
+    const int rows = std::max((groups + max_groups - 1) / max_groups, 1);
     return {(groups + rows - 1) / rows, rows, 1};
 }
 
-void ComputeBackend::follow(const Problem& edited) {
+void ComputeBackend::set_problem(const Problem& edited) {
     context().make_current();
     problem_ = &edited;
 }

@@ -18,7 +18,6 @@ namespace voxspring::gl {
 class ComputeBackend : public GlBackend {
 public:
     Capabilities capabilities() const final;
-    std::string unsupported(const Problem& problem) const final;
     void upload(const Problem& problem, const State& state) final;
     State download() final;
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.
@@ -38,7 +37,7 @@ protected:
     ComputeBackend(const Options& options, std::string shader);
 
     /// Empty, or why a problem cannot be run that has no more words than a storage buffer holds.
-    virtual std::string refused(const Problem& problem) const = 0;
+    virtual std::string refused_layout(const Problem& problem) const = 0;
     virtual cuda::Placement place(const Problem& problem) const = 0;
     /// Creates what the shader reads beyond shaders/compute.glsl.
     virtual Layout lay_out(const Problem& problem) = 0;
@@ -52,8 +51,8 @@ protected:
     /// Work groups in rows of no more than every driver takes; there may be some more than asked for.
     static glm::ivec3 rows_of_groups(int groups);
     /// Goes on with `edited`, whose springs the caller sees to.
-    void follow(const Problem& edited);
-    /// Lays out anew what the problem followed now has, for the particles where they are.
+    void set_problem(const Problem& edited);
+    /// Lays out anew what the problem now has, for the particles where they are.
     void lay_out_anew();
     /// Runs an edit's program of 64 invocations a work group, which stride over `count` things, between the
     /// steps before and after. Leaves what it bound bound no longer.
@@ -64,6 +63,7 @@ protected:
     std::string too_large(const char* what, std::uint64_t bytes) const;
 
 private:
+    std::string refused(const Problem& problem) const final;
     void enqueue_step() final;
     void enqueue_look() final;
 

@@ -183,6 +183,11 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     glGetIntegerv(GL_MAX_COMPUTE_SHARED_MEMORY_SIZE, &max_shared_memory_);
     glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &max_texture_buffer_size_);
     has_subgroup_vote_ = offers_subgroup_vote();
+    if (epoxy_has_gl_extension("GL_NVX_gpu_memory_info")) {
+        memory_query_ = MemoryQuery::nvx;
+    } else if (epoxy_has_gl_extension("GL_ATI_meminfo")) {
+        memory_query_ = MemoryQuery::ati;
+    }
     has_pipeline_statistics_ = epoxy_has_gl_extension("GL_ARB_pipeline_statistics_query");
     capabilities_ = {.api = "OpenGL 4.5 core",
                      .device = text(GL_RENDERER) + (card.software ? ", software" : ""),
@@ -195,6 +200,16 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
 }
 
 Context::~Context() = default;
+
+std::optional<std::uint64_t> Context::free_memory_bytes() const {
+    // Both count in units of 1024 bytes; the first of ATI's four is the total of the pool.
+    std::array<GLint, 4> kilobytes{};
+    if (memory_query_ == MemoryQuery::none) return std::nullopt;
+    glGetIntegerv(memory_query_ == MemoryQuery::nvx ? GL_GPU_MEMORY_INFO_CURRENT_AVAILABLE_VIDMEM_NVX
+                                                    : GL_TEXTURE_FREE_MEMORY_ATI,
+                  kilobytes.data());
+    return std::uint64_t(std::uint32_t(kilobytes[0])) * 1024;
+}
 
 void Context::make_current() const {
     if (!try_make_current()) throw DeviceError("eglMakeCurrent failed");

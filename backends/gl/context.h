@@ -4,7 +4,9 @@
 #include <epoxy/egl.h>
 #include <epoxy/gl.h>
 
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "backends/backend.h"
@@ -38,6 +40,9 @@ public:
     GLint64 max_storage_block_size() const { return max_storage_block_size_; }
     int max_shared_memory() const { return max_shared_memory_; }
     int max_texture_buffer_size() const { return max_texture_buffer_size_; }
+    /// Bytes of the device's memory that are free now, where the driver tells (GL_NVX_gpu_memory_info,
+    /// GL_ATI_meminfo). The context must be current.
+    std::optional<std::uint64_t> free_memory_bytes() const;
     bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
     /// Whether compute shaders have subgroups that vote.
     bool has_subgroup_vote() const { return has_subgroup_vote_; }
@@ -58,6 +63,7 @@ private:
     GLint max_texture_buffer_size_ = 0;
     bool has_pipeline_statistics_ = false;
     bool has_subgroup_vote_ = false;
+    enum class MemoryQuery : std::uint8_t { none, nvx, ati } memory_query_ = MemoryQuery::none;
 };
 
 }  // namespace voxspring::gl

@@ -79,6 +79,7 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     rewind();
 
     glViewport(0, 0, size_.x, size_.y);
+    hold(bytes_needed(problem));
     glFinish();
     context().check("uploading");
 }
@@ -256,8 +257,7 @@ State FragmentBackend::download() {
 std::vector<glm::vec4> FragmentBackend::texels(std::size_t age, std::size_t target) {
     synchronize();
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y));
-    glGetTextureImage(frame(age).targets[target].get(), 0, rgba32f.external, rgba32f.type,
-                      GLsizei(image.size() * sizeof(glm::vec4)), image.data());
+    read_texture(frame(age).targets[target], rgba32f, size_, image.data(), rows_of_a_read(rgba32f, size_.x));
     context().check("downloading");
     return image;
 }

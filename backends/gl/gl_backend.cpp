@@ -24,10 +24,24 @@ bool has_deficits(const Problem& problem) {
 }  // namespace
 
 GlBackend::GlBackend(const Options& options)
-    : formulation_(options.formulation),
+    : options_(options),
+      formulation_(options.formulation),
       all_terms_(options.tuning.at("terms") == "all"),
+      queue_(context_),
       begin_(make_query(context_)),
       end_(make_query(context_)) {}
+
+std::string GlBackend::unsupported(const Problem& problem) const {
+    context_.make_current();
+    if (std::string why = refused(problem); !why.empty()) return why;
+    return memory_refusal(bytes_needed(problem), held_bytes_, context_.free_memory_bytes());
+}
+
+std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free) {
+    if (!free || needed <= *free + held) return {};
+    return "takes " + std::to_string(needed) + " bytes of device memory, and " +
+           std::to_string(*free + held) + " are free";
+}
 
 void GlBackend::rewind(const Defines& more) {
     steps_ = 0;
@@ -48,6 +62,7 @@ void GlBackend::step(int count) {
     context_.make_current();
     for (int n = 0; n < count; ++n) {
         enqueue_step();
+        queue_.enqueued();
         ++steps_;
         if (monitor_.every > 0 && steps_ % monitor_.every == 0) look();
     }

@@ -9,6 +9,7 @@
 #include "backends/gl/context.h"
 #include "backends/gl/handles.h"
 #include "backends/gl/program.h"
+#include "backends/gl/step_queue.h"
 #include "backends/gl/storage_buffer.h"
 #include "backends/registry.h"
 
@@ -16,6 +17,7 @@ namespace voxspring::gl {
 
 class GlBackend : public Backend {
 public:
+    std::string unsupported(const Problem& problem) const final;
     void step(int count) final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
@@ -25,6 +27,7 @@ protected:
     explicit GlBackend(const Options& options);
 
     const Context& context() const { return context_; }
+    const Options& options() const { return options_; }
     Formulation formulation() const { return formulation_; }
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return all_terms_; }
@@ -33,12 +36,19 @@ protected:
     /// shaders/watch.comp beyond the formulation.
     void rewind(const Defines& more = {});
 
+    /// Bytes of device memory that upload() takes (BackendEntry::bytes).
+    virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
+    /// upload() took that many, which the next one gives back first.
+    void hold(std::uint64_t bytes) { held_bytes_ = bytes; }
+
     /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h).
     void measure(std::span<float> squares);
     /// The same in place of numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all.
     void measure(const StorageBuffer& squares, std::size_t count, int stride, int offset);
 
 private:
+    /// Empty, or why the backend cannot run `problem` on a device with memory enough.
+    virtual std::string refused(const Problem& problem) const = 0;
     /// Enqueues one step.
     virtual void enqueue_step() = 0;
     /// Binds the state for shaders/watch.comp, which is in use, and dispatches it.
@@ -49,8 +59,11 @@ private:
     void look();
 
     Context context_;
-    Formulation formulation_;
-    bool all_terms_;
+    const Options options_;
+    const Formulation formulation_;
+    const bool all_terms_;
+    StepQueue queue_;
+    std::uint64_t held_bytes_ = 0;
     Query begin_, end_;
     Program measure_program_;
     Program monitor_program_;         // made with the first upload that is watched
@@ -59,6 +72,10 @@ private:
     DivergenceMonitor monitor_;       // of this run
     DivergenceMonitor next_monitor_;  // of the next one
 };
+
+/// Empty, or why an upload that takes so many bytes is refused where `free` are free and the backend gives
+/// `held` back first. A driver that does not tell refuses nothing before it fails.
+std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free);
 
 /// The macros of shaders/motion.glsl that say which formulation it is.
 Defines formulation_defines(Formulation formulation);

@@ -23,6 +23,13 @@ std::uint64_t list_elements(const Problem& problem) {
     return cuda::list_size(problem.particle_count(), slots, cuda::ListLayout::vertical);
 }
 
+std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
+    return gl::compute_bytes(problem, options, cuda::place_compact(problem)) +
+           list_elements(problem) *
+               (sizeof(std::uint32_t) + (has_secondary(problem) ? sizeof(cuda::SpringConstants<float>) : 0) +
+                (has_own_rests(problem, options.formulation) ? sizeof(cuda::SpringRest<float>) : 0));
+}
+
 class GlComputeExplicit final : public gl::ComputeBackend {
 public:
     explicit GlComputeExplicit(const Options& options)
@@ -30,7 +37,7 @@ public:
           block_(std::stoi(options.tuning.at("block"))) {}
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        follow(edited);
+        set_problem(edited);
         if (edit.empty()) return;
         const bool secondary = has_secondary(edited);
         if (secondary != secondary_ || cuda::longest_list(edit) > shape_.slots ||
@@ -50,7 +57,11 @@ public:
     }
 
 private:
-    std::string refused(const Problem& problem) const override {
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return upload_bytes(problem, options());
+    }
+
+    std::string refused_layout(const Problem& problem) const override {
         // Positions have no direction in their entries, yet no driver takes as many particles.
         if (std::string why = cuda::beyond_entries(problem, formulation()); !why.empty()) return why;
         const std::uint64_t elements = list_elements(problem);
@@ -158,14 +169,7 @@ const Registered entry({
     .formulations = every_formulation,
     .tuning = {{"block", {"128", "256"}}, {"fetch", {"buffer", "texture"}}, {"terms", {"needed", "all"}}},
     .make = [](const Options& options) { return std::make_unique<GlComputeExplicit>(options); },
-    .bytes =
-        [](const Problem& problem, const Options& options) {
-            return gl::compute_bytes(problem, options, cuda::place_compact(problem)) +
-                   list_elements(problem) *
-                       (sizeof(std::uint32_t) +
-                        (has_secondary(problem) ? sizeof(cuda::SpringConstants<float>) : 0) +
-                        (has_own_rests(problem, options.formulation) ? sizeof(cuda::SpringRest<float>) : 0));
-        },
+    .bytes = upload_bytes,
 });
 
 }  // namespace

@@ -4,9 +4,20 @@
 
 #include "backends/gl/compute_backend.h"
 #include "backends/layout/work.h"
+#include "backends/physics/addressing.h"
 
 namespace voxspring {
 namespace {
+
+std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
+    const cuda::Placement placement = cuda::place_on_grid(problem.lattice);
+    const auto shape = cuda::BlockShape::parse(options.tuning.at("block"));
+    return gl::compute_bytes(problem, options, placement) +
+           (gl::needs_materials(problem, options.tuning.at("terms") == "all")
+                ? placement.words * sizeof(float)
+                : 0) +
+           cuda::active_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
+}
 
 class GlComputeImplicit final : public gl::ComputeBackend {
 public:
@@ -17,7 +28,7 @@ public:
           votes_(context().has_subgroup_vote() && votes(options)) {}
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        follow(edited);
+        set_problem(edited);
         std::vector<std::uint32_t> particles, masks;
         for (const SpringEdit::Touched& touched : edit.touched) {
             particles.push_back(touched.particle);
@@ -31,6 +42,10 @@ public:
     }
 
 private:
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return upload_bytes(problem, options());
+    }
+
     /// What was faster on an H200 (gl/README.md).
     static bool votes(const Options& options) {
         const std::string& interior = options.tuning.at("interior");
@@ -47,19 +62,15 @@ private:
                 (dims.z + shape_.z - 1) / shape_.z};
     }
 
-    std::string refused(const Problem& problem) const override {
-        if (problem.lattice.voxel_count() == 0)
-            return "implicit addressing needs a regular grid and the network lies on none";
-        if (!problem.springs.empty())
-            return "implicit addressing has no place for springs between particles that are no grid "
-                   "neighbours";
+    std::string refused_layout(const Problem& problem) const override {
+        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         const auto shared = std::size_t(context().max_shared_memory());
         if (tiled_ && tile_bytes() > shared)
             return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
                    std::to_string(shared) + " of shared memory that a work group may have";
-        if (const int along_x = groups(problem.lattice.dims).x; along_x > most_groups)
-            return std::to_string(along_x) + " work groups along x exceed the " +
-                   std::to_string(most_groups) + " that every driver takes";
+        if (const int along_x = groups(problem.lattice.dims).x; along_x > max_groups)
+            return std::to_string(along_x) + " work groups along x exceed the " + std::to_string(max_groups) +
+                   " that every driver takes";
         return {};
     }
     cuda::Placement place(const Problem& problem) const override {
@@ -121,7 +132,7 @@ private:
         program.set("group_stiffness", stiffness);
     }
 
-    static constexpr int most_groups = 65535;  // along an axis, of every driver
+    static constexpr int max_groups = 65535;  // along an axis, of every driver
     const cuda::BlockShape shape_;
     const bool tiled_;
     const bool votes_;
@@ -140,16 +151,7 @@ const Registered entry({
                {"terms", {"needed", "all"}},
                {"tile", {"none", "shared"}}},
     .make = [](const Options& options) { return std::make_unique<GlComputeImplicit>(options); },
-    .bytes =
-        [](const Problem& problem, const Options& options) {
-            const cuda::Placement placement = cuda::place_on_grid(problem.lattice);
-            const auto shape = cuda::BlockShape::parse(options.tuning.at("block"));
-            return gl::compute_bytes(problem, options, placement) +
-                   (gl::needs_materials(problem, options.tuning.at("terms") == "all")
-                        ? placement.words * sizeof(float)
-                        : 0) +
-                   cuda::active_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
-        },
+    .bytes = upload_bytes,
 });
 
 }  // namespace

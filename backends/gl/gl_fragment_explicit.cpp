@@ -70,17 +70,41 @@ bool needs_own_rests(const Problem& problem, Formulation formulation, bool all_t
     return !on_positions(formulation) && (all_terms || !problem.springs.empty());
 }
 
+std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
+    const glm::ivec2 size = compact_size(problem.particle_count(), gl::guaranteed_texture_size);
+    const std::uint64_t texels = std::uint64_t(size.x) * std::uint64_t(size.y);
+    const bool all_terms = options.tuning.at("terms") == "all";
+    std::uint64_t bytes_a_spring = gl::r32ui.bytes;
+    if (needs_spring_values(problem, all_terms)) bytes_a_spring += gl::rg32f.bytes;
+    if (needs_own_rests(problem, options.formulation, all_terms)) bytes_a_spring += gl::rgba32f.bytes;
+    return gl::fragment_bytes(problem, options, texels) +
+           texels * std::uint64_t(layer_count(problem)) * bytes_a_spring;
+}
+
 class GlFragmentExplicit final : public gl::FragmentBackend {
 public:
     explicit GlFragmentExplicit(const Options& options)
         : FragmentBackend(options, "gl_fragment_explicit.frag") {}
 
-    std::string unsupported(const Problem& problem) const override {
+    StepWork step_work(const Problem& problem) const override {
+        StepWork work = fragment_work(problem, problem.particle_count());
+        const std::uint64_t ends = 2 * count_springs(problem).total();
+        work.operations += ends;  // each is scaled by its stiffness
+        work.bytes += ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0));
+        if (own_rests(problem)) work.bytes += 2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes);
+        return work;
+    }
+
+private:
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return upload_bytes(problem, options());
+    }
+
+    std::string refused(const Problem& problem) const override {
         std::ostringstream reason;
         const int limit = context().max_texture_size();
         const glm::ivec2 size = compact_size(problem.particle_count(), limit);
         const int layers = layer_count(problem);
-        context().make_current();
         if (problem.particle_count() > LISTED_INDEX) {
             reason << problem.particle_count() << " particles exceed the " << LISTED_INDEX_BITS
                    << " bits of an index in a list";
@@ -99,16 +123,6 @@ public:
         return reason.str();
     }
 
-    StepWork step_work(const Problem& problem) const override {
-        StepWork work = fragment_work(problem, problem.particle_count());
-        const std::uint64_t ends = 2 * count_springs(problem).total();
-        work.operations += ends;  // each is scaled by its stiffness
-        work.bytes += ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0));
-        if (own_rests(problem)) work.bytes += 2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes);
-        return work;
-    }
-
-private:
     bool per_spring(const Problem& problem) const { return needs_spring_values(problem, all_terms()); }
     bool own_rests(const Problem& problem) const {
         return needs_own_rests(problem, formulation(), all_terms());
@@ -136,16 +150,13 @@ private:
         };
 
         layout.bits.assign(problem.particle_count(), ACTIVE_BIT);
-        const auto particle = particle_of_voxel(problem.lattice);
+        const LatticeSprings springs(problem);
         for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
-            for (const Direction& direction : directions()) {
-                if ((problem.lattice.mask[i] >> direction.bit & 1u) == 0) continue;
-                const std::ptrdiff_t voxel = problem.lattice.voxel[i] + problem.lattice.stride(direction);
-                const std::uint32_t j = particle[std::size_t(voxel)];
+            springs.all_of(i, [&](std::uint32_t j, const Direction& direction) {
                 add(i, {j, direction.bit, problem.spring_stiffness(i, j, direction),
                         problem.rest_length[std::size_t(direction.bit)]});
                 if (!own_values) layout.bits[i] += 1u << count_bits * int(direction.group);
-            }
+            });
         }
         for (const Spring& s : problem.springs) {
             add(s.first, {s.second, -1, s.stiffness, s.rest_length});
@@ -257,17 +268,7 @@ const Registered entry({
     .formulations = every_formulation,
     .tuning = gl::fragment_tuning(),
     .make = [](const Options& options) { return std::make_unique<GlFragmentExplicit>(options); },
-    .bytes =
-        [](const Problem& problem, const Options& options) {
-            const glm::ivec2 size = compact_size(problem.particle_count(), gl::guaranteed_texture_size);
-            const std::uint64_t texels = std::uint64_t(size.x) * std::uint64_t(size.y);
-            const bool all_terms = options.tuning.at("terms") == "all";
-            std::uint64_t bytes_a_spring = gl::r32ui.bytes;
-            if (needs_spring_values(problem, all_terms)) bytes_a_spring += gl::rg32f.bytes;
-            if (needs_own_rests(problem, options.formulation, all_terms)) bytes_a_spring += gl::rgba32f.bytes;
-            return gl::fragment_bytes(problem, options, texels) +
-                   texels * std::uint64_t(layer_count(problem)) * bytes_a_spring;
-        },
+    .bytes = upload_bytes,
 });
 
 }  // namespace

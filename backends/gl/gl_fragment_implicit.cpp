@@ -8,6 +8,7 @@
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
 #include "backends/layout/layout.h"
+#include "backends/physics/addressing.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring {
@@ -37,19 +38,35 @@ std::optional<FlatGrid> lay_flat(glm::ivec3 dims, int limit) {
     return FlatGrid{dims, columns};
 }
 
+std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
+    const auto flat = lay_flat(problem.lattice.dims, gl::guaranteed_texture_size);
+    const std::uint64_t texels =
+        flat ? std::uint64_t(flat->size().x) * std::uint64_t(flat->size().y) : problem.lattice.voxel_count();
+    return gl::fragment_bytes(problem, options, texels);
+}
+
 class GlFragmentImplicit final : public gl::FragmentBackend {
 public:
     explicit GlFragmentImplicit(const Options& options)
         : FragmentBackend(options, "gl_fragment_implicit.frag") {}
 
-    std::string unsupported(const Problem& problem) const override {
-        if (!problem.springs.empty()) return "springs beyond the grid need explicit addressing";
+    StepWork step_work(const Problem& problem) const override {
+        StepWork work = fragment_work(problem, problem.lattice.voxel_count());
+        // fast_series_stiffness() and the product with it.
+        if (all_terms() || problem.has_materials()) work.operations += 2 * count_springs(problem).total() * 3;
+        return work;
+    }
+
+private:
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return upload_bytes(problem, options());
+    }
+
+    std::string refused(const Problem& problem) const override {
+        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         const glm::ivec3 dims = problem.lattice.dims;
-        if (problem.lattice.voxel_count() == 0)
-            return "particles that lie on no grid need explicit addressing";
         const int limit = context().max_texture_size();
         const auto flat = lay_flat(dims, limit);
-        context().make_current();
         if (flat && gl::fits(gl::rgba32f, flat->size())) return {};
         std::ostringstream reason;
         reason << "grid of " << dims.x << " x " << dims.y << " x " << dims.z;
@@ -63,14 +80,6 @@ public:
         return reason.str();
     }
 
-    StepWork step_work(const Problem& problem) const override {
-        StepWork work = fragment_work(problem, problem.lattice.voxel_count());
-        // fast_series_stiffness() and the product with it.
-        if (all_terms() || problem.has_materials()) work.operations += 2 * count_springs(problem).total() * 3;
-        return work;
-    }
-
-private:
     Layout lay_out(const Problem& problem) override {
         flat_ = lay_flat(problem.lattice.dims, context().max_texture_size()).value();
         Layout layout{flat_.size(), {}, problem.lattice.mask};
@@ -120,13 +129,7 @@ const Registered entry({
     .formulations = every_formulation,
     .tuning = gl::fragment_tuning(),
     .make = [](const Options& options) { return std::make_unique<GlFragmentImplicit>(options); },
-    .bytes =
-        [](const Problem& problem, const Options& options) {
-            const auto flat = lay_flat(problem.lattice.dims, gl::guaranteed_texture_size);
-            const std::uint64_t texels = flat ? std::uint64_t(flat->size().x) * std::uint64_t(flat->size().y)
-                                              : problem.lattice.voxel_count();
-            return gl::fragment_bytes(problem, options, texels);
-        },
+    .bytes = upload_bytes,
 });
 
 }  // namespace

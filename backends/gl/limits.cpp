@@ -66,14 +66,14 @@ Program fragment_program(const Context& context, const char* fragment_shader) {
 double seconds_a_draw(const Context& context, glm::ivec2 size, const char* fragment_shader) {
     const Frames frames(context, size);
     const Program program = fragment_program(context, fragment_shader);
-    return least_seconds([&](int count) { return seconds([&] { frames.draw(program, count); }); });
+    return min_seconds([&](int count) { return seconds([&] { frames.draw(program, count); }); });
 }
 
 /// `dispatch()` runs `program`, whose every invocation does as many rounds as it is told.
 template <class Dispatch>
 double operations_per_second(const Program& program, Dispatch dispatch) {
     program.set("factor", 0.5F);
-    const double seconds_of_rounds = least_seconds([&](int count) {
+    const double seconds_of_rounds = min_seconds([&](int count) {
         program.set("rounds", rounds * count);
         return seconds(dispatch);
     });
@@ -101,7 +101,7 @@ double seconds_a_dispatch(const Context& context, std::size_t words, GLuint grou
     }
     const Program program(context, load_source(shader, {}));
     glUseProgram(program.get());
-    return least_seconds([&](int count) {
+    return min_seconds([&](int count) {
         return seconds([&] {
             for (std::size_t n = 0; n < std::size_t(count); ++n) {
                 const GLuint order[] = {buffers[n % 3].get(), buffers[(n + 1) % 3].get(),

@@ -30,8 +30,8 @@ void StorageBuffer::download(std::span<std::byte> values) const {
 
 GLuint striding_groups(std::size_t count) {
     constexpr std::size_t group = 64;
-    constexpr std::size_t most = 65535;  // that every driver takes
-    return GLuint(std::min((count + group - 1) / group, most));
+    constexpr std::size_t max_groups = 65535;  // that every driver takes
+    return GLuint(std::min((count + group - 1) / group, max_groups));
 }
 
 }  // namespace voxspring::gl

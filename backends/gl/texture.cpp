@@ -1,5 +1,9 @@
 #include "backends/gl/texture.h"
 
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+
 namespace voxspring::gl {
 namespace {
 
@@ -48,6 +52,24 @@ Texture make_array_texture(const Context& context, const TexelFormat& format, gl
     glTextureSubImage3D(texture.get(), 0, 0, 0, 0, size.x, size.y, layers, format.external, format.type,
                         texels);
     return texture;
+}
+
+int rows_of_a_read(const TexelFormat& format, int width) {
+    return std::max(1, int(std::numeric_limits<GLsizei>::max() / (std::int64_t(width) * format.bytes)));
+}
+
+void read_texture(const Texture& texture, const TexelFormat& format, glm::ivec2 size, void* texels,
+                  int max_rows) {
+    const std::int64_t row_bytes = std::int64_t(size.x) * format.bytes;
+    glPixelStorei(GL_PACK_ALIGNMENT, 1);  // rows of bytes end where they end
+    auto* to = static_cast<std::byte*>(texels);
+    for (int row = 0; row < size.y; row += max_rows) {
+        const int rows = std::min(max_rows, size.y - row);
+        const auto bytes = GLsizei(rows * row_bytes);
+        glGetTextureSubImage(texture.get(), 0, 0, row, 0, size.x, rows, 1, format.external, format.type,
+                             bytes, to);
+        to += bytes;
+    }
 }
 
 Texture make_buffer_texture(const Context& context, const TexelFormat& format, GLuint buffer) {

@@ -30,6 +30,14 @@ bool fits(const TexelFormat& format, glm::ivec2 size, int layers = 0);
 /// A 2D texture, row by row from `texels`, or left undefined where that is null.
 Texture make_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, const void* texels);
 
+/// Rows of a texture that one read takes: as many as fit into a GLsizei of bytes, at least one.
+int rows_of_a_read(const TexelFormat& format, int width);
+
+/// Copies a 2D texture's texels to `texels`, row by row, once everything enqueued has run: at most `max_rows`
+/// rows a call.
+void read_texture(const Texture& texture, const TexelFormat& format, glm::ivec2 size, void* texels,
+                  int max_rows);
+
 /// What a shader reads of `buffer` by index, as texels.
 Texture make_buffer_texture(const Context& context, const TexelFormat& format, GLuint buffer);
 

@@ -90,31 +90,6 @@ std::array<std::uint32_t, 4> group_slots_of(const Problem& problem) {
     return first;
 }
 
-// The lattice neighbours of particles.
-class NeighbourVisitor {
-public:
-    explicit NeighbourVisitor(const Problem& problem)
-        : problem_(&problem), particle_(particle_of_voxel(problem.lattice)) {
-        for (const Direction& direction : directions())
-            stride_[std::size_t(direction.bit)] = problem.lattice.stride(direction);
-    }
-
-    /// Calls visit(direction, j) for each neighbour j of particle i, in summation order.
-    template <class Visit>
-    void visit(std::size_t i, Visit visit) const {
-        for (std::uint32_t bits = mask_of(*problem_, i) & NEIGHBOUR_BITS; bits != 0; bits &= bits - 1) {
-            const auto bit = std::size_t(std::countr_zero(bits));
-            const std::ptrdiff_t voxel = std::ptrdiff_t(problem_->lattice.voxel[i]) + stride_[bit];
-            visit(directions()[bit], particle_[std::size_t(voxel)]);
-        }
-    }
-
-private:
-    const Problem* problem_;
-    std::vector<std::uint32_t> particle_;
-    std::array<std::ptrdiff_t, neighbour_count> stride_{};
-};
-
 }  // namespace
 
 Placement place_on_grid(const Lattice& lattice) {
@@ -372,12 +347,12 @@ NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, F
     start_lists(lists, problem, slots_by_groups(problem), layout);
     const auto first = group_slots_of(problem);
     std::copy_n(first.begin(), 3, lists.first_slot.begin());
-    const NeighbourVisitor neighbours(problem);
+    const LatticeSprings springs(problem);
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
         const auto i = std::uint32_t(n);
         fill_by_groups(lists, i, i, first, formulation, [&](auto add) {
-            neighbours.visit(i, [&](const Direction& direction, std::uint32_t j) { add(direction.bit, j); });
+            springs.all_of(i, [&](std::uint32_t j, const Direction& direction) { add(direction.bit, j); });
         });
     }
     return lists;
@@ -389,11 +364,11 @@ NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, 
     start_lists(lists, problem, slots_by_springs(problem), layout);
     start_constants(lists, problem, formulation);
     const auto lengths = listed_lengths<Real>(problem, formulation);
-    const NeighbourVisitor neighbours(problem);
+    const LatticeSprings springs(problem);
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
         const auto i = std::uint32_t(n);
-        neighbours.visit(i, [&](const Direction& direction, std::uint32_t j) {
+        springs.all_of(i, [&](std::uint32_t j, const Direction& direction) {
             append(lists, i, entry_of(j, direction.bit, formulation),
                    problem.spring_stiffness(i, j, direction), lengths[std::size_t(direction.bit)]);
         });

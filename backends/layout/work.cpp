@@ -40,7 +40,7 @@ constexpr std::uint64_t vector_operations = 3;
 /// What advance() takes: x(t) and x(t - dt) read, x(t + dt) written, one operand of its own each where the
 /// scene has one; by increments x(t), v read and written, x(t + dt) written; low parts of both as much again.
 /// In vector operations: the mass, gravity and the time step 3 and, where there is damping, 1;
-/// next_position() 3 more, as printed 2, increments 1; split sums 2 x 11.
+/// next_position() 3 more, paper_position() 2, increments 1; split sums 2 x 11.
 template <class Real>
 StepWork motion_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t particles = problem.particle_count();

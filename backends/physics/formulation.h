@@ -14,7 +14,7 @@ namespace voxspring {
 
 /// | formulation | state of a particle | step |
 /// | --- | --- | --- |
-/// | paper | x, x_previous | next_position_as_printed(), the paper's equation |
+/// | paper | x, x_previous | paper_position(), the paper's equation 4 |
 /// | position | x, x_previous | next_position() |
 /// | displacement | u = x - X, u_previous | next_position() of u |
 /// | increment | u, v = u - u_previous | v += increment_change(), u += v, forces by strain_density() |

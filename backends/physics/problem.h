@@ -126,7 +126,8 @@ std::vector<RestSpring> list_rest_springs(const Problem& problem);
 inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
 
-/// The springs of a lattice without a list of them, which at 10^8 particles no memory holds.
+/// The springs of a lattice without a list of them, which at 10^8 particles no memory holds. A network
+/// without a lattice has none.
 class LatticeSprings {
 public:
     explicit LatticeSprings(const Problem& problem);
@@ -135,15 +136,27 @@ public:
     /// list_springs().
     template <class Visit>
     void of(std::size_t i, Visit visit) const {
+        visit_bits(i, later_bits, visit);
+    }
+    /// The same for each neighbour j of particle i, in the order of neighbours.h.
+    template <class Visit>
+    void all_of(std::size_t i, Visit visit) const {
+        visit_bits(i, all_bits, visit);
+    }
+
+private:
+    // Of neighbours.h: all, and the odd ones.
+    static constexpr std::uint32_t all_bits = 0x03FFFFFF, later_bits = 0x02AAAAAA;
+
+    template <class Visit>
+    void visit_bits(std::size_t i, std::uint32_t wanted, Visit visit) const {
         const Lattice& lattice = problem_->lattice;
-        for (std::uint32_t bits = lattice.mask[i] & later_bits; bits != 0; bits &= bits - 1) {
+        if (lattice.mask.empty()) return;
+        for (std::uint32_t bits = lattice.mask[i] & wanted; bits != 0; bits &= bits - 1) {
             const auto bit = std::size_t(std::countr_zero(bits));
             visit(particle_[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + stride_[bit])], directions()[bit]);
         }
     }
-
-private:
-    static constexpr std::uint32_t later_bits = 0x02AAAAAA;  // the odd bits of neighbours.h
 
     const Problem* problem_;
     std::vector<std::uint32_t> particle_;

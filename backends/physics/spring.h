@@ -67,11 +67,12 @@ next_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity
     return next;
 }
 
-/// The paper's update as it is printed, (2 - lambda) x - (1 - lambda) x_previous + (f / m + g) dt^2.
+/// The paper's equation 4, (2 - lambda) x - (1 - lambda) x_previous + a dt^2, in the paper's order of
+/// operations. Where it prints the force, for particles of unit mass without gravity, a is f / m + g.
 /// `doubled` is 2 - lambda and `retained` 1 - lambda, each rounded by itself.
 SHARED(Vec3)
-next_position_as_printed(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity, Real doubled,
-                         Real retained, Real time_step_squared) {
+paper_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity, Real doubled,
+               Real retained, Real time_step_squared) {
     PRECISE Vec3 next =
         (x * doubled - previous * retained) + (force * inverse_mass + gravity) * time_step_squared;
     return next;

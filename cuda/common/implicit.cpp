@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "backends/layout/work.h"
+#include "backends/physics/addressing.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/resting.h"
@@ -92,11 +93,7 @@ public:
 
 private:
     std::string refused(const Problem& problem) const override {
-        if (problem.lattice.voxel_count() == 0)
-            return "implicit addressing needs a regular grid and the network lies on none";
-        if (!problem.springs.empty())
-            return "implicit addressing has no place for springs between particles that are no grid "
-                   "neighbours";
+        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         if (tiled_ && tile_bytes() > this->device().shared_bytes())
             return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
                    std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
@@ -199,7 +196,6 @@ private:
 };
 
 std::unique_ptr<Backend> make(const KernelFamily& family, const Options& options, bool tiled) {
-    Resting::check(options);
     if (family.precision == Precision::float32)
         return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
     return std::make_unique<ImplicitBackend<double>>(family, options, tiled);

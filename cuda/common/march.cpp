@@ -10,6 +10,7 @@
 #include "backends/layout/layout.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/work.h"
+#include "backends/physics/addressing.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/watch.h"
@@ -150,11 +151,7 @@ private:
         if (architecture < least_architecture)
             return "compute capability " + std::to_string(architecture / 10) + "." +
                    std::to_string(architecture % 10) + " has no tensor copies, which came with 9.0";
-        if (problem.lattice.voxel_count() == 0)
-            return "implicit addressing needs a regular grid and the network lies on none";
-        if (!problem.springs.empty())
-            return "implicit addressing has no place for springs between particles that are no grid "
-                   "neighbours";
+        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         if ((problem.group_bits & CORNER_BITS) != 0) return "corner springs are beyond the march's stencil";
         if (!has_inverse_lengths(problem, precision, formulation_))
             return "forces in units of rest lengths need some that are not zero";

@@ -6,8 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "backends/registry.h"
-
 namespace voxspring::cuda {
 namespace {
 
@@ -36,30 +34,25 @@ bool can_be_named(std::size_t places) { return places <= std::size_t(std::numeri
 }  // namespace
 
 Resting::Resting(const Options& options)
-    : way_([&] {
-          const std::string& rest = options.tuning.at("rest");
-          if (rest == "auto") return options.tuning.at("terms") == "all" ? Way::step : Way::decide;
-          if (rest == "skip") return Way::skip;
-          return rest == "flush" ? Way::flush : Way::step;
-      }()) {}
-
-void Resting::check(const Options& options) {
-    if (options.tuning.at("rest") == "flush" && !by_increments(options.formulation))
-        throw BadSpecification("cuda_implicit_*: rest=flush is for increment and compensated");
-}
+    : rest_(rest_of(options)),
+      // On an H200 a step of all blocks takes 15 to 60% longer with checks, and what rests costs nothing.
+      policy_({.period = 64,
+               .min_pause = 256,
+               .max_pause = 4096,
+               .paying_numerator = 2,
+               .paying_denominator = 3}) {}
 
 std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
     const std::size_t places = BlockGrid(lattice, shape).places();
-    if (way_ == Way::step || way_ == Way::decide || can_be_named(places)) return {};
+    if (rest_ == Rest::step || rest_ == Rest::choose || can_be_named(places)) return {};
     return std::to_string(places) + " places of blocks that may rest exceed the index limit of " +
            std::to_string(std::numeric_limits<int>::max());
 }
 
 bool Resting::could_look(const Problem& problem, BlockShape shape) const {
-    if (way_ != Way::decide) return way_ != Way::step;
+    if (rest_ != Rest::choose) return rest_ != Rest::step;
     const std::size_t places = BlockGrid(problem.lattice, shape).places();
-    return problem.gravity == glm::dvec3(0) && problem.load.empty() && places >= least_blocks &&
-           can_be_named(places);
+    return stays_at_rest(problem) && places >= least_blocks && can_be_named(places);
 }
 
 std::uint64_t Resting::bytes_needed(const Problem& problem, BlockShape shape) const {
@@ -73,15 +66,16 @@ std::uint64_t Resting::bytes_held() const {
 }
 
 void Resting::upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream) {
-    may_look_ = looking_ = asked_ = false;
+    policy_.start(false, false);
+    asked_ = false;
     if (!could_look(problem, shape)) return;
     const BlockGrid grid(problem.lattice, shape);
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
     const std::size_t count = all.size();
-    if (way_ == Way::decide &&
-        (count < least_blocks || !pays(count_moved(problem, state, shape, count), count)))
+    if (rest_ == Rest::choose &&
+        (count < least_blocks || !policy_.pays(count_moved(problem, state, shape, count), count)))
         return;
-    may_look_ = looking_ = true;
+    policy_.start(true, rest_ == Rest::choose);
     row_ = int(grid.row());
     slice_ = int(grid.slice());
     std::vector<std::uint32_t> marks(grid.places(), 1);
@@ -97,12 +91,10 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     awake_counts_.upload(awake, stream);
     counts_.resize(1);
     wake(0, stream);
-    left_ = period;
-    pause_ = shortest_pause;
 }
 
 void Resting::wake(int reading, const Stream& stream) {
-    if (!may_look_) return;
+    if (!may_look()) return;
     const auto now = std::size_t(reading), next = std::size_t(1 - reading);
     copy(all_, lists_[now], stream);
     copy(all_marks_, marks_[now], stream);
@@ -112,7 +104,7 @@ void Resting::wake(int reading, const Stream& stream) {
 }
 
 LivelyBlocks Resting::lively(int reading) const {
-    if (!may_look_) return {};
+    if (!may_look()) return {};
     const auto now = std::size_t(reading), next = std::size_t(1 - reading);
     unsigned* const count = counts_.data()->data();
     return {row_,
@@ -128,24 +120,19 @@ LivelyBlocks Resting::lively(int reading) const {
 }
 
 void Resting::stepped(int count, int reading, const Stream& stream) {
-    if (!decides()) return;
-    left_ -= count;
-    if (left_ > 0) return;
-    left_ = period;
-    if (!looking_) {
-        looking_ = true;
+    policy_.stepped(count);
+    if (!policy_.is_due()) return;
+    if (!looks()) {
+        policy_.begin_checks();
         wake(reading, stream);
         return;
     }
     if (std::exchange(asked_, false)) {
         copied_.wait();
-        if (!pays(seen_.values().front()[taken], blocks())) {
-            looking_ = false;
-            left_ = pause_;
-            pause_ = std::min(2 * pause_, longest_pause);
-            return;
-        }
-        pause_ = shortest_pause;
+        policy_.decide(seen_.values().front()[taken], blocks());
+        if (!looks()) return;
+    } else {
+        policy_.go_on();
     }
     seen_.copy(counts_, stream);
     copied_.record(stream);

@@ -3,11 +3,11 @@
 
 #include <array>
 #include <cstdint>
-#include <limits>
 #include <string>
 
 #include "backends/backend.h"
 #include "backends/layout/layout.h"
+#include "backends/rest_policy.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"
@@ -20,8 +20,6 @@ namespace voxspring::cuda {
 /// rest, until less than that rest, and again from time to time.
 class Resting {
 public:
-    /// Throws BadSpecification if the formulation has nothing to flush.
-    static void check(const Options& options);
     explicit Resting(const Options& options);
 
     /// Empty, or why `problem` has more blocks than can be named.
@@ -36,15 +34,15 @@ public:
     void wake(int reading, const Stream& stream);
 
     /// Whether steps leave out blocks at rest: at times, and now.
-    bool may_look() const { return may_look_; }
-    bool looks() const { return looking_; }
+    bool may_look() const { return policy_.may_check(); }
+    bool looks() const { return policy_.checks(); }
     /// Terms of the kernel that leaves them out.
-    std::uint32_t terms() const { return term_resting | (way_ == Way::flush ? term_flush : 0); }
+    std::uint32_t terms() const { return term_resting | (rest_ == Rest::flush ? term_flush : 0); }
     /// For a step that reads buffer `reading`.
     LivelyBlocks lively(int reading) const;
 
     /// Steps until looks() may change: of which at most that many are to be enqueued before stepped().
-    int steps_to_decision() const { return decides() ? left_ : std::numeric_limits<int>::max(); }
+    int steps_to_decision() const { return policy_.steps_to_decision(); }
     /// That many were enqueued; the next one reads buffer `reading`.
     void stepped(int count, int reading, const Stream& stream);
 
@@ -53,13 +51,6 @@ public:
     std::size_t blocks_stepped(const Stream& stream) const;
 
 private:
-    enum class Way : std::uint8_t { step, decide, skip, flush };
-
-    /// Steps between looks at how many blocks rest. The host waits for the one before the latest, so that
-    /// the device has steps to do meanwhile.
-    static constexpr int period = 64;
-    /// Steps without looking once that did not pay.
-    static constexpr int shortest_pause = 256, longest_pause = 4096;
     /// Blocks from which on it is asked at all: a step of less is as long as its launch.
     static constexpr std::size_t least_blocks = 512;
 
@@ -69,12 +60,9 @@ private:
 
     /// Whether it is asked in some states of `problem`.
     bool could_look(const Problem& problem, BlockShape shape) const;
-    bool decides() const { return way_ == Way::decide && may_look_; }
-    /// On an H200 a step of all blocks takes 15 to 60% longer so, and what rests costs nothing.
-    static bool pays(std::size_t lively, std::size_t blocks) { return 3 * lively <= 2 * blocks; }
 
-    const Way way_;
-    bool may_look_ = false, looking_ = false;
+    const Rest rest_;
+    RestPolicy policy_;
     int row_ = 0, slice_ = 0;
     Buffer<BlockOrigin> all_;                     ///< blocks with particles
     Buffer<std::uint32_t> all_marks_, no_marks_;  ///< of all blocks, and of none
@@ -86,7 +74,6 @@ private:
     Pinned<Counts> seen_;  ///< counts of a while ago
     Event copied_;         ///< to `seen_`
     bool asked_ = false;
-    int left_ = 0, pause_ = 0;
 };
 
 }  // namespace voxspring::cuda

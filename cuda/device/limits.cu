@@ -122,7 +122,7 @@ double launch_seconds(const Stream& stream, Stopwatch& stopwatch) {
             check(cudaGetLastError());
         }
     });
-    const double graph_seconds = least_seconds([&](int count) {
+    const double graph_seconds = min_seconds([&](int count) {
         return stopwatch.seconds([&] {
             for (int n = 0; n < count; ++n) graph.launch(stream);
         });
@@ -139,7 +139,7 @@ double bytes_per_second(std::size_t bytes, const Stream& stream, Stopwatch& stop
     current.fill_with_zeros(stream);
     previous.fill_with_zeros(stream);
     const unsigned blocks = blocks_at_once(overwrite);
-    const double seconds = least_seconds([&](int count) {
+    const double seconds = min_seconds([&](int count) {
         return stopwatch.seconds([&] {
             overwrite<<<blocks, block, 0, stream.get()>>>(count, current.data(), previous.data(),
                                                           current.size());
@@ -153,7 +153,7 @@ std::optional<double> grid_barrier_seconds(const Stream& stream, Stopwatch& stop
     if (attribute(cudaDevAttrCooperativeLaunch) == 0) return std::nullopt;
     static_cast<void>(blocks_at_once(meet));
     const auto blocks = unsigned(attribute(cudaDevAttrMultiProcessorCount));
-    return least_seconds([&](int count) {
+    return min_seconds([&](int count) {
         return stopwatch.seconds([&] {
             void* arguments[] = {&count};
             check(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(&meet), dim3(blocks), dim3(block),
@@ -171,7 +171,7 @@ std::optional<double> exchange_seconds(const Stream& stream, Stopwatch& stopwatc
     points.fill_with_zeros(stream);
     TaggedPoint* first = points.data();
     std::uint32_t tag = 0;
-    return least_seconds([&](int count) {
+    return min_seconds([&](int count) {
         const double seconds = stopwatch.seconds([&] {
             void* arguments[] = {&first, &count, &tag};
             check(cudaLaunchCooperativeKernel(reinterpret_cast<const void*>(&exchange), dim3(blocks),
@@ -187,7 +187,7 @@ double operations_per_second(const Stream& stream, Stopwatch& stopwatch) {
     Buffer<Real> result;
     result.resize(1);
     const unsigned blocks = blocks_at_once(multiply_add<Real>);
-    const double seconds = least_seconds([&](int count) {
+    const double seconds = min_seconds([&](int count) {
         return stopwatch.seconds([&] {
             multiply_add<Real><<<blocks, block, 0, stream.get()>>>(count, Real(0.5), Real(-1), result.data());
             check(cudaGetLastError());

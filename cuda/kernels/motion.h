@@ -198,8 +198,8 @@ VOXSPRING_HOST_DEVICE Moved<Real, Terms::split> moved(const Motion<Real>& motion
     } else {
         Vector<Real> next;
         if constexpr (Terms::formulation == Formulation::paper) {
-            next = next_position_as_printed(at, before.high, force, inverse_mass, gravity, motion.doubled,
-                                            motion.retained, squared);
+            next = paper_position(at, before.high, force, inverse_mass, gravity, motion.doubled,
+                                  motion.retained, squared);
         } else {
             next = next_position(at, before.high, force, inverse_mass, gravity, retained, squared);
         }

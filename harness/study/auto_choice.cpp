@@ -54,19 +54,19 @@ std::string options_of(const std::string& text) {
 // no committed result has its backend yet.
 const std::vector<Rule>& rules() {
     // Bounds that more than one rule shares.
-    constexpr double most_resident = 6e4;  // 512 a multiprocessor of a large card
+    constexpr double max_resident = 6e4;   // 512 a multiprocessor of a large card
     constexpr double sparse = 0.5;         // occupancy under which lists are shorter than a lattice
-    constexpr double least_marched = 6e6;  // particles from which on columns fill a card
+    constexpr double min_marched = 6e6;    // particles from which on columns fill a card
     constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
     static const std::vector<Rule> list = {
         // fastest.json: the box of 32^3 0.89 against 2.05 of cuda_implicit_cached:fetch=l1, the heart 1.29
         // against 2.59 of cuda_explicit_delta. edits.json: an edit lays its tables out anew, 9 ms.
-        {"cuda_resident", "", 0, most_resident, 0, any_occupancy, false,
+        {"cuda_resident", "", 0, max_resident, 0, any_occupancy, false,
          "state stays on the chip from step to step"},
         // fastest.json: the box of 256^3 168 against 294 of cuda_implicit_cached:fetch=l1, that of 128^3 52
         // against 45, the heart of 480x408x368 409 against 283 of cuda_explicit_delta. edits.json: an edit
         // lays its plan out anew, 0.35 ms on the box of 32^3.
-        {"cuda_march", "", least_marched, any_number, sparse, any_occupancy, false,
+        {"cuda_march", "", min_marched, any_number, sparse, any_occupancy, false,
          "each thread marches along a column and reads a particle once"},
         {"cuda_explicit_delta", "", 0, any_number, 0, sparse, true,
          "compressed lists of active particles alone"},
@@ -108,8 +108,8 @@ bool holds(const Rule& rule, const Workload& workload) {
     const auto particles = double(workload.particles);
     // A network of springs without a lattice is as sparse as can be.
     const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
-    return particles >= rule.least_particles && particles < rule.most_particles &&
-           occupancy >= rule.least_occupancy && occupancy < rule.most_occupancy &&
+    return particles >= rule.min_particles && particles < rule.max_particles &&
+           occupancy >= rule.min_occupancy && occupancy < rule.max_occupancy &&
            (rule.edits || !workload.edited);
 }
 

@@ -26,8 +26,8 @@ Workload workload_of(const Scene& scene);
 struct Rule {
     std::string backend;
     std::string tuning;  ///< "fetch=l1": what is not at its default; empty: nothing
-    double least_particles, most_particles;
-    double least_occupancy, most_occupancy;
+    double min_particles, max_particles;
+    double min_occupancy, max_occupancy;
     bool edits;          ///< also where springs are edited
     std::string reason;  ///< as a user reads it
 };

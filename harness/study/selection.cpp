@@ -13,26 +13,35 @@
 namespace voxspring {
 namespace {
 
-/// `options` with each value that `entry` has in the place of formulation=* and precision=*.
+/// `options` with each value that `entry` has in the place of KEY=*.
 std::vector<std::string> each_of(const BackendEntry& entry, const std::string& options) {
     std::vector<std::string> all = {options};
-    const auto replace = [&](const std::string& key, const auto& values) {
+    const auto replace = [&](const std::string& key, const std::vector<std::string>& values) {
         std::vector<std::string> replaced;
         for (const std::string& one : all) {
-            const auto at = one.find(key + "=*");
-            if (at == std::string::npos) {
+            const auto pattern = one.find(key + "=*");
+            // Where another key does not merely end as this one does.
+            if (pattern == std::string::npos || (one[pattern - 1] != ':' && one[pattern - 1] != ',')) {
                 replaced.push_back(one);
                 continue;
             }
-            for (const auto value : values) {
+            for (const std::string& value : values) {
                 replaced.push_back(one);
-                replaced.back().replace(at + key.size() + 1, 1, to_string(value));
+                replaced.back().replace(pattern + key.size() + 1, 1, value);
             }
         }
         all = std::move(replaced);
     };
-    replace("formulation", entry.formulations);
-    replace("precision", entry.precisions);
+    const auto names = [](const auto& values) {
+        std::vector<std::string> texts;
+        for (const auto value : values) texts.push_back(to_string(value));
+        return texts;
+    };
+    replace("formulation", names(entry.formulations));
+    replace("precision", names(entry.precisions));
+    for (const auto& [key, values] : entry.tuning) {
+        if (!values.empty()) replace(key, values);
+    }
     return all;
 }
 
@@ -50,11 +59,12 @@ std::vector<BackendSpec> expand(const std::string& pattern) {
     std::optional<BadSpecification> refusal;
     for (const auto& [name, entry] : registry()) {
         if (!matches(glob, name)) continue;
-        try {
-            for (const std::string& one : each_of(entry, options))
+        for (const std::string& one : each_of(entry, options)) {
+            try {
                 specs.push_back(BackendSpec::parse(name + one));
-        } catch (const BadSpecification& error) {
-            if (!refusal) refusal = error;
+            } catch (const BadSpecification& error) {
+                if (!refusal) refusal = error;
+            }
         }
     }
     if (specs.empty() && refusal) throw BadSpecification(*refusal);

@@ -11,8 +11,9 @@ namespace voxspring {
 /// Whether `text` matches a shell's pattern.
 bool matches(const std::string& glob, const std::string& text);
 
-/// The specifications that a pattern GLOB[:options] stands for, in the registry's order: those that take the
-/// options. Throws BadSpecification if there are some and none does.
+/// The specifications that a pattern GLOB[:options] stands for, in the registry's order. KEY=* is each value
+/// that the backend has for it. Those that do not take the options are left out; throws BadSpecification if
+/// there are some and none does.
 std::vector<BackendSpec> expand(const std::string& pattern);
 /// All of `patterns` without repetition. A study may name backends that this build left out.
 std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns);

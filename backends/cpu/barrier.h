@@ -1,0 +1,37 @@
+// A barrier for threads that may share their cores with other processes.
+#pragma once
+
+#include <atomic>
+#include <thread>
+
+namespace voxspring::cpu_parallel {
+
+/// Where the threads of a step meet. OpenMP's own barrier spins for milliseconds: where another process has
+/// one of the cores, it keeps the very thread that it waits for from running, at the cost of a scheduler's
+/// time slice (4 ms) a step. This one spins for some microseconds, then lets others run.
+class Barrier {
+public:
+    /// Before any thread waits.
+    void expect(int threads) { threads_ = threads; }
+    void wait() {
+        const unsigned phase = phase_.load(std::memory_order_acquire);
+        if (arrived_.fetch_add(1, std::memory_order_acq_rel) + 1 == threads_) {
+            arrived_.store(0, std::memory_order_relaxed);
+            phase_.store(phase + 1, std::memory_order_release);
+            return;
+        }
+        for (int spins = 0; phase_.load(std::memory_order_acquire) == phase; ++spins) {
+            if (spins >= max_spins) std::this_thread::yield();
+        }
+    }
+
+private:
+    static constexpr int max_spins = 2000;  // loads
+
+    int threads_ = 0;
+    // A cache line each: a thread that arrives does not disturb those that look.
+    alignas(64) std::atomic<int> arrived_ = 0;
+    alignas(64) std::atomic<unsigned> phase_ = 0;
+};
+
+}  // namespace voxspring::cpu_parallel

@@ -1,0 +1,56 @@
+// How cpu_parallel lays the lattice out in memory.
+#pragma once
+
+#include <hwy/aligned_allocator.h>
+
+#include <cstddef>
+#include <glm/vec3.hpp>
+#include <string>
+
+#include "backends/backend.h"
+#include "backends/cpu/kernel.h"
+
+namespace voxspring::cpu_parallel {
+
+/// The lattice with rows of whole blocks. In front of it and behind it lies a guard as long as the farthest
+/// neighbour is away, so that every register of neighbours can be loaded.
+template <class T>
+struct PaddedGrid {
+    glm::ivec3 dims;
+    std::ptrdiff_t row, slice, guard;
+
+    explicit PaddedGrid(glm::ivec3 d)
+        : dims(d),
+          row((d.x + block_size<T> - 1) / block_size<T> * block_size<T>),
+          slice(row * d.y),
+          guard(slice + row + block_size<T>) {}
+
+    std::ptrdiff_t size() const { return guard + slice * dims.z + guard; }
+    std::ptrdiff_t element(glm::ivec3 c) const { return guard + slice * c.z + row * c.y + c.x; }
+    /// A row's blocks, rows and slices.
+    glm::ivec3 blocks() const { return {int(row / block_size<T>), dims.y, dims.z}; }
+    /// Force densities of one direction and one slice, with guards as above.
+    std::ptrdiff_t density_guard() const { return row + block_size<T>; }
+    std::ptrdiff_t densities() const { return density_guard() + slice + density_guard(); }
+};
+
+template <class T>
+using Array = hwy::AlignedFreeUniquePtr<T[]>;
+
+/// Elements or particles from which on copying them is worth starting threads.
+constexpr std::ptrdiff_t worth_threads = 1 << 16;
+
+template <class T>
+Array<T> filled(std::ptrdiff_t size, T value) {
+    Array<T> array = hwy::AllocateAligned<T>(std::size_t(size));
+    if (array == nullptr) {
+        throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
+    }
+    // Each thread is the first to touch, and so has in its own memory, about what it will step.
+    T* const begin = array.get();
+#pragma omp parallel for schedule(static) if (size >= worth_threads)
+    for (std::ptrdiff_t i = 0; i < size; ++i) begin[i] = value;
+    return array;
+}
+
+}  // namespace voxspring::cpu_parallel

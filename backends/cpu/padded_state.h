@@ -1,0 +1,126 @@
+// The state of a problem and what acts on its particles, as arrays over the padded grid.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+#include "backends/backend.h"
+#include "backends/cpu/padded_grid.h"
+#include "backends/cpu/parallel_options.h"
+
+namespace voxspring::cpu_parallel {
+
+/// An array is null where the formulation or the problem has no such part. Whatever holds no particle is NaN:
+/// a leak into a particle's force cannot go unseen.
+template <class T>
+struct PaddedState {
+    using Vector = std::array<Array<T>, 3>;
+
+    PaddedGrid<T> grid{glm::ivec3(0)};
+    Array<MaskOf<T>> mask;
+    /// x or u of an even and of an odd step: the one is read while the other is overwritten.
+    std::array<Vector, 2> at, at_low;
+    Vector increment, increment_low, load;
+    Array<T> inverse_mass, compliance;
+
+    PaddedState() = default;
+    /// `state` is that of an even step.
+    PaddedState(const Problem& problem, const Options& options, const State& state);
+
+    /// What an even (`current` 0) or odd step led to, in canonical order.
+    State unpack(const Problem& problem, Formulation formulation, std::size_t current) const;
+
+    std::ptrdiff_t element_of(const Problem& problem, std::size_t particle) const {
+        return grid.element(problem.lattice.coordinates(problem.lattice.voxel[particle]));
+    }
+
+private:
+    void allocate(const Problem& problem, const Options& options);
+    void pack(const Problem& problem, Formulation formulation, const State& state, std::size_t particle);
+};
+
+template <class T>
+PaddedState<T>::PaddedState(const Problem& problem, const Options& options, const State& state)
+    : grid(problem.lattice.dims) {
+    allocate(problem, options);
+    const auto particles = std::ptrdiff_t(problem.particle_count());
+#pragma omp parallel for schedule(static) if (particles >= worth_threads)
+    for (std::ptrdiff_t i = 0; i < particles; ++i) pack(problem, options.formulation, state, std::size_t(i));
+}
+
+template <class T>
+void PaddedState<T>::allocate(const Problem& problem, const Options& options) {
+    const auto array = [&](bool needed) -> Array<T> {
+        if (!needed) return nullptr;
+        return filled(grid.size(), std::numeric_limits<T>::quiet_NaN());
+    };
+    const bool all = all_terms(options);
+    const bool split = options.formulation == Formulation::compensated;
+    mask = filled<MaskOf<T>>(grid.size(), 0);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (std::size_t parity = 0; parity < 2; ++parity) {
+            at[parity][axis] = array(true);
+            at_low[parity][axis] = array(split);
+        }
+        increment[axis] = array(by_increments(options.formulation));
+        increment_low[axis] = array(split);
+        load[axis] = array(all || !problem.load.empty());
+    }
+    inverse_mass = array(all || problem.has_materials());
+    compliance = array(problem.has_materials());
+}
+
+template <class T>
+void PaddedState<T>::pack(const Problem& problem, Formulation formulation, const State& state,
+                          std::size_t particle) {
+    const auto element = std::size_t(element_of(problem, particle));
+    const auto put = [element](Array<T>& to, double value) {
+        if (to != nullptr) to[element] = T(value);
+    };
+    const glm::dvec3 here = on_positions(formulation)
+                                ? problem.rest_position[particle] + state.displacement[particle]
+                                : state.displacement[particle];
+    const glm::dvec3 before = here - state.increment[particle];
+    mask[element] = problem.lattice.mask[particle];
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const int a = int(axis);
+        const double step = state.increment[particle][a];
+        put(at[0][axis], here[a]);
+        put(at_low[0][axis], here[a] - double(T(here[a])));
+        put(at[1][axis], before[a]);
+        put(increment[axis], step);
+        put(increment_low[axis], step - double(T(step)));
+        put(load[axis], problem.load.empty() ? 0 : problem.load[particle][a]);
+    }
+    const Material& material = problem.material_of(particle);
+    put(inverse_mass, 1 / material.mass);
+    put(compliance, 1 / material.stiffness);
+}
+
+template <class T>
+State PaddedState<T>::unpack(const Problem& problem, Formulation formulation, std::size_t current) const {
+    State state = state_at_rest(problem);
+    const auto particles = std::ptrdiff_t(problem.particle_count());
+#pragma omp parallel for schedule(static) if (particles >= worth_threads)
+    for (std::ptrdiff_t particle = 0; particle < particles; ++particle) {
+        const auto i = std::size_t(particle);
+        const auto element = std::size_t(element_of(problem, i));
+        const auto part = [element](const Array<T>& array) {
+            return array == nullptr ? 0.0 : double(array[element]);
+        };
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const int a = int(axis);
+            const double here = part(at[current][axis]);
+            const double rest = on_positions(formulation) ? problem.rest_position[i][a] : 0;
+            state.displacement[i][a] = here - rest + part(at_low[current][axis]);
+            state.increment[i][a] = by_increments(formulation)
+                                        ? part(increment[axis]) + part(increment_low[axis])
+                                        : here - part(at[1 - current][axis]);
+        }
+    }
+    return state;
+}
+
+}  // namespace voxspring::cpu_parallel

@@ -1,0 +1,65 @@
+#include "backends/cpu/parallel_options.h"
+
+#include <omp.h>
+
+#include <algorithm>
+
+#include "backends/physics/neighbours.h"
+#include "backends/registry.h"
+#include "backends/rest_policy.h"
+
+namespace voxspring::cpu_parallel {
+
+/// More than this starts more threads than a process can be sure to get, where OpenMP ends it.
+constexpr int max_threads = 1024;
+
+int thread_count(const Options& options) {
+    const std::string& threads = options.tuning.at("threads");
+    const int count = threads == "auto" ? omp_get_max_threads() : std::stoi(threads);
+    if (count > max_threads) {
+        throw BadSpecification("backend cpu_parallel: threads=" + threads + " is more than " +
+                               std::to_string(max_threads));
+    }
+    return count;
+}
+
+std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks) {
+    const std::ptrdiff_t min_blocks = options.tuning.at("threads") == "auto" ? 128 : 1;
+    return std::min<std::ptrdiff_t>(
+        {thread_count(options), blocks, std::max<std::ptrdiff_t>(1, blocks / min_blocks)});
+}
+
+bool all_terms(const Options& options) { return options.tuning.at("terms") == "all"; }
+
+Root root_of(const Options& options) {
+    const std::string& root = options.tuning.at("root");
+    if (root == "exact") return Root::exact;
+    return root == "refined" ? Root::refined : Root::raw;
+}
+
+std::string refused_options(const Options& options) {
+    const std::string& root = options.tuning.at("root");
+    if (root != "exact" && options.precision == Precision::float64) return "root=" + root + " is for float32";
+    return refused_rest(options);
+}
+
+double sleep_threshold(const Options& options) {
+    const std::string& sleep = options.tuning.at("sleep");
+    return sleep == "off" ? 0 : std::stod(sleep);
+}
+
+double flush_threshold(const Options& options) { return rest_of(options) == Rest::flush ? flushed_below : 0; }
+
+int state_arrays(Formulation formulation) {
+    if (formulation == Formulation::compensated) return 2 * (6 + 3);
+    return by_increments(formulation) ? 6 + 3 : 6;
+}
+
+std::uint32_t bits_in_use(const Problem& problem, const Options& options) {
+    if (all_terms(options)) return NEIGHBOUR_BITS;
+    std::uint32_t bits = 0;
+    for (const std::uint32_t mask : problem.lattice.mask) bits |= mask;
+    return bits & NEIGHBOUR_BITS;
+}
+
+}  // namespace voxspring::cpu_parallel

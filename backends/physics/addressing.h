@@ -1,0 +1,18 @@
+// Which problems a backend can address by their places in the lattice.
+#pragma once
+
+#include <string>
+
+#include "backends/physics/problem.h"
+
+namespace voxspring {
+
+/// Empty, or why implicit addressing, in which a neighbour is found by its place, cannot run `problem`.
+inline std::string implicit_refusal(const Problem& problem) {
+    if (problem.lattice.voxel_count() == 0)
+        return "implicit addressing needs a lattice, and the particles lie on none";
+    if (!problem.springs.empty()) return "implicit addressing has no springs beyond the lattice";
+    return {};
+}
+
+}  // namespace voxspring

@@ -1,0 +1,76 @@
+// Which tiles of a lattice may be left out of a step, and whether it pays to find out: the rules of the
+// tuning parameter `rest`, for every backend that has it. How tiles are found is the backend's own business.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string>
+
+#include "backends/backend.h"
+
+namespace voxspring {
+
+/// What `rest` says of a tile whose state did not change in the latest step.
+enum class Rest : std::uint8_t {
+    step,    ///< it is stepped like all others
+    choose,  ///< rest=auto: as `step` or as `skip`, whichever takes less
+    skip,    ///< it is left out, which changes no bit
+    flush,   ///< as `skip`, and displacements and increments below flushed_below become zero
+};
+
+/// rest=auto is `step` where every term is to be computed.
+Rest rest_of(const Options& options);
+
+/// Empty, or why `rest` does not go with the formulation (BackendEntry::refused_options).
+std::string refused_rest(const Options& options);
+
+/// Whether a body at rest stays so: nothing but springs acts on it.
+bool stays_at_rest(const Problem& problem);
+
+/// Decides from step to step whether tiles are checked for rest, which costs a little. It checks for a
+/// period, asks then how many tiles were active, and pauses where too few rested. Each pause in a row is
+/// twice as long.
+class RestPolicy {
+public:
+    struct Parameters {
+        int period;                ///< steps between two decisions while tiles are checked
+        int min_pause, max_pause;  ///< steps without checks
+        /// Checks pay where active tiles are at most this fraction of all.
+        std::size_t paying_numerator, paying_denominator;
+    };
+
+    explicit RestPolicy(const Parameters& parameters) : parameters_(parameters) {}
+
+    /// Before the first step. `checks`: tiles are checked at first. `chooses`: this may change.
+    void start(bool checks, bool chooses);
+
+    /// Whether tiles are checked now or may be later.
+    bool may_check() const { return checks_ || chooses_; }
+    /// Whether the next step checks them.
+    bool checks() const { return checks_; }
+    bool pays(std::size_t active, std::size_t tiles) const {
+        return parameters_.paying_denominator * active <= parameters_.paying_numerator * tiles;
+    }
+
+    /// At most that many steps may be made before is_due() is asked again.
+    int steps_to_decision() const { return chooses_ ? left_ : std::numeric_limits<int>::max(); }
+    void stepped(int steps) { left_ -= chooses_ ? steps : 0; }
+    /// Whether one of the three below has to follow.
+    bool is_due() const { return chooses_ && left_ <= 0; }
+
+    /// Checks begin, or begin again: the caller wakes every tile.
+    void begin_checks();
+    /// Of so many tiles so many were active of late.
+    void decide(std::size_t active, std::size_t tiles);
+    /// The number of active tiles is not known yet.
+    void go_on() { left_ = parameters_.period; }
+
+private:
+    const Parameters parameters_;
+    bool checks_ = false, chooses_ = false;
+    int left_ = 0;   ///< steps to the next decision
+    int pause_ = 0;  ///< length of the next pause
+};
+
+}  // namespace voxspring

@@ -1,0 +1,122 @@
+// Specifications of backends as users write them, and which backends a test run requires.
+#include "backends/registry.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "harness/study/selection.h"
+#include "tests/required.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+/// Why `text` is refused; empty if it is not.
+std::string refusal(const std::string& text) {
+    try {
+        (void)BackendSpec::parse(text);
+        return {};
+    } catch (const BadSpecification& error) {
+        return error.what();
+    }
+}
+
+std::vector<std::string> labels(const std::string& pattern) {
+    std::vector<std::string> all;
+    for (const BackendSpec& spec : expand(pattern)) all.push_back(spec.label());
+    return all;
+}
+
+TEST(BackendSpec, ReadsWhatItWrites) {
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:rest=skip,precision=float64,threads=3");
+    EXPECT_EQ(spec.label(), "cpu_parallel/increment/float64/rest=skip,threads=3");
+    EXPECT_EQ(BackendSpec::parse(spec.text()).text(), spec.text());
+}
+
+TEST(BackendSpec, SaysWhatAutoIs) {
+    EXPECT_THAT(refusal("auto"), AllOf(HasSubstr("'auto'"), HasSubstr("for a scene")));
+    EXPECT_THAT(refusal("auto:precision=float64"), HasSubstr("for a scene"));
+    EXPECT_THAT(refusal("aut"), AllOf(HasSubstr("no backend 'aut'"), HasSubstr("cpu_parallel")));
+}
+
+TEST(BackendSpec, RefusesAKeyTwice) {
+    for (const char* twice : {"rest=skip,rest=skip", "rest=skip,rest=step", "threads=2,rest=skip,threads=3",
+                              "precision=float32,precision=float64", "formulation=paper,formulation=paper"}) {
+        EXPECT_THAT(refusal(std::string("cpu_parallel:") + twice), HasSubstr("twice")) << twice;
+    }
+    EXPECT_THAT(refusal("cpu_parallel:rest=skip,rest=skip"),
+                AllOf(HasSubstr("cpu_parallel"), HasSubstr("'rest'"), HasSubstr("rest=skip,rest=skip")));
+}
+
+TEST(BackendSpec, RefusesValuesThatDoNotGoTogether) {
+    EXPECT_THAT(refusal("cpu_parallel:rest=flush,formulation=position"),
+                AllOf(HasSubstr("cpu_parallel"), HasSubstr("rest=flush"), HasSubstr("increment")));
+    EXPECT_EQ(refusal("cpu_parallel:rest=flush"), "");
+    EXPECT_THAT(refusal("cpu_parallel:precision=float64,root=raw"), HasSubstr("float32"));
+    for (const auto& [name, entry] : registry()) {
+        if (!entry.tuning.contains("rest")) continue;
+        EXPECT_THAT(refusal(name + ":formulation=paper,rest=flush"), HasSubstr("rest=flush")) << name;
+    }
+}
+
+TEST(Patterns, StandForEveryValueOfATuningParameter) {
+    EXPECT_THAT(
+        labels("cpu_parallel:rest=*"),
+        ElementsAre("cpu_parallel/increment/float32", "cpu_parallel/increment/float32/rest=step",
+                    "cpu_parallel/increment/float32/rest=skip", "cpu_parallel/increment/float32/rest=flush"));
+    // One that the formulation does not take is left out.
+    EXPECT_THAT(labels("cpu_parallel:formulation=position,rest=*"),
+                ElementsAre("cpu_parallel/position/float32", "cpu_parallel/position/float32/rest=step",
+                            "cpu_parallel/position/float32/rest=skip"));
+    EXPECT_EQ(labels("cpu_parallel:precision=*,subnormals=*,terms=*").size(), 8u);
+    EXPECT_THROW((void)expand("cpu_parallel:nosuch=*"), BadSpecification);
+    EXPECT_THROW((void)expand("cpu_parallel:est=*"), BadSpecification);
+    EXPECT_THROW((void)expand("cpu_parallel:threads=*"), BadSpecification);
+}
+
+/// Sets VOXSPRING_REQUIRE until the end of the scope.
+class Requiring {
+public:
+    explicit Requiring(const char* value) : before_(read()) { ::setenv("VOXSPRING_REQUIRE", value, 1); }
+    ~Requiring() { ::setenv("VOXSPRING_REQUIRE", before_.c_str(), 1); }
+    Requiring(const Requiring&) = delete;
+    Requiring& operator=(const Requiring&) = delete;
+
+private:
+    static std::string read() {
+        const char* value = std::getenv("VOXSPRING_REQUIRE");
+        return value == nullptr ? "" : value;
+    }
+    const std::string before_;
+};
+
+TEST(Required, TakesAListOfPrefixes) {
+    const Requiring required("cuda,gl");
+    EXPECT_THAT(required_prefixes(), ElementsAre("cuda", "gl"));
+    EXPECT_TRUE(is_required("cuda_march"));
+    EXPECT_TRUE(is_required("gl_compute_implicit"));
+    EXPECT_FALSE(is_required("cpu_parallel"));
+}
+
+TEST(Required, TakesBlanksAndEmptyItemsForNothing) {
+    {
+        const Requiring required(" cuda , gl_fragment ,,");
+        EXPECT_THAT(required_prefixes(), ElementsAre("cuda", "gl_fragment"));
+        EXPECT_TRUE(is_required("gl_fragment_implicit"));
+        EXPECT_FALSE(is_required("gl_compute_implicit"));
+    }
+    const Requiring nothing("");
+    EXPECT_THAT(required_prefixes(), IsEmpty());
+    EXPECT_FALSE(is_required("cpu_parallel"));
+}
+
+}  // namespace
+}  // namespace voxspring::testing
