@@ -1,6 +1,9 @@
 #include "backends/disk_cache.h"
 
+// In line: the library itself is not needed.
+#define XXH_INLINE_ALL
 #include <unistd.h>
+#include <xxhash.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -13,20 +16,18 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t checksum_digits = 32;
-
-std::string checksum(std::string_view bytes) {
-    Hash hash;
-    hash.add(bytes);
-    return hash.text();
-}
-
 }  // namespace
 
+struct Hash::State {
+    XXH3_state_t xxh3;
+};
+
+Hash::Hash() : state_(std::make_unique<State>()) { XXH3_128bits_reset(&state_->xxh3); }
+
+Hash::~Hash() = default;
+
 void Hash::add(const void* bytes, std::size_t count) {
-    constexpr Word prime = word(std::uint64_t(1) << 24, 0x13b);
-    const auto* byte = static_cast<const unsigned char*>(bytes);
-    for (std::size_t i = 0; i < count; ++i) state_ = (state_ ^ byte[i]) * prime;
+    if (count > 0) XXH3_128bits_update(&state_->xxh3, bytes, count);
 }
 
 void Hash::add(std::string_view text) {
@@ -35,10 +36,18 @@ void Hash::add(std::string_view text) {
 }
 
 std::string Hash::text() const {
+    const XXH128_hash_t sum = XXH3_128bits_digest(&state_->xxh3);
     std::string digits;
-    for (int shift = 124; shift >= 0; shift -= 4)
-        digits += "0123456789abcdef"[unsigned(state_ >> shift) & 15u];
+    for (const std::uint64_t half : {sum.high64, sum.low64}) {
+        for (int shift = 60; shift >= 0; shift -= 4) digits += "0123456789abcdef"[half >> shift & 15U];
+    }
     return digits;
+}
+
+std::string hash_of(std::string_view text) {
+    Hash hash;
+    hash.add(text.data(), text.size());
+    return hash.text();
 }
 
 fs::path DiskCache::folder_of_user() {
@@ -56,20 +65,20 @@ std::optional<std::string> DiskCache::find(const std::string& name) const {
     if (folder_.empty()) return std::nullopt;
     std::error_code error;
     const std::uintmax_t size = fs::file_size(file(name), error);
-    if (error || size < checksum_digits) return std::nullopt;
+    if (error || size < hash_digits) return std::nullopt;
     std::ifstream in(file(name), std::ios::binary);
     std::string content(size, '\0');
     if (!in.read(content.data(), std::streamsize(size))) return std::nullopt;
-    const std::string sum = content.substr(size - checksum_digits);
-    content.resize(size - checksum_digits);
-    if (checksum(content) != sum) return std::nullopt;
+    const std::string sum = content.substr(size - hash_digits);
+    content.resize(size - hash_digits);
+    if (hash_of(content) != sum) return std::nullopt;
     // What was used last goes last.
     fs::last_write_time(file(name), fs::file_time_type::clock::now(), error);
     return content;
 }
 
 void DiskCache::keep(const std::string& name, std::string_view content) const {
-    if (folder_.empty() || content.size() > most_bytes_ / 2) return;
+    if (folder_.empty() || content.size() > max_bytes_ / 2) return;
     try {
         fs::create_directories(folder_);
         std::string temporary = file(name).string() + ".XXXXXX";
@@ -77,7 +86,7 @@ void DiskCache::keep(const std::string& name, std::string_view content) const {
         if (descriptor < 0) return;
         close(descriptor);
         std::ofstream out(temporary, std::ios::binary);
-        out << content << checksum(content);
+        out << content << hash_of(content);
         out.close();
         if (out) {
             fs::rename(temporary, file(name));
@@ -107,7 +116,7 @@ void DiskCache::make_room() const {
     }
     std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.used < b.used; });
     for (const Entry& entry : entries) {
-        if (total <= most_bytes_) break;
+        if (total <= max_bytes_) break;
         std::error_code ignored;
         if (fs::remove(entry.path, ignored)) total -= entry.bytes;
     }

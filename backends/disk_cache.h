@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -11,9 +12,14 @@
 
 namespace voxspring {
 
-/// FNV-1a of 128 bits, of bytes as this machine stores them (the cache does not travel).
+/// XXH3 of 128 bits, of bytes as this machine stores them (the cache does not travel).
 class Hash {
 public:
+    Hash();
+    ~Hash();
+    Hash(const Hash&) = delete;
+    Hash& operator=(const Hash&) = delete;
+
     void add(const void* bytes, std::size_t count);
     void add(std::string_view text);
     /// Of numbers and of vectors of them: no padding.
@@ -30,11 +36,13 @@ public:
     std::string text() const;
 
 private:
-    __extension__ using Word = unsigned __int128;
-    static constexpr Word word(std::uint64_t high, std::uint64_t low) { return Word(high) << 64 | low; }
-
-    Word state_ = word(0x6c62272e07bb0142, 0x62b821756295c58d);
+    struct State;
+    std::unique_ptr<State> state_;
 };
+
+/// Of the bytes of one text: 32 hexadecimal digits.
+std::string hash_of(std::string_view text);
+inline constexpr std::size_t hash_digits = 32;
 
 /// A folder of entries by name. No member throws: without a folder that can be written it finds nothing and
 /// keeps nothing.
@@ -45,14 +53,14 @@ public:
     /// $VOXSPRING_CACHE, else $XDG_CACHE_HOME/voxspring, else ~/.cache/voxspring; empty: no cache.
     static std::filesystem::path folder_of_user();
 
-    explicit DiskCache(std::filesystem::path folder = folder_of_user(), std::uint64_t most_bytes = two_gib)
-        : folder_(std::move(folder)), most_bytes_(most_bytes) {}
+    explicit DiskCache(std::filesystem::path folder = folder_of_user(), std::uint64_t max_bytes = two_gib)
+        : folder_(std::move(folder)), max_bytes_(max_bytes) {}
 
     /// What is kept under `name`. Nothing if there is none, or if its file is truncated or fails its
     /// checksum.
     std::optional<std::string> find(const std::string& name) const;
     /// Keeps it, so that a reader sees all of it or nothing; what was used longest ago goes until all fits
-    /// into `most_bytes`. What takes more than half of them is not kept.
+    /// into `max_bytes`. What takes more than half of them is not kept.
     void keep(const std::string& name, std::string_view content) const;
 
 private:
@@ -60,7 +68,7 @@ private:
     void make_room() const;
 
     std::filesystem::path folder_;
-    std::uint64_t most_bytes_;
+    std::uint64_t max_bytes_;
 };
 
 }  // namespace voxspring

@@ -322,16 +322,20 @@ TEST_F(Cache, IsNotMissedWhereItCannotBeWritten) {
     EXPECT_EQ(computed(scene_, 9, DiskCache("/dev/null")), 1);
 }
 
-TEST(Hash, IsFnv1aOf128Bits) {
-    const auto of = [](const std::string& text) {
-        Hash hash;
-        hash.add(text.data(), text.size());
-        return hash.text();
-    };
+TEST(Hash, IsXxh3Of128Bits) {
     // Published test vectors.
-    EXPECT_EQ(of(""), "6c62272e07bb014262b821756295c58d");
-    EXPECT_EQ(of("a"), "d228cb696f1a8caf78912b704e4a8964");
-    EXPECT_EQ(of("foobar"), "343e1662793c64bf6f0d3597ba446f18");
+    EXPECT_EQ(hash_of(""), "99aa06d3014798d86001c324468d497f");
+    EXPECT_EQ(hash_of("abc"), "06b05ab6733a618578af5f94892f3950");
+    // Piece by piece it is the same.
+    Hash hash;
+    const std::string text(5000, 'x');
+    for (const std::size_t begin : {0, 1, 300, 2000})
+        hash.add(text.data() + begin, (begin == 0     ? 1
+                                       : begin == 1   ? 300
+                                       : begin == 300 ? 2000
+                                                      : 5000) -
+                                          begin);
+    EXPECT_EQ(hash.text(), hash_of(text));
 }
 
 // --- Momentum and energy ---------------------------------------------------------------------------------

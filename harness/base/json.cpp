@@ -1,5 +1,6 @@
 #include "harness/base/json.h"
 
+#include <fmt/format.h>
 #include <zlib.h>
 
 #include <algorithm>
@@ -7,7 +8,6 @@
 #include <iterator>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
 #include "harness/base/bad_input.h"
 
@@ -16,22 +16,12 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t deepest = 32;
-constexpr std::size_t largest_file = std::size_t{16} << 20;
+constexpr std::size_t max_depth = 32;
+constexpr std::size_t max_file_bytes = std::size_t{16} << 20;
 
-std::string join(const std::vector<std::string>& words) {
-    std::string text;
-    for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-    return text;
-}
+std::string join(const std::vector<std::string>& words) { return fmt::format("{}", fmt::join(words, ", ")); }
 
-std::string format(double number) {
-    std::ostringstream text;
-    text << number;
-    return text.str();
-}
-
-std::string range(double low, double high) { return " from " + format(low) + " to " + format(high); }
+std::string range(double low, double high) { return fmt::format(" from {:g} to {:g}", low, high); }
 
 std::string compact(const json& value) { return value.dump(-1, ' ', true, json::error_handler_t::replace); }
 
@@ -122,9 +112,9 @@ private:
     }
 
     bool open(json value) {
-        if (open_.size() == deepest) {
+        if (open_.size() == max_depth) {
             throw BadInput(file_, path(), "deeper nesting",
-                           "at most " + std::to_string(deepest) + " objects and arrays inside one another");
+                           "at most " + std::to_string(max_depth) + " objects and arrays inside one another");
         }
         open_.push_back(place(std::move(value)));
         keys_.emplace_back();
@@ -297,10 +287,10 @@ JsonObject read_json(const std::filesystem::path& file) {
     const auto refuse = [&](const std::string& value, const std::string& accepted) {
         throw BadInput(file.string(), "", value, accepted);
     };
-    const std::string small_enough = "a file of at most " + std::to_string(largest_file) + " bytes";
+    const std::string small_enough = "a file of at most " + std::to_string(max_file_bytes) + " bytes";
     std::error_code error;
     if (!std::filesystem::is_regular_file(file, error)) refuse("no file", "a JSON file");
-    if (const auto size = std::filesystem::file_size(file, error); error || size > largest_file)
+    if (const auto size = std::filesystem::file_size(file, error); error || size > max_file_bytes)
         refuse(std::to_string(size) + " bytes", small_enough);
     // gzread() reads what is not compressed as it is.
     const std::unique_ptr<gzFile_s, int (*)(gzFile)> stream(gzopen(file.c_str(), "rb"), gzclose);
@@ -309,7 +299,7 @@ JsonObject read_json(const std::filesystem::path& file) {
     int count = 0;
     for (char buffer[1 << 16]; (count = gzread(stream.get(), buffer, sizeof buffer)) > 0;) {
         text.append(buffer, std::size_t(count));
-        if (text.size() > largest_file) refuse("more when unpacked", small_enough);
+        if (text.size() > max_file_bytes) refuse("more when unpacked", small_enough);
     }
     int status = Z_OK;
     gzerror(stream.get(), &status);

@@ -1,30 +1,25 @@
 #include "harness/base/text.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <iomanip>
-#include <sstream>
+#include <utility>
 
 namespace voxspring {
 
 std::string percent_text(const nlohmann::json& fraction) {
     if (!fraction.is_number()) return "-";
     const double percent = 100 * fraction.get<double>();
-    std::ostringstream text;
-    text << std::fixed << std::setprecision(percent < 9.95 ? 1 : 0) << percent << "%";
-    return text.str();
+    return fmt::format("{:.{}f}%", percent, percent < 9.95 ? 1 : 0);
 }
 
 std::string joined(const std::vector<std::string>& words) {
-    std::string text;
-    for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-    return text;
+    return fmt::format("{}", fmt::join(words, ", "));
 }
 
 std::string error_text(const nlohmann::json& value) {
     if (!value.is_number()) return "-";
-    std::ostringstream text;
-    text << std::scientific << std::setprecision(1) << value.get<double>();
-    return text.str();
+    return fmt::format("{:.1e}", value.get<double>());
 }
 
 void print_aligned(const std::vector<std::vector<std::string>>& rows, std::ostream& out, std::size_t names) {
@@ -48,14 +43,8 @@ std::string si(double value, const std::string& unit) {
         {1e12, "T"}, {1e9, "G"}, {1e6, "M"}, {1e3, "k"}, {1, ""}, {1e-3, "m"}, {1e-6, "u"}, {1e-9, "n"}};
     for (const auto& [scale, prefix] : prefixes) {
         if (value < 0.9995 * scale && scale > 1e-9) continue;
-        std::ostringstream text;
         const double scaled = value / scale;
-        text << std::fixed
-             << std::setprecision(scaled < 9.995   ? 2
-                                  : scaled < 99.95 ? 1
-                                                   : 0)
-             << scaled << " " << prefix << unit;
-        return text.str();
+        return fmt::format("{:.{}f} {}{}", scaled, scaled < 9.995 ? 2 : scaled < 99.95 ? 1 : 0, prefix, unit);
     }
     return {};
 }

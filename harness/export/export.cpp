@@ -1,8 +1,8 @@
 #include "harness/export/export.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cstdio>
 #include <set>
 #include <utility>
@@ -14,38 +14,6 @@
 
 namespace voxspring {
 namespace {
-
-/// The shortest text that reads back as the same bits.
-template <class Number>
-void append_number(std::string& text, Number number) {
-    std::array<char, 32> digits{};
-    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), number).ptr;
-    text.append(digits.data(), end);
-}
-
-std::string csv(const Snapshot& snapshot) {
-    const Problem& problem = snapshot.problem;
-    const std::vector<glm::dvec3> position = positions(snapshot);
-    const std::vector<glm::dvec3> velocity = velocities(snapshot);
-    std::string text =
-        "voxel_x,voxel_y,voxel_z,x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,"
-        "velocity_z\n";
-    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        const glm::ivec3 voxel = problem.lattice.coordinates(problem.lattice.voxel[i]);
-        for (int axis = 0; axis < 3; ++axis) {
-            if (axis > 0) text += ',';
-            append_number(text, voxel[axis]);
-        }
-        for (const glm::dvec3& v : {position[i], snapshot.state.displacement[i], velocity[i]}) {
-            for (int axis = 0; axis < 3; ++axis) {
-                text += ',';
-                append_number(text, v[axis]);
-            }
-        }
-        text += '\n';
-    }
-    return text;
-}
 
 std::string escaped(const std::string& text) {
     std::string out;
@@ -82,16 +50,21 @@ const Writer& writer_of(const std::filesystem::path& path) {
     return *found;
 }
 
+Colouring parse_colouring(const std::string& text) {
+    if (const auto colouring = colouring_called(text)) return *colouring;
+    throw BadInput("command line", "--colour", text, "displacement or error");
+}
+
 /// "640x480".
 glm::ivec2 parse_size(const std::string& text) {
     glm::ivec2 size(0);
     int read = 0;
     if (std::sscanf(text.c_str(), "%5dx%5d%n", &size.x, &size.y, &read) != 2 ||
-        std::size_t(read) != text.size() || std::min(size.x, size.y) < least_side ||
-        std::max(size.x, size.y) > most_side) {
+        std::size_t(read) != text.size() || std::min(size.x, size.y) < min_picture_side ||
+        std::max(size.x, size.y) > max_picture_side) {
         throw BadInput("command line", "--size", text,
-                       "WIDTHxHEIGHT in pixels, each from " + std::to_string(least_side) + " to " +
-                           std::to_string(most_side));
+                       "WIDTHxHEIGHT in pixels, each from " + std::to_string(min_picture_side) + " to " +
+                           std::to_string(max_picture_side));
     }
     return size;
 }
@@ -99,18 +72,6 @@ glm::ivec2 parse_size(const std::string& text) {
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
 
 }  // namespace
-
-std::vector<glm::dvec3> positions(const Snapshot& snapshot) {
-    std::vector<glm::dvec3> position = snapshot.problem.rest_position;
-    for (std::size_t i = 0; i < position.size(); ++i) position[i] += snapshot.state.displacement[i];
-    return position;
-}
-
-std::vector<glm::dvec3> velocities(const Snapshot& snapshot) {
-    std::vector<glm::dvec3> velocity = snapshot.state.increment;
-    for (glm::dvec3& v : velocity) v /= snapshot.problem.time_step;
-    return velocity;
-}
 
 const std::vector<Writer>& writers() {
     static const std::vector<Writer> all = {
@@ -153,7 +114,7 @@ Exports::Exports(const ExportOptions& options, int steps)
         std::error_code error;  // check_writable says what is wrong with the folder
         std::filesystem::create_directories(*options.frames, error);
         check_writable(path, "--frames", ".png");
-        files_.push_back({path, &writer_of(path), every.value_or((steps - 1) / most_frames + 1), {}});
+        files_.push_back({path, &writer_of(path), every.value_or((steps - 1) / max_frames + 1), {}});
     }
     const bool any = std::any_of(files_.begin(), files_.end(), is_picture);
     for (const auto& [name, value] : {std::pair{"--colour", options.colour}, {"--size", options.size}}) {
@@ -197,9 +158,7 @@ void Exports::look_at(const Snapshot& snapshot) {
 
 std::string Exports::name_in_series(const std::filesystem::path& path, std::int64_t step) const {
     // As many digits in each name, so that they sort by step.
-    std::string number = std::to_string(step);
-    number.insert(0, digits_ - number.size(), '0');
-    return path.stem().string() + "_" + number + path.extension().string();
+    return fmt::format("{}_{:0{}}{}", path.stem().string(), step, digits_, path.extension().string());
 }
 
 void Exports::write(const Snapshot& snapshot) {
@@ -213,9 +172,8 @@ void Exports::write(const Snapshot& snapshot) {
         written_.push_back(file.path.parent_path() / name);
         write_atomically(written_.back(), contents);
         if (!file.every || !file.writer->collected) continue;
-        file.listed += R"(    <DataSet timestep=")";
-        append_number(file.listed, snapshot.time);
-        file.listed += R"(" part="0" file=")" + escaped(name) + "\"/>\n";
+        file.listed += fmt::format("    <DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n", snapshot.time,
+                                   escaped(name));
         write_atomically(collection_of(file.path),
                          "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n"
                          "  <Collection>\n" +

@@ -9,26 +9,11 @@
 #include <string_view>
 #include <vector>
 
-#include "harness/scene/scene.h"
+#include "harness/export/snapshot.h"
 
 namespace voxspring {
 
 class Pictures;
-
-/// A run after `step` steps. Quantities are in the scene's units.
-struct Snapshot {
-    const Scene& scene;
-    const Problem& problem;  ///< the scene's as the edits made so far have left it
-    const State& state;
-    std::int64_t step = 0;
-    double time = 0;      ///< step times time step
-    std::string backend;  ///< that ran it, as BackendSpec::label() has it
-};
-
-/// Rest position plus displacement, one a particle.
-std::vector<glm::dvec3> positions(const Snapshot& snapshot);
-/// x(t) - x(t - dt) over the time step, one a particle.
-std::vector<glm::dvec3> velocities(const Snapshot& snapshot);
 
 /// A format.
 struct Writer {
@@ -43,7 +28,7 @@ const std::vector<Writer>& writers();
 std::string list_formats();
 
 /// Of a folder of frames, where nothing says how many steps lie between them.
-inline constexpr int most_frames = 50;
+inline constexpr int max_frames = 50;
 
 /// What `voxspring run` was asked to write.
 struct ExportOptions {
@@ -59,7 +44,7 @@ struct ExportOptions {
 /// Without `every` each path of `out` is written once, after the last step. With it a path body.vtu stands
 /// for a series body_000100.vtu, body_000200.vtu, ...: one after each `every` steps and one after the last
 /// step; and for body.pvd where the format is collected, which lists with their times those that are
-/// written, at any moment. `frames` stands for the series FRAMES/frame.png, without `every` of most_frames or
+/// written, at any moment. `frames` stands for the series FRAMES/frame.png, without `every` of max_frames or
 /// fewer.
 ///
 /// The pictures of a series have one camera and one scale: where there are several, show look_at() every

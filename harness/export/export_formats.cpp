@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <charconv>
 #include <cstdio>
 #include <glm/geometric.hpp>
 #include <limits>
@@ -289,7 +290,39 @@ private:
     std::unique_ptr<std::remove_pointer_t<zipFile>, Close> file_;
 };
 
+/// The shortest text that reads back as the same bits.
+template <class Number>
+void append_number(std::string& text, Number number) {
+    std::array<char, 32> digits{};
+    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), number).ptr;
+    text.append(digits.data(), end);
+}
+
 }  // namespace
+
+std::string csv(const Snapshot& snapshot) {
+    const Problem& problem = snapshot.problem;
+    const std::vector<glm::dvec3> position = positions(snapshot);
+    const std::vector<glm::dvec3> velocity = velocities(snapshot);
+    std::string text =
+        "voxel_x,voxel_y,voxel_z,x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,"
+        "velocity_z\n";
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        const glm::ivec3 voxel = problem.lattice.coordinates(problem.lattice.voxel[i]);
+        for (int axis = 0; axis < 3; ++axis) {
+            if (axis > 0) text += ',';
+            append_number(text, voxel[axis]);
+        }
+        for (const glm::dvec3& v : {position[i], snapshot.state.displacement[i], velocity[i]}) {
+            for (int axis = 0; axis < 3; ++axis) {
+                text += ',';
+                append_number(text, v[axis]);
+            }
+        }
+        text += '\n';
+    }
+    return text;
+}
 
 std::string vti(const Snapshot& snapshot) {
     const Problem& problem = snapshot.problem;

@@ -1,11 +1,15 @@
-// The binary formats of writers() (export.h): float64 throughout, nothing of the state is lost.
+// Formats of what a run leaves: float64 throughout, nothing of the state is lost.
 #pragma once
 
 #include <string>
 
-#include "harness/export/export.h"
+#include "harness/export/snapshot.h"
 
 namespace voxspring {
+
+/// A line for each particle after one that names the columns: voxel, position, displacement and velocity
+/// along x, y and z. Numbers are the shortest texts that read back as the same bits.
+std::string csv(const Snapshot& snapshot);
 
 /// VTK ImageData: a point a voxel, at its centre. Point data, of which an inactive voxel has zeros:
 ///

@@ -2,44 +2,74 @@
 
 #include <png.h>
 
+#include <array>
 #include <cmath>
-#include <memory>
+#include <csetjmp>
+#include <cstdio>
+#include <exception>
 #include <stdexcept>
 #include <utility>
 
 namespace voxspring {
 namespace {
 
-/// libpng reports an error by not coming back from here.
-[[noreturn]] void fail(png_structp, png_const_charp message) {
-    throw std::runtime_error(std::string("PNG: ") + message);
+/// What one file is written with. libpng leaves its own functions, which are C, by longjmp and never by an
+/// exception: what has a destructor lives out of their reach.
+struct Writing {
+    Writing(const Image& to_write, std::vector<png_text> to_add) : image(to_write), text(std::move(to_add)) {}
+    ~Writing() { png_destroy_write_struct(&png, &info); }
+    Writing(const Writing&) = delete;
+    Writing& operator=(const Writing&) = delete;
+
+    const Image& image;
+    std::vector<png_text> text;
+    std::string file;
+    png_structp png = nullptr;
+    png_infop info = nullptr;
+    std::array<char, 200> error{};
+};
+
+[[noreturn]] void fail(png_structp png, png_const_charp message) {
+    auto& error = static_cast<Writing*>(png_get_error_ptr(png))->error;
+    std::snprintf(error.data(), error.size(), "%s", message);
+    png_longjmp(png, 1);
 }
 void pass_over(png_structp, png_const_charp) {}
 
-void append(png_structp png, png_bytep bytes, std::size_t count) {
-    static_cast<std::string*>(png_get_io_ptr(png))->append(reinterpret_cast<const char*>(bytes), count);
+bool try_to_append(std::string& file, png_bytep bytes, std::size_t count) {
+    try {
+        file.append(reinterpret_cast<const char*>(bytes), count);
+        return true;
+    } catch (const std::exception&) {
+        return false;
+    }
 }
 
-/// Owns what libpng allocates.
-class Writer {
-public:
-    explicit Writer(std::string& file)
-        : png_(png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, fail, pass_over)) {
-        if (png_ == nullptr) throw std::runtime_error("PNG: libpng has another version than its header");
-        info_ = png_create_info_struct(png_);
-        png_set_write_fn(png_, &file, append, nullptr);
-    }
-    ~Writer() { png_destroy_write_struct(&png_, &info_); }
-    Writer(const Writer&) = delete;
-    Writer& operator=(const Writer&) = delete;
+void append(png_structp png, png_bytep bytes, std::size_t count) {
+    if (!try_to_append(static_cast<Writing*>(png_get_io_ptr(png))->file, bytes, count))
+        png_error(png, "no memory is left for the file");
+}
 
-    png_structp png() const { return png_; }
-    png_infop info() const { return info_; }
+void write(Writing& writing) {
+    png_structp png = writing.png;
+    png_set_write_fn(png, &writing, append, nullptr);
+    png_set_IHDR(png, writing.info, png_uint_32(writing.image.width), png_uint_32(writing.image.height), 8,
+                 PNG_COLOR_TYPE_RGB_ALPHA, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
+                 PNG_FILTER_TYPE_DEFAULT);
+    // Level 9 takes six times as long for a file that is 6% smaller.
+    png_set_compression_level(png, 7);
+    png_set_text(png, writing.info, writing.text.data(), int(writing.text.size()));
+    png_write_info(png, writing.info);
+    for (int y = 0; y < writing.image.height; ++y) png_write_row(png, writing.image.at(0, y));
+    png_write_end(png, nullptr);
+}
 
-private:
-    png_structp png_;
-    png_infop info_ = nullptr;
-};
+/// False where libpng failed. No object with a destructor lives here or in write().
+bool try_to_write(Writing& writing) {
+    if (setjmp(png_jmpbuf(writing.png)) != 0) return false;
+    write(writing);
+    return true;
+}
 
 }  // namespace
 
@@ -56,13 +86,6 @@ void Image::blend(int x, int y, const Colour& colour, double coverage) {
 }
 
 std::string encode_png(const Image& image, const std::map<std::string, std::string>& text) {
-    std::string file;
-    const Writer writer(file);
-    png_set_IHDR(writer.png(), writer.info(), png_uint_32(image.width), png_uint_32(image.height), 8,
-                 PNG_COLOR_TYPE_RGB_ALPHA, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
-                 PNG_FILTER_TYPE_DEFAULT);
-    // Level 9 takes six times as long for a file that is 6% smaller.
-    png_set_compression_level(writer.png(), 7);
     std::vector<png_text> chunks;
     auto own = text;  // libpng does not write to them and asks for pointers through which it could
     for (auto& [keyword, words] : own) {
@@ -73,11 +96,13 @@ std::string encode_png(const Image& image, const std::map<std::string, std::stri
         chunk.text_length = words.size();
         chunks.push_back(chunk);
     }
-    png_set_text(writer.png(), writer.info(), chunks.data(), int(chunks.size()));
-    png_write_info(writer.png(), writer.info());
-    for (int y = 0; y < image.height; ++y) png_write_row(writer.png(), image.at(0, y));
-    png_write_end(writer.png(), nullptr);
-    return file;
+    Writing writing(image, std::move(chunks));
+    // Without memory it gives none; whatever else is wrong here is another version than its header's.
+    writing.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &writing, fail, pass_over);
+    if (writing.png != nullptr) writing.info = png_create_info_struct(writing.png);
+    if (writing.info == nullptr) throw std::runtime_error("PNG: libpng cannot be used");
+    if (!try_to_write(writing)) throw std::runtime_error(std::string("PNG: ") + writing.error.data());
+    return std::move(writing.file);
 }
 
 }  // namespace voxspring

@@ -1,15 +1,14 @@
 #include "harness/export/legend.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <glm/geometric.hpp>
 #include <glm/vec2.hpp>
 #include <map>
 #include <string_view>
 #include <vector>
-
-#include "harness/base/bad_input.h"
 
 namespace voxspring {
 namespace {
@@ -153,12 +152,10 @@ private:
 
 /// "0.25", "1e-5": without what printf pads with.
 std::string short_text(double value, int digits) {
-    char text[32];
-    std::snprintf(text, sizeof text, "%.*g", digits, value);
-    std::string words = text;
-    const std::size_t e = words.find('e');
-    if (e == std::string::npos) return words;
-    return words.substr(0, e + 1) + std::to_string(std::stoi(words.substr(e + 1)));
+    const std::string text = fmt::format("{:.{}g}", value, digits);
+    const std::size_t e = text.find('e');
+    if (e == std::string::npos) return text;
+    return text.substr(0, e + 1) + std::to_string(std::stoi(text.substr(e + 1)));
 }
 
 }  // namespace
@@ -167,11 +164,11 @@ std::string to_string(Colouring colouring) {
     return colouring == Colouring::displacement ? "displacement" : "error";
 }
 
-Colouring parse_colouring(const std::string& text) {
+std::optional<Colouring> colouring_called(const std::string& text) {
     for (const Colouring colouring : {Colouring::displacement, Colouring::error}) {
         if (text == to_string(colouring)) return colouring;
     }
-    throw BadInput("command line", "--colour", text, "displacement or error");
+    return std::nullopt;
 }
 
 const std::array<Colour, colour_knots>& colours_of(Colouring colouring) {
@@ -185,29 +182,29 @@ const std::array<Colour, colour_knots>& colours_of(Colouring colouring) {
 }
 
 double Scale::place(double value) const {
-    if (!(most_ > 0) || !(value > 0)) return 0;
-    if (colouring_ == Colouring::displacement) return std::min(value / most_, 1.0);
-    return std::clamp(1 + std::log10(value / most_) / decades, 0.0, 1.0);
+    if (!(max_ > 0) || !(value > 0)) return 0;
+    if (colouring_ == Colouring::displacement) return std::min(value / max_, 1.0);
+    return std::clamp(1 + std::log10(value / max_) / decades, 0.0, 1.0);
 }
 
 std::vector<Scale::Tick> Scale::ticks() const {
-    if (!(most_ > 0)) return {{0, "0"}};
+    if (!(max_ > 0)) return {{0, "0"}};
     std::vector<Tick> ticks;
     if (colouring_ == Colouring::error) {
-        const double highest = std::floor(std::log10(most_));
+        const double highest = std::floor(std::log10(max_));
         for (double power = highest - decades; power <= highest; ++power) {
             const double value = std::pow(10, power);
-            if (value >= most_ * std::pow(10, -decades)) ticks.push_back({value, short_text(value, 1)});
+            if (value >= max_ * std::pow(10, -decades)) ticks.push_back({value, short_text(value, 1)});
         }
         return ticks;
     }
     // Steps of 1, 2 or 5 times a power of ten, of which at most five fit.
-    const double power = std::pow(10, std::floor(std::log10(most_)) - 1);
+    const double power = std::pow(10, std::floor(std::log10(max_)) - 1);
     double step = 10 * power;
     for (const double factor : {20, 10, 5, 2}) {
-        if (most_ / (factor * power) <= 5.5) step = factor * power;
+        if (max_ / (factor * power) <= 5.5) step = factor * power;
     }
-    for (int n = 0; n * step <= most_ * (1 + 1e-9); ++n) ticks.push_back({n * step, short_text(n * step, 3)});
+    for (int n = 0; n * step <= max_ * (1 + 1e-9); ++n) ticks.push_back({n * step, short_text(n * step, 3)});
     return ticks;
 }
 
@@ -222,11 +219,11 @@ void draw_legend(Image& image, const Scale& scale) {
     const auto bottom = int(image.height - height * 0.42);
 
     const bool error = scale.colouring() == Colouring::error;
-    const std::string largest = "largest " + short_text(scale.most(), 3);
+    const std::string largest = "largest " + short_text(scale.max(), 3);
     pen.write(error ? "error against float64" : "displacement", left, top - letter * 0.55);
     pen.write(largest, right - pen.pixels(largest), top - letter * 0.55);
     for (int x = left; x < right; ++x) {
-        const double place = scale.most() > 0 ? (x + 0.5 - left) / (right - left) : 0;
+        const double place = scale.max() > 0 ? (x + 0.5 - left) / (right - left) : 0;
         for (int y = top; y < bottom; ++y) image.blend(x, y, colour_at(scale.colouring(), place), 1);
     }
     for (const auto& [value, label] : scale.ticks()) {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,20 +17,21 @@ enum class Colouring : std::uint8_t {
     error,         ///< distance from float64 after the same steps
 };
 
-/// "displacement" or "error"; the other way, throws BadInput.
+/// "displacement" or "error".
 std::string to_string(Colouring colouring);
-Colouring parse_colouring(const std::string& text);
+/// The other way; nothing for another text.
+std::optional<Colouring> colouring_called(const std::string& text);
 
 /// From a colouring's values to 0 to 1: displacements from 0 evenly, errors by their logarithm, over three
 /// decades at most.
 class Scale {
 public:
-    /// `most`: the largest value that is shown, finite and not negative.
-    Scale(Colouring colouring, double most) : colouring_(colouring), most_(most) {}
+    /// `max`: the largest value that is shown, finite and not negative.
+    Scale(Colouring colouring, double max) : colouring_(colouring), max_(max) {}
 
     Colouring colouring() const { return colouring_; }
-    double most() const { return most_; }
-    /// 0 to 1; all is 0 where `most` is.
+    double max() const { return max_; }
+    /// 0 to 1; all is 0 where max() is.
     double place(double value) const;
 
     struct Tick {
@@ -41,7 +43,7 @@ public:
 
 private:
     Colouring colouring_;
-    double most_;
+    double max_;
 };
 
 /// Knots of a map from 0 to 1 to colours, evenly spaced, linear between: viridis for displacements and plasma

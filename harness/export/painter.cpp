@@ -52,6 +52,28 @@ void attribute(GLuint array, GLuint location, int components, std::size_t offset
     glVertexArrayAttribBinding(array, location, 0);
 }
 
+/// Two triangles for each of `faces` faces of four vertices.
+std::vector<std::uint32_t> corners_of(std::size_t faces) {
+    std::vector<std::uint32_t> corners;
+    for (std::size_t n = 0; n < faces; ++n) {
+        for (const std::uint32_t corner : {0, 1, 2, 0, 2, 3})
+            corners.push_back(std::uint32_t(4 * n) + corner);
+    }
+    return corners;
+}
+
+/// Where a pixel is half body, half nothing, its colour came out half as bright.
+void divide_by_opacity(Image& image) {
+    for (std::size_t n = 0; n < image.pixels.size(); n += 4) {
+        const int opacity = image.pixels[n + 3];
+        if (opacity == 0 || opacity == 255) continue;
+        for (std::size_t c = 0; c < 3; ++c) {
+            image.pixels[n + c] =
+                std::uint8_t(std::min(255, (image.pixels[n + c] * 255 + opacity / 2) / opacity));
+        }
+    }
+}
+
 }  // namespace
 
 void Camera::include(std::span<const SurfaceVertex> surface) {
@@ -103,8 +125,7 @@ glm::dvec2 Painter::pixel_of(const Camera& camera, glm::dvec3 position) const {
     return {size_.x / 2.0 + fitted.x * place.x, fitted.y - fitted.x * place.y};
 }
 
-Image Painter::paint(std::span<const SurfaceVertex> surface, const Camera& camera, const Scale& scale) {
-    context_.make_current();
+void Painter::begin(const Camera& camera, const Scale& scale) {
     glBindFramebuffer(GL_FRAMEBUFFER, target_.get());
     glViewport(0, 0, size_.x, size_.y);
     glEnable(GL_DEPTH_TEST);
@@ -123,16 +144,15 @@ Image Painter::paint(std::span<const SurfaceVertex> surface, const Camera& camer
         knots.emplace_back(knot[0], knot[1], knot[2], knot[3]);
     program_.set("colours", knots);
     glUseProgram(program_.get());
+}
 
+void Painter::draw(std::span<const SurfaceVertex> surface, const Camera& camera) {
     const gl::Buffer vertices = gl::make_buffer(context_);
     const gl::Buffer order = gl::make_buffer(context_);
     const gl::VertexArray array = gl::make_vertex_array(context_);
-    const std::size_t most = std::min(batch, surface.size() / 4);
-    std::vector<std::uint32_t> corners;
-    for (std::size_t n = 0; n < most; ++n) {
-        for (const std::uint32_t corner : {0, 1, 2, 0, 2, 3})
-            corners.push_back(std::uint32_t(4 * n) + corner);
-    }
+    const std::size_t faces = surface.size() / 4;
+    const std::size_t faces_in_batch = std::min(batch, faces);
+    const std::vector<std::uint32_t> corners = corners_of(faces_in_batch);
     glNamedBufferData(order.get(), GLsizeiptr(corners.size() * sizeof corners[0]), corners.data(),
                       GL_STATIC_DRAW);
     glVertexArrayVertexBuffer(array.get(), 0, vertices.get(), 0, sizeof(Vertex));
@@ -141,11 +161,12 @@ Image Painter::paint(std::span<const SurfaceVertex> surface, const Camera& camer
     attribute(array.get(), 1, 3, offsetof(Vertex, normal));
     attribute(array.get(), 2, 1, offsetof(Vertex, value));
     glBindVertexArray(array.get());
+    const glm::dvec3 reach = camera.reach();
     std::vector<Vertex> seen;
-    for (std::size_t begin = 0; begin < surface.size() / 4; begin += most) {
+    for (std::size_t begin = 0; begin < faces; begin += faces_in_batch) {
         seen.clear();
         for (const SurfaceVertex& vertex :
-             surface.subspan(4 * begin, 4 * std::min(most, surface.size() / 4 - begin))) {
+             surface.subspan(4 * begin, 4 * std::min(faces_in_batch, faces - begin))) {
             seen.push_back({glm::vec3(camera.seen(vertex.position) / reach),
                             glm::vec3(camera.turned(vertex.normal)), float(vertex.value)});
         }
@@ -153,6 +174,9 @@ Image Painter::paint(std::span<const SurfaceVertex> surface, const Camera& camer
                           GL_STREAM_DRAW);
         glDrawElements(GL_TRIANGLES, GLsizei(seen.size() / 4 * 6), GL_UNSIGNED_INT, nullptr);
     }
+}
+
+Image Painter::read_back() {
     glBlitNamedFramebuffer(target_.get(), result_.get(), 0, 0, size_.x, size_.y, 0, 0, size_.x, size_.y,
                            GL_COLOR_BUFFER_BIT, GL_NEAREST);
     std::vector<std::uint8_t> rows(4 * std::size_t(size_.x) * std::size_t(size_.y));
@@ -167,15 +191,15 @@ Image Painter::paint(std::span<const SurfaceVertex> surface, const Camera& camer
         const std::uint8_t* row = &rows[4 * std::size_t(size_.y - 1 - y) * std::size_t(size_.x)];
         std::copy(row, row + 4 * std::ptrdiff_t(size_.x), image.at(0, y));
     }
-    // Where a pixel is half body, half nothing, its colour came out half as bright.
-    for (std::size_t n = 0; n < image.pixels.size(); n += 4) {
-        const int opacity = image.pixels[n + 3];
-        if (opacity == 0 || opacity == 255) continue;
-        for (std::size_t c = 0; c < 3; ++c) {
-            image.pixels[n + c] =
-                std::uint8_t(std::min(255, (image.pixels[n + c] * 255 + opacity / 2) / opacity));
-        }
-    }
+    return image;
+}
+
+Image Painter::paint(std::span<const SurfaceVertex> surface, const Camera& camera, const Scale& scale) {
+    context_.make_current();
+    begin(camera, scale);
+    draw(surface, camera);
+    Image image = read_back();
+    divide_by_opacity(image);
     draw_legend(image, scale);
     return image;
 }

@@ -36,14 +36,15 @@ private:
 };
 
 /// Sides of a picture, in pixels.
-inline constexpr int least_side = 64;
-inline constexpr int most_side = 4096;
+inline constexpr int min_picture_side = 64;
+inline constexpr int max_picture_side = 4096;
 inline constexpr glm::ivec2 default_size{1280, 960};
 
 /// Draws pictures of one size. They have no background, and the same bits for the same input on one renderer.
 class Painter {
 public:
-    /// Sides from least_side to most_side. Throws Unavailable where there is no OpenGL, DeviceError.
+    /// Sides from min_picture_side to max_picture_side. Throws Unavailable where there is no OpenGL,
+    /// DeviceError.
     explicit Painter(glm::ivec2 size);
 
     const std::string& device() const { return context_.capabilities().device; }
@@ -55,8 +56,13 @@ public:
     Image paint(std::span<const SurfaceVertex> surface, const Camera& camera, const Scale& scale);
 
 private:
-    /// Pixels a unit of length, and the row of the camera's middle.
+    /// Pixels of a unit of length, and the row of the camera's middle.
     glm::dvec2 fit(const Camera& camera) const;
+    /// Empties the picture and sets what its shaders need.
+    void begin(const Camera& camera, const Scale& scale);
+    void draw(std::span<const SurfaceVertex> surface, const Camera& camera);
+    /// What was drawn, the body's edges averaged.
+    Image read_back();
 
     gl::Context context_;
     glm::ivec2 size_;

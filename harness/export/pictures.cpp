@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "backends/registry.h"
-#include "harness/export/export.h"
 #include "harness/verification/reference.h"
 
 namespace voxspring {

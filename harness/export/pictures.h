@@ -8,11 +8,10 @@
 #include <vector>
 
 #include "harness/export/painter.h"
+#include "harness/export/snapshot.h"
 #include "harness/scene/scene_runner.h"
 
 namespace voxspring {
-
-struct Snapshot;
 
 /// Draws a run's snapshots. Those that it has looked at before fix what all pictures have in common: a camera
 /// that has every one of them in view, and a scale to the largest value of any. A lone picture needs no look

@@ -21,26 +21,18 @@ namespace {
 
 constexpr int version = 1;
 constexpr std::string_view check_key = R"({"check":")";
-constexpr std::size_t check_digits = 32;
-
-std::string check_of(std::string_view text) {
-    Hash hash;
-    hash.add(text);
-    return hash.text();
-}
-
 /// `object`, which is not empty, with the check of all that follows it in front.
 std::string line_of(const nlohmann::json& object) {
     const std::string rest =
         "," + object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).substr(1);
-    return std::string(check_key) + check_of(rest) + "\"" + rest + "\n";
+    return std::string(check_key) + hash_of(rest) + "\"" + rest + "\n";
 }
 
 /// The object of a line without its end; nothing if it is not as it was written.
 std::optional<nlohmann::json> object_of(std::string_view line) {
-    const std::size_t rest = check_key.size() + check_digits + 1;
+    const std::size_t rest = check_key.size() + hash_digits + 1;
     if (line.size() < rest || !line.starts_with(check_key) ||
-        line.substr(check_key.size(), check_digits) != check_of(line.substr(rest)))
+        line.substr(check_key.size(), hash_digits) != hash_of(line.substr(rest)))
         return std::nullopt;
     return nlohmann::json::parse(line);
 }

@@ -1,5 +1,7 @@
 #include "harness/scene/scene.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -23,9 +25,7 @@ namespace voxspring {
 namespace {
 
 std::string join(const std::vector<std::int64_t>& labels) {
-    std::string text;
-    for (const std::int64_t label : labels) text += (text.empty() ? "" : ", ") + std::to_string(label);
-    return text;
+    return fmt::format("{}", fmt::join(labels, ", "));
 }
 
 bool ends_with(const std::string& text, const std::string& end) {

@@ -169,9 +169,7 @@ std::string fingerprint_of_program() {
     std::ifstream program("/proc/self/exe", std::ios::binary);
     std::ostringstream bytes;
     bytes << program.rdbuf();
-    Hash hash;
-    hash.add(bytes.str());
-    return hash.text();
+    return hash_of(bytes.str());
 }
 
 /// One run of one study.

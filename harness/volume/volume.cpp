@@ -1,11 +1,12 @@
 #include "harness/volume/volume.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <limits>
 #include <map>
-#include <sstream>
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/readers.h"
@@ -57,12 +58,6 @@ VoxelGrid inactive_grid(const Volume& volume) {
             std::vector<std::uint8_t>(volume.data.size() / bytes_of(volume.type))};
 }
 
-std::string format(double value) {
-    std::ostringstream text;
-    text << value;
-    return text.str();
-}
-
 /// The distinct values other than zero, which must be at most 255 whole numbers.
 std::vector<std::int64_t> occurring_labels(const Volume& volume) {
     std::vector<std::int64_t> labels;
@@ -70,7 +65,7 @@ std::vector<std::int64_t> occurring_labels(const Volume& volume) {
     for_each_value(volume, [&](std::size_t voxel, double value) {
         if (value == latest || value == 0) return;
         if (!(std::abs(value) <= double(max_label)) || std::floor(value) != value) {
-            throw BadInput(volume.file, "voxel " + std::to_string(voxel), format(value),
+            throw BadInput(volume.file, "voxel " + std::to_string(voxel), fmt::format("{:g}", value),
                            "whole numbers where materials are given per label");
         }
         latest = value;
@@ -182,8 +177,8 @@ LabelledGrid above_threshold(const Volume& volume, double threshold) {
         }
     });
     if (!any) {
-        throw BadInput(volume.file, "threshold", format(threshold),
-                       "one below the largest value in the volume, " + format(largest) +
+        throw BadInput(volume.file, "threshold", fmt::format("{:g}", threshold),
+                       "one below the largest value in the volume, " + fmt::format("{:g}", largest) +
                            ", so that some voxel is active");
     }
     return result;
