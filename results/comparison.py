@@ -13,9 +13,9 @@ and goes, and spares some rows. Faster likewise. A row that is neither, but whos
 threshold, is too noisy to tell; the rest is the same.
 
 Of a row that its run marked (`noisy`), and of one with fewer than 9 repetitions, the noise counts as 10% at least:
-only a change beyond 30% is one. With fewer than 9, U can tell at 1% only if nearly all rows changed alike, and with
-fewer than 5 not even then; what is not slower or faster has too few repetitions. results/README.md says how often the
-rule is wrong.
+only a change beyond 30% is one. With 5 repetitions U can tell at 1% only if nearly all rows changed alike, and with
+fewer not even then; what is not slower or faster has too few repetitions. results/README.md says how often the rule is
+wrong.
 
 Errors are of one state and have no statistics: one grew if it is more than the error factor times what it was, or than
 what float64 is uncertain by if that is more.

@@ -136,6 +136,14 @@ class OtherVersions(InTemporaryFolder):
         for word in ("scalpel_1", "cuda_implicit_cached", read(OLD)["context"]["voxspring"]["commit"][:7]):
             self.assertIn(word, text)
 
+    def test_advise_reads_a_compressed_result(self):
+        result = RESULTS / "amd-epyc/pareto.json.gz"
+        plain = self.write("pareto.json", read(result))
+        said = [run(VOXSPRING, "advise", "box@32", "--error", 1e-4, "--results", path) for path in (result, plain)]
+        self.assertEqual(said[0].returncode, 0, said[0].stderr)
+        self.assertIn("best: ", said[0].stdout)
+        self.assertEqual(said[0].stdout, said[1].stdout)
+
     def test_every_reader_of_results_refuses_a_newer_one(self):
         readers = {
             "diff.py": lambda path: run(sys.executable, "results/diff.py", OLD, path),
@@ -147,7 +155,8 @@ class OtherVersions(InTemporaryFolder):
         kind = {"pareto.py": "pareto", "advise": "pareto", "stability.py": "stability"}
         for name, reader in readers.items():
             good = read(RESULTS / "amd-epyc" / f"{kind.get(name, 'fastest')}.json.gz")
-            for version in (2, 0, 1.5, "one"):
+            # The scripts share result_files.py.
+            for version in (2, 0, 1.5, "one") if name in ("diff.py", "advise") else (2,):
                 with self.subTest(name, version=version):
                     path = self.write("newer.json", good | {"schema_version": version})
                     self.assert_refused(reader(path), path, "schema_version", str(version), "1")
