@@ -64,7 +64,13 @@ struct Card::Library {
     Device device = nullptr;
     int (*shutdown)() = nullptr;
     int (*clock)(Device, int, unsigned*) = nullptr;
-    int (*processes)(Device, unsigned*, void*) = nullptr;
+    /// One entry of what `processes` fills.
+    struct Process {
+        unsigned pid;
+        unsigned long long used_memory;
+        unsigned gpu_instance, compute_instance;
+    };
+    int (*processes)(Device, unsigned*, Process*) = nullptr;
 
     template <class Function>
     void find(Function*& function, const char* name) const {
@@ -108,12 +114,32 @@ std::optional<unsigned> Card::clock_mhz() const {
     return mhz;
 }
 
-std::optional<unsigned> Card::process_count() const {
-    unsigned count = 0;
+std::optional<std::vector<pid_t>> Card::processes() const {
     if (library_->processes == nullptr) return std::nullopt;
-    const int answer = library_->processes(library_->device, &count, nullptr);
-    if (answer != Library::success && answer != Library::too_small) return std::nullopt;
-    return count;
+    // Room for some that begin between two calls.
+    constexpr int max_tries = 3;
+    std::vector<Library::Process> found(64);
+    for (int i = 0; i < max_tries; ++i) {
+        auto count = unsigned(found.size());
+        const int answer = library_->processes(library_->device, &count, found.data());
+        if (answer == Library::success) {
+            std::vector<pid_t> pids;
+            for (unsigned k = 0; k < count; ++k) pids.push_back(pid_t(found[k].pid));
+            return pids;
+        }
+        if (answer != Library::too_small) return std::nullopt;
+        found.resize(2 * std::max<std::size_t>(found.size(), count));
+    }
+    return std::nullopt;
+}
+
+unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& own) {
+    const auto is_own = [&](pid_t process) {
+        return std::find(own.all.begin(), own.all.end(), process) != own.all.end();
+    };
+    const auto known = unsigned(std::count_if(on_card.begin(), on_card.end(), is_own));
+    const auto all = unsigned(on_card.size());
+    return all - (known > 0 ? known : std::min(all, own.on_card));
 }
 
 std::vector<std::string> reasons_of_noise(const Observed& observed) {
@@ -126,22 +152,22 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
     if (observed.seconds.size() >= fewest) {
         const double median = quantile(observed.seconds, 0.5);
         const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
-        if (spread > most_spread)
+        if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
     }
     if (!observed.spins.empty()) {
         const auto [least, most] = std::minmax_element(observed.spins.begin(), observed.spins.end());
         const double change = *most / *least - 1;
-        if (change > most_clock_change) add("the processor's clock moved", "by " + percent(change));
+        if (change > max_clock_change) add("the processor's clock moved", "by " + percent(change));
     }
     if (!observed.waits.empty()) {
         const double waiting = quantile(observed.waits, 0.5);
-        if (waiting > most_waiting)
+        if (waiting > max_waiting)
             add("its threads waited for a processor", percent(waiting) + " of the time");
     }
     if (!observed.card_mhz.empty()) {
         const auto [least, most] = std::minmax_element(observed.card_mhz.begin(), observed.card_mhz.end());
-        if (*most > (1 + most_clock_change) * *least)
+        if (*most > (1 + max_clock_change) * *least)
             add("the card's clock moved",
                 "between " + std::to_string(*least) + " and " + std::to_string(*most) + " MHz");
     }

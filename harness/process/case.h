@@ -37,7 +37,8 @@ public:
     const char* what() const noexcept override { return "interrupted"; }
 };
 
-/// One of a scene's. Its process is started by the first question that the journal has no answer to.
+/// A backend with its options that runs a scene. Its process is started by the first question that the
+/// journal has no answer to.
 class Case {
 public:
     /// `scene` must outlive it.
@@ -59,6 +60,9 @@ public:
                        const OnEvent& on_event = {});
     /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
+
+    /// The process that it has now.
+    std::optional<pid_t> process() const;
 
     std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
 

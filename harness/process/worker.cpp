@@ -8,6 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstdint>
@@ -97,11 +98,11 @@ double cpu_seconds_of_process() {
 /// Returns once the threads of this process are idle. Those of OpenMP spin for some milliseconds after their
 /// work; a driver whose threads never rest is not waited for.
 void come_to_rest() {
-    constexpr double look = 1e-3, idle = 5e-5;  // seconds, and CPU seconds within them
-    constexpr int most_looks = 50;
+    constexpr double interval = 1e-3, idle = 5e-5;  // seconds, and CPU seconds within them
+    constexpr int max_checks = 50;
     double before = cpu_seconds_of_process();
-    for (int i = 0; i < most_looks; ++i) {
-        std::this_thread::sleep_for(Seconds(look));
+    for (int i = 0; i < max_checks; ++i) {
+        std::this_thread::sleep_for(Seconds(interval));
         const double now = cpu_seconds_of_process();
         if (now - before < idle) break;
         before = now;
@@ -178,7 +179,10 @@ int reap(pid_t process, Seconds patience) {
 
 Worker* Worker::last_asked_ = nullptr;
 
-Worker::Worker(const std::function<std::unique_ptr<Answerer>()>& make, Seconds timeout) : timeout_(timeout) {
+Worker::Worker(const std::function<std::unique_ptr<Answerer>()>& make, Seconds timeout)
+    // What a clock of nanoseconds in 64 bits has room for.
+    : timeout_(std::min(timeout, Seconds(1e8))) {
+    if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
         throw std::system_error(errno, std::generic_category(), "cannot start another process");

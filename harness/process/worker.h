@@ -38,12 +38,16 @@ public:
 /// rest, where they would take the cores that the next one is timed on.
 class Worker {
 public:
-    /// `make` is called in the new process, where it answers until the end. Throws std::system_error if there
-    /// can be no further process.
+    /// `make` is called in the new process, where it answers until the end. A `timeout` of more than three
+    /// years is one of three years. Throws std::invalid_argument unless it is positive, and std::system_error
+    /// if there can be no further process.
     Worker(const std::function<std::unique_ptr<Answerer>()>& make, std::chrono::duration<double> timeout);
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
     ~Worker();
+
+    /// Negative once it has ended.
+    pid_t process() const { return process_; }
 
     /// The answer. Throws WorkerLost if the process ends, or says nothing for as long as the time-out, while
     /// `doing` (it is then killed); Unavailable or DeviceError with the message of what its answerer threw.

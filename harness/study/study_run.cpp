@@ -12,9 +12,9 @@
 #include <thread>
 #include <utility>
 
-#include "backends/disk_cache.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/executable.h"
 #include "harness/base/files.h"
 #include "harness/base/interruption.h"
 #include "harness/base/progress.h"
@@ -164,12 +164,12 @@ BackendSpec spec_of_label(const std::string& label) {
                               (tuning.empty() ? "" : "," + tuning));
 }
 
-/// Of the executable itself: a commit may have been built in two ways, and a tree may differ from its commit.
-std::string fingerprint_of_program() {
-    std::ifstream program("/proc/self/exe", std::ios::binary);
-    std::ostringstream bytes;
-    bytes << program.rdbuf();
-    return hash_of(bytes.str());
+/// Whether a scene is of this program rather than of a file, which may change.
+bool is_builtin(const std::string& scene) {
+    const std::vector<BuiltinScene> all = builtin_scenes();
+    const std::string name = scene.substr(0, scene.rfind('@'));
+    return !std::filesystem::exists(scene) &&
+           std::any_of(all.begin(), all.end(), [&](const auto& builtin) { return builtin.name == name; });
 }
 
 /// One run of one study.
@@ -229,7 +229,11 @@ public:
                 for (const BackendSpec& spec : known_cases(study_, item, options_))
                     put("skipped", row_identity(item.scene, spec), refusal->second);
             } else {
-                run_scene(item);
+                try {
+                    run_scene(item);
+                } catch (const Interrupted&) {
+                    // While a reference was computed: no case is finished.
+                }
             }
             if (interrupted()) break;
             publish();
@@ -293,9 +297,9 @@ private:
         for (const StudyScene& item : study_.scenes) {
             scenes.push_back(
                 {item.scene, item.steps, item.backends, item.map, int(item.lengths), item.rewind});
-            // What a file holds may have changed since, or what another program built; built-in scenes are of
-            // this one.
-            const bool may_change = item.built != nullptr || std::filesystem::exists(item.scene);
+            // What a file holds, or a volume that it names, may have changed since, or what another program
+            // built; built-in scenes are of this one.
+            const bool may_change = item.built != nullptr || !is_builtin(item.scene);
             if (may_change && !too_large_.contains(item.scene))
                 files[item.scene] = fingerprint_of(*scenes_.of(study_, item));
         }
@@ -310,7 +314,7 @@ private:
                 {"total_error", study_.total_error},
                 {"time_steps", study_.time_steps},
                 {"commit", build.at("commit")},
-                {"program", fingerprint_of_program()},
+                {"program", fingerprint_of_executable()},
                 {"cpu", build.at("cpu")}};
     }
 
@@ -320,6 +324,8 @@ private:
         if (options_.resume && !std::filesystem::exists(file, none) && is_finished(*options_.out))
             throw BadInput("command line", "--resume", options_.out->string(),
                            "a study that was cut short; this one is finished");
+        if (options_.resume && !std::filesystem::exists(file, none))
+            std::cerr << "voxspring: there is no " << file.string() << " to resume: the study begins\n";
         journal_ = std::make_unique<Journal>(file, description(), options_.resume);
         if (!journal_->note().empty()) std::cerr << "voxspring: " << journal_->note() << "\n";
         if (journal_->sessions() > 1) context_["study"]["sessions"] = journal_->sessions();
@@ -347,9 +353,10 @@ private:
             const auto look = [](const Backend& backend) { return to_json(backend.capabilities()); };
             if (const auto failure = failure_of([&] { now = look_at(spec, look, options_.timeout); }))
                 now = *failure;
-            if (now != known)
-                throw BadInput(options_.out->string() + ".journal", "device of " + spec.entry->name,
-                               known.dump(), "what there is here, " + now.dump());
+            if (now == known) return;
+            const Difference other = first_difference(known, now);
+            throw BadInput(options_.out->string() + ".journal", other.where + " of " + spec.entry->name,
+                           other.there, "what there is here, " + other.here);
         });
     }
 
@@ -590,7 +597,12 @@ private:
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     MeasuredLimits limits_;
     std::unique_ptr<Card> card_;  ///< null: there is none, or it cannot be watched
-    References references_;
+    References references_{DiskCache{}, [this](int done, int steps) {
+                               if (interrupted()) throw Interrupted();
+                               progress_->show("float64 reference, " + std::to_string(done) + " of " +
+                                                   std::to_string(steps) + " steps",
+                                               0, 1);
+                           }};
     StressReferences stress_references_;
     std::map<std::string, double> particles_;  ///< of each scene that fits
     std::unique_ptr<Progress> progress_;
