@@ -78,7 +78,7 @@ public:
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         this->write_masks(edit);
         if (own_.empty() && edited.springs.empty()) return;
         const auto changes = own_.change(edited, edit, slices_);
@@ -130,23 +130,10 @@ private:
     }
 
     int registers_for(const Problem& problem) const {
-        if (registers_ != "auto") return std::stoi(registers_);
-        constexpr int many = 64;
-        const std::size_t at_once = std::size_t(this->device().multiprocessors()) * most_threads *
-                                    std::size_t(this->blocks_with(many, most_threads));
-        // All threads run at once: room for more of them is of no use.
-        if (problem.particle_count() <= at_once) return many;
-        switch (this->formulation()) {
-            case Formulation::paper:
-            case Formulation::position:
-            case Formulation::displacement:
-                return 40;
-            case Formulation::increment:
-                return 48;
-            case Formulation::compensated:
-                break;
-        }
-        return many;
+        constexpr RegisterChoice choice{
+            .on_positions = 40, .displacement = 40, .increment = 48, .compensated = 64};
+        return ParticleBackend<Real, DeltaStep<Real>>::registers_for(registers_, problem.particle_count(),
+                                                                     most_threads, {64}, choice);
     }
 
     std::string refused(const Problem& problem) const override {

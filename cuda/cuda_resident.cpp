@@ -4,7 +4,9 @@
 #include <memory>
 #include <optional>
 
+#include "backends/layout/blocks.h"
 #include "backends/layout/resident_layout.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -89,7 +91,7 @@ public:
 
     /// Every table anew: which particles a block steps stays, but not what its neighbours are.
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        follow(edited);
+        set_problem(edited);
         if (edit.empty()) return;
         synchronize();
         Launch launch = prepare(edited);
@@ -166,10 +168,7 @@ private:
     std::string refused(const Problem& problem) const override {
         if (!device().launches_together()) return "the device has no cooperative launches";
         if (problem.particle_count() == 0) return "there is no particle to reside";
-        if (problem.lattice.voxel_count() == 0)
-            return "resident blocks are made of a regular grid and the network lies on none";
-        if (!problem.springs.empty())
-            return "resident blocks have no place for springs between particles that are no grid neighbours";
+        if (std::string why = beyond_grid(problem); !why.empty()) return why;
         if (problem.has_materials())
             return "resident blocks have one stiffness a spring group, and the scene has several materials";
         const auto most = std::size_t(device().multiprocessors()) * most_resident_lanes;

@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <memory>
 
+#include "backends/layout/spring_array.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -60,7 +62,7 @@ public:
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         const std::vector<EditedSpring<Real>> springs = slots_.template slots_of<Real>(edit);
         const bool needs_own_rest = !edited.springs.empty() && !on_positions(this->formulation());
         if (slots_.used() > ends_.size() || (needs_own_rest && own_rest_.size() == 0)) {

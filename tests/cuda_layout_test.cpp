@@ -14,8 +14,12 @@
 #include <tuple>
 #include <utility>
 
+#include "backends/layout/blocks.h"
 #include "backends/layout/delta_lists.h"
-#include "backends/layout/layout.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
+#include "backends/layout/spring_array.h"
+#include "backends/layout/springs.h"
 #include "backends/registry.h"
 #include "cuda/kernels/delta.h"
 #include "cuda/kernels/edit.h"

@@ -12,8 +12,8 @@
 #include <string>
 #include <tuple>
 
-#include "backends/layout/layout.h"
 #include "backends/layout/march_layout.h"
+#include "backends/layout/springs.h"
 #include "backends/physics/inverse_root.h"
 #include "backends/registry.h"
 #include "cuda/kernels/march.h"

@@ -11,10 +11,14 @@
 #include <string>
 #include <vector>
 
+#include "backends/layout/blocks.h"
 #include "backends/layout/delta_lists.h"
-#include "backends/layout/layout.h"
 #include "backends/layout/march_layout.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
 #include "backends/layout/resident_layout.h"
+#include "backends/layout/spring_array.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "tests/support.h"
 

@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "backends/gl/compute_backend.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 
 namespace voxspring {

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "backends/gl/compute_backend.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 
 namespace voxspring {
@@ -48,11 +49,7 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
-        if (problem.lattice.voxel_count() == 0)
-            return "implicit addressing needs a regular grid and the network lies on none";
-        if (!problem.springs.empty())
-            return "implicit addressing has no place for springs between particles that are no grid "
-                   "neighbours";
+        if (std::string why = cuda::beyond_grid(problem); !why.empty()) return why;
         const auto shared = std::size_t(context().max_shared_memory());
         if (tiled_ && tile_bytes() > shared)
             return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +

@@ -4,6 +4,9 @@
 #include <array>
 #include <set>
 
+#include "backends/layout/rounding.h"
+#include "backends/layout/springs.h"
+
 namespace voxspring::cuda {
 namespace {
 
@@ -22,10 +25,6 @@ constexpr std::array<std::array<int, 2>, row_count> row_offsets = {{
     NEIGHBOUR_ROWS(OFFSET)
 #undef OFFSET
 }};
-
-std::uint32_t rounded_up(std::size_t slots) {
-    return std::uint32_t((slots + own_chunk - 1) / own_chunk * own_chunk);
-}
 
 /// The list of a run while particles join it.
 class GrowingList {
@@ -172,9 +171,9 @@ Placement place_guarded(const Problem& problem) {
 DeltaLists compress_lists(const Problem& problem) {
     const std::size_t particles = problem.particle_count();
     DeltaLists compressed;
-    compressed.slices.resize((particles + slice_particles - 1) / slice_particles);
+    compressed.slices.resize(units_of(particles, std::size_t(slice_particles)));
     const std::vector<std::uint32_t> particle = particle_of_voxel(problem.lattice);
-    std::vector<std::vector<RowDeltas>> lists((particles + chunk_particles - 1) / chunk_particles);
+    std::vector<std::vector<RowDeltas>> lists(units_of(particles, chunk_particles));
 #pragma omp parallel for schedule(dynamic)
     for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(lists.size()); ++n) {
         const auto chunk = std::size_t(n);
@@ -235,7 +234,7 @@ template <class Real>
 void OwnLists<Real>::extend(std::uint32_t number, Slice& slice, std::uint32_t slots) {
     const Slice old = slice;
     slice.own_begin = std::uint32_t(columns());
-    slice.own_slots = rounded_up(slots);
+    slice.own_slots = rounded_up(slots, std::uint32_t(own_chunk));
     const std::size_t size = (std::size_t(slice.own_begin) + slice.own_slots) * slice_particles;
     neighbour_.resize(size);
     constants_.resize(size, {0, 0});

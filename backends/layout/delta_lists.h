@@ -5,8 +5,11 @@
 #include <span>
 #include <vector>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/blocks.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
 #include "backends/layout/records/delta.h"
+#include "backends/layout/records/edit.h"
 
 namespace voxspring::cuda {
 

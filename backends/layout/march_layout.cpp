@@ -8,14 +8,13 @@
 #include <queue>
 #include <utility>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/rounding.h"
+#include "backends/layout/springs.h"
 
 namespace voxspring::cuda {
 namespace {
 
 constexpr int most_rows = 2;
-
-int ceiling(int value, int unit) { return (value + unit - 1) / unit; }
 
 /// The first lattice direction of each spring class.
 constexpr std::array<glm::ivec3, spring_classes> class_offsets = {glm::ivec3{1, 0, 0}, {0, 1, 0}, {0, 0, 1},
@@ -102,8 +101,8 @@ public:
           right_(bits_where([](glm::ivec3 o) { return o.x > 0; })),
           below_(bits_where([](glm::ivec3 o) { return o.z < 0; })),
           above_(bits_where([](glm::ivec3 o) { return o.z > 0; })),
-          tiles_x_(ceiling(lattice_->dims.x, shape.width())),
-          tiles_y_(ceiling(lattice_->dims.y, shape.height())),
+          tiles_x_(units_of(lattice_->dims.x, shape.width())),
+          tiles_y_(units_of(lattice_->dims.y, shape.height())),
           masks_(lattice_->voxel_count()) {
         const auto particles = std::ptrdiff_t(lattice_->voxel.size());
 #pragma omp parallel for
@@ -236,7 +235,7 @@ private:
 
 /// The lengths of the parts that a run of planes is cut into, none longer than `most`.
 std::vector<int> parts_of(const MarchItem& run, int most) {
-    const int length = run.end - run.begin, count = ceiling(length, most);
+    const int length = run.end - run.begin, count = units_of(length, most);
     std::vector<int> parts;
     for (int part = 0; part < count; ++part)
         parts.push_back(length * (part + 1) / count - length * part / count);
@@ -267,8 +266,8 @@ int best_length(const std::vector<MarchItem>& runs, int slots) {
     int longest = 1;
     for (const MarchItem& run : runs) longest = std::max(longest, run.end - run.begin);
     int best = longest, least = std::numeric_limits<int>::max();
-    for (int parts = 1; parts == 1 || ceiling(longest, parts) >= shortest; ++parts) {
-        const int length = ceiling(longest, parts);
+    for (int parts = 1; parts == 1 || units_of(longest, parts) >= shortest; ++parts) {
+        const int length = units_of(longest, parts);
         std::vector<int> lengths;
         for (const MarchItem& run : runs) {
             const std::vector<int> of_run = parts_of(run, length);
@@ -326,8 +325,7 @@ std::string best_march_tile(const Problem& problem, Precision precision, std::si
 
 Axes march_axes(const Lattice& lattice, std::size_t real_bytes) {
     constexpr std::size_t line = 128;
-    const std::size_t row =
-        (std::size_t(lattice.dims.x) * real_bytes + line - 1) / line * (line / real_bytes);
+    const std::size_t row = rounded_up(std::size_t(lattice.dims.x) * real_bytes, line) / real_bytes;
     const std::size_t plane = row * std::size_t(lattice.dims.y);
     return {row, plane, plane * std::size_t(lattice.dims.z)};
 }
@@ -422,10 +420,10 @@ MarchPlan plan_march(const Problem& problem, const MarchShape& shape, int slots)
 }
 
 std::uint64_t most_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
-    const std::uint64_t tiles = std::uint64_t(ceiling(lattice.dims.x, shape.width())) *
-                                std::uint64_t(ceiling(lattice.dims.y, shape.height()));
+    const std::uint64_t tiles = std::uint64_t(units_of(lattice.dims.x, shape.width())) *
+                                std::uint64_t(units_of(lattice.dims.y, shape.height()));
     // An item has one plane of words more than planes, and there is an empty plane between two runs.
-    const std::uint64_t items = tiles * std::uint64_t(ceiling(lattice.dims.z, 2));
+    const std::uint64_t items = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
     const std::uint64_t planes = tiles * std::uint64_t(lattice.dims.z) + items;
     return items * sizeof(MarchItem) + planes * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);
 }

@@ -4,6 +4,8 @@
 #include <array>
 
 #include "backends/layout/records/delta.h"
+#include "backends/layout/records/scatter.h"
+#include "backends/layout/rounding.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring::cuda {
@@ -159,7 +161,7 @@ template <class Real>
 StepWork delta_work(const Problem& problem, Formulation formulation) {
     StepWork work = implicit_work<Real>(problem, formulation);
     const std::uint64_t own_ends = 2 * count_springs(problem).beyond;
-    work.bytes += (problem.particle_count() + slice_particles - 1) / slice_particles * sizeof(Slice) +
+    work.bytes += units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
                   own_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
                               (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>)));
     work.operations += own_ends;  // the stiffness

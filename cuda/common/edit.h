@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/neighbour_lists.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"
 #include "cuda/kernels/edit.h"

@@ -3,6 +3,7 @@
 #include <numeric>
 #include <utility>
 
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -53,7 +54,7 @@ public:
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         if (edit.empty()) return;
         const ExplicitStep<Real>& step = this->launch().step;
         const bool secondary = options_.has_secondary(edited);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -73,7 +74,7 @@ public:
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         this->write_masks(edit);
         resting_.wake(this->current(), this->stream());
     }
@@ -92,11 +93,7 @@ public:
 
 private:
     std::string refused(const Problem& problem) const override {
-        if (problem.lattice.voxel_count() == 0)
-            return "implicit addressing needs a regular grid and the network lies on none";
-        if (!problem.springs.empty())
-            return "implicit addressing has no place for springs between particles that are no grid "
-                   "neighbours";
+        if (std::string why = beyond_grid(problem); !why.empty()) return why;
         if (tiled_ && tile_bytes() > this->device().shared_bytes())
             return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
                    std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
@@ -151,36 +148,22 @@ private:
         return source;
     }
 
-    bool runs_at_once(dim3 grid, int registers) const {
-        const std::size_t threads =
-            std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
-        return threads <= std::size_t(this->device().multiprocessors()) * most_threads *
-                              std::size_t(this->blocks_with(registers, most_threads));
+    std::size_t threads_of(dim3 grid) const {
+        return std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
     }
 
     int registers_for(dim3 grid) const {
-        if (registers_ != "auto") return std::stoi(registers_);
-        for (const int many : {128, 64}) {
-            if (runs_at_once(grid, many)) return many;
-        }
-        // What was fastest on an H200, box 160^3 and 256^3 (study `tuning`).
-        switch (this->formulation()) {
-            case Formulation::paper:
-            case Formulation::position:
-                return 32;
-            case Formulation::displacement:
-                return 40;
-            case Formulation::increment:
-                return 48;
-            case Formulation::compensated:
-                break;
-        }
-        return 64;
+        // Box 160^3 and 256^3 (study `tuning`).
+        constexpr RegisterChoice choice{
+            .on_positions = 32, .displacement = 40, .increment = 48, .compensated = 64};
+        return ParticleBackend<Real, ImplicitStep<Real>>::registers_for(registers_, threads_of(grid),
+                                                                        most_threads, {128, 64}, choice);
     }
 
     /// Where all threads run at once the vote is one more thing to wait for.
     bool votes(dim3 grid) const {
-        return interior_ == "auto" ? !runs_at_once(grid, 64) : interior_ == "vote";
+        return interior_ == "auto" ? !this->run_at_once(threads_of(grid), 64, most_threads)
+                                   : interior_ == "vote";
     }
 
     /// Of a thread that takes several blocks, and keeps what it compares with what it wrote: with 32 a step

@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <array>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/particles.h"
+#include "backends/layout/rounding.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/edit.h"
 #include "cuda/common/watch.h"
@@ -20,7 +22,7 @@ namespace voxspring::cuda {
 
 /// Blocks of `block` threads for `count` of them.
 inline unsigned blocks_for(std::size_t count, unsigned block) {
-    return unsigned((count + block - 1) / block);
+    return unsigned(units_of(count, std::size_t(block)));
 }
 
 /// The type of kernels/fetch.h by which kernels read positions.
@@ -45,6 +47,16 @@ struct KernelFamily {
     /// SM. `more_terms`: beyond terms_of(problem).
     KernelSource source(const std::string& file, const Problem& problem, int threads, int blocks,
                         std::uint32_t more_terms = 0) const;
+};
+
+/// Registers of a thread in float32 where not all threads run at once: what was fastest on an H200.
+struct RegisterChoice {
+    int on_positions, displacement, increment, compensated;
+    int of(Formulation formulation) const {
+        if (voxspring::on_positions(formulation)) return on_positions;
+        if (formulation == Formulation::displacement) return displacement;
+        return formulation == Formulation::increment ? increment : compensated;
+    }
 };
 
 /// Bytes of the arrays that ParticleBackend keeps.
@@ -72,10 +84,8 @@ public:
         out(packed.current_low, low_[std::size_t(current())]);
         out(packed.increment, increment_);
         out(packed.increment_low, increment_low_);
-        return unpack(*problem_, packed, placement_, family_.formulation);
+        return unpack(problem(), packed, placement_, family_.formulation);
     }
-
-    double compile_seconds() const final { return compile_seconds_; }
 
 protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family) {}
@@ -90,12 +100,6 @@ protected:
     const KernelFamily& family() const { return family_; }
     Formulation formulation() const { return family_.formulation; }
 
-    /// To be called first in upload().
-    void start_compiling() { compile_seconds_ = 0; }
-    std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
-        return Kernel::get(source, device(), compile_seconds_);
-    }
-
     /// Blocks of `threads` that an SM has room for when a thread has `registers`, twice as many in float64.
     int blocks_with(int registers, int threads) const {
         constexpr int registers_per_sm = 65536;  // of every architecture
@@ -104,11 +108,27 @@ protected:
         return std::clamp(registers_per_sm / (threads * registers * width), 1, at_most);
     }
 
+    /// Whether all of `threads` threads run at once, in blocks of `block` with `registers` a thread.
+    bool run_at_once(std::size_t threads, int registers, int block) const {
+        return threads <= std::size_t(device().multiprocessors()) * std::size_t(block) *
+                              std::size_t(blocks_with(registers, block));
+    }
+    /// Registers of a thread: `tuned` or, where that is "auto", the first of `plenty` with which all threads
+    /// run at once, for then room for more of them is of no use; else what `choice` says.
+    int registers_for(const std::string& tuned, std::size_t threads, int block,
+                      std::initializer_list<int> plenty, const RegisterChoice& choice) const {
+        if (tuned != "auto") return std::stoi(tuned);
+        for (const int many : plenty) {
+            if (run_at_once(threads, many, block)) return many;
+        }
+        return choice.of(family_.formulation);
+    }
+
     /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points
     /// the step's motion at the arrays kept here.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
-        problem_ = &problem;
+        set_problem(problem);
         placement_ = placement;
         bool moved = false;
         {
@@ -141,9 +161,6 @@ protected:
         this->forget_graphs();
     }
     const Launch& launch() const { return launch_; }
-
-    /// From here on the particles have `edited`'s springs; the caller sees to it.
-    void follow(const Problem& edited) { problem_ = &edited; }
 
     /// x(t) of every word.
     Word<Real>* current_words() const { return words_[std::size_t(current())].data(); }
@@ -238,7 +255,6 @@ private:
     }
 
     const KernelFamily family_;
-    const Problem* problem_ = nullptr;
     Placement placement_;
     Pair words_, low_;
     std::array<std::array<Texture, 2>, 2> textures_;  // of words_ and low_
@@ -247,7 +263,6 @@ private:
     Buffer<Real> inverse_masses_;
     Staging<EditedWord> edited_words_;
     Launch launch_{};
-    double compile_seconds_ = 0;
 };
 
 }  // namespace voxspring::cuda

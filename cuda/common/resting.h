@@ -7,7 +7,7 @@
 #include <string>
 
 #include "backends/backend.h"
-#include "backends/layout/layout.h"
+#include "backends/layout/blocks.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"

@@ -8,7 +8,7 @@ namespace voxspring::cuda {
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
     int x, y, z;
-    int place;  ///< of the block (BlockGrid of backends/layout/layout.h)
+    int place;  ///< of the block (BlockGrid of backends/layout/blocks.h)
     bool operator==(const BlockOrigin&) const = default;
 };
 
