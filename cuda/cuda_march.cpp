@@ -20,14 +20,14 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int least_architecture = 90;  // has the copy engine
+constexpr int min_architecture = 90;  // has the copy engine
 
 MarchTile tile_of(const std::string& tuned, const Problem& problem, Precision precision,
                   std::size_t shared_bytes) {
     return march_tile(tuned == "auto" ? best_march_tile(problem, precision, shared_bytes) : tuned, precision);
 }
 
-std::uint64_t state_bytes(const Axes& axes, Formulation formulation, std::size_t real_bytes) {
+std::uint64_t state_bytes(const SoaStrides& axes, Formulation formulation, std::size_t real_bytes) {
     return (by_increments(formulation) ? 3 : 2) * axes.size() * real_bytes;
 }
 
@@ -45,7 +45,7 @@ decltype(&cuTensorMapEncodeTiled) encode_function() {
 
 /// Boxes of width x height voxels of one plane and all three axes of the vectors at `data`.
 template <class Real>
-TensorMap tensor_map(Real* data, const Lattice& lattice, const Axes& axes, int width, int height) {
+TensorMap tensor_map(Real* data, const Lattice& lattice, const SoaStrides& axes, int width, int height) {
     static const auto encode = encode_function();
     constexpr auto type =
         sizeof(Real) == sizeof(float) ? CU_TENSOR_MAP_DATA_TYPE_FLOAT32 : CU_TENSOR_MAP_DATA_TYPE_FLOAT64;
@@ -99,7 +99,7 @@ public:
         this->start_compiling();
         this->set_problem(problem);
         tile_ = tile_for(problem);
-        axes_ = march_axes(problem.lattice, sizeof(Real));
+        axes_ = march_strides(problem.lattice, sizeof(Real));
         {
             const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
             positions_[0].upload(packed.current, this->stream());
@@ -166,7 +166,7 @@ private:
         const MarchShape shape = tile_for(problem).shape;
         if (shape.warps() == 0) return "tiles of " + tuned_ + " are not for " + to_string(precision);
         const int architecture = this->device().architecture();
-        if (architecture < least_architecture)
+        if (architecture < min_architecture)
             return "compute capability " + std::to_string(architecture / 10) + "." +
                    std::to_string(architecture % 10) + " has no tensor copies, which came with 9.0";
         if (std::string why = beyond_grid(problem); !why.empty()) return why;
@@ -182,8 +182,8 @@ private:
         return {};
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
-        return state_bytes(march_axes(problem.lattice, sizeof(Real)), formulation_, sizeof(Real)) +
-               most_plan_bytes(problem.lattice, tile_for(problem).shape);
+        return state_bytes(march_strides(problem.lattice, sizeof(Real)), formulation_, sizeof(Real)) +
+               max_plan_bytes(problem.lattice, tile_for(problem).shape);
     }
     std::uint64_t bytes_held() const override {
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes() + items_.bytes() +
@@ -233,7 +233,7 @@ private:
     const Formulation formulation_;
     const std::string tuned_;
     MarchTile tile_{};
-    Axes axes_;
+    SoaStrides axes_;
     std::array<Buffer<Real>, 2> positions_;
     Buffer<Real> increment_;
     Buffer<MarchItem> items_;
@@ -247,8 +247,8 @@ std::uint64_t march_bytes(const Problem& problem, const Options& options) {
     // Of a card with room for any tile.
     const MarchTile tile = tile_of(options.tuning.at("tile"), problem, options.precision,
                                    std::numeric_limits<std::size_t>::max());
-    return state_bytes(march_axes(problem.lattice, real), options.formulation, real) +
-           (tile.shape.warps() == 0 ? 0 : most_plan_bytes(problem.lattice, tile.shape));
+    return state_bytes(march_strides(problem.lattice, real), options.formulation, real) +
+           (tile.shape.warps() == 0 ? 0 : max_plan_bytes(problem.lattice, tile.shape));
 }
 
 std::unique_ptr<Backend> make_march(const Options& options) {

@@ -55,9 +55,9 @@ TEST_P(Compiler, CompilesEveryKernel) {
                         source.macros["FETCH"] = fetch;
                         const std::string terms =
                             everything ? std::to_string(NEIGHBOUR_BITS) + "u," +
-                                             std::to_string(all_terms | term_own_rests | term_own_springs |
-                                                            term_interior | term_refined_root | term_resting |
-                                                            term_flush) +
+                                             std::to_string(all_terms | term_off_lattice_rests |
+                                                            term_off_lattice_springs | term_full_stencil |
+                                                            term_refined_root | term_resting | term_flush) +
                                              "u,true"
                                        : std::to_string(FACE_BITS | EDGE_BITS) + "u," +
                                              std::to_string(term_gravity | term_pins) + "u,false";

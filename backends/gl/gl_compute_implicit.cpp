@@ -65,7 +65,7 @@ private:
 
     Layout lay_out(const Problem& problem) override {
         Layout layout{place(problem), problem.lattice.mask, {}};
-        std::vector<cuda::BlockOrigin> origins = cuda::active_blocks(problem.lattice, shape_);
+        std::vector<cuda::BlockOrigin> origins = cuda::occupied_blocks(problem.lattice, shape_);
         const glm::ivec3 dims = problem.lattice.dims;
         layout.groups = groups(dims);
         has_origins_ = !origins.empty();
@@ -145,7 +145,7 @@ const Registered entry({
                    (gl::needs_materials(problem, options.tuning.at("terms") == "all")
                         ? placement.words * sizeof(float)
                         : 0) +
-                   cuda::active_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
+                   cuda::occupied_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
         },
 });
 

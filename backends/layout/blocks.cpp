@@ -42,12 +42,12 @@ std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape) {
     return origins;
 }
 
-std::vector<BlockOrigin> active_blocks(const Lattice& lattice, BlockShape shape) {
+std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape) {
     std::vector<BlockOrigin> origins = list_blocks(lattice, shape);
     const std::int64_t x = units_of(lattice.dims.x, shape.x), y = units_of(lattice.dims.y, shape.y),
                        z = units_of(lattice.dims.z, shape.z);
-    constexpr int most_blocks = 65535;  // along y and z
-    if (std::int64_t(origins.size()) == x * y * z && y <= most_blocks && z <= most_blocks) return {};
+    constexpr int max_blocks = 65535;  // along y and z
+    if (std::int64_t(origins.size()) == x * y * z && y <= max_blocks && z <= max_blocks) return {};
     return origins;
 }
 

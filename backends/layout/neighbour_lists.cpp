@@ -104,13 +104,14 @@ std::size_t append(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t
 
 // Appends a spring beyond the lattice to the list `row` of `particle`.
 template <class Real>
-void append_own(NeighbourLists<Real>& lists, const Problem& problem, std::uint32_t row,
-                std::uint32_t particle, const Spring& spring, Formulation formulation) {
+void append_off_lattice(NeighbourLists<Real>& lists, const Problem& problem, std::uint32_t row,
+                        std::uint32_t particle, const Spring& spring, Formulation formulation) {
     const std::uint32_t neighbour = spring.first == particle ? spring.second : spring.first;
     const std::size_t at = append(lists, row, entry_of(neighbour, -1, formulation), spring.stiffness,
                                   listed_length<Real>(spring, formulation));
     if (!on_positions(formulation))
-        lists.own_rest[at] = own_rest_of<Real>(problem, particle, neighbour, spring.rest_length);
+        lists.off_lattice_rest[at] =
+            off_lattice_rest_of<Real>(problem, particle, neighbour, spring.rest_length);
 }
 
 template <class Real>
@@ -125,7 +126,8 @@ std::array<Real, neighbour_count> listed_lengths(const Problem& problem, Formula
 template <class Real>
 void start_constants(NeighbourLists<Real>& lists, const Problem& problem, Formulation formulation) {
     lists.constants.resize(lists.neighbour.size(), {0, 0});
-    if (!problem.springs.empty() && !on_positions(formulation)) lists.own_rest.resize(lists.neighbour.size());
+    if (!problem.springs.empty() && !on_positions(formulation))
+        lists.off_lattice_rest.resize(lists.neighbour.size());
 }
 
 template <class Real>
@@ -175,8 +177,8 @@ NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, 
         });
     }
     for (const Spring& spring : problem.springs) {
-        append_own(lists, problem, spring.first, spring.first, spring, formulation);
-        append_own(lists, problem, spring.second, spring.second, spring, formulation);
+        append_off_lattice(lists, problem, spring.first, spring.first, spring, formulation);
+        append_off_lattice(lists, problem, spring.second, spring.second, spring, formulation);
     }
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
@@ -216,8 +218,8 @@ EditedLists<Real> edited_by_springs(const Problem& problem, const SpringEdit& ed
         const std::uint32_t particle = edit.touched[row].particle;
         for (const ListedSpring& s : edit.springs_of(edit.touched[row])) {
             if (s.bit < 0) {
-                append_own(edited.lists, problem, row, particle,
-                           Spring{particle, s.neighbour, s.stiffness, s.rest_length}, formulation);
+                append_off_lattice(edited.lists, problem, row, particle,
+                                   Spring{particle, s.neighbour, s.stiffness, s.rest_length}, formulation);
             } else {
                 append(edited.lists, row, entry_of(s.neighbour, s.bit, formulation), s.stiffness,
                        lengths[std::size_t(s.bit)]);

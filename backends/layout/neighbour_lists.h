@@ -21,7 +21,7 @@ struct NeighbourLists {
     std::vector<std::uint32_t> neighbour;
     std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without
     /// Of springs beyond the lattice, by displacements; empty if there are none.
-    std::vector<SpringRest<Real>> own_rest;
+    std::vector<SpringRest<Real>> off_lattice_rest;
     std::vector<std::uint32_t> bits;            ///< one a particle: counters, active and pinned
     std::array<std::uint32_t, 3> first_slot{};  ///< of each group, without the secondary list
 };

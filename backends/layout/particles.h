@@ -13,7 +13,7 @@
 namespace voxspring::cuda {
 
 /// Indices of words are of type int.
-inline constexpr std::size_t most_words = 0x7FFFFFFF;
+inline constexpr std::size_t max_words = 0x7FFFFFFF;
 
 /// Which word of an array a particle has.
 struct Placement {
@@ -34,9 +34,9 @@ Placement place_compact(const Problem& problem);
 /// are zero, and what a formulation has no use for is empty.
 template <class Real>
 struct PackedState {
-    std::vector<Word<Real>> current;      ///< x or u
-    std::vector<Word<Real>> previous;     ///< x or u at t - dt
-    std::vector<Word<Real>> current_low;  ///< low parts of u
+    std::vector<ParticleRecord<Real>> current;      ///< x or u
+    std::vector<ParticleRecord<Real>> previous;     ///< x or u at t - dt
+    std::vector<ParticleRecord<Real>> current_low;  ///< low parts of u
     /// v and its low parts: x of all words, then y, then z, increment_pitch() apart.
     std::vector<Real> increment, increment_low;
 };

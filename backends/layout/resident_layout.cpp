@@ -62,9 +62,9 @@ void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::s
 }
 
 // The particles of each block; `none` fills lanes of a row that have none.
-std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int most_blocks, bool rows) {
+std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max_blocks, bool rows) {
     std::vector<Item> items = items_of(problem, rows);
-    const std::size_t most = std::min(std::size_t(most_blocks), items.size());
+    const std::size_t most = std::min(std::size_t(max_blocks), items.size());
     std::size_t parts = most;
     if (rows) {
         // As many rows as the busiest block needs anyway, in as few blocks as hold them all.
@@ -345,11 +345,11 @@ std::string too_much_for_a_block(const ResidentLayout& layout) {
         return std::to_string(value) + " " + what + " exceed the " + std::to_string(most) +
                " that a resident block may have";
     };
-    if (layout.lanes > most_resident_lanes) return beyond(layout.lanes, most_resident_lanes, "particles");
-    if (layout.rounds > most_resident_rounds)
-        return beyond(layout.rounds * layout.pollers, most_resident_rounds * layout.pollers,
+    if (layout.lanes > max_resident_lanes) return beyond(layout.lanes, max_resident_lanes, "particles");
+    if (layout.rounds > max_resident_rounds)
+        return beyond(layout.rounds * layout.pollers, max_resident_rounds * layout.pollers,
                       "neighbours in other blocks");
-    if (layout.slots > most_resident_slots) return beyond(layout.slots, most_resident_slots, "points");
+    if (layout.slots > max_resident_slots) return beyond(layout.slots, max_resident_slots, "points");
     return {};
 }
 

@@ -14,7 +14,7 @@ SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formula
     SpringArrays<Real> springs;
     springs.ends.resize(total);
     springs.constants.resize(total);
-    if (!problem.springs.empty() && !on_positions(formulation)) springs.own_rest.resize(total);
+    if (!problem.springs.empty() && !on_positions(formulation)) springs.off_lattice_rest.resize(total);
     auto& begin = springs.begin;
     for (const std::uint32_t mask : problem.lattice.mask) {
         // Each spring once: the odd bits point to a higher voxel.
@@ -39,8 +39,9 @@ SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formula
     std::size_t s = begin[neighbour_count];
     for (const Spring& spring : problem.springs) {
         springs.ends[s] = {spring.first, entry_of(spring.second, -1, formulation)};
-        if (!springs.own_rest.empty())
-            springs.own_rest[s] = own_rest_of<Real>(problem, spring.first, spring.second, spring.rest_length);
+        if (!springs.off_lattice_rest.empty())
+            springs.off_lattice_rest[s] =
+                off_lattice_rest_of<Real>(problem, spring.first, spring.second, spring.rest_length);
         springs.constants[s++] = {Real(spring.stiffness), listed_length<Real>(spring, formulation)};
     }
     return springs;
@@ -95,7 +96,7 @@ std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit& edit) {
                 : listed_length<Real>(*listed_, directions()[std::size_t(changed.bit)], formulation_);
         SpringRest<Real> rest{};
         if (own && !on_positions(formulation_))
-            rest = own_rest_of<Real>(*listed_, spring.first, spring.second, spring.rest_length);
+            rest = off_lattice_rest_of<Real>(*listed_, spring.first, spring.second, spring.rest_length);
         edited.push_back({{spring.first, entry_of(spring.second, changed.bit, formulation_)},
                           range.first,
                           range.second,

@@ -45,8 +45,8 @@ Real listed_length(const Spring& spring, Formulation formulation) {
 }
 
 template <class Real>
-SpringRest<Real> own_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
-                             double rest_length) {
+SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
+                                     double rest_length) {
     return packed_rest<Real>(rest_spring(problem, Spring{particle, neighbour, 0, rest_length}));
 }
 
@@ -88,10 +88,10 @@ std::string beyond_groups(const Problem& problem) {
     return {};
 }
 
-#define FOR_PRECISION(Real)                                                                      \
-    template Real listed_length(const Problem&, const Direction&, Formulation);                  \
-    template Real listed_length(const Spring&, Formulation);                                     \
-    template SpringRest<Real> own_rest_of(const Problem&, std::uint32_t, std::uint32_t, double); \
+#define FOR_PRECISION(Real)                                                                              \
+    template Real listed_length(const Problem&, const Direction&, Formulation);                          \
+    template Real listed_length(const Spring&, Formulation);                                             \
+    template SpringRest<Real> off_lattice_rest_of(const Problem&, std::uint32_t, std::uint32_t, double); \
     template std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem&);
 FOR_PRECISION(float)
 FOR_PRECISION(double)

@@ -31,8 +31,8 @@ std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& proble
 
 /// How a spring beyond the lattice lies at rest, from `particle` to `neighbour`.
 template <class Real>
-SpringRest<Real> own_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
-                             double rest_length);
+SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
+                                     double rest_length);
 
 /// What names neighbour `index` in a list, which lies in the direction of mask bit `bit`; negative: in none.
 std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);

@@ -32,7 +32,7 @@ Fetch fetch_path(const std::string& tuned);
 
 /// A 16-byte texel at least: what a texture fetch gets at once.
 template <class Real>
-inline constexpr std::size_t texels_per_word = sizeof(Word<Real>) / 16;
+inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16;
 
 /// What the kernels of a specification have in common.
 struct KernelFamily {
@@ -163,7 +163,7 @@ protected:
     const Launch& launch() const { return launch_; }
 
     /// x(t) of every word.
-    Word<Real>* current_words() const { return words_[std::size_t(current())].data(); }
+    ParticleRecord<Real>* current_words() const { return words_[std::size_t(current())].data(); }
 
     /// Gives particles new bits, which every step copies on from the buffer that it reads.
     void write_particle_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits) {
@@ -205,8 +205,8 @@ protected:
     template <class... Arguments>
     void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const Step& step,
                                const Arguments&... arguments) const {
-        Word<Real>* const words = words_[std::size_t(current())].data();
-        Word<Real>* const previous = words_[std::size_t(1 - current())].data();
+        ParticleRecord<Real>* const words = words_[std::size_t(current())].data();
+        ParticleRecord<Real>* const previous = words_[std::size_t(1 - current())].data();
         Real* const increment = increment_.data();
         const std::size_t pitch = increment_pitch(placement_);
         kernel.launch_together(stream(), grid, block, step, words, previous, increment, pitch, arguments...);
@@ -220,11 +220,11 @@ protected:
 private:
     static bool same(dim3 a, dim3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
-    using Pair = std::array<Buffer<Word<Real>>, 2>;
+    using Pair = std::array<Buffer<ParticleRecord<Real>>, 2>;
 
     // True if the words moved.
-    bool upload_words(Pair& pair, std::size_t which, const std::vector<Word<Real>>& words) {
-        Buffer<Word<Real>>& buffer = pair[which];
+    bool upload_words(Pair& pair, std::size_t which, const std::vector<ParticleRecord<Real>>& words) {
+        Buffer<ParticleRecord<Real>>& buffer = pair[which];
         const bool moved = buffer.size() != words.size();
         Texture& texture = textures_[&pair == &words_ ? 0 : 1][which];
         if (moved) texture = {};
@@ -241,14 +241,14 @@ private:
     }
 
     /// What a Fetch of kernels/fetch.h holds.
-    std::uint64_t source(const Buffer<Word<Real>>& buffer, const Texture& texture) const {
+    std::uint64_t source(const Buffer<ParticleRecord<Real>>& buffer, const Texture& texture) const {
         return family_.fetch == Fetch::texture ? texture.get()
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
     }
 
     void enqueue_look(const Look& look, Fault* fault) override {
         const auto now = std::size_t(current());
-        const Word<Real>* const before =
+        const ParticleRecord<Real>* const before =
             by_increments(family_.formulation) ? nullptr : words_[1 - now].data();
         look_at(words_[now].data(), before, increment_.data(), increment_pitch(placement_), placement_.words,
                 look, fault, stream());

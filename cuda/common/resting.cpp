@@ -58,7 +58,7 @@ std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
 bool Resting::could_look(const Problem& problem, BlockShape shape) const {
     if (way_ != Way::decide) return way_ != Way::step;
     const std::size_t places = BlockGrid(problem.lattice, shape).places();
-    return problem.gravity == glm::dvec3(0) && problem.load.empty() && places >= least_blocks &&
+    return problem.gravity == glm::dvec3(0) && problem.load.empty() && places >= min_blocks &&
            can_be_named(places);
 }
 
@@ -79,7 +79,7 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
     const std::size_t count = all.size();
     if (way_ == Way::decide &&
-        (count < least_blocks || !pays(count_moved(problem, state, shape, count), count)))
+        (count < min_blocks || !pays(count_moved(problem, state, shape, count), count)))
         return;
     may_look_ = looking_ = true;
     row_ = int(grid.row());
@@ -111,7 +111,7 @@ void Resting::wake(int reading, const Stream& stream) {
                                 cudaMemcpyDeviceToDevice, stream.get()));
 }
 
-LivelyBlocks Resting::lively(int reading) const {
+ActiveBlocks Resting::active(int reading) const {
     if (!may_look_) return {};
     const auto now = std::size_t(reading), next = std::size_t(1 - reading);
     unsigned* const count = counts_.data()->data();

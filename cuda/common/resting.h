@@ -41,7 +41,7 @@ public:
     /// Terms of the kernel that leaves them out.
     std::uint32_t terms() const { return term_resting | (way_ == Way::flush ? term_flush : 0); }
     /// For a step that reads buffer `reading`.
-    LivelyBlocks lively(int reading) const;
+    ActiveBlocks active(int reading) const;
 
     /// Steps until looks() may change: of which at most that many are to be enqueued before stepped().
     int steps_to_decision() const { return decides() ? left_ : std::numeric_limits<int>::max(); }
@@ -61,7 +61,7 @@ private:
     /// Steps without looking once that did not pay.
     static constexpr int shortest_pause = 256, longest_pause = 4096;
     /// Blocks from which on it is asked at all: a step of less is as long as its launch.
-    static constexpr std::size_t least_blocks = 512;
+    static constexpr std::size_t min_blocks = 512;
 
     /// counts_ on the device.
     enum Count : std::uint8_t { listed_for_0, listed_for_1, finished, taken, counts };
@@ -71,7 +71,7 @@ private:
     bool could_look(const Problem& problem, BlockShape shape) const;
     bool decides() const { return way_ == Way::decide && may_look_; }
     /// On an H200 a step of all blocks takes 15 to 60% longer so, and what rests costs nothing.
-    static bool pays(std::size_t lively, std::size_t blocks) { return 3 * lively <= 2 * blocks; }
+    static bool pays(std::size_t active, std::size_t blocks) { return 3 * active <= 2 * blocks; }
 
     const Way way_;
     bool may_look_ = false, looking_ = false;

@@ -16,7 +16,7 @@ namespace voxspring::cuda {
 inline constexpr int blocks_around = 27;
 
 /// Number `number` of the blocks around `origin`, of x * y * z voxels each.
-VOXSPRING_HOST_DEVICE inline BlockOrigin around(const LivelyBlocks& blocks, const BlockOrigin& origin,
+VOXSPRING_HOST_DEVICE inline BlockOrigin around(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                                 int number, int x, int y, int z) {
     const int dx = number % 3 - 1, dy = number / 3 % 3 - 1, dz = number / 9 - 1;
     return {origin.x + dx * x, origin.y + dy * y, origin.z + dz * z,
@@ -29,7 +29,7 @@ __device__ inline unsigned thread_of_block() {
 }
 
 /// All threads of a block, after its step, each with whether its particle changed.
-__device__ inline void list_for_next_step(const LivelyBlocks& blocks, const BlockOrigin& origin,
+__device__ inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                           bool changed) {
     const unsigned thread = thread_of_block();
     if (__syncthreads_or(int(changed)) != 0 && thread < 32) {
@@ -53,7 +53,7 @@ __device__ inline void list_for_next_step(const LivelyBlocks& blocks, const Bloc
 /// step_block(origin) of each block of the list; it returns whether the thread's particle changed. A block of
 /// threads takes one after another, since how many there are is known on the device alone.
 template <class StepBlock>
-__device__ void for_each_lively_block(const LivelyBlocks& blocks, StepBlock step_block) {
+__device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step_block) {
     const unsigned count = *blocks.now_count;
     for (unsigned b = blockIdx.x; b < count; b += gridDim.x) {
         const BlockOrigin origin = blocks.now[b];
@@ -67,7 +67,7 @@ __device__ void for_each_lively_block(const LivelyBlocks& blocks, StepBlock step
 }
 #else
 /// For the host, where blocks run one after another.
-inline void list_for_next_step(const LivelyBlocks& blocks, const BlockOrigin& origin, int x, int y, int z,
+inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin, int x, int y, int z,
                                bool changed) {
     for (int n = 0; n < blocks_around && changed; ++n) {
         const BlockOrigin other = around(blocks, origin, n, x, y, z);

@@ -14,7 +14,7 @@ struct alignas(16) BlockOrigin {
 
 /// The blocks that a step takes and those that the next one will. Marks have a frame of places around those
 /// of the lattice, so that each block has 26 neighbours; a place without particles is marked for ever.
-struct LivelyBlocks {
+struct ActiveBlocks {
     int row, slice;            ///< from a block's place to that of the next along y and z
     const BlockOrigin* now;    ///< in any order
     BlockOrigin* next;         ///< room for all
@@ -24,7 +24,7 @@ struct LivelyBlocks {
     std::uint32_t* next_marks;
     unsigned* finished;  ///< blocks of threads that have no more to do; zero before and after
     unsigned* taken;     ///< blocks that the latest step took
-    bool operator==(const LivelyBlocks&) const = default;
+    bool operator==(const ActiveBlocks&) const = default;
 };
 
 /// Everything a step needs besides positions. Grid arrays are x fastest, with guard words on either side:
@@ -42,7 +42,7 @@ struct ImplicitStep {
     Real stiffness[3];       ///< of each spring group, where there is one material
     const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
     Motion<Real> motion;
-    LivelyBlocks lively;  ///< where blocks at rest are not stepped
+    ActiveBlocks active;  ///< where blocks at rest are not stepped
     bool operator==(const ImplicitStep&) const = default;
 };
 
