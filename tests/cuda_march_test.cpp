@@ -206,9 +206,9 @@ private:
                 planes.start(thread);
                 const bool full_stencil = (item.full_stencils >> (thread / 32) & 1U) != 0;
                 if (equal_edges(problem_, V::formulation)) {
-                    step_thread<groups, true>(item, output, thread, whole, planes);
+                    step_thread<groups, true>(item, output, thread, full_stencil, planes);
                 } else {
-                    step_thread<groups, false>(item, output, thread, whole, planes);
+                    step_thread<groups, false>(item, output, thread, full_stencil, planes);
                 }
                 ASSERT_TRUE(planes.complete());
             }
@@ -224,17 +224,17 @@ private:
     void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
                      HostPlanes<V>& planes) {
         if (problem_.damping == 0 && !problem_.has_gravity()) {
-            step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread, whole,
-                                                                              planes);
+            step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread,
+                                                                              full_stencil, planes);
         } else {
             step_thread<KernelTerms<V::formulation, groups, term_damping | term_gravity, false>, equal>(
-                item, output, thread, whole, planes);
+                item, output, thread, full_stencil, planes);
         }
     }
     template <class Terms, bool equal>
     void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
                      HostPlanes<V>& planes) {
-        if (whole) {
+        if (full_stencil) {
             march<Terms, V::shape, false, equal>(step_, item, output, thread, planes);
         } else {
             march<Terms, V::shape, true, equal>(step_, item, output, thread, planes);

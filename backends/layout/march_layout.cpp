@@ -110,8 +110,8 @@ public:
             masks_[lattice_->voxel[std::size_t(n)]] = lattice_->mask[std::size_t(n)];
     }
 
-    /// Runs of planes of each tile that hold a particle, cut where for long the same warps are whole: a plane
-    /// of pins would otherwise leave masks to all above it.
+    /// Runs of planes of each tile that hold a particle, cut where for long the same warps have full
+    /// stencils: a plane of pins would otherwise leave masks to all above it.
     std::vector<MarchItem> runs() const {
         const std::ptrdiff_t tiles = std::ptrdiff_t(tiles_x_) * tiles_y_;
         std::vector<std::vector<MarchItem>> of_tile(std::size_t(tiles), std::vector<MarchItem>{});
@@ -134,7 +134,7 @@ public:
         return all;
     }
 
-    /// Sets which warps of `item` are whole.
+    /// Sets which warps of `item` have full stencils.
     void judge(MarchItem& item) const {
         item.full_stencils = 0;
         for (int warp = 0; warp < shape_.warps(); ++warp)

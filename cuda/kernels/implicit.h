@@ -131,7 +131,7 @@ VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
 #endif
 }
 
-/// Whether the particles of all threads that go this way together, with `bits` here, are whole.
+/// Whether the particles of all threads that go this way together, with `bits` here, have a full stencil.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
     if constexpr (!Terms::compiled(term_full_stencil)) {

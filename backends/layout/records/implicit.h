@@ -12,8 +12,9 @@ struct alignas(16) BlockOrigin {
     bool operator==(const BlockOrigin&) const = default;
 };
 
-/// The blocks that a step takes and those that the next one will. Marks have a frame of places around those
-/// of the lattice, so that each block has 26 neighbours; a place without particles is marked for ever.
+/// The active blocks: those that this step takes, and those that the next one will. Marks have a frame of
+/// places around those of the lattice, so that each block has 26 neighbours. A place without particles stays
+/// marked.
 struct ActiveBlocks {
     int row, slice;            ///< from a block's place to that of the next along y and z
     const BlockOrigin* now;    ///< in any order

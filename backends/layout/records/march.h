@@ -68,8 +68,8 @@ struct MarchShape {
 /// Planes `begin` to `end` (exclusive) of the tile whose first particle is that of column (x, y).
 struct alignas(16) MarchItem {
     int x, y, begin, end;
-    /// Where its words begin, of use unless all of its warps are whole: for each plane from `begin` to `end`
-    /// (inclusive) one a thread, as PlaneMask has it.
+    /// Where its words begin, of use unless all of its warps have full stencils: for each plane from `begin`
+    /// to `end` (inclusive) one a thread, as PlaneMask has it.
     std::size_t words;
     /// A bit for each warp all of whose particles exist, move and have every spring, but for those to beyond
     /// the first and last column and plane of the lattice.
