@@ -10,7 +10,7 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int most_threads = 256;
+constexpr int max_threads = 256;
 
 /// Columns of springs beyond the lattice that `used` of them get room for: a quarter more, for edits.
 std::size_t roomy(std::size_t used) { return used == 0 ? 0 : used + used / 4 + 256; }
@@ -25,11 +25,11 @@ template <class Real>
 std::uint64_t delta_bytes(const Problem& problem, Formulation formulation) {
     const Placement placement = place_guarded(problem);
     DeltaLists lists = compress_lists(problem);
-    const OwnLists<Real> own(problem, placement, formulation, lists.slices);
+    const OffLatticeLists<Real> off_lattice(problem, placement, formulation, lists.slices);
     return particle_bytes<Real>(problem, placement, formulation) +
            (problem.has_materials() ? placement.words * sizeof(Real) : 0) +
            lists.slices.size() * sizeof(Slice) + lists.lists.size() * sizeof(RowDeltas) +
-           roomy(own.columns()) * column_bytes<Real>(formulation);
+           roomy(off_lattice.columns()) * column_bytes<Real>(formulation);
 }
 
 /// No less than delta_bytes(), without making the lists: every particle begins one, and every end of a spring
@@ -41,7 +41,7 @@ std::uint64_t max_delta_bytes(const Problem& problem, Formulation formulation) {
     return particle_bytes<Real>(problem, placement, formulation) +
            (problem.has_materials() ? placement.words * sizeof(Real) : 0) +
            (particles / slice_particles + 1) * sizeof(Slice) + particles * sizeof(RowDeltas) +
-           roomy(2 * problem.springs.size() * own_chunk) * column_bytes<Real>(formulation);
+           roomy(2 * problem.springs.size() * off_lattice_chunk) * column_bytes<Real>(formulation);
 }
 
 template <class Real>
@@ -69,8 +69,8 @@ public:
         launch.step.lists = lists_on_device_.data();
         launch.step.compliance = compliance_.data();
         if (!by_increments(this->formulation()))
-            measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
-        lay_out_own(problem, launch);
+            calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
+        lay_out_off_lattice(problem, launch);
         const std::vector<std::uint32_t> without_lattice =
             problem.lattice.mask.empty() ? state_bits(problem) : std::vector<std::uint32_t>{};
         this->start(problem, state, placement,
@@ -78,21 +78,21 @@ public:
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         this->write_masks(edit);
-        if (own_.empty() && edited.springs.empty()) return;
-        const auto changes = own_.change(edited, edit, slices_);
-        if (own_.columns() > neighbour_.size() / slice_particles) {
+        if (off_lattice_.empty() && edited.springs.empty()) return;
+        const auto changes = off_lattice_.change(edited, edit, slices_);
+        if (off_lattice_.columns() > neighbour_.size() / slice_particles) {
             this->synchronize();
             typename DeltaBackend::Launch launch = this->launch();
-            lay_out_own(edited, launch);
+            lay_out_off_lattice(edited, launch);
             this->resume(launch);
             return;
         }
         const std::size_t columns = changes.columns.particle.size();
         write_rows(edited_columns_.send(changes.columns, !by_increments(this->formulation()), this->stream()),
-                   columns, changes.columns.lists.shape, static_cast<Word<Real>*>(nullptr), neighbour_.data(),
-                   constants_.data(), own_rest_.data(), this->stream());
+                   columns, changes.columns.lists.shape, static_cast<ParticleRecord<Real>*>(nullptr),
+                   neighbour_.data(), constants_.data(), off_lattice_rest_.data(), this->stream());
         write_slices(edited_slices_.send(std::span<const EditedSlice>(changes.slices), this->stream()),
                      changes.slices.size(), slices_on_device_.data(), this->stream());
     }
@@ -103,50 +103,38 @@ public:
 
 private:
     /// Makes and uploads the slices and their springs beyond the lattice, and chooses the kernel.
-    void lay_out_own(const Problem& problem, typename DeltaBackend::Launch& launch) {
-        own_ = OwnLists<Real>(problem, place_guarded(problem), this->formulation(), slices_);
+    void lay_out_off_lattice(const Problem& problem, typename DeltaBackend::Launch& launch) {
+        off_lattice_ = OffLatticeLists<Real>(problem, place_guarded(problem), this->formulation(), slices_);
         slices_on_device_.upload(slices_, this->stream());
-        neighbour_.upload(own_.neighbour(), this->stream());
-        constants_.upload(own_.constants(), this->stream());
-        own_rest_.upload(own_.own_rest(), this->stream());
-        if (!by_increments(this->formulation())) measure_rest_lengths(constants_, this->stream());
-        if (!own_.empty()) {
-            const std::size_t size = roomy(own_.columns()) * slice_particles;
+        neighbour_.upload(off_lattice_.neighbour(), this->stream());
+        constants_.upload(off_lattice_.constants(), this->stream());
+        off_lattice_rest_.upload(off_lattice_.off_lattice_rest(), this->stream());
+        if (!by_increments(this->formulation())) calibrate_rest_lengths(constants_, this->stream());
+        if (!off_lattice_.empty()) {
+            const std::size_t size = roomy(off_lattice_.columns()) * slice_particles;
             neighbour_.grow(size, this->stream());
             constants_.grow(size, this->stream());
-            if (own_rest_.size() > 0) own_rest_.grow(size, this->stream());
+            if (off_lattice_rest_.size() > 0) off_lattice_rest_.grow(size, this->stream());
         }
         launch.step.slices = slices_on_device_.data();
-        launch.step.own_neighbour = neighbour_.data();
-        launch.step.own_constants = constants_.data();
-        launch.step.own_rest = own_rest_.data();
+        launch.step.off_lattice_neighbour = neighbour_.data();
+        launch.step.off_lattice_constants = constants_.data();
+        launch.step.off_lattice_rest = off_lattice_rest_.data();
         launch.kernel = this->kernel(source(problem));
     }
 
     KernelSource source(const Problem& problem) const {
-        const std::uint32_t terms = (interior_ ? term_interior : 0) | (own_.empty() ? 0 : term_own_springs);
-        return this->family().source("delta.cu", problem, most_threads,
-                                     this->blocks_with(registers_for(problem), most_threads), terms);
+        const std::uint32_t terms =
+            (interior_ ? term_full_stencil : 0) | (off_lattice_.empty() ? 0 : term_off_lattice_springs);
+        return this->family().source("delta.cu", problem, max_threads,
+                                     this->blocks_with(registers_for(problem), max_threads), terms);
     }
 
     int registers_for(const Problem& problem) const {
-        if (registers_ != "auto") return std::stoi(registers_);
-        constexpr int many = 64;
-        const std::size_t at_once = std::size_t(this->device().multiprocessors()) * most_threads *
-                                    std::size_t(this->blocks_with(many, most_threads));
-        // All threads run at once: room for more of them is of no use.
-        if (problem.particle_count() <= at_once) return many;
-        switch (this->formulation()) {
-            case Formulation::paper:
-            case Formulation::position:
-            case Formulation::displacement:
-                return 40;
-            case Formulation::increment:
-                return 48;
-            case Formulation::compensated:
-                break;
-        }
-        return many;
+        constexpr RegisterChoice choice{
+            .on_positions = 40, .displacement = 40, .increment = 48, .compensated = 64};
+        return ParticleBackend<Real, DeltaStep<Real>>::registers_for(registers_, problem.particle_count(),
+                                                                     max_threads, {64}, choice);
     }
 
     std::string refused(const Problem& problem) const override {
@@ -160,7 +148,7 @@ private:
     }
     std::uint64_t bytes_held() const override {
         return this->particle_bytes_held() + slices_on_device_.bytes() + lists_on_device_.bytes() +
-               compliance_.bytes() + neighbour_.bytes() + constants_.bytes() + own_rest_.bytes() +
+               compliance_.bytes() + neighbour_.bytes() + constants_.bytes() + off_lattice_rest_.bytes() +
                edited_columns_.bytes() + edited_slices_.bytes();
     }
 
@@ -168,13 +156,13 @@ private:
     const std::string registers_;
     const bool interior_;
     std::vector<Slice> slices_;
-    OwnLists<Real> own_;
+    OffLatticeLists<Real> off_lattice_;
     Buffer<Slice> slices_on_device_;
     Buffer<RowDeltas> lists_on_device_;
     Buffer<Real> compliance_;
     Buffer<std::uint32_t> neighbour_;
     Buffer<SpringConstants<Real>> constants_;
-    Buffer<SpringRest<Real>> own_rest_;
+    Buffer<SpringRest<Real>> off_lattice_rest_;
     StagedRows<Real> edited_columns_;
     Staging<EditedSlice> edited_slices_;
 };

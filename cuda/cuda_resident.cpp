@@ -4,7 +4,9 @@
 #include <memory>
 #include <optional>
 
+#include "backends/layout/blocks.h"
 #include "backends/layout/resident_layout.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
 #include "cuda/common/measure.h"
@@ -32,12 +34,12 @@ public:
         send(border_, layout.border, step.border);
         exchange_.resize(std::size_t(2) * layout.published_count);
         exchange_.fill_with_zeros(stream);
-        begun_.resize(1);
-        begun_.fill_with_zeros(stream);
+        started_blocks_.resize(1);
+        started_blocks_.fill_with_zeros(stream);
         stall_.resize(1);
         *stall_.data() = 0;
         step.exchange = exchange_.data();
-        step.begun = begun_.data();
+        step.started_blocks = started_blocks_.data();
         step.stall = stall_.data();
         step.lane_count = layout.lane_count();
         step.published_count = layout.published_count;
@@ -50,11 +52,11 @@ public:
     std::uint64_t bytes() const {
         return particle_.bytes() + published_.bytes() + polled_.bytes() + polled_word_.bytes() +
                own_slot_.bytes() + slot_.bytes() + polled_slot_.bytes() + border_.bytes() +
-               exchange_.bytes() + begun_.bytes();
+               exchange_.bytes() + started_blocks_.bytes();
     }
 
 private:
-    Buffer<std::uint32_t> particle_, published_, polled_, polled_word_, begun_;
+    Buffer<std::uint32_t> particle_, published_, polled_, polled_word_, started_blocks_;
     Buffer<std::uint16_t> own_slot_, slot_, polled_slot_;
     Buffer<std::uint8_t> border_;
     Buffer<TaggedPoint> exchange_;
@@ -90,7 +92,7 @@ public:
 
     /// Every table anew: which particles a block steps stays, but not what its neighbours are.
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        follow(edited);
+        set_problem(edited);
         if (edit.empty()) return;
         synchronize();
         Launch launch = prepare(edited);
@@ -135,7 +137,7 @@ private:
         const bool stressed = is_stressed(launch.step);
         const ResidentLayout& layout = layout_of(problem, stressed);
         if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
-        if (!by_increments(formulation())) measure_rest_lengths<float>(launch.step.rest_length, stream());
+        if (!by_increments(formulation())) calibrate_rest_lengths<float>(launch.step.rest_length, stream());
         tables_.upload(layout, launch.step, stream());
         launch.grid = dim3(unsigned(layout.blocks));
         launch.block = dim3(unsigned(layout.lanes + layout.pollers));
@@ -170,7 +172,7 @@ private:
         if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         if (problem.has_materials())
             return "resident blocks have one stiffness a spring group, and the scene has several materials";
-        const auto most = std::size_t(device().multiprocessors()) * most_resident_lanes;
+        const auto most = std::size_t(device().multiprocessors()) * max_resident_lanes;
         if (problem.particle_count() > most)
             return std::to_string(problem.particle_count()) + " particles exceed the " +
                    std::to_string(most) + " that " + std::to_string(device().multiprocessors()) +

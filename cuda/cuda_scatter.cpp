@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <memory>
 
+#include "backends/layout/spring_array.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -10,18 +12,18 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int most_threads = 512;
+constexpr int max_threads = 512;
 
 // Axes of the force array begin on a cache line.
 std::size_t force_pitch(const Problem& problem) { return (problem.particle_count() + 31) / 32 * 32; }
 
 template <class Real>
 std::uint64_t scatter_bytes(const Problem& problem, Formulation formulation) {
-    const bool own_rest = !problem.springs.empty() && !on_positions(formulation);
+    const bool off_lattice_rest = !problem.springs.empty() && !on_positions(formulation);
     return particle_bytes<Real>(problem, place_compact(problem), formulation) +
            3 * force_pitch(problem) * sizeof(Real) +
            count_springs(problem).total() * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>) +
-                                             (own_rest ? sizeof(SpringRest<Real>) : 0));
+                                             (off_lattice_rest ? sizeof(SpringRest<Real>) : 0));
 }
 
 template <class Real>
@@ -43,8 +45,8 @@ public:
         slots_ = SpringSlots(problem, springs.begin, this->formulation());
         ends_.upload(springs.ends, this->stream());
         constants_.upload(springs.constants, this->stream());
-        own_rest_.upload(springs.own_rest, this->stream());
-        if (!by_increments(this->formulation())) measure_rest_lengths(constants_, this->stream());
+        off_lattice_rest_.upload(springs.off_lattice_rest, this->stream());
+        if (!by_increments(this->formulation())) calibrate_rest_lengths(constants_, this->stream());
         force_.resize(3 * force_pitch(problem));
         force_.fill_with_zeros(this->stream());
 
@@ -60,15 +62,15 @@ public:
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         const std::vector<EditedSpring<Real>> springs = slots_.template slots_of<Real>(edit);
-        const bool needs_own_rest = !edited.springs.empty() && !on_positions(this->formulation());
-        if (slots_.used() > ends_.size() || (needs_own_rest && own_rest_.size() == 0)) {
+        const bool needs_off_lattice_rest = !edited.springs.empty() && !on_positions(this->formulation());
+        if (slots_.used() > ends_.size() || (needs_off_lattice_rest && off_lattice_rest_.size() == 0)) {
             // Room for as many again and some more, empty until it is needed.
             const std::size_t size = slots_.used() + std::max<std::size_t>(slots_.used() / 8, 1024);
             ends_.grow(size, this->stream());
             constants_.grow(size, this->stream());
-            if (needs_own_rest) own_rest_.grow(size, this->stream());
+            if (needs_off_lattice_rest) off_lattice_rest_.grow(size, this->stream());
             typename ScatterBackend::Launch launch = this->launch();
             launch.step.springs = size;
             point_at_springs(launch.step);
@@ -76,7 +78,8 @@ public:
             this->resume(launch);
         }
         write_springs(edited_springs_.send(std::span<const EditedSpring<Real>>(springs), this->stream()),
-                      springs.size(), ends_.data(), constants_.data(), own_rest_.data(), this->stream());
+                      springs.size(), ends_.data(), constants_.data(), off_lattice_rest_.data(),
+                      this->stream());
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -92,19 +95,19 @@ private:
         return scatter_bytes<Real>(problem, this->formulation());
     }
     std::uint64_t bytes_held() const override {
-        return this->particle_bytes_held() + ends_.bytes() + constants_.bytes() + own_rest_.bytes() +
+        return this->particle_bytes_held() + ends_.bytes() + constants_.bytes() + off_lattice_rest_.bytes() +
                force_.bytes() + edited_springs_.bytes();
     }
 
     void point_at_springs(ScatterStep<Real>& step) const {
         step.ends = ends_.data();
         step.constants = constants_.data();
-        step.own_rest = own_rest_.data();
+        step.off_lattice_rest = off_lattice_rest_.data();
     }
 
     void choose_kernels(const Problem& problem, typename ScatterBackend::Launch& launch) {
-        KernelSource source = this->family().source("scatter.cu", problem, most_threads, 1,
-                                                    own_rest_.size() > 0 ? term_own_rests : 0);
+        KernelSource source = this->family().source(
+            "scatter.cu", problem, max_threads, 1, off_lattice_rest_.size() > 0 ? term_off_lattice_rests : 0);
         launch.kernel = this->kernel(source);
         source.macros["FORCES"] = "1";
         add_forces_ = this->kernel(source);
@@ -124,7 +127,7 @@ private:
     Staging<EditedSpring<Real>> edited_springs_;
     Buffer<SpringEnds> ends_;
     Buffer<SpringConstants<Real>> constants_;
-    Buffer<SpringRest<Real>> own_rest_;
+    Buffer<SpringRest<Real>> off_lattice_rest_;
     Buffer<Real> force_;
 };
 

@@ -7,9 +7,8 @@
 #include <vector>
 
 #include "backends/backend.h"
-#include "backends/layout/layout.h"
 #include "backends/layout/march_layout.h"
-#include "cuda/common/march.h"
+#include "backends/layout/particles.h"
 #include "cuda/device/compiler.h"
 #include "cuda/kernels/resident.h"
 
@@ -56,9 +55,9 @@ TEST_P(Compiler, CompilesEveryKernel) {
                         source.macros["FETCH"] = fetch;
                         const std::string terms =
                             everything ? std::to_string(NEIGHBOUR_BITS) + "u," +
-                                             std::to_string(all_terms | term_own_rests | term_own_springs |
-                                                            term_interior | term_refined_root | term_resting |
-                                                            term_flush) +
+                                             std::to_string(all_terms | term_off_lattice_rests |
+                                                            term_off_lattice_springs | term_full_stencil |
+                                                            term_refined_root | term_resting | term_flush) +
                                              "u,true"
                                        : std::to_string(FACE_BITS | EDGE_BITS) + "u," +
                                              std::to_string(term_gravity | term_pins) + "u,false";
@@ -127,7 +126,21 @@ void compile_march(const char* tile, Precision precision, Formulation formulatio
     SCOPED_TRACE(std::string(tile) + " " + to_string(precision) + " " + to_string(formulation));
     const MarchTile shape = march_tile(tile, precision);
     if (shape.shape.warps() == 0) return;
-    const CompiledKernel compiled = compile(march_source(problem, formulation, shape, precision), 90);
+    const MarchShape& s = shape.shape;
+    std::string numbers;
+    for (const int number : {s.rows, s.lanes, s.wide, s.high, s.planes, s.befores})
+        numbers += (numbers.empty() ? "" : ",") + std::to_string(number);
+    const KernelSource source{"march.cu",
+                              {{"REAL", precision == Precision::float32 ? "float" : "double"},
+                               {"FETCH", "PastL1"},
+                               {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," +
+                                             std::to_string(problem.group_bits) + "u," +
+                                             std::to_string(terms_of(problem)) + "u,false>"},
+                               {"THREADS", std::to_string(s.threads())},
+                               {"BLOCKS", std::to_string(shape.blocks)},
+                               {"SHAPE", "MarchShape{" + numbers + "}"},
+                               {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}}};
+    const CompiledKernel compiled = compile(source, 90);
     EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
 }
 

@@ -14,8 +14,12 @@
 #include <tuple>
 #include <utility>
 
+#include "backends/layout/blocks.h"
 #include "backends/layout/delta_lists.h"
-#include "backends/layout/layout.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
+#include "backends/layout/spring_array.h"
+#include "backends/layout/springs.h"
 #include "backends/registry.h"
 #include "cuda/kernels/delta.h"
 #include "cuda/kernels/edit.h"
@@ -110,11 +114,11 @@ const T& checked(const std::vector<T>& values, std::ptrdiff_t index) {
 
 template <class Real>
 struct HostFetch {
-    const std::vector<Word<Real>>* words;
+    const std::vector<ParticleRecord<Real>>* words;
     const NeighbourLists<Real>* lists = nullptr;
 
     Particle<Real> at(int index, int dx) const {
-        const Word<Real>& word = checked(*words, std::ptrdiff_t(index) + dx);
+        const ParticleRecord<Real>& word = checked(*words, std::ptrdiff_t(index) + dx);
         return {word.position, std::uint32_t(word.bits)};
     }
     std::uint32_t entry(const std::uint32_t* p) const {
@@ -135,7 +139,8 @@ struct Variant {
     static constexpr Formulation formulation = f;
     static constexpr bool split = f == Formulation::compensated;
     /// Everything compiled in and asked for.
-    using AllTerms = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_own_rests | term_own_springs, true>;
+    using AllTerms =
+        KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_off_lattice_rests | term_off_lattice_springs, true>;
     /// What a scene of the paper's two groups needs: `terms`.
     template <std::uint32_t terms>
     using Needed = KernelTerms<f, FACE_BITS | EDGE_BITS, terms, false>;
@@ -214,7 +219,7 @@ private:
     const Problem* problem_;
     Placement placement_;
     PackedState<Real> packed_;
-    std::vector<Word<Real>> next_low_;
+    std::vector<ParticleRecord<Real>> next_low_;
     std::vector<Vector<Real>> load_;
     std::vector<Real> inverse_masses_;
 };
@@ -224,7 +229,7 @@ private:
 template <class V, class Step>
 void with_terms(bool needed, bool interior, Step step) {
     if (needed && interior) {
-        step(typename V::template Needed<term_damping | term_gravity | term_interior>{});
+        step(typename V::template Needed<term_damping | term_gravity | term_full_stencil>{});
     } else if (needed) {
         step(typename V::template Needed<term_damping | term_gravity>{});
     } else {
@@ -251,7 +256,7 @@ public:
           compliance_(pack_compliance<Real>(problem, place_on_grid(problem.lattice))),
           step_(make_implicit_step<Real>(problem, place_on_grid(problem.lattice), V::formulation)),
           block_grid_(problem.lattice, shape),
-          origins_(active_blocks(problem.lattice, shape)) {
+          origins_(occupied_blocks(problem.lattice, shape)) {
         measure<Real>(step_.rest_length, V::formulation);
         step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
         this->attach(step_.motion);
@@ -306,8 +311,8 @@ protected:
     }
 
     template <class Terms>
-    void step_lively_blocks(const Current& current, const Output<Real>& output) {
-        const LivelyBlocks lively{int(block_grid_.row()),
+    void step_active_blocks(const Current& current, const Output<Real>& output) {
+        const ActiveBlocks active{int(block_grid_.row()),
                                   int(block_grid_.slice()),
                                   lists_[0].data(),
                                   lists_[1].data(),
@@ -327,7 +332,7 @@ protected:
                 changed =
                     step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output) || changed;
             }
-            list_for_next_step(lively, o, shape_.x, shape_.y, shape_.z, changed);
+            list_for_next_step(active, o, shape_.x, shape_.y, shape_.z, changed);
         }
         counts_[0] = 0;
         for (const auto& list : lists_) EXPECT_EQ(list.back().place, -1);
@@ -339,9 +344,9 @@ protected:
     void step_once(const Current& current, const Output<Real>& output) override {
         if (resting_ != Rests::no) {
             if (resting_ == Rests::yes) {
-                step_lively_blocks<typename V::template Resting<0>>(current, output);
+                step_active_blocks<typename V::template Resting<0>>(current, output);
             } else {
-                step_lively_blocks<typename V::template Resting<term_flush>>(current, output);
+                step_active_blocks<typename V::template Resting<term_flush>>(current, output);
             }
             return;
         }
@@ -423,7 +428,7 @@ public:
         measure(lists_.constants, V::formulation);
         step_.neighbour = lists_.neighbour.data();
         step_.constants = lists_.constants.data();
-        step_.own_rest = lists_.own_rest.empty() ? nullptr : lists_.own_rest.data();
+        step_.off_lattice_rest = lists_.off_lattice_rest.empty() ? nullptr : lists_.off_lattice_rest.data();
         this->attach(step_.motion);
     }
 
@@ -489,14 +494,14 @@ private:
     void step_once(const Current& current, const Output<Real>& output) override {
         std::vector<SpringConstants<Real>> constants(own_.constants().begin(), own_.constants().end());
         measure(constants, V::formulation);
-        step_.own_neighbour = own_.empty() ? nullptr : own_.neighbour().data();
-        step_.own_constants = constants.data();
-        step_.own_rest = own_.own_rest().data();
+        step_.off_lattice_neighbour = own_.empty() ? nullptr : own_.neighbour().data();
+        step_.off_lattice_constants = constants.data();
+        step_.off_lattice_rest = own_.off_lattice_rest().data();
         const auto step_all = [&]<class Terms>(Terms) {
             // Some threads of the last block have no particle.
             for (int i = 0; i < step_.particles + 7; ++i) step_by_deltas<Terms>(step_, i, current, output);
         };
-        constexpr std::uint32_t terms = term_damping | term_gravity | term_interior;
+        constexpr std::uint32_t terms = term_damping | term_gravity | term_full_stencil;
         if (interior_ && step_.group_bits == EDGE_BITS) {
             step_all(KernelTerms<V::formulation, EDGE_BITS, terms, false>{});
         } else if (interior_ && step_.group_bits == CORNER_BITS) {
@@ -509,7 +514,7 @@ private:
     bool needed_, interior_;
     std::vector<Real> compliance_;
     DeltaLists lists_;
-    OwnLists<Real> own_;
+    OffLatticeLists<Real> own_;
     DeltaStep<Real> step_;
 };
 
@@ -528,7 +533,8 @@ public:
         measure(springs_.constants, V::formulation);
         step_.ends = springs_.ends.data();
         step_.constants = springs_.constants.data();
-        step_.own_rest = springs_.own_rest.empty() ? nullptr : springs_.own_rest.data();
+        step_.off_lattice_rest =
+            springs_.off_lattice_rest.empty() ? nullptr : springs_.off_lattice_rest.data();
         step_.force = force_.data();
         step_.pitch = problem.particle_count();
         this->attach(step_.motion);
@@ -991,7 +997,7 @@ TEST(ActiveBlocks, HoldEveryActiveVoxelAndNoEmptyBlock) {
     const Problem problem =
         lattice(make_grid({70, 21, 9}, [](int x, int y, int z) { return x > 40 && y < 3 && z > 5 ? 1 : 0; }));
     const BlockShape shape = BlockShape::parse("32x4x2");
-    const std::vector<BlockOrigin> origins = active_blocks(problem.lattice, shape);
+    const std::vector<BlockOrigin> origins = occupied_blocks(problem.lattice, shape);
     EXPECT_LT(origins.size(), std::size_t(3 * 6 * 5));
     std::set<std::array<int, 3>> blocks;
     for (const BlockOrigin& o : origins) blocks.insert({o.x, o.y, o.z});
@@ -1005,10 +1011,10 @@ TEST(ActiveBlocks, HoldEveryActiveVoxelAndNoEmptyBlock) {
 }
 
 TEST(ActiveBlocks, AreListedOnlyWhereTheyDoNotCoverTheLattice) {
-    EXPECT_TRUE(active_blocks(lattice(solid({33, 5, 3})).lattice, BlockShape::parse("32x4x2")).empty());
+    EXPECT_TRUE(occupied_blocks(lattice(solid({33, 5, 3})).lattice, BlockShape::parse("32x4x2")).empty());
     // More blocks along z than a grid of blocks may have.
     const std::vector<BlockOrigin> tall =
-        active_blocks(lattice(solid({1, 1, 70000})).lattice, BlockShape::parse("32x8"));
+        occupied_blocks(lattice(solid({1, 1, 70000})).lattice, BlockShape::parse("32x8"));
     ASSERT_EQ(tall.size(), 70000U);
     EXPECT_EQ(tall.back(), (BlockOrigin{0, 0, 69999, 1 + 3 + 70000 * 9}));
 }
@@ -1065,11 +1071,11 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                         rows.lists.bits.data(),
                         rows.lists.neighbour.data(),
                         by_groups ? nullptr : rows.lists.constants.data(),
-                        rows.lists.own_rest.empty() ? nullptr : rows.lists.own_rest.data(),
+                        rows.lists.off_lattice_rest.empty() ? nullptr : rows.lists.off_lattice_rest.data(),
                         !by_increments(TypeParam::formulation)};
                     for (std::size_t n = 0; n < rows.lists.neighbour.size(); ++n) {
                         write_slot(on_device, n, lists.shape, lists.neighbour.data(), lists.constants.data(),
-                                   lists.own_rest.data());
+                                   lists.off_lattice_rest.data());
                     }
                     for (std::size_t r = 0; r < rows.particle.size(); ++r)
                         lists.bits[rows.particle[r]] = rows.lists.bits[r];
@@ -1122,12 +1128,12 @@ TYPED_TEST(KernelBodies, EditedDeltaListsStepLikeThoseOfTheEditedProblem) {
 }
 
 // What the device is sent is what changed.
-TEST(OwnLists, ChangesAreAllThatChanged) {
+TEST(OffLatticeLists, ChangesAreAllThatChanged) {
     const Problem problem = lattice(solid({40, 12, 11}));
     Problem edited = problem;
     const std::vector<SpringEdit> edits = edit_everything(edited, true);
     std::vector<Slice> slices = compress_lists(problem).slices;
-    OwnLists<float> own(problem, place_guarded(problem), Formulation::increment, slices);
+    OffLatticeLists<float> own(problem, place_guarded(problem), Formulation::increment, slices);
     EXPECT_TRUE(own.empty());
     std::vector<Slice> sent_slices = slices;
     std::vector<std::uint32_t> sent;
@@ -1142,14 +1148,14 @@ TEST(OwnLists, ChangesAreAllThatChanged) {
             sent[columns.shape.at(changes.columns.particle[n / slice_particles],
                                   std::uint32_t(n % slice_particles))] = columns.neighbour[n];
         EXPECT_EQ(columns.neighbour.size(), changes.columns.particle.size() * slice_particles);
-        EXPECT_EQ(columns.own_rest.size(), columns.neighbour.size());
+        EXPECT_EQ(columns.off_lattice_rest.size(), columns.neighbour.size());
         EXPECT_EQ(sent_slices, slices);
     }
     EXPECT_FALSE(own.empty());
     // Columns that a slice has left behind are nobody's.
     for (const Slice& slice : slices) {
-        const std::size_t begin = std::size_t(slice.own_begin) * slice_particles;
-        for (std::size_t n = 0; n < std::size_t(slice.own_slots) * slice_particles; ++n)
+        const std::size_t begin = std::size_t(slice.off_lattice_begin) * slice_particles;
+        for (std::size_t n = 0; n < std::size_t(slice.off_lattice_slots) * slice_particles; ++n)
             ASSERT_EQ(sent[begin + n], own.neighbour()[begin + n]);
     }
 }
@@ -1202,24 +1208,24 @@ TYPED_TEST(KernelBodies, SpringSlotsHoldTheSpringsOfTheEditedProblem) {
         SpringArrays<Real> springs = list_every_spring<Real>(problem, TypeParam::formulation);
         measure(springs.constants, TypeParam::formulation);
         SpringSlots slots(problem, springs.begin, TypeParam::formulation);
-        std::size_t most_beyond = problem.springs.size();
+        std::size_t max_beyond = problem.springs.size();
         Problem now = problem;
         for (const SpringEdit& edit : edits) {
             apply(now, edit);
-            most_beyond = std::max(most_beyond, now.springs.size());
+            max_beyond = std::max(max_beyond, now.springs.size());
             const auto changes = slots.template slots_of<Real>(edit);
             springs.ends.resize(std::max(springs.ends.size(), slots.used()));
             springs.constants.resize(springs.ends.size(), {0, 0});
-            if (!on_positions(TypeParam::formulation)) springs.own_rest.resize(springs.ends.size());
+            if (!on_positions(TypeParam::formulation)) springs.off_lattice_rest.resize(springs.ends.size());
             for (const auto& change : changes)
                 write_spring(change, springs.ends.data(), springs.constants.data(),
-                             springs.own_rest.empty() ? nullptr : springs.own_rest.data());
+                             springs.off_lattice_rest.empty() ? nullptr : springs.off_lattice_rest.data());
             SpringArrays<Real> built = list_every_spring<Real>(now, TypeParam::formulation);
             measure(built.constants, TypeParam::formulation);
             ASSERT_TRUE(listed(springs.ends, springs.constants) == listed(built.ends, built.constants));
         }
         // Slots are given back and taken again.
-        EXPECT_EQ(slots.used(), springs.begin.back() + most_beyond);
+        EXPECT_EQ(slots.used(), springs.begin.back() + max_beyond);
     }
 }
 

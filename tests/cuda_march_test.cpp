@@ -12,8 +12,8 @@
 #include <string>
 #include <tuple>
 
-#include "backends/layout/layout.h"
 #include "backends/layout/march_layout.h"
+#include "backends/layout/springs.h"
 #include "backends/physics/inverse_root.h"
 #include "backends/registry.h"
 #include "cuda/kernels/march.h"
@@ -174,7 +174,7 @@ public:
 
     /// No warp goes without masks.
     void mask_everything() {
-        for (MarchItem& item : plan_.items) item.whole = 0;
+        for (MarchItem& item : plan_.items) item.full_stencils = 0;
     }
     void run(int count) {
         for (int n = 0; n < count; ++n) {
@@ -204,11 +204,11 @@ private:
             HostPlanes<V> planes(step_, item, state_.current, state_.before);
             for (int thread = 0; thread < V::shape.threads(); ++thread) {
                 planes.start(thread);
-                const bool whole = (item.whole >> (thread / 32) & 1U) != 0;
+                const bool full_stencil = (item.full_stencils >> (thread / 32) & 1U) != 0;
                 if (equal_edges(problem_, V::formulation)) {
-                    step_thread<groups, true>(item, output, thread, whole, planes);
+                    step_thread<groups, true>(item, output, thread, full_stencil, planes);
                 } else {
-                    step_thread<groups, false>(item, output, thread, whole, planes);
+                    step_thread<groups, false>(item, output, thread, full_stencil, planes);
                 }
                 ASSERT_TRUE(planes.complete());
             }
@@ -221,20 +221,20 @@ private:
         state_.current = next;
     }
     template <std::uint32_t groups, bool equal>
-    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool whole,
+    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
                      HostPlanes<V>& planes) {
         if (problem_.damping == 0 && !problem_.has_gravity()) {
-            step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread, whole,
-                                                                              planes);
+            step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread,
+                                                                              full_stencil, planes);
         } else {
             step_thread<KernelTerms<V::formulation, groups, term_damping | term_gravity, false>, equal>(
-                item, output, thread, whole, planes);
+                item, output, thread, full_stencil, planes);
         }
     }
     template <class Terms, bool equal>
-    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool whole,
+    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
                      HostPlanes<V>& planes) {
-        if (whole) {
+        if (full_stencil) {
             march<Terms, V::shape, false, equal>(step_, item, output, thread, planes);
         } else {
             march<Terms, V::shape, true, equal>(step_, item, output, thread, planes);
@@ -298,9 +298,10 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
         Simulation<TypeParam> simulation(problem, start), masked(problem, start);
         const std::vector<MarchItem>& items = simulation.plan().items;
         // Items without any masks have no words.
-        if (std::any_of(items.begin(), items.end(), [all](const auto& item) { return item.whole == all; }))
+        if (std::any_of(items.begin(), items.end(),
+                        [all](const auto& item) { return item.full_stencils == all; }))
             continue;
-        for (const MarchItem& item : items) warps += std::popcount(item.whole);
+        for (const MarchItem& item : items) warps += std::popcount(item.full_stencils);
         masked.mask_everything();
         simulation.run(3);
         masked.run(3);
@@ -409,7 +410,7 @@ TEST(MarchPlan, HoldsEveryParticleOnce) {
                 1);
         }
         EXPECT_LE(plan.words.size() * sizeof(std::uint64_t) + plan.items.size() * sizeof(MarchItem),
-                  most_plan_bytes(problem.lattice, shape));
+                  max_plan_bytes(problem.lattice, shape));
     }
 }
 
@@ -418,13 +419,15 @@ TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {
     // Its first and last rows alone.
     const Problem box = lattice(solid({128, 48, 5}));
     int whole = 0;
-    for (const MarchItem& item : plan_march(box, shape, slots).items) whole += std::popcount(item.whole);
+    for (const MarchItem& item : plan_march(box, shape, slots).items)
+        whole += std::popcount(item.full_stencils);
     EXPECT_EQ(whole, 2 * 3 * 8 - 2 * 2);
     // A spring less takes it from one warp, or two if it ends in another.
     Problem edited = box;
     SpringEditor(edited).cut(Ball{{20.5, 20, 2}, 0.6});
     int left = 0;
-    for (const MarchItem& item : plan_march(edited, shape, slots).items) left += std::popcount(item.whole);
+    for (const MarchItem& item : plan_march(edited, shape, slots).items)
+        left += std::popcount(item.full_stencils);
     EXPECT_EQ(left, whole - 1);
 }
 
@@ -443,7 +446,7 @@ TEST(MarchPlan, LeavesMasksToPlanesOfPins) {
     // The middle one of three tiles: all but the pinned plane.
     for (const MarchItem& item : plan_march(box, shape, 1).items) {
         if (item.y == shape.height()) {
-            EXPECT_EQ(item.whole, item.begin == 0 ? 0U : 1U);
+            EXPECT_EQ(item.full_stencils, item.begin == 0 ? 0U : 1U);
             EXPECT_EQ(item.end, item.begin == 0 ? 1 : 40);
         }
     }

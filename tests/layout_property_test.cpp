@@ -11,10 +11,14 @@
 #include <string>
 #include <vector>
 
+#include "backends/layout/blocks.h"
 #include "backends/layout/delta_lists.h"
-#include "backends/layout/layout.h"
 #include "backends/layout/march_layout.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
 #include "backends/layout/resident_layout.h"
+#include "backends/layout/spring_array.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "tests/support.h"
 
@@ -217,13 +221,14 @@ void expect_deltas(const Problem& problem) {
             ASSERT_EQ(to, std::int64_t(particle[std::size_t(voxel)]));
         }
     }
-    const OwnLists<float> own(problem, place_guarded(problem), Formulation::increment, deltas.slices);
+    const OffLatticeLists<float> own(problem, place_guarded(problem), Formulation::increment, deltas.slices);
     std::size_t stiff = 0;
     for (const auto& constants : own.constants()) stiff += constants.stiffness != 0 ? 1 : 0;
     ASSERT_EQ(stiff, 2 * problem.springs.size());
-    ASSERT_LE(own.columns(), 2 * problem.springs.size() * own_chunk)
+    ASSERT_LE(own.columns(), 2 * problem.springs.size() * off_lattice_chunk)
         << "the bound that a backend asks memory by";
-    for (const Slice& slice : deltas.slices) ASSERT_LE(slice.own_begin + slice.own_slots, own.columns());
+    for (const Slice& slice : deltas.slices)
+        ASSERT_LE(slice.off_lattice_begin + slice.off_lattice_slots, own.columns());
 }
 
 void expect_blocks(const Problem& problem, BlockShape shape) {
@@ -239,7 +244,7 @@ void expect_blocks(const Problem& problem, BlockShape shape) {
         ASSERT_EQ(std::size_t(block.place),
                   grid.place(block.x / shape.x, block.y / shape.y, block.z / shape.z));
     }
-    const auto active = active_blocks(lattice, shape);
+    const auto active = occupied_blocks(lattice, shape);
     ASSERT_TRUE(active.empty() || active == blocks);
 }
 
@@ -267,19 +272,19 @@ void expect_march(const Problem& problem, const std::string& name, Precision pre
                                         std::size_t(x)];
             }
         }
-        if (item.whole == (std::size_t(1) << shape.warps()) - 1) continue;
+        if (item.full_stencils == (std::size_t(1) << shape.warps()) - 1) continue;
         ASSERT_EQ(item.words, words);
         words += std::size_t(item.end - item.begin + 1) * std::size_t(shape.threads());
     }
     ASSERT_EQ(particles, problem.particle_count());
     ASSERT_EQ(words, plan.words.size());
     ASSERT_LE(plan.items.size() * sizeof(MarchItem) + words * sizeof(std::uint64_t),
-              most_plan_bytes(lattice, shape));
+              max_plan_bytes(lattice, shape));
 }
 
 void expect_resident(const Problem& problem, const Card& card, Partition partition, int pollers,
                      bool overlap) {
-    if (problem.particle_count() > std::size_t(card.multiprocessors) * most_resident_lanes) return;
+    if (problem.particle_count() > std::size_t(card.multiprocessors) * max_resident_lanes) return;
     const ResidentLayout layout =
         lay_out_resident(problem, card.multiprocessors, pollers, partition, overlap);
     ASSERT_LE(layout.blocks, card.multiprocessors);
@@ -291,7 +296,7 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
     ASSERT_EQ(std::count(lanes.begin(), lanes.end(), 1), std::ptrdiff_t(lanes.size()));
     if (!too_much_for_a_block(layout).empty()) {
         // Equal shares of single particles always fit; what they reach in other blocks may be too much.
-        ASSERT_TRUE(partition == Partition::rows || layout.lanes <= most_resident_lanes);
+        ASSERT_TRUE(partition == Partition::rows || layout.lanes <= max_resident_lanes);
         return;
     }
     ASSERT_LE(layout.lanes + layout.pollers, 1024) << "threads of a block";

@@ -9,7 +9,7 @@
 #include <set>
 #include <tuple>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/blocks.h"
 #include "cuda/kernels/resident.h"
 #include "tests/support.h"
 

@@ -64,7 +64,8 @@ std::string ComputeBackend::too_large(const char* what, std::uint64_t bytes) con
 std::string ComputeBackend::refused(const Problem& problem) const {
     if (std::string why = refused_layout(problem); !why.empty()) return why;
     const cuda::Placement placement = place(problem);
-    if (std::string why = too_large("positions", placement.words * sizeof(cuda::Word<float>)); !why.empty())
+    if (std::string why = too_large("positions", placement.words * sizeof(cuda::ParticleRecord<float>));
+        !why.empty())
         return why;
     const auto texels = std::uint64_t(context().max_texture_buffer_size());
     if (through_textures_ && placement.words > texels)
@@ -254,7 +255,7 @@ std::uint64_t compute_bytes(const Problem& problem, const Options& options,
     const bool all = options.tuning.at("terms") == "all";
     const bool split = options.formulation == Formulation::compensated;
     const std::uint64_t axes = 3 * cuda::increment_pitch(placement) * sizeof(float);
-    return placement.words * ((split ? 4 : 2) * sizeof(cuda::Word<float>) +
+    return placement.words * ((split ? 4 : 2) * sizeof(cuda::ParticleRecord<float>) +
                               (needs_loads(problem, all) ? sizeof(cuda::Vector<float>) : 0) +
                               (needs_materials(problem, all) ? sizeof(float) : 0)) +
            (by_increments(options.formulation) ? axes : 0) + (split ? axes : 0);

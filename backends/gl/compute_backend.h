@@ -11,7 +11,9 @@
 
 #include "backends/gl/gl_backend.h"
 #include "backends/gl/storage_buffer.h"
-#include "backends/layout/layout.h"
+#include "backends/layout/blocks.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
 
 namespace voxspring::gl {
 

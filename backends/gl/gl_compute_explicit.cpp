@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "backends/gl/compute_backend.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 
 namespace voxspring {
@@ -84,7 +85,7 @@ private:
         step_ = cuda::make_explicit_step<float>(problem, lists, formulation());
         neighbour_.upload(context(), lists.neighbour);
         constants_.upload(context(), lists.constants);
-        own_rest_.upload(context(), lists.own_rest);
+        own_rest_.upload(context(), lists.off_lattice_rest);
         if (!by_increments(formulation())) {
             if (secondary_) measure(constants_, lists.constants.size(), 2, 1);
             measure(step_.rest_length);
@@ -140,7 +141,7 @@ private:
         edited_particle_.replace(context(), rows.particle);
         edited_neighbour_.replace(context(), rows.lists.neighbour);
         edited_constants_.replace(context(), rows.lists.constants);
-        edited_own_rest_.replace(context(), rows.lists.own_rest);
+        edited_own_rest_.replace(context(), rows.lists.off_lattice_rest);
         edited_particle_.bind(0);
         edited_neighbour_.bind(1);
         edited_constants_.bind(2);

@@ -3,6 +3,7 @@
 #include <array>
 
 #include "backends/gl/compute_backend.h"
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
 
@@ -79,7 +80,7 @@ private:
 
     Layout lay_out(const Problem& problem) override {
         Layout layout{place(problem), problem.lattice.mask, {}};
-        std::vector<cuda::BlockOrigin> origins = cuda::active_blocks(problem.lattice, shape_);
+        std::vector<cuda::BlockOrigin> origins = cuda::occupied_blocks(problem.lattice, shape_);
         const glm::ivec3 dims = problem.lattice.dims;
         layout.groups = groups(dims);
         has_origins_ = !origins.empty();

@@ -7,7 +7,7 @@
 
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
-#include "backends/layout/layout.h"
+#include "backends/layout/springs.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring {
@@ -193,7 +193,7 @@ private:
     /// What own_rest_ holds of it.
     static glm::vec4 rest_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) {
         if (s.bit >= 0) return glm::vec4(0);
-        const auto rest = cuda::own_rest_of<float>(problem, i, s.neighbour, s.rest_length);
+        const auto rest = cuda::off_lattice_rest_of<float>(problem, i, s.neighbour, s.rest_length);
         return {rest.offset.x, rest.offset.y, rest.offset.z, rest.deficit};
     }
 

@@ -7,7 +7,7 @@
 
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
-#include "backends/layout/layout.h"
+#include "backends/layout/springs.h"
 #include "backends/physics/addressing.h"
 #include "backends/physics/neighbours.h"
 

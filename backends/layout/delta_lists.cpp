@@ -4,6 +4,9 @@
 #include <array>
 #include <set>
 
+#include "backends/layout/rounding.h"
+#include "backends/layout/springs.h"
+
 namespace voxspring::cuda {
 namespace {
 
@@ -22,10 +25,6 @@ constexpr std::array<std::array<int, 2>, row_count> row_offsets = {{
     NEIGHBOUR_ROWS(OFFSET)
 #undef OFFSET
 }};
-
-std::uint32_t rounded_up(std::size_t slots) {
-    return std::uint32_t((slots + own_chunk - 1) / own_chunk * own_chunk);
-}
 
 /// The list of a run while particles join it.
 class GrowingList {
@@ -172,9 +171,9 @@ Placement place_guarded(const Problem& problem) {
 DeltaLists compress_lists(const Problem& problem) {
     const std::size_t particles = problem.particle_count();
     DeltaLists compressed;
-    compressed.slices.resize((particles + slice_particles - 1) / slice_particles);
+    compressed.slices.resize(units_of(particles, std::size_t(slice_particles)));
     const std::vector<std::uint32_t> particle = particle_of_voxel(problem.lattice);
-    std::vector<std::vector<RowDeltas>> lists((particles + chunk_particles - 1) / chunk_particles);
+    std::vector<std::vector<RowDeltas>> lists(units_of(particles, chunk_particles));
 #pragma omp parallel for schedule(dynamic)
     for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(lists.size()); ++n) {
         const auto chunk = std::size_t(n);
@@ -207,8 +206,8 @@ DeltaLists compress_lists(const Problem& problem) {
 }
 
 template <class Real>
-OwnLists<Real>::OwnLists(const Problem& problem, const Placement& placement, Formulation formulation,
-                         std::span<Slice> slices)
+OffLatticeLists<Real>::OffLatticeLists(const Problem& problem, const Placement& placement,
+                                       Formulation formulation, std::span<Slice> slices)
     : formulation_(formulation), first_(placement.first), particles_(problem.particle_count()) {
     std::vector<std::uint32_t> count(particles_);
     for (const Spring& spring : problem.springs) {
@@ -220,7 +219,7 @@ OwnLists<Real>::OwnLists(const Problem& problem, const Placement& placement, For
         const auto end =
             count.begin() + std::ptrdiff_t(std::min((std::size_t(n) + 1) * slice_particles, particles_));
         const std::uint32_t most = *std::max_element(begin, end);
-        slices[n].own_begin = slices[n].own_slots = 0;
+        slices[n].off_lattice_begin = slices[n].off_lattice_slots = 0;
         if (most > 0) extend(n, slices[n], most);
     }
     std::fill(count.begin(), count.end(), 0);
@@ -232,49 +231,52 @@ OwnLists<Real>::OwnLists(const Problem& problem, const Placement& placement, For
 }
 
 template <class Real>
-void OwnLists<Real>::extend(std::uint32_t number, Slice& slice, std::uint32_t slots) {
+void OffLatticeLists<Real>::extend(std::uint32_t number, Slice& slice, std::uint32_t slots) {
     const Slice old = slice;
-    slice.own_begin = std::uint32_t(columns());
-    slice.own_slots = rounded_up(slots);
-    const std::size_t size = (std::size_t(slice.own_begin) + slice.own_slots) * slice_particles;
+    slice.off_lattice_begin = std::uint32_t(columns());
+    slice.off_lattice_slots = rounded_up(slots, std::uint32_t(off_lattice_chunk));
+    const std::size_t size =
+        (std::size_t(slice.off_lattice_begin) + slice.off_lattice_slots) * slice_particles;
     neighbour_.resize(size);
     constants_.resize(size, {0, 0});
-    if (!on_positions(formulation_)) own_rest_.resize(size);
-    for (std::uint32_t slot = 0; slot < slice.own_slots; ++slot) {
+    if (!on_positions(formulation_)) off_lattice_rest_.resize(size);
+    for (std::uint32_t slot = 0; slot < slice.off_lattice_slots; ++slot) {
         for (std::uint32_t lane = 0; lane < slice_particles; ++lane) {
             const std::uint32_t particle = number * slice_particles + lane;
             const std::size_t to = element(slice, particle, slot);
             clear(to, particle);
-            if (slot >= old.own_slots) continue;
+            if (slot >= old.off_lattice_slots) continue;
             const std::size_t from = element(old, particle, slot);
             neighbour_[to] = neighbour_[from];
             constants_[to] = constants_[from];
-            if (!own_rest_.empty()) own_rest_[to] = own_rest_[from];
+            if (!off_lattice_rest_.empty()) off_lattice_rest_[to] = off_lattice_rest_[from];
         }
     }
 }
 
 template <class Real>
-void OwnLists<Real>::put(std::size_t element, const Problem& problem, std::uint32_t particle,
-                         const Spring& spring) {
+void OffLatticeLists<Real>::put(std::size_t element, const Problem& problem, std::uint32_t particle,
+                                const Spring& spring) {
     const std::uint32_t neighbour = spring.first == particle ? spring.second : spring.first;
     neighbour_[element] = std::uint32_t(first_ + neighbour);
     constants_[element] = {Real(spring.stiffness), listed_length<Real>(spring, formulation_)};
     if (!on_positions(formulation_))
-        own_rest_[element] = own_rest_of<Real>(problem, particle, neighbour, spring.rest_length);
+        off_lattice_rest_[element] =
+            off_lattice_rest_of<Real>(problem, particle, neighbour, spring.rest_length);
 }
 
 template <class Real>
-void OwnLists<Real>::clear(std::size_t element, std::uint32_t particle) {
+void OffLatticeLists<Real>::clear(std::size_t element, std::uint32_t particle) {
     // Past the last particle there is nobody; the first word is as good as any.
     neighbour_[element] = std::uint32_t(first_ + (particle < particles_ ? particle : 0));
     constants_[element] = {0, 0};
-    if (!own_rest_.empty()) own_rest_[element] = {};
+    if (!off_lattice_rest_.empty()) off_lattice_rest_[element] = {};
 }
 
 template <class Real>
-typename OwnLists<Real>::Changes OwnLists<Real>::change(const Problem& edited, const SpringEdit& edit,
-                                                        std::span<Slice> slices) {
+typename OffLatticeLists<Real>::Changes OffLatticeLists<Real>::change(const Problem& edited,
+                                                                      const SpringEdit& edit,
+                                                                      std::span<Slice> slices) {
     std::set<std::uint32_t> changed;
     for (const SpringEdit::Touched& touched : edit.touched) {
         const auto listed = edit.springs_of(touched);
@@ -284,10 +286,10 @@ typename OwnLists<Real>::Changes OwnLists<Real>::change(const Problem& edited, c
         const auto count = std::uint32_t(listed.end() - own);
         const std::uint32_t number = touched.particle / slice_particles;
         Slice& slice = slices[number];
-        if (count > slice.own_slots) extend(number, slice, count);
-        if (slice.own_slots == 0) continue;
+        if (count > slice.off_lattice_slots) extend(number, slice, count);
+        if (slice.off_lattice_slots == 0) continue;
         changed.insert(number);
-        for (std::uint32_t slot = 0; slot < slice.own_slots; ++slot) {
+        for (std::uint32_t slot = 0; slot < slice.off_lattice_slots; ++slot) {
             const std::size_t at = element(slice, touched.particle, slot);
             if (slot < count) {
                 const ListedSpring& spring = *(own + slot);
@@ -307,13 +309,13 @@ typename OwnLists<Real>::Changes OwnLists<Real>::change(const Problem& edited, c
         const auto append = [&](auto& to, const auto& from) {
             if (from.empty()) return;
             const auto begin = from.begin() + std::ptrdiff_t(element(slice, number * slice_particles, 0));
-            to.insert(to.end(), begin, begin + std::ptrdiff_t(slice.own_slots) * slice_particles);
+            to.insert(to.end(), begin, begin + std::ptrdiff_t(slice.off_lattice_slots) * slice_particles);
         };
-        for (std::uint32_t slot = 0; slot < slice.own_slots; ++slot)
-            changes.columns.particle.push_back(slice.own_begin + slot);
+        for (std::uint32_t slot = 0; slot < slice.off_lattice_slots; ++slot)
+            changes.columns.particle.push_back(slice.off_lattice_begin + slot);
         append(columns.neighbour, neighbour_);
         append(columns.constants, constants_);
-        append(columns.own_rest, own_rest_);
+        append(columns.off_lattice_rest, off_lattice_rest_);
     }
     return changes;
 }
@@ -326,8 +328,8 @@ DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placeme
     return step;
 }
 
-#define FOR_PRECISION(Real)        \
-    template class OwnLists<Real>; \
+#define FOR_PRECISION(Real)               \
+    template class OffLatticeLists<Real>; \
     template DeltaStep<Real> make_delta_step(const Problem&, const Placement&, Formulation);
 FOR_PRECISION(float)
 FOR_PRECISION(double)

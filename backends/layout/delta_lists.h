@@ -5,8 +5,11 @@
 #include <span>
 #include <vector>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/blocks.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
 #include "backends/layout/records/delta.h"
+#include "backends/layout/records/edit.h"
 
 namespace voxspring::cuda {
 
@@ -25,17 +28,17 @@ DeltaLists compress_lists(const Problem& problem);
 /// Springs beyond the lattice slice by slice, while edits change them. A slice whose lists have no room gets
 /// new ones behind all others.
 template <class Real>
-class OwnLists {
+class OffLatticeLists {
 public:
-    OwnLists() = default;
+    OffLatticeLists() = default;
     /// Points `slices` at them. Rest lengths as listed_length() has them.
-    OwnLists(const Problem& problem, const Placement& placement, Formulation formulation,
-             std::span<Slice> slices);
+    OffLatticeLists(const Problem& problem, const Placement& placement, Formulation formulation,
+                    std::span<Slice> slices);
 
     /// A column is one slot of a slice: slice_particles elements of each of these.
     std::span<const std::uint32_t> neighbour() const { return neighbour_; }
     std::span<const SpringConstants<Real>> constants() const { return constants_; }
-    std::span<const SpringRest<Real>> own_rest() const { return own_rest_; }
+    std::span<const SpringRest<Real>> off_lattice_rest() const { return off_lattice_rest_; }
     std::size_t columns() const { return neighbour_.size() / slice_particles; }
     bool empty() const { return neighbour_.empty(); }
 
@@ -52,7 +55,7 @@ private:
     void put(std::size_t element, const Problem& problem, std::uint32_t particle, const Spring& spring);
     void clear(std::size_t element, std::uint32_t particle);
     std::size_t element(const Slice& slice, std::uint32_t particle, std::uint32_t slot) const {
-        return (std::size_t(slice.own_begin) + slot) * slice_particles + particle % slice_particles;
+        return (std::size_t(slice.off_lattice_begin) + slot) * slice_particles + particle % slice_particles;
     }
 
     Formulation formulation_{};
@@ -60,7 +63,7 @@ private:
     std::size_t particles_ = 0;
     std::vector<std::uint32_t> neighbour_;
     std::vector<SpringConstants<Real>> constants_;
-    std::vector<SpringRest<Real>> own_rest_;  ///< by displacements
+    std::vector<SpringRest<Real>> off_lattice_rest_;  ///< by displacements
 };
 
 /// The kernel's first argument, as make_implicit_step() leaves it.

@@ -8,14 +8,13 @@
 #include <queue>
 #include <utility>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/rounding.h"
+#include "backends/layout/springs.h"
 
 namespace voxspring::cuda {
 namespace {
 
-constexpr int most_rows = 2;
-
-int ceiling(int value, int unit) { return (value + unit - 1) / unit; }
+constexpr int max_rows = 2;
 
 /// The first lattice direction of each spring class.
 constexpr std::array<glm::ivec3, spring_classes> class_offsets = {glm::ivec3{1, 0, 0}, {0, 1, 0}, {0, 0, 1},
@@ -36,13 +35,13 @@ double pull_of_class(const Problem& problem, std::size_t k, Formulation formulat
 
 /// Which bits of a thread's word stand for the springs of its particles in the plane that arrived (1) and the
 /// one before (0), by row, column and mask bit.
-class WordTable {
+class PlaneMaskTable {
 public:
-    explicit WordTable(int rows) : rows_(rows) {
+    explicit PlaneMaskTable(int rows) : rows_(rows) {
         if (rows == 1) {
             visit_springs<1, true>(*this);
         } else {
-            visit_springs<most_rows, true>(*this);
+            visit_springs<max_rows, true>(*this);
         }
     }
 
@@ -65,12 +64,12 @@ public:
 
 private:
     static std::size_t index(int z, int r, int c) {
-        return (std::size_t(z) * most_rows + std::size_t(r)) * 2 + std::size_t(c);
+        return (std::size_t(z) * max_rows + std::size_t(r)) * 2 + std::size_t(c);
     }
     int moves(int r, int c) const {
-        return rows_ == 1 ? MarchWord<1>::moves(r, c) : MarchWord<most_rows>::moves(r, c);
+        return rows_ == 1 ? PlaneMask<1>::moves(r, c) : PlaneMask<max_rows>::moves(r, c);
     }
-    int stored(int r) const { return rows_ == 1 ? MarchWord<1>::stored(r) : MarchWord<most_rows>::stored(r); }
+    int stored(int r) const { return rows_ == 1 ? PlaneMask<1>::stored(r) : PlaneMask<max_rows>::stored(r); }
     std::uint64_t of(int z, int r, int c, std::uint32_t mask) const {
         std::uint64_t word = 0;
         for (std::uint32_t bits = mask & (FACE_BITS | EDGE_BITS); bits != 0; bits &= bits - 1)
@@ -79,7 +78,7 @@ private:
     }
 
     int rows_;
-    std::array<std::array<std::uint64_t, neighbour_count>, std::size_t(2) * most_rows * 2> bits_{};
+    std::array<std::array<std::uint64_t, neighbour_count>, std::size_t(2) * max_rows * 2> bits_{};
 };
 
 /// Mask bits of the directions whose offset `chosen` accepts.
@@ -102,8 +101,8 @@ public:
           right_(bits_where([](glm::ivec3 o) { return o.x > 0; })),
           below_(bits_where([](glm::ivec3 o) { return o.z < 0; })),
           above_(bits_where([](glm::ivec3 o) { return o.z > 0; })),
-          tiles_x_(ceiling(lattice_->dims.x, shape.width())),
-          tiles_y_(ceiling(lattice_->dims.y, shape.height())),
+          tiles_x_(units_of(lattice_->dims.x, shape.width())),
+          tiles_y_(units_of(lattice_->dims.y, shape.height())),
           masks_(lattice_->voxel_count()) {
         const auto particles = std::ptrdiff_t(lattice_->voxel.size());
 #pragma omp parallel for
@@ -111,8 +110,8 @@ public:
             masks_[lattice_->voxel[std::size_t(n)]] = lattice_->mask[std::size_t(n)];
     }
 
-    /// Runs of planes of each tile that hold a particle, cut where for long the same warps are whole: a plane
-    /// of pins would otherwise leave masks to all above it.
+    /// Runs of planes of each tile that hold a particle, cut where for long the same warps have full
+    /// stencils: a plane of pins would otherwise leave masks to all above it.
     std::vector<MarchItem> runs() const {
         const std::ptrdiff_t tiles = std::ptrdiff_t(tiles_x_) * tiles_y_;
         std::vector<std::vector<MarchItem>> of_tile(std::size_t(tiles), std::vector<MarchItem>{});
@@ -127,7 +126,7 @@ public:
                 open = active;
             }
             std::vector<MarchItem> cut;
-            for (const MarchItem& run : of_tile[std::size_t(t)]) cut_by_wholeness(run, cut);
+            for (const MarchItem& run : of_tile[std::size_t(t)]) cut_by_full_stencils(run, cut);
             of_tile[std::size_t(t)] = std::move(cut);
         }
         std::vector<MarchItem> all;
@@ -135,21 +134,21 @@ public:
         return all;
     }
 
-    /// Sets which warps of `item` are whole.
+    /// Sets which warps of `item` have full stencils.
     void judge(MarchItem& item) const {
-        item.whole = 0;
+        item.full_stencils = 0;
         for (int warp = 0; warp < shape_.warps(); ++warp)
-            item.whole |= std::size_t(is_whole(item, warp) ? 1 : 0) << warp;
+            item.full_stencils |= std::size_t(has_full_stencils(item, warp) ? 1 : 0) << warp;
     }
 
-    bool all_whole(const MarchItem& item) const {
-        return item.whole == (std::size_t(1) << shape_.warps()) - 1;
+    bool all_full_stencils(const MarchItem& item) const {
+        return item.full_stencils == (std::size_t(1) << shape_.warps()) - 1;
     }
     std::size_t word_count(const MarchItem& item) const {
         return std::size_t(item.end - item.begin + 1) * std::size_t(shape_.threads());
     }
 
-    void write_words(const MarchItem& item, const WordTable& table, std::uint64_t* words) const {
+    void write_words(const MarchItem& item, const PlaneMaskTable& table, std::uint64_t* words) const {
         const auto threads = std::size_t(shape_.threads());
         for (int z = item.begin; z < item.end; ++z) {
             std::uint64_t* const own = words + std::size_t(z - item.begin) * threads;
@@ -169,14 +168,14 @@ public:
     }
 
 private:
-    void cut_by_wholeness(const MarchItem& run, std::vector<MarchItem>& items) const {
+    void cut_by_full_stencils(const MarchItem& run, std::vector<MarchItem>& items) const {
         // What an item costs beside its planes is three planes' time, and masks cost an eighth.
         constexpr int long_enough = 32;
         std::vector<MarchItem> stretches;
         for (int z = run.begin; z < run.end; ++z) {
             MarchItem plane{run.x, run.y, z, z + 1, 0, 0};
             judge(plane);
-            if (stretches.empty() || stretches.back().whole != plane.whole) {
+            if (stretches.empty() || stretches.back().full_stencils != plane.full_stencils) {
                 stretches.push_back(plane);
             } else {
                 stretches.back().end = z + 1;
@@ -209,7 +208,7 @@ private:
         }
         return false;
     }
-    bool is_whole(const MarchItem& item, int warp) const {
+    bool has_full_stencils(const MarchItem& item, int warp) const {
         const int x = item.x + shape_.column(32 * warp), y = item.y + shape_.row(32 * warp);
         const int width = 2 * shape_.lanes, height = shape_.rows * (32 / shape_.lanes);
         for (int z = item.begin; z < item.end; ++z) {
@@ -236,7 +235,7 @@ private:
 
 /// The lengths of the parts that a run of planes is cut into, none longer than `most`.
 std::vector<int> parts_of(const MarchItem& run, int most) {
-    const int length = run.end - run.begin, count = ceiling(length, most);
+    const int length = run.end - run.begin, count = units_of(length, most);
     std::vector<int> parts;
     for (int part = 0; part < count; ++part)
         parts.push_back(length * (part + 1) / count - length * part / count);
@@ -267,8 +266,8 @@ int best_length(const std::vector<MarchItem>& runs, int slots) {
     int longest = 1;
     for (const MarchItem& run : runs) longest = std::max(longest, run.end - run.begin);
     int best = longest, least = std::numeric_limits<int>::max();
-    for (int parts = 1; parts == 1 || ceiling(longest, parts) >= shortest; ++parts) {
-        const int length = ceiling(longest, parts);
+    for (int parts = 1; parts == 1 || units_of(longest, parts) >= shortest; ++parts) {
+        const int length = units_of(longest, parts);
         std::vector<int> lengths;
         for (const MarchItem& run : runs) {
             const std::vector<int> of_run = parts_of(run, length);
@@ -324,10 +323,9 @@ std::string best_march_tile(const Problem& problem, Precision precision, std::si
     return best == tiles.end() ? tiles.back() : *best;
 }
 
-Axes march_axes(const Lattice& lattice, std::size_t real_bytes) {
+SoaStrides march_strides(const Lattice& lattice, std::size_t real_bytes) {
     constexpr std::size_t line = 128;
-    const std::size_t row =
-        (std::size_t(lattice.dims.x) * real_bytes + line - 1) / line * (line / real_bytes);
+    const std::size_t row = rounded_up(std::size_t(lattice.dims.x) * real_bytes, line) / real_bytes;
     const std::size_t plane = row * std::size_t(lattice.dims.y);
     return {row, plane, plane * std::size_t(lattice.dims.z)};
 }
@@ -336,7 +334,7 @@ namespace {
 
 /// Calls visit(particle, element) for each particle.
 template <class Visit>
-void visit_particles(const Problem& problem, const Axes& axes, Visit visit) {
+void visit_particles(const Problem& problem, const SoaStrides& axes, Visit visit) {
     const Lattice& lattice = problem.lattice;
     const auto particles = std::ptrdiff_t(problem.particle_count());
 #pragma omp parallel for
@@ -351,7 +349,7 @@ void visit_particles(const Problem& problem, const Axes& axes, Visit visit) {
 
 template <class Real>
 MarchState<Real> pack_march(const Problem& problem, const State& state, Formulation formulation) {
-    const Axes axes = march_axes(problem.lattice, sizeof(Real));
+    const SoaStrides axes = march_strides(problem.lattice, sizeof(Real));
     MarchState<Real> packed;
     packed.current.resize(axes.size());
     packed.before.resize(axes.size());
@@ -370,7 +368,7 @@ MarchState<Real> pack_march(const Problem& problem, const State& state, Formulat
 
 template <class Real>
 State unpack_march(const Problem& problem, const MarchState<Real>& packed, Formulation formulation) {
-    const Axes axes = march_axes(problem.lattice, sizeof(Real));
+    const SoaStrides axes = march_strides(problem.lattice, sizeof(Real));
     State state = state_at_rest(problem);
     visit_particles(problem, axes, [&](std::size_t i, std::size_t at) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -408,24 +406,25 @@ MarchPlan plan_march(const Problem& problem, const MarchShape& shape, int slots)
     for (std::ptrdiff_t n = 0; n < count; ++n) planner.judge(plan.items[std::size_t(n)]);
     std::size_t words = 0;
     for (MarchItem& item : plan.items) {
-        item.words = planner.all_whole(item) ? 0 : words;
-        if (!planner.all_whole(item)) words += planner.word_count(item);
+        item.words = planner.all_full_stencils(item) ? 0 : words;
+        if (!planner.all_full_stencils(item)) words += planner.word_count(item);
     }
     plan.words.resize(words);
-    const WordTable table(shape.rows);
+    const PlaneMaskTable table(shape.rows);
 #pragma omp parallel for schedule(dynamic)
     for (std::ptrdiff_t n = 0; n < count; ++n) {
         const MarchItem& item = plan.items[std::size_t(n)];
-        if (!planner.all_whole(item)) planner.write_words(item, table, plan.words.data() + item.words);
+        if (!planner.all_full_stencils(item))
+            planner.write_words(item, table, plan.words.data() + item.words);
     }
     return plan;
 }
 
-std::uint64_t most_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
-    const std::uint64_t tiles = std::uint64_t(ceiling(lattice.dims.x, shape.width())) *
-                                std::uint64_t(ceiling(lattice.dims.y, shape.height()));
+std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
+    const std::uint64_t tiles = std::uint64_t(units_of(lattice.dims.x, shape.width())) *
+                                std::uint64_t(units_of(lattice.dims.y, shape.height()));
     // An item has one plane of words more than planes, and there is an empty plane between two runs.
-    const std::uint64_t items = tiles * std::uint64_t(ceiling(lattice.dims.z, 2));
+    const std::uint64_t items = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
     const std::uint64_t planes = tiles * std::uint64_t(lattice.dims.z) + items;
     return items * sizeof(MarchItem) + planes * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);
 }
@@ -450,7 +449,7 @@ bool equal_edges(const Problem& problem, Formulation formulation) {
 template <class Real>
 MarchStep<Real> make_march_step(const Problem& problem, Formulation formulation) {
     const Lattice& lattice = problem.lattice;
-    const Axes axes = march_axes(lattice, sizeof(Real));
+    const SoaStrides axes = march_strides(lattice, sizeof(Real));
     MarchStep<Real> step{};
     step.nx = lattice.dims.x;
     step.ny = lattice.dims.y;

@@ -25,11 +25,11 @@ MarchTile march_tile(const std::string& name, Precision precision);
 std::string best_march_tile(const Problem& problem, Precision precision, std::size_t shared_bytes);
 
 /// Elements of an array of vectors: every x of the lattice, then every y, then every z.
-struct Axes {
+struct SoaStrides {
     std::size_t row = 0, plane = 0, axis = 0;  ///< elements from one to the next; rows begin on cache lines
     std::size_t size() const { return 3 * axis; }
 };
-Axes march_axes(const Lattice& lattice, std::size_t real_bytes);
+SoaStrides march_strides(const Lattice& lattice, std::size_t real_bytes);
 
 /// The state of every particle, as a formulation has it; voxels without one are zero.
 template <class Real>
@@ -52,7 +52,7 @@ struct MarchPlan {
 /// them all busy to the end.
 MarchPlan plan_march(const Problem& problem, const MarchShape& shape, int slots);
 /// Bytes of a plan, at most.
-std::uint64_t most_plan_bytes(const Lattice& lattice, const MarchShape& shape);
+std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
 /// Whether no rest length is so short that its inverse, in which forces are unless by increments, is none.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);

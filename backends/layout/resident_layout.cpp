@@ -7,14 +7,13 @@
 #include <numeric>
 #include <unordered_map>
 
+#include "backends/layout/rounding.h"
+#include "backends/layout/springs.h"
+
 namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t warp = 32;
-
-std::size_t rounded_up(std::size_t value, std::size_t multiple) {
-    return (value + multiple - 1) / multiple * multiple;
-}
 
 // What is dealt out as a whole: a particle, or a row of up to 32 of them.
 struct Item {
@@ -63,14 +62,14 @@ void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::s
 }
 
 // The particles of each block; `none` fills lanes of a row that have none.
-std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int most_blocks, bool rows) {
+std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max_blocks, bool rows) {
     std::vector<Item> items = items_of(problem, rows);
-    const std::size_t most = std::min(std::size_t(most_blocks), items.size());
+    const std::size_t most = std::min(std::size_t(max_blocks), items.size());
     std::size_t parts = most;
     if (rows) {
         // As many rows as the busiest block needs anyway, in as few blocks as hold them all.
-        const std::size_t rows_a_block = (items.size() + most - 1) / most;
-        parts = (items.size() + rows_a_block - 1) / rows_a_block;
+        const std::size_t rows_a_block = units_of(items.size(), most);
+        parts = units_of(items.size(), rows_a_block);
     }
     std::vector<std::vector<Item>> dealt;
     bisect(items, 0, items.size(), parts, dealt);
@@ -131,7 +130,7 @@ public:
     Layout(const Problem& problem, int pollers, bool overlap,
            const std::vector<std::vector<std::uint32_t>>& blocks)
         : problem_(problem),
-          voxel_particle_(particle_of_voxel(problem.lattice)),
+          springs_(problem),
           blocks_(blocks),
           block_of_(problem.particle_count()),
           overlap_(overlap) {
@@ -166,15 +165,6 @@ public:
 private:
     glm::ivec3 at(std::uint32_t i) const { return problem_.lattice.coordinates(problem_.lattice.voxel[i]); }
 
-    template <class Visit>
-    void visit_neighbours(std::uint32_t i, Visit visit) const {
-        for (const Direction& direction : directions()) {
-            if ((problem_.lattice.mask[i] >> direction.bit & 1U) == 0) continue;
-            const auto voxel = std::ptrdiff_t(problem_.lattice.voxel[i]) + problem_.lattice.stride(direction);
-            visit(direction, voxel_particle_[std::size_t(voxel)]);
-        }
-    }
-
     // Particles of other blocks that each block reaches, ascending.
     void find_borders() {
         reached_.resize(blocks_.size());
@@ -184,7 +174,7 @@ private:
             std::vector<std::uint32_t>& reached = reached_[b];
             for (const std::uint32_t i : blocks_[b]) {
                 if (i == resident_none) continue;
-                visit_neighbours(i, [&](const Direction&, std::uint32_t j) {
+                springs_.all_of(i, [&](std::uint32_t j, const Direction&) {
                     if (block_of_[j] != b) reached.push_back(j);
                 });
             }
@@ -193,7 +183,7 @@ private:
         }
         std::size_t most = 0;
         for (const auto& reached : reached_) most = std::max(most, reached.size());
-        out_.rounds = std::max(1, int((most + std::size_t(out_.pollers) - 1) / std::size_t(out_.pollers)));
+        out_.rounds = std::max(1, int(units_of(most, std::size_t(out_.pollers))));
     }
 
     // Gives a place in the exchange to what is reached: that of a block together, in the order of its lanes.
@@ -280,7 +270,7 @@ private:
                 out_.slot[bit * out_.lane_count() + first + lane] = out_.own_slot[first + lane];
             if (lane >= lanes.size() || lanes[lane] == resident_none) continue;
             const int border = out_.border[(first + lane) / warp];
-            visit_neighbours(lanes[lane], [&](const Direction& direction, std::uint32_t j) {
+            springs_.all_of(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
                 const auto bit = std::size_t(mirrored(direction, border));
                 out_.slot[bit * out_.lane_count() + first + lane] = std::uint16_t(slot_of.at(j));
             });
@@ -301,7 +291,7 @@ private:
         std::uint32_t within = 0, beyond = 0;  // mask bits
         for (std::size_t lane = first; lane < std::min(first + warp, lanes.size()); ++lane) {
             if (lanes[lane] == resident_none) continue;
-            visit_neighbours(lanes[lane], [&](const Direction& direction, std::uint32_t j) {
+            springs_.all_of(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
                 (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
             });
         }
@@ -325,7 +315,7 @@ private:
     }
 
     const Problem& problem_;
-    const std::vector<std::uint32_t> voxel_particle_;
+    const LatticeSprings springs_;
     const std::vector<std::vector<std::uint32_t>>& blocks_;
     std::vector<std::uint32_t> block_of_;
     bool overlap_;
@@ -355,11 +345,11 @@ std::string too_much_for_a_block(const ResidentLayout& layout) {
         return std::to_string(value) + " " + what + " exceed the " + std::to_string(most) +
                " that a resident block may have";
     };
-    if (layout.lanes > most_resident_lanes) return beyond(layout.lanes, most_resident_lanes, "particles");
-    if (layout.rounds > most_resident_rounds)
-        return beyond(layout.rounds * layout.pollers, most_resident_rounds * layout.pollers,
+    if (layout.lanes > max_resident_lanes) return beyond(layout.lanes, max_resident_lanes, "particles");
+    if (layout.rounds > max_resident_rounds)
+        return beyond(layout.rounds * layout.pollers, max_resident_rounds * layout.pollers,
                       "neighbours in other blocks");
-    if (layout.slots > most_resident_slots) return beyond(layout.slots, most_resident_slots, "points");
+    if (layout.slots > max_resident_slots) return beyond(layout.slots, max_resident_slots, "points");
     return {};
 }
 

@@ -17,9 +17,9 @@ namespace voxspring::cuda {
 enum class Partition : std::uint8_t { automatic, bisection, rows };
 
 /// Most of a block that the kernel is made for.
-inline constexpr int most_resident_lanes = 512;
-inline constexpr int most_resident_rounds = 4;
-inline constexpr int most_resident_slots = 2048;  ///< 48 KiB of points
+inline constexpr int max_resident_lanes = 512;
+inline constexpr int max_resident_rounds = 4;
+inline constexpr int max_resident_slots = 2048;  ///< 48 KiB of points
 
 /// The tables of ResidentStep.
 struct ResidentLayout {

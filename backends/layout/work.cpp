@@ -4,6 +4,8 @@
 #include <array>
 
 #include "backends/layout/records/delta.h"
+#include "backends/layout/records/scatter.h"
+#include "backends/layout/rounding.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring::cuda {
@@ -37,9 +39,9 @@ constexpr std::uint64_t material_operations = single<Real> ? 1 + 1 + 1 : 1 + 5 +
 /// A vector times a scalar, added to a sum or not.
 constexpr std::uint64_t vector_operations = 3;
 
-/// What advance() takes: x(t) and x(t - dt) read, x(t + dt) written, one operand of its own each where the
-/// scene has one; by increments x(t), v read and written, x(t + dt) written; low parts of both as much again.
-/// In vector operations: the mass, gravity and the time step 3 and, where there is damping, 1;
+/// What integrate_and_store() takes: x(t) and x(t - dt) read, x(t + dt) written, one operand of its own each
+/// where the scene has one; by increments x(t), v read and written, x(t + dt) written; low parts of both as
+/// much again. In vector operations: the mass, gravity and the time step 3 and, where there is damping, 1;
 /// next_position() 3 more, paper_position() 2, increments 1; split sums 2 x 11.
 template <class Real>
 StepWork motion_work(const Problem& problem, Formulation formulation) {
@@ -47,9 +49,9 @@ StepWork motion_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t load = problem.load.empty() ? 0 : sizeof(Vector<Real>);
     const std::uint64_t inverse_mass = problem.has_materials() ? sizeof(Real) : 0;
     const bool split = formulation == Formulation::compensated;
-    std::uint64_t bytes = 3 * sizeof(Word<Real>);
+    std::uint64_t bytes = 3 * sizeof(ParticleRecord<Real>);
     if (by_increments(formulation))
-        bytes = (split ? 2 : 1) * (2 * sizeof(Word<Real>) + 2 * sizeof(Vector<Real>));
+        bytes = (split ? 2 : 1) * (2 * sizeof(ParticleRecord<Real>) + 2 * sizeof(Vector<Real>));
     std::uint64_t vectors =
         2 + (problem.has_gravity() ? 1 : 0) + (problem.damping != 0 ? 1 : 0) + (problem.load.empty() ? 0 : 1);
     if (formulation == Formulation::paper) {
@@ -158,11 +160,11 @@ StepWork explicit_work(const Problem& problem, bool secondary, Formulation formu
 template <class Real>
 StepWork delta_work(const Problem& problem, Formulation formulation) {
     StepWork work = implicit_work<Real>(problem, formulation);
-    const std::uint64_t own_ends = 2 * count_springs(problem).beyond;
-    work.bytes += (problem.particle_count() + slice_particles - 1) / slice_particles * sizeof(Slice) +
-                  own_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
-                              (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>)));
-    work.operations += own_ends;  // the stiffness
+    const std::uint64_t off_lattice_ends = 2 * count_springs(problem).beyond;
+    work.bytes += units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
+                  off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
+                                      (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>)));
+    work.operations += off_lattice_ends;  // the stiffness
     return work;
 }
 
@@ -175,7 +177,7 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     work.bytes += force_read_and_written;
     if (springs == 0) return work;
     work.launches = 2;
-    work.bytes += force_read_and_written + particles * sizeof(Word<Real>) +
+    work.bytes += force_read_and_written + particles * sizeof(ParticleRecord<Real>) +
                   springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>));
     // The stiffness, the force, and its addition to either end.
     work.operations += pull_operations<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);

@@ -3,7 +3,9 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <string>
 
 #include "backends/backend.h"
 #include "cuda/common/watch.h"
@@ -11,6 +13,7 @@
 #include "cuda/device/device.h"
 #include "cuda/device/event.h"
 #include "cuda/device/graph.h"
+#include "cuda/device/kernel.h"
 #include "cuda/device/limits.h"
 
 namespace voxspring::cuda {
@@ -24,11 +27,22 @@ public:
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
     void synchronize() final;
+    double compile_seconds() const final { return compile_seconds_; }
     DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
 
 protected:
     const Device& device() const { return device_; }
     const Stream& stream() const { return stream_; }
+    /// What is stepped: that of the latest upload or edit, which set_problem() names.
+    const Problem& problem() const { return *problem_; }
+    void set_problem(const Problem& problem) { problem_ = &problem; }
+
+    /// To be called first in upload().
+    void start_compiling() { compile_seconds_ = 0; }
+    std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
+        return Kernel::get(source, device_, compile_seconds_);
+    }
+
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
@@ -70,6 +84,8 @@ private:
     Device device_;  // first: its absence is found before anything is created on it
     Stream stream_;
     Event begin_, end_;
+    const Problem* problem_ = nullptr;
+    double compile_seconds_ = 0;
     int current_ = 0;
     DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;      ///< since upload()

@@ -8,17 +8,17 @@ constexpr unsigned block = 128;
 __device__ std::size_t thread_number() { return std::size_t(blockIdx.x) * blockDim.x + threadIdx.x; }
 
 template <class Real>
-__global__ void bits_kernel(Word<Real>* words, const EditedWord* edited, std::size_t count) {
+__global__ void bits_kernel(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count) {
     if (thread_number() < count) write_bits(words, edited[thread_number()]);
 }
 
 template <class Real>
-__global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape shape, Word<Real>* words,
-                            std::uint32_t* neighbour, SpringConstants<Real>* constants,
-                            SpringRest<Real>* own_rest) {
+__global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape shape,
+                            ParticleRecord<Real>* words, std::uint32_t* neighbour,
+                            SpringConstants<Real>* constants, SpringRest<Real>* off_lattice_rest) {
     const std::size_t n = thread_number();
     if (n >= slots) return;
-    write_slot(rows, n, shape, neighbour, constants, own_rest);
+    write_slot(rows, n, shape, neighbour, constants, off_lattice_rest);
     // One thread of a row.
     const std::size_t row = n / shape.slots;
     if (words != nullptr && n % shape.slots == 0)
@@ -31,8 +31,8 @@ __global__ void slices_kernel(const EditedSlice* edited, std::size_t count, Slic
 
 template <class Real>
 __global__ void springs_kernel(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
-                               SpringConstants<Real>* constants, SpringRest<Real>* own_rest) {
-    if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, own_rest);
+                               SpringConstants<Real>* constants, SpringRest<Real>* off_lattice_rest) {
+    if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, off_lattice_rest);
 }
 
 unsigned blocks_for(std::size_t count) { return unsigned((count + block - 1) / block); }
@@ -40,28 +40,31 @@ unsigned blocks_for(std::size_t count) { return unsigned((count + block - 1) / b
 }  // namespace
 
 template <class Real>
-void write_bits(Word<Real>* words, const EditedWord* edited, std::size_t count, const Stream& stream) {
+void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count,
+                const Stream& stream) {
     if (count == 0) return;
     bits_kernel<<<blocks_for(count), block, 0, stream.get()>>>(words, edited, count);
     check(cudaGetLastError());
 }
 
 template <class Real>
-void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape, Word<Real>* words,
-                std::uint32_t* neighbour, SpringConstants<Real>* constants, SpringRest<Real>* own_rest,
-                const Stream& stream) {
+void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape,
+                ParticleRecord<Real>* words, std::uint32_t* neighbour, SpringConstants<Real>* constants,
+                SpringRest<Real>* off_lattice_rest, const Stream& stream) {
     const std::size_t slots = count * shape.slots;
     if (slots == 0) return;
     rows_kernel<<<blocks_for(slots), block, 0, stream.get()>>>(rows, slots, shape, words, neighbour,
-                                                               constants, own_rest);
+                                                               constants, off_lattice_rest);
     check(cudaGetLastError());
 }
 
 template <class Real>
 void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
-                   SpringConstants<Real>* constants, SpringRest<Real>* own_rest, const Stream& stream) {
+                   SpringConstants<Real>* constants, SpringRest<Real>* off_lattice_rest,
+                   const Stream& stream) {
     if (count == 0) return;
-    springs_kernel<<<blocks_for(count), block, 0, stream.get()>>>(edited, count, ends, constants, own_rest);
+    springs_kernel<<<blocks_for(count), block, 0, stream.get()>>>(edited, count, ends, constants,
+                                                                  off_lattice_rest);
     check(cudaGetLastError());
 }
 
@@ -72,8 +75,8 @@ void write_slices(const EditedSlice* edited, std::size_t count, Slice* slices, c
 }
 
 #define FOR_PRECISION(Real)                                                                                  \
-    template void write_bits(Word<Real>*, const EditedWord*, std::size_t, const Stream&);                    \
-    template void write_rows(const EditedRows<Real>&, std::size_t, const ListShape&, Word<Real>*,            \
+    template void write_bits(ParticleRecord<Real>*, const EditedWord*, std::size_t, const Stream&);          \
+    template void write_rows(const EditedRows<Real>&, std::size_t, const ListShape&, ParticleRecord<Real>*,  \
                              std::uint32_t*, SpringConstants<Real>*, SpringRest<Real>*, const Stream&);      \
     template void write_springs(const EditedSpring<Real>*, std::size_t, SpringEnds*, SpringConstants<Real>*, \
                                 SpringRest<Real>*, const Stream&);

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/neighbour_lists.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"
 #include "cuda/kernels/edit.h"
@@ -55,14 +55,17 @@ public:
         const std::size_t particle = append(edited.particle), bits = append(edited.lists.bits);
         const std::size_t neighbour = append(edited.lists.neighbour),
                           constants = append(edited.lists.constants),
-                          own_rest = append(edited.lists.own_rest);
+                          off_lattice_rest = append(edited.lists.off_lattice_rest);
         const std::byte* on_device = staging_.send(std::span<const std::byte>(bytes_), stream);
         const auto at = [&]<class T>(const std::vector<T>& values, std::size_t offset) {
             return values.empty() ? nullptr : reinterpret_cast<const T*>(on_device + offset);
         };
-        return {at(edited.particle, particle),         at(edited.lists.bits, bits),
-                at(edited.lists.neighbour, neighbour), at(edited.lists.constants, constants),
-                at(edited.lists.own_rest, own_rest),   squared};
+        return {at(edited.particle, particle),
+                at(edited.lists.bits, bits),
+                at(edited.lists.neighbour, neighbour),
+                at(edited.lists.constants, constants),
+                at(edited.lists.off_lattice_rest, off_lattice_rest),
+                squared};
     }
     std::size_t bytes() const { return staging_.bytes(); }
 
@@ -82,15 +85,17 @@ private:
 
 /// Each enqueues one kernel.
 template <class Real>
-void write_bits(Word<Real>* words, const EditedWord* edited, std::size_t count, const Stream& stream);
+void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count,
+                const Stream& stream);
 /// `count` rows and, unless `words` is null, the bits of their particles.
 template <class Real>
-void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape, Word<Real>* words,
-                std::uint32_t* neighbour, SpringConstants<Real>* constants, SpringRest<Real>* own_rest,
-                const Stream& stream);
+void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape,
+                ParticleRecord<Real>* words, std::uint32_t* neighbour, SpringConstants<Real>* constants,
+                SpringRest<Real>* off_lattice_rest, const Stream& stream);
 void write_slices(const EditedSlice* edited, std::size_t count, Slice* slices, const Stream& stream);
 template <class Real>
 void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
-                   SpringConstants<Real>* constants, SpringRest<Real>* own_rest, const Stream& stream);
+                   SpringConstants<Real>* constants, SpringRest<Real>* off_lattice_rest,
+                   const Stream& stream);
 
 }  // namespace voxspring::cuda

@@ -3,6 +3,7 @@
 #include <numeric>
 #include <utility>
 
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -10,7 +11,7 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int most_threads = 512;
+constexpr int max_threads = 512;
 
 struct ListOptions {
     Secondary secondary = Secondary::always;
@@ -31,12 +32,12 @@ struct ListOptions {
 template <class Real>
 std::uint64_t explicit_bytes(const Problem& problem, const ListOptions& options, Formulation formulation) {
     const bool secondary = options.has_secondary(problem);
-    const bool own_rest = !problem.springs.empty() && !on_positions(formulation);
+    const bool off_lattice_rest = !problem.springs.empty() && !on_positions(formulation);
     const std::uint32_t slots = secondary ? slots_by_springs(problem) : slots_by_groups(problem);
     return particle_bytes<Real>(problem, place_compact(problem), formulation) +
            list_size(problem.particle_count(), slots, options.layout) *
                (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0) +
-                (own_rest ? sizeof(SpringRest<Real>) : 0));
+                (off_lattice_rest ? sizeof(SpringRest<Real>) : 0));
 }
 
 template <class Real>
@@ -53,12 +54,12 @@ public:
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         if (edit.empty()) return;
         const ExplicitStep<Real>& step = this->launch().step;
         const bool secondary = options_.has_secondary(edited);
         if (secondary != (step.constants != nullptr) || longest_list(edit) > step.shape.slots ||
-            (needs_own_rest(edited) && step.own_rest == nullptr)) {
+            (needs_off_lattice_rest(edited) && step.off_lattice_rest == nullptr)) {
             lay_out_anew(edited);
             return;
         }
@@ -67,8 +68,8 @@ public:
             secondary ? edited_by_springs<Real>(edited, edit, step.shape.slots, formulation)
                       : edited_by_groups<Real>(edited, edit, step.shape.slots, formulation);
         write_rows(edited_rows_.send(rows, !by_increments(formulation), this->stream()), rows.particle.size(),
-                   step.shape, this->current_words(), neighbour_.data(), constants_.data(), own_rest_.data(),
-                   this->stream());
+                   step.shape, this->current_words(), neighbour_.data(), constants_.data(),
+                   off_lattice_rest_.data(), this->stream());
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -81,7 +82,7 @@ private:
         std::vector<std::uint32_t> bits;
     };
 
-    bool needs_own_rest(const Problem& problem) const {
+    bool needs_off_lattice_rest(const Problem& problem) const {
         return !problem.springs.empty() && !on_positions(this->formulation());
     }
 
@@ -93,7 +94,7 @@ private:
                                                : list_by_groups<Real>(problem, options_.layout, formulation);
         neighbour_.upload(lists.neighbour, this->stream());
         constants_.upload(lists.constants, this->stream());
-        own_rest_.upload(lists.own_rest, this->stream());
+        off_lattice_rest_.upload(lists.off_lattice_rest, this->stream());
 
         typename ExplicitBackend::Launch launch;
         launch.block = dim3(options_.block);
@@ -101,14 +102,15 @@ private:
         launch.step = make_explicit_step<Real>(problem, lists, formulation);
         launch.step.neighbour = neighbour_.data();
         launch.step.constants = constants_.data();
-        launch.step.own_rest = own_rest_.data();
+        launch.step.off_lattice_rest = off_lattice_rest_.data();
         if (!by_increments(formulation)) {
-            measure_rest_lengths(constants_, this->stream());
-            measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
+            calibrate_rest_lengths(constants_, this->stream());
+            calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
         }
         constexpr int blocks = sizeof(Real) == sizeof(float) ? 2 : 1;
-        KernelSource source = this->family().source("explicit.cu", problem, most_threads, blocks,
-                                                    needs_own_rest(problem) ? term_own_rests : 0);
+        KernelSource source =
+            this->family().source("explicit.cu", problem, max_threads, blocks,
+                                  needs_off_lattice_rest(problem) ? term_off_lattice_rests : 0);
         if (secondary) source.macros["SECONDARY"] = "1";
         launch.kernel = this->kernel(source);
         return {launch, std::move(lists.bits)};
@@ -137,14 +139,14 @@ private:
         return explicit_bytes<Real>(problem, options_, this->formulation());
     }
     std::uint64_t bytes_held() const override {
-        return this->particle_bytes_held() + neighbour_.bytes() + constants_.bytes() + own_rest_.bytes() +
-               edited_rows_.bytes();
+        return this->particle_bytes_held() + neighbour_.bytes() + constants_.bytes() +
+               off_lattice_rest_.bytes() + edited_rows_.bytes();
     }
 
     const ListOptions options_;
     Buffer<std::uint32_t> neighbour_;
     Buffer<SpringConstants<Real>> constants_;
-    Buffer<SpringRest<Real>> own_rest_;
+    Buffer<SpringRest<Real>> off_lattice_rest_;
     StagedRows<Real> edited_rows_;
 };
 

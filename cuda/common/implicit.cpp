@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
 #include "cuda/common/measure.h"
@@ -11,14 +12,14 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int most_threads = 256;
+constexpr int max_threads = 256;
 
 template <class Real>
 std::uint64_t implicit_bytes(const Problem& problem, BlockShape shape, Formulation formulation) {
     const Placement placement = place_on_grid(problem.lattice);
     return particle_bytes<Real>(problem, placement, formulation) +
            (problem.has_materials() ? placement.words * sizeof(Real) : 0) +
-           active_blocks(problem.lattice, shape).size() * sizeof(BlockOrigin);
+           occupied_blocks(problem.lattice, shape).size() * sizeof(BlockOrigin);
 }
 
 template <class Real>
@@ -38,7 +39,7 @@ public:
         this->start_compiling();
         const Lattice& lattice = problem.lattice;
         const Placement placement = place_on_grid(lattice);
-        const std::vector<BlockOrigin> origins = active_blocks(lattice, shape_);
+        const std::vector<BlockOrigin> origins = occupied_blocks(lattice, shape_);
         origins_.upload(origins, this->stream());
         compliance_.upload(pack_compliance<Real>(problem, placement), this->stream());
 
@@ -67,14 +68,14 @@ public:
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
         // For resume(), which is to see where these have moved.
-        launch.step.lively = resting_.lively(0);
+        launch.step.active = resting_.active(0);
         if (!by_increments(this->formulation()))
-            measure_rest_lengths<Real>(launch.step.rest_length, this->stream());
+            calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
-        this->follow(edited);
+        this->set_problem(edited);
         this->write_masks(edit);
         resting_.wake(this->current(), this->stream());
     }
@@ -117,7 +118,7 @@ private:
         }
         const auto& launch = this->launch();
         ImplicitStep<Real> step = launch.step;
-        step.lively = resting_.lively(reading);
+        step.active = resting_.active(reading);
         this->launch_kernel(*resting_kernel_, resting_grid_, launch.block, launch.shared_bytes, step,
                             reading);
     }
@@ -137,9 +138,9 @@ private:
 
     KernelSource source(const Problem& problem, dim3 grid, int registers,
                         std::uint32_t more_terms = 0) const {
-        KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, most_threads,
-                                                    this->blocks_with(registers, most_threads),
-                                                    (votes(grid) ? term_interior : 0) | more_terms);
+        KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, max_threads,
+                                                    this->blocks_with(registers, max_threads),
+                                                    (votes(grid) ? term_full_stencil : 0) | more_terms);
         if (tiled_) {
             source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
             source.macros["WIDTH"] = std::to_string(shape_.x);
@@ -148,36 +149,22 @@ private:
         return source;
     }
 
-    bool runs_at_once(dim3 grid, int registers) const {
-        const std::size_t threads =
-            std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
-        return threads <= std::size_t(this->device().multiprocessors()) * most_threads *
-                              std::size_t(this->blocks_with(registers, most_threads));
+    std::size_t threads_of(dim3 grid) const {
+        return std::size_t(grid.x) * grid.y * grid.z * std::size_t(shape_.x * shape_.y * shape_.z);
     }
 
     int registers_for(dim3 grid) const {
-        if (registers_ != "auto") return std::stoi(registers_);
-        for (const int many : {128, 64}) {
-            if (runs_at_once(grid, many)) return many;
-        }
-        // What was fastest on an H200, box 160^3 and 256^3 (study `tuning`).
-        switch (this->formulation()) {
-            case Formulation::paper:
-            case Formulation::position:
-                return 32;
-            case Formulation::displacement:
-                return 40;
-            case Formulation::increment:
-                return 48;
-            case Formulation::compensated:
-                break;
-        }
-        return 64;
+        // Box 160^3 and 256^3 (study `tuning`).
+        constexpr RegisterChoice choice{
+            .on_positions = 32, .displacement = 40, .increment = 48, .compensated = 64};
+        return ParticleBackend<Real, ImplicitStep<Real>>::registers_for(registers_, threads_of(grid),
+                                                                        max_threads, {128, 64}, choice);
     }
 
     /// Where all threads run at once the vote is one more thing to wait for.
     bool votes(dim3 grid) const {
-        return interior_ == "auto" ? !runs_at_once(grid, 64) : interior_ == "vote";
+        return interior_ == "auto" ? !this->run_at_once(threads_of(grid), 64, max_threads)
+                                   : interior_ == "vote";
     }
 
     /// Of a thread that takes several blocks, and keeps what it compares with what it wrote: with 32 a step

@@ -35,7 +35,7 @@ void launch(T* values, std::size_t count, const Stream& stream) {
 }  // namespace
 
 template <class Real>
-void measure_rest_lengths(std::span<Real> squared, const Stream& stream) {
+void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream) {
     Buffer<Real> lengths;
     lengths.upload(squared, stream);
     launch(lengths.data(), lengths.size(), stream);
@@ -53,15 +53,15 @@ void measure_inverse_roots(std::span<Real> squared, const Stream& stream) {
 }
 
 template <class Real>
-void measure_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream) {
+void calibrate_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream) {
     launch(springs.data(), springs.size(), stream);
 }
 
-template void measure_rest_lengths(std::span<float>, const Stream&);
-template void measure_rest_lengths(std::span<double>, const Stream&);
+template void calibrate_rest_lengths(std::span<float>, const Stream&);
+template void calibrate_rest_lengths(std::span<double>, const Stream&);
 template void measure_inverse_roots(std::span<float>, const Stream&);
 template void measure_inverse_roots(std::span<double>, const Stream&);
-template void measure_rest_lengths(const Buffer<SpringConstants<float>>&, const Stream&);
-template void measure_rest_lengths(const Buffer<SpringConstants<double>>&, const Stream&);
+template void calibrate_rest_lengths(const Buffer<SpringConstants<float>>&, const Stream&);
+template void calibrate_rest_lengths(const Buffer<SpringConstants<double>>&, const Stream&);
 
 }  // namespace voxspring::cuda

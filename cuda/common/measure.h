@@ -11,7 +11,7 @@ namespace voxspring::cuda {
 
 /// measured_length() of each square, computed on the device.
 template <class Real>
-void measure_rest_lengths(std::span<Real> squared, const Stream& stream);
+void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream);
 
 /// inverse_root() of each square, computed on the device.
 template <class Real>
@@ -19,6 +19,6 @@ void measure_inverse_roots(std::span<Real> squared, const Stream& stream);
 
 /// Turns the squared rest length of every spring into its length, in place.
 template <class Real>
-void measure_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream);
+void calibrate_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream);
 
 }  // namespace voxspring::cuda

@@ -33,21 +33,21 @@ template <class Real>
 std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation) {
     const bool split = formulation == Formulation::compensated;
     const std::uint64_t axes = 3 * increment_pitch(placement) * sizeof(Real);
-    return placement.words *
-               ((split ? 4 : 2) * sizeof(Word<Real>) + (problem.load.empty() ? 0 : sizeof(Vector<Real>)) +
-                (problem.has_materials() ? sizeof(Real) : 0)) +
+    return placement.words * ((split ? 4 : 2) * sizeof(ParticleRecord<Real>) +
+                              (problem.load.empty() ? 0 : sizeof(Vector<Real>)) +
+                              (problem.has_materials() ? sizeof(Real) : 0)) +
            (by_increments(formulation) ? axes : 0) + (split ? axes : 0);
 }
 
 template <class Real>
 std::string too_many_words(std::size_t words, const Device& device, Fetch fetch) {
-    if (words > most_words)
+    if (words > max_words)
         return std::to_string(words) + " words of positions exceed the index limit of " +
-               std::to_string(most_words);
+               std::to_string(max_words);
     const std::size_t texels = fetch == Fetch::texture ? words * texels_per_word<Real> : 0;
-    if (texels > device.most_texels())
+    if (texels > device.max_texels())
         return std::to_string(texels) + " texels of positions exceed the device's limit of " +
-               std::to_string(device.most_texels()) + " for a texture on linear memory";
+               std::to_string(device.max_texels()) + " for a texture on linear memory";
     return {};
 }
 

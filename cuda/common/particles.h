@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <array>
+#include <initializer_list>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "backends/layout/layout.h"
+#include "backends/layout/particles.h"
+#include "backends/layout/rounding.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/edit.h"
 #include "cuda/common/watch.h"
@@ -20,7 +22,7 @@ namespace voxspring::cuda {
 
 /// Blocks of `block` threads for `count` of them.
 inline unsigned blocks_for(std::size_t count, unsigned block) {
-    return unsigned((count + block - 1) / block);
+    return unsigned(units_of(count, std::size_t(block)));
 }
 
 /// The type of kernels/fetch.h by which kernels read positions.
@@ -30,7 +32,7 @@ Fetch fetch_path(const std::string& tuned);
 
 /// A 16-byte texel at least: what a texture fetch gets at once.
 template <class Real>
-inline constexpr std::size_t texels_per_word = sizeof(Word<Real>) / 16;
+inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16;
 
 /// What the kernels of a specification have in common.
 struct KernelFamily {
@@ -45,6 +47,16 @@ struct KernelFamily {
     /// SM. `more_terms`: beyond terms_of(problem).
     KernelSource source(const std::string& file, const Problem& problem, int threads, int blocks,
                         std::uint32_t more_terms = 0) const;
+};
+
+/// Registers of a thread in float32 where not all threads run at once: what was fastest on an H200.
+struct RegisterChoice {
+    int on_positions, displacement, increment, compensated;
+    int of(Formulation formulation) const {
+        if (voxspring::on_positions(formulation)) return on_positions;
+        if (formulation == Formulation::displacement) return displacement;
+        return formulation == Formulation::increment ? increment : compensated;
+    }
 };
 
 /// Bytes of the arrays that ParticleBackend keeps.
@@ -72,10 +84,8 @@ public:
         out(packed.current_low, low_[std::size_t(current())]);
         out(packed.increment, increment_);
         out(packed.increment_low, increment_low_);
-        return unpack(*problem_, packed, placement_, family_.formulation);
+        return unpack(problem(), packed, placement_, family_.formulation);
     }
-
-    double compile_seconds() const final { return compile_seconds_; }
 
 protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family) {}
@@ -90,12 +100,6 @@ protected:
     const KernelFamily& family() const { return family_; }
     Formulation formulation() const { return family_.formulation; }
 
-    /// To be called first in upload().
-    void start_compiling() { compile_seconds_ = 0; }
-    std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
-        return Kernel::get(source, device(), compile_seconds_);
-    }
-
     /// Blocks of `threads` that an SM has room for when a thread has `registers`, twice as many in float64.
     int blocks_with(int registers, int threads) const {
         constexpr int registers_per_sm = 65536;  // of every architecture
@@ -104,11 +108,27 @@ protected:
         return std::clamp(registers_per_sm / (threads * registers * width), 1, at_most);
     }
 
+    /// Whether all of `threads` threads run at once, in blocks of `block` with `registers` a thread.
+    bool run_at_once(std::size_t threads, int registers, int block) const {
+        return threads <= std::size_t(device().multiprocessors()) * std::size_t(block) *
+                              std::size_t(blocks_with(registers, block));
+    }
+    /// Registers of a thread: `tuned` or, where that is "auto", the first of `plenty` with which all threads
+    /// run at once, for then room for more of them is of no use; else what `choice` says.
+    int registers_for(const std::string& tuned, std::size_t threads, int block,
+                      std::initializer_list<int> plenty, const RegisterChoice& choice) const {
+        if (tuned != "auto") return std::stoi(tuned);
+        for (const int many : plenty) {
+            if (run_at_once(threads, many, block)) return many;
+        }
+        return choice.of(family_.formulation);
+    }
+
     /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points
     /// the step's motion at the arrays kept here.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
-        problem_ = &problem;
+        set_problem(problem);
         placement_ = placement;
         bool moved = false;
         {
@@ -142,11 +162,8 @@ protected:
     }
     const Launch& launch() const { return launch_; }
 
-    /// From here on the particles have `edited`'s springs; the caller sees to it.
-    void follow(const Problem& edited) { problem_ = &edited; }
-
     /// x(t) of every word.
-    Word<Real>* current_words() const { return words_[std::size_t(current())].data(); }
+    ParticleRecord<Real>* current_words() const { return words_[std::size_t(current())].data(); }
 
     /// Gives particles new bits, which every step copies on from the buffer that it reads.
     void write_particle_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits) {
@@ -188,8 +205,8 @@ protected:
     template <class... Arguments>
     void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const Step& step,
                                const Arguments&... arguments) const {
-        Word<Real>* const words = words_[std::size_t(current())].data();
-        Word<Real>* const previous = words_[std::size_t(1 - current())].data();
+        ParticleRecord<Real>* const words = words_[std::size_t(current())].data();
+        ParticleRecord<Real>* const previous = words_[std::size_t(1 - current())].data();
         Real* const increment = increment_.data();
         const std::size_t pitch = increment_pitch(placement_);
         kernel.launch_together(stream(), grid, block, step, words, previous, increment, pitch, arguments...);
@@ -203,11 +220,11 @@ protected:
 private:
     static bool same(dim3 a, dim3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
-    using Pair = std::array<Buffer<Word<Real>>, 2>;
+    using Pair = std::array<Buffer<ParticleRecord<Real>>, 2>;
 
     // True if the words moved.
-    bool upload_words(Pair& pair, std::size_t which, const std::vector<Word<Real>>& words) {
-        Buffer<Word<Real>>& buffer = pair[which];
+    bool upload_words(Pair& pair, std::size_t which, const std::vector<ParticleRecord<Real>>& words) {
+        Buffer<ParticleRecord<Real>>& buffer = pair[which];
         const bool moved = buffer.size() != words.size();
         Texture& texture = textures_[&pair == &words_ ? 0 : 1][which];
         if (moved) texture = {};
@@ -224,21 +241,20 @@ private:
     }
 
     /// What a Fetch of kernels/fetch.h holds.
-    std::uint64_t source(const Buffer<Word<Real>>& buffer, const Texture& texture) const {
+    std::uint64_t source(const Buffer<ParticleRecord<Real>>& buffer, const Texture& texture) const {
         return family_.fetch == Fetch::texture ? texture.get()
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
     }
 
     void enqueue_look(const Look& look, Fault* fault) override {
         const auto now = std::size_t(current());
-        const Word<Real>* const before =
+        const ParticleRecord<Real>* const before =
             by_increments(family_.formulation) ? nullptr : words_[1 - now].data();
         look_at(words_[now].data(), before, increment_.data(), increment_pitch(placement_), placement_.words,
                 look, fault, stream());
     }
 
     const KernelFamily family_;
-    const Problem* problem_ = nullptr;
     Placement placement_;
     Pair words_, low_;
     std::array<std::array<Texture, 2>, 2> textures_;  // of words_ and low_
@@ -247,7 +263,6 @@ private:
     Buffer<Real> inverse_masses_;
     Staging<EditedWord> edited_words_;
     Launch launch_{};
-    double compile_seconds_ = 0;
 };
 
 }  // namespace voxspring::cuda

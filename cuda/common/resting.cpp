@@ -52,7 +52,7 @@ std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
 bool Resting::could_look(const Problem& problem, BlockShape shape) const {
     if (rest_ != Rest::choose) return rest_ != Rest::step;
     const std::size_t places = BlockGrid(problem.lattice, shape).places();
-    return stays_at_rest(problem) && places >= least_blocks && can_be_named(places);
+    return stays_at_rest(problem) && places >= min_blocks && can_be_named(places);
 }
 
 std::uint64_t Resting::bytes_needed(const Problem& problem, BlockShape shape) const {
@@ -73,7 +73,7 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
     const std::size_t count = all.size();
     if (rest_ == Rest::choose &&
-        (count < least_blocks || !policy_.pays(count_moved(problem, state, shape, count), count)))
+        (count < min_blocks || !policy_.pays(count_moved(problem, state, shape, count), count)))
         return;
     policy_.start(true, rest_ == Rest::choose);
     row_ = int(grid.row());
@@ -103,7 +103,7 @@ void Resting::wake(int reading, const Stream& stream) {
                                 cudaMemcpyDeviceToDevice, stream.get()));
 }
 
-LivelyBlocks Resting::lively(int reading) const {
+ActiveBlocks Resting::active(int reading) const {
     if (!may_look()) return {};
     const auto now = std::size_t(reading), next = std::size_t(1 - reading);
     unsigned* const count = counts_.data()->data();

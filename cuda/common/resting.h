@@ -6,7 +6,7 @@
 #include <string>
 
 #include "backends/backend.h"
-#include "backends/layout/layout.h"
+#include "backends/layout/blocks.h"
 #include "backends/rest_policy.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/event.h"
@@ -39,7 +39,7 @@ public:
     /// Terms of the kernel that leaves them out.
     std::uint32_t terms() const { return term_resting | (rest_ == Rest::flush ? term_flush : 0); }
     /// For a step that reads buffer `reading`.
-    LivelyBlocks lively(int reading) const;
+    ActiveBlocks active(int reading) const;
 
     /// Steps until looks() may change: of which at most that many are to be enqueued before stepped().
     int steps_to_decision() const { return policy_.steps_to_decision(); }
@@ -52,7 +52,7 @@ public:
 
 private:
     /// Blocks from which on it is asked at all: a step of less is as long as its launch.
-    static constexpr std::size_t least_blocks = 512;
+    static constexpr std::size_t min_blocks = 512;
 
     /// counts_ on the device.
     enum Count : std::uint8_t { listed_for_0, listed_for_1, finished, taken, counts };

@@ -10,27 +10,27 @@ constexpr unsigned block = 256;
 
 /// Whether a particle is not finite or moved too far.
 template <class Real>
-__device__ bool beyond(Vector<Real> position, Vector<Real> v, Real most_squared) {
+__device__ bool beyond(Vector<Real> position, Vector<Real> v, Real max_squared) {
     // Not "greater than": a NaN is at fault.
-    return !(v.x * v.x + v.y * v.y + v.z * v.z <= most_squared) ||
+    return !(v.x * v.x + v.y * v.y + v.z * v.z <= max_squared) ||
            !isfinite(position.x + position.y + position.z);
 }
 
 /// Particles in words. `before` is null by increments, and words without bits are no particles.
 template <class Real>
 struct InWords {
-    const Word<Real>* words;
-    const Word<Real>* before;
+    const ParticleRecord<Real>* words;
+    const ParticleRecord<Real>* before;
     const Real* increment;
     std::size_t pitch;
 
-    __device__ bool at_fault(std::size_t i, Real most_squared) const {
+    __device__ bool at_fault(std::size_t i, Real max_squared) const {
         const Particle<Real> self = load_past_l1(words + i);
         if (self.bits == 0) return false;
         return beyond(self.position,
                       before != nullptr ? self.position - load_past_l1(before + i).position
                                         : load_axes(increment + i, pitch),
-                      most_squared);
+                      max_squared);
     }
 };
 
@@ -42,22 +42,22 @@ struct InAxes {
     const Real* increment;
     std::size_t pitch;
 
-    __device__ bool at_fault(std::size_t i, Real most_squared) const {
+    __device__ bool at_fault(std::size_t i, Real max_squared) const {
         const Vector<Real> position = load_axes(now + i, pitch);
         return beyond(
             position,
             before != nullptr ? position - load_axes(before + i, pitch) : load_axes(increment + i, pitch),
-            most_squared);
+            max_squared);
     }
 };
 
 template <class Particles, class Real>
-__global__ void look_kernel(Particles particles, std::size_t count, Real most_squared, Look look,
+__global__ void look_kernel(Particles particles, std::size_t count, Real max_squared, Look look,
                             Fault* first) {
     bool fault = false;
     for (std::size_t i = std::size_t(blockIdx.x) * block + threadIdx.x; i < count;
          i += std::size_t(gridDim.x) * block)
-        fault = particles.at_fault(i, most_squared) || fault;
+        fault = particles.at_fault(i, max_squared) || fault;
     if (__syncthreads_or(int(fault)) != 0 && threadIdx.x == 0) {
         atomicMin(&first->step, static_cast<long long>(look.step));
         atomicMin(&first->last, static_cast<long long>(look.last));
@@ -69,8 +69,8 @@ void enqueue(const Particles& particles, std::size_t count, const Look& look, Fa
              const Stream& stream) {
     if (count == 0) return;
     // Few enough that an atomic of each costs nothing.
-    constexpr std::size_t most_blocks = 1024;
-    const auto blocks = unsigned(std::min(most_blocks, (count + block - 1) / block));
+    constexpr std::size_t max_blocks = 1024;
+    const auto blocks = unsigned(std::min(max_blocks, (count + block - 1) / block));
     look_kernel<<<blocks, block, 0, stream.get()>>>(
         particles, count, Real(look.largest_increment * look.largest_increment), look, fault);
     check(cudaGetLastError());
@@ -79,8 +79,8 @@ void enqueue(const Particles& particles, std::size_t count, const Look& look, Fa
 }  // namespace
 
 template <class Real>
-void look_at(const Word<Real>* words, const Word<Real>* before, const Real* increment, std::size_t pitch,
-             std::size_t count, const Look& look, Fault* fault, const Stream& stream) {
+void look_at(const ParticleRecord<Real>* words, const ParticleRecord<Real>* before, const Real* increment,
+             std::size_t pitch, std::size_t count, const Look& look, Fault* fault, const Stream& stream) {
     enqueue<Real>(InWords<Real>{words, before, increment, pitch}, count, look, fault, stream);
 }
 
@@ -90,10 +90,10 @@ void look_at_axes(const Real* now, const Real* before, const Real* increment, st
     enqueue<Real>(InAxes<Real>{now, before, increment, pitch}, count, look, fault, stream);
 }
 
-template void look_at(const Word<float>*, const Word<float>*, const float*, std::size_t, std::size_t,
-                      const Look&, Fault*, const Stream&);
-template void look_at(const Word<double>*, const Word<double>*, const double*, std::size_t, std::size_t,
-                      const Look&, Fault*, const Stream&);
+template void look_at(const ParticleRecord<float>*, const ParticleRecord<float>*, const float*, std::size_t,
+                      std::size_t, const Look&, Fault*, const Stream&);
+template void look_at(const ParticleRecord<double>*, const ParticleRecord<double>*, const double*,
+                      std::size_t, std::size_t, const Look&, Fault*, const Stream&);
 
 template void look_at_axes(const float*, const float*, const float*, std::size_t, std::size_t, const Look&,
                            Fault*, const Stream&);

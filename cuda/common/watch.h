@@ -23,8 +23,8 @@ struct Fault {
 /// every `pitch` elements. A word without bits is no particle. `fault` starts with the largest numbers there
 /// are.
 template <class Real>
-void look_at(const Word<Real>* words, const Word<Real>* before, const Real* increment, std::size_t pitch,
-             std::size_t count, const Look& look, Fault* fault, const Stream& stream);
+void look_at(const ParticleRecord<Real>* words, const ParticleRecord<Real>* before, const Real* increment,
+             std::size_t pitch, std::size_t count, const Look& look, Fault* fault, const Stream& stream);
 /// The same of positions in axes `pitch` apart, where what is no particle neither moves nor is infinite.
 template <class Real>
 void look_at_axes(const Real* now, const Real* before, const Real* increment, std::size_t pitch,

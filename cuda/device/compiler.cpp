@@ -177,8 +177,8 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
     inputs.add(embedded_kernels.at(name));
     for (const std::string& option : options) inputs.add(option);
     const std::filesystem::path user = DiskCache::folder_of_user();
-    constexpr std::uint64_t most_bytes = std::uint64_t(256) << 20;
-    const DiskCache cache(user.empty() ? user : user / "kernels", most_bytes);
+    constexpr std::uint64_t max_bytes = std::uint64_t(256) << 20;
+    const DiskCache cache(user.empty() ? user : user / "kernels", max_bytes);
     const std::string key = inputs.text();
     if (auto found = cache.find(key)) return {std::move(*found), 0};
 

@@ -71,7 +71,7 @@ Device::Device() {
             "this build has no code for " + name_ + " (compute capability " +
                 std::to_string(properties.major) + "." + std::to_string(properties.minor) + ")");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
-    check(cudaDeviceGetTexture1DLinearMaxWidth(&most_texels_, &texel, 0));
+    check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, 0));
     sm_mhz_ = megahertz(cudaDevAttrClockRate);
     memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate);
 }

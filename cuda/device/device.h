@@ -16,7 +16,7 @@ public:
     /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
     const std::string& uuid() const { return uuid_; }
     /// Most 16-byte texels of a texture on linear memory.
-    std::size_t most_texels() const { return most_texels_; }
+    std::size_t max_texels() const { return max_texels_; }
     /// The highest clocks that the card may run at.
     int sm_mhz() const { return sm_mhz_; }
     int memory_mhz() const { return memory_mhz_; }
@@ -39,7 +39,7 @@ public:
 
 private:
     std::string name_, uuid_;
-    std::size_t most_texels_ = 0;
+    std::size_t max_texels_ = 0;
     int sm_mhz_ = 0;
     int memory_mhz_ = 0;
     int multiprocessors_ = 0;

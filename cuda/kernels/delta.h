@@ -50,13 +50,13 @@ VOXSPRING_HOST_DEVICE ListedDeltas read_deltas(const RowDeltas* list, const Curr
 /// Whether the particles of all threads that go this way together, with `bits` here, have all neighbours and
 /// no gap among them: who has springs to both sides of a row, but none to its middle, may well have one.
 template <class Terms>
-VOXSPRING_HOST_DEVICE bool all_whole_without_gaps(std::uint32_t bits) {
+VOXSPRING_HOST_DEVICE bool all_full_stencils_without_gaps(std::uint32_t bits) {
     constexpr bool faces = (Terms::groups & FACE_BITS) != 0, edges = (Terms::groups & EDGE_BITS) != 0,
                    corners = (Terms::groups & CORNER_BITS) != 0;
     if constexpr ((edges && !faces) || (corners && !edges)) {
         return false;
     } else {
-        return all_whole<Terms>(bits);
+        return all_full_stencils<Terms>(bits);
     }
 }
 
@@ -66,7 +66,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
                                                 const Self<Real, Terms::split>& self,
                                                 const Current& current) {
     const ListedDeltas delta = read_deltas(list, current);
-    if (all_whole_without_gaps<Terms>(self.bits)) {
+    if (all_full_stencils_without_gaps<Terms>(self.bits)) {
         return implicit_force<Terms, true>(
             step, self, [&](int dx, int dy, int dz) { return current.point(index + delta(dy, dz), dx); },
             [&](int dx, int dy, int dz) { return step.compliance[index + delta(dy, dz) + dx]; });
@@ -84,20 +84,21 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
 
 /// Adds the forces of its springs beyond the lattice.
 template <class Terms, class Real, class Current>
-VOXSPRING_HOST_DEVICE Vector<Real> with_own_springs(Vector<Real> force, const DeltaStep<Real>& step,
-                                                    const Slice& slice, std::uint32_t lane,
-                                                    const Self<Real, Terms::split>& self,
-                                                    const Current& current) {
-    for (std::uint32_t slot = 0; slot < slice.own_slots; slot += own_chunk) {
-        const std::size_t at = (std::size_t(slice.own_begin) + slot) * slice_particles + lane;
-        Point<Real, Terms::split> other[own_chunk];
-        for (int s = 0; s < own_chunk; ++s)
-            other[s] = current.point(int(current.entry(step.own_neighbour + at + s * slice_particles)), 0);
-        for (int s = 0; s < own_chunk; ++s) {
+VOXSPRING_HOST_DEVICE Vector<Real> with_off_lattice_springs(Vector<Real> force, const DeltaStep<Real>& step,
+                                                            const Slice& slice, std::uint32_t lane,
+                                                            const Self<Real, Terms::split>& self,
+                                                            const Current& current) {
+    for (std::uint32_t slot = 0; slot < slice.off_lattice_slots; slot += off_lattice_chunk) {
+        const std::size_t at = (std::size_t(slice.off_lattice_begin) + slot) * slice_particles + lane;
+        Point<Real, Terms::split> other[off_lattice_chunk];
+        for (int s = 0; s < off_lattice_chunk; ++s)
+            other[s] =
+                current.point(int(current.entry(step.off_lattice_neighbour + at + s * slice_particles)), 0);
+        for (int s = 0; s < off_lattice_chunk; ++s) {
             const std::size_t element = at + std::size_t(s) * slice_particles;
-            const SpringConstants<Real> constants = current.entry(step.own_constants + element);
+            const SpringConstants<Real> constants = current.entry(step.off_lattice_constants + element);
             SpringRest<Real> rest{};
-            if constexpr (!Terms::positions) rest = step.own_rest[element];
+            if constexpr (!Terms::positions) rest = step.off_lattice_rest[element];
             const Pull<Real> pull = unit_pull<Terms>(self.point - other[s], rest, constants.rest_length,
                                                      step.motion.shortest_squared);
             force = fused(pull.offset, pull.density * constants.stiffness, force);
@@ -115,11 +116,11 @@ VOXSPRING_HOST_DEVICE void step_by_deltas(const DeltaStep<Real>& step, int i, co
     const int index = step.first + i;
     const Slice slice = current.entry(step.slices + i / slice_particles);
     const Self<Real, Terms::split> self = current.self(index);
-    const Before<Real> before = load_before<Terms>(output, index);
+    const PreviousOrVelocity<Real> before = load_before<Terms>(output, index);
     Vector<Real> force = listed_force<Terms>(step, list_of(step, slice, lane), index, self, current);
-    if (Terms::template has<term_own_springs>(step.own_neighbour != nullptr))
-        force = with_own_springs<Terms>(force, step, slice, lane, self, current);
-    advance<Terms>(step.motion, output, index, self, before, force);
+    if (Terms::template has<term_off_lattice_springs>(step.off_lattice_neighbour != nullptr))
+        force = with_off_lattice_springs<Terms>(force, step, slice, lane, self, current);
+    integrate_and_store<Terms>(step.motion, output, index, self, before, force);
 }
 
 }  // namespace voxspring::cuda

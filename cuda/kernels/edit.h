@@ -25,7 +25,7 @@ VOXSPRING_HOST_DEVICE SpringConstants<Real> rest_measured(SpringConstants<Real> 
 }
 
 template <class Real>
-VOXSPRING_HOST_DEVICE void write_bits(Word<Real>* words, EditedWord edited) {
+VOXSPRING_HOST_DEVICE void write_bits(ParticleRecord<Real>* words, EditedWord edited) {
     words[edited.word].bits = edited.bits;
 }
 
@@ -33,16 +33,17 @@ VOXSPRING_HOST_DEVICE void write_bits(Word<Real>* words, EditedWord edited) {
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_slot(const EditedRows<Real>& rows, std::size_t n, const ListShape& shape,
                                       std::uint32_t* neighbour, SpringConstants<Real>* constants,
-                                      SpringRest<Real>* own_rest) {
+                                      SpringRest<Real>* off_lattice_rest) {
     const std::size_t at = shape.at(rows.particle[n / shape.slots], std::uint32_t(n % shape.slots));
     neighbour[at] = rows.neighbour[n];
     if (rows.constants != nullptr) constants[at] = rest_measured(rows.constants[n], rows.squared);
-    if (rows.own_rest != nullptr) own_rest[at] = rows.own_rest[n];
+    if (rows.off_lattice_rest != nullptr) off_lattice_rest[at] = rows.off_lattice_rest[n];
 }
 
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, SpringEnds* ends,
-                                        SpringConstants<Real>* constants, SpringRest<Real>* own_rest) {
+                                        SpringConstants<Real>* constants,
+                                        SpringRest<Real>* off_lattice_rest) {
     std::size_t begin = edited.begin, end = edited.end;
     while (begin < end) {
         const std::size_t middle = begin + (end - begin) / 2;
@@ -54,7 +55,7 @@ VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, Spring
     }
     if (edited.begin == edited.end) ends[begin] = edited.ends;  // others have these already
     constants[begin] = rest_measured(edited.constants, edited.squared);
-    if (own_rest != nullptr) own_rest[begin] = edited.own_rest;
+    if (off_lattice_rest != nullptr) off_lattice_rest[begin] = edited.off_lattice_rest;
 }
 
 }  // namespace voxspring::cuda

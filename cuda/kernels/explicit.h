@@ -56,7 +56,7 @@ VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i,
     Vector<Real> force{0, 0, 0};
     Vector<Real> group{0, 0, 0};
     const Self<Real, Terms::split> self = current.self(i);
-    const Before<Real> before = load_before<Terms>(output, i);
+    const PreviousOrVelocity<Real> before = load_before<Terms>(output, i);
     if constexpr (Terms::groups == (FACE_BITS | EDGE_BITS)) {
         // All indices and the first chunk of each group without a look at the counters: what a fetch does not
         // wait for, a step does not wait for either.
@@ -83,7 +83,7 @@ VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i,
             group = {0, 0, 0};
         }
     }
-    advance<Terms>(step.motion, output, i, self, before, force);
+    integrate_and_store<Terms>(step.motion, output, i, self, before, force);
 }
 
 /// Steps particle i by its list and the secondary list: springs of any stiffness and rest length.
@@ -92,7 +92,7 @@ VOXSPRING_HOST_DEVICE void step_by_springs(const ExplicitStep<Real>& step, int i
                                            const Output<Real>& output) {
     if (i >= step.particles) return;
     const Self<Real, Terms::split> self = current.self(i);
-    const Before<Real> before = load_before<Terms>(output, i);
+    const PreviousOrVelocity<Real> before = load_before<Terms>(output, i);
     Vector<Real> force{0, 0, 0};
     const std::uint32_t count = self.bits & list_count_bits;
     for (std::uint32_t first = 0; first < count; first += list_chunk) {
@@ -107,15 +107,15 @@ VOXSPRING_HOST_DEVICE void step_by_springs(const ExplicitStep<Real>& step, int i
         for (int s = 0; s < list_chunk; ++s) other[s] = current.point(listed_index<Terms>(entry[s]), 0);
         for (int s = 0; s < list_chunk; ++s) {
             SpringRest<Real> rest = listed_rest<Terms>(step.rest, entry[s]);
-            if (Terms::template has<term_own_rests>(step.own_rest != nullptr) &&
+            if (Terms::template has<term_off_lattice_rests>(step.off_lattice_rest != nullptr) &&
                 entry[s] >> LISTED_INDEX_BITS == OWN_DIRECTION)
-                rest = step.own_rest[at + std::size_t(s) * step.shape.slot_stride];
+                rest = step.off_lattice_rest[at + std::size_t(s) * step.shape.slot_stride];
             const Pull<Real> pull = unit_pull<Terms>(self.point - other[s], rest, constants[s].rest_length,
                                                      step.motion.shortest_squared);
             force = fused(pull.offset, pull.density * constants[s].stiffness, force);
         }
     }
-    advance<Terms>(step.motion, output, i, self, before, force);
+    integrate_and_store<Terms>(step.motion, output, i, self, before, force);
 }
 
 }  // namespace voxspring::cuda

@@ -46,9 +46,9 @@ __device__ inline Slice list_entry_through_l1(const Slice* p) {
 /// Global memory past L1 (ld.global.cg): the nearest thing today to the uncached loads of 2008.
 template <class Real>
 struct PastL1 {
-    const Word<Real>* words;
+    const ParticleRecord<Real>* words;
     __device__ Particle<Real> at(int index, int dx) const {
-        const Word<Real>* row = words + index;
+        const ParticleRecord<Real>* row = words + index;
         return load_past_l1(row + dx);
     }
     template <class T>
@@ -60,9 +60,9 @@ struct PastL1 {
 /// Plain loads, which L1 caches.
 template <class Real>
 struct ThroughL1 {
-    const Word<Real>* words;
+    const ParticleRecord<Real>* words;
     __device__ Particle<Real> at(int index, int dx) const {
-        const Word<Real>* row = words + index;
+        const ParticleRecord<Real>* row = words + index;
         return load_through_l1(row + dx);
     }
     template <class T>
@@ -76,7 +76,7 @@ template <class Real>
 struct ThroughTexture {
     cudaTextureObject_t texture;
     __device__ Particle<Real> at(int index, int dx) const {
-        if constexpr (sizeof(Word<Real>) == 16) {
+        if constexpr (sizeof(ParticleRecord<Real>) == 16) {
             return unpacked(tex1Dfetch<float4>(texture, index + dx));
         } else {
             const int4 a = tex1Dfetch<int4>(texture, 2 * (index + dx));

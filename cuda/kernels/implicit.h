@@ -19,7 +19,7 @@ __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
 template <class Terms, class Real, class StepBlock>
 __device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_block) {
     if constexpr (Terms::compiled(term_resting)) {
-        for_each_lively_block(step.lively, step_block);
+        for_each_active_block(step.active, step_block);
     } else {
         step_block(block_origin(step));
     }
@@ -58,8 +58,8 @@ struct EveryNeighbour {
 /// Adds the springs of `self` to `Chosen` neighbours. `neighbour(dx, dy, dz)` is the point at that offset and
 /// `compliance(dx, dy, dz)` the compliance. Both are called for absent neighbours too, so that a fetch waits
 /// for no mask; what they give is then dropped by selection, and a NaN in an inactive voxel stays there.
-/// `whole`: no neighbour of the groups that are compiled in is to be dropped.
-template <class Terms, bool whole, class Chosen, class Real, class Neighbour, class Compliance>
+/// `full_stencil`: no neighbour of the groups that are compiled in is to be dropped.
+template <class Terms, bool full_stencil, class Chosen, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                        const Self<Real, Terms::split>& self, Neighbour neighbour,
                                        Compliance compliance, GroupSums<Real>& sums) {
@@ -73,7 +73,7 @@ VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vec
     if constexpr (Chosen::has(dx, dy, dz)) {                                                               \
         Pull<Real> pull = lattice_pull<Terms>(step, spacing, self.point, neighbour##bit, bit, dx, dy, dz); \
         if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
-        if (whole || (self.bits >> (bit)&1U) != 0)                                                         \
+        if (full_stencil || (self.bits >> (bit)&1U) != 0)                                                  \
             sums.group = fused(pull.offset, pull.density, sums.group);                                     \
     }
 #define ADD_FACE(bit, dx, dy, dz) ADD_SPRING(face, bit, dx, dy, dz)
@@ -113,12 +113,12 @@ VOXSPRING_HOST_DEVICE Vector<Real> force_of(const ImplicitStep<Real>& step, cons
 }
 
 /// Force of all springs of `self`.
-template <class Terms, bool whole, class Real, class Neighbour, class Compliance>
+template <class Terms, bool full_stencil, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step,
                                                   const Self<Real, Terms::split>& self, Neighbour neighbour,
                                                   Compliance compliance) {
     GroupSums<Real> sums;
-    add_springs<Terms, whole, EveryNeighbour>(step, step.spacing, self, neighbour, compliance, sums);
+    add_springs<Terms, full_stencil, EveryNeighbour>(step, step.spacing, self, neighbour, compliance, sums);
     return force_of<Terms>(step, sums);
 }
 
@@ -131,10 +131,10 @@ VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
 #endif
 }
 
-/// Whether the particles of all threads that go this way together, with `bits` here, are whole.
+/// Whether the particles of all threads that go this way together, with `bits` here, have a full stencil.
 template <class Terms>
-VOXSPRING_HOST_DEVICE bool all_whole(std::uint32_t bits) {
-    if constexpr (!Terms::compiled(term_interior)) {
+VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
+    if constexpr (!Terms::compiled(term_full_stencil)) {
         return false;
     } else {
         return all_say((bits & Terms::groups) == Terms::groups);
@@ -148,11 +148,11 @@ VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
                                       const Self<Real, Terms::split>& self, const Output<Real>& output,
                                       Neighbour neighbour, Compliance compliance) {
     if (self.bits == 0) return false;
-    const Before<Real> before = load_before<Terms>(output, index);
-    const Vector<Real> force = all_whole<Terms>(self.bits)
+    const PreviousOrVelocity<Real> before = load_before<Terms>(output, index);
+    const Vector<Real> force = all_full_stencils<Terms>(self.bits)
                                    ? implicit_force<Terms, true>(step, self, neighbour, compliance)
                                    : implicit_force<Terms, false>(step, self, neighbour, compliance);
-    return advance<Terms>(step.motion, output, index, self, before, force);
+    return integrate_and_store<Terms>(step.motion, output, index, self, before, force);
 }
 
 /// A neighbour fetch from memory: `current.point(index, dx)` is that of element index + dx.

@@ -14,7 +14,7 @@ KERNEL step(const __grid_constant__ MarchStep<Real> step, const __grid_constant_
     const MarchItem item = step.items[blockIdx.x];
     const int thread = int(threadIdx.x);
     MarchRings<Real, shape> rings(shared_memory, step, positions, befores, item);
-    if ((item.whole >> (thread / 32) & 1U) != 0) {
+    if ((item.full_stencils >> (thread / 32) & 1U) != 0) {
         march<Terms, shape, false, EQUAL_EDGES>(step, item, output, thread, rings);
     } else {
         march<Terms, shape, true, EQUAL_EDGES>(step, item, output, thread, rings);

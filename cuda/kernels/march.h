@@ -47,14 +47,15 @@ struct Sides {
 /// The springs of a thread as a plane arrives, added to the forces on its particles in that plane and the one
 /// before. `masked`: those whose bits are set; the force of others is dropped by selection.
 template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Real>
-class Arrival {
+class PlaneSprings {
 public:
     using Particles = Own<Real, shape.rows>;
 
     /// Windows are given by the element where the thread's own particles begin.
-    VOXSPRING_HOST_DEVICE Arrival(const MarchStep<Real>& step, const Sides<Real>& sides, std::uint64_t word,
-                                  const Real* window, const Real* window_before, const Particles& now,
-                                  const Particles& before, Particles& force, Particles& force_before)
+    VOXSPRING_HOST_DEVICE PlaneSprings(const MarchStep<Real>& step, const Sides<Real>& sides,
+                                       std::uint64_t word, const Real* window, const Real* window_before,
+                                       const Particles& now, const Particles& before, Particles& force,
+                                       Particles& force_before)
         : step_(step),
           sides_(sides),
           word_(word),
@@ -129,8 +130,8 @@ private:
 /// x or u at t + dt, or v at t + dt (`at` is of no use then): `before` is what the step overwrites, `force`
 /// in units of MarchStep::scale.
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE Real advanced(const MarchStep<Real>& step, Real at, Real before, Real force,
-                                    Real gravity) {
+VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real at, Real before, Real force,
+                                               Real gravity) {
     const Real moved = Terms::increments ? before : at - before;
     const Real kept = Terms::increments ? -step.damping : step.retained;
     Real change = Terms::increments ? -Real(0) : moved;
@@ -147,11 +148,11 @@ VOXSPRING_HOST_DEVICE Real advanced(const MarchStep<Real>& step, Real at, Real b
 /// Moves a thread's particles of one plane on, whose first is element `index` of each axis. `before`: their
 /// window.
 template <class Terms, MarchShape shape, bool masked, class Real>
-VOXSPRING_HOST_DEVICE void advance_plane(const MarchStep<Real>& step, const MarchOutput<Real>& output,
-                                         std::size_t index, std::uint64_t word, const Real* before,
-                                         const Own<Real, shape.rows>& own,
-                                         const Own<Real, shape.rows>& force) {
-    using Bits = MarchWord<shape.rows>;
+VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const MarchOutput<Real>& output,
+                                           std::size_t index, std::uint64_t word, const Real* before,
+                                           const Own<Real, shape.rows>& own,
+                                           const Own<Real, shape.rows>& force) {
+    using Bits = PlaneMask<shape.rows>;
     UNROLLED
     for (int r = 0; r < shape.rows; ++r) {
         if (masked && (word >> Bits::stored(r) & 1U) == 0) continue;
@@ -161,8 +162,8 @@ VOXSPRING_HOST_DEVICE void advance_plane(const MarchStep<Real>& step, const Marc
             const auto old =
                 *reinterpret_cast<const Pair<Real>*>(before + axis * shape.before_axis() + r * shape.width());
             const Real at_a = own.at[r][0].*of, at_b = own.at[r][1].*of;
-            Pair<Real> next{advanced<Terms>(step, at_a, old.a, force.at[r][0].*of, gravity),
-                            advanced<Terms>(step, at_b, old.b, force.at[r][1].*of, gravity)};
+            Pair<Real> next{integrate_component<Terms>(step, at_a, old.a, force.at[r][0].*of, gravity),
+                            integrate_component<Terms>(step, at_b, old.b, force.at[r][1].*of, gravity)};
             const std::size_t to = index + std::size_t(r) * step.row + std::size_t(axis) * step.axis;
             if constexpr (Terms::increments) {
                 if (!moves_a) next.a = 0;
@@ -195,7 +196,7 @@ template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Re
 VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& item,
                                  const MarchOutput<Real>& output, int thread, Planes& planes) {
     using Particles = Own<Real, shape.rows>;
-    using Springs = Arrival<Terms, shape, masked, equal_edges, Real>;
+    using Springs = PlaneSprings<Terms, shape, masked, equal_edges, Real>;
 
     const std::uint64_t* words = masked ? step.words + item.words + thread : nullptr;
     std::uint64_t next_word = masked ? *words : 0;
@@ -214,7 +215,7 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
     std::size_t index = std::size_t(x) + std::size_t(item.y + shape.row(thread)) * step.row +
                         std::size_t(item.begin) * step.plane;
     const auto finish = [&](std::uint64_t word, const Particles& own, const Particles& force) {
-        advance_plane<Terms, shape, masked>(step, output, index, word, planes.before(), own, force);
+        integrate_plane<Terms, shape, masked>(step, output, index, word, planes.before(), own, force);
         planes.release_before();
         index += step.plane;
     };

@@ -100,7 +100,7 @@ VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRe
 
 /// What a step overwrites of a particle: x or u at t - dt, or v.
 template <class Real>
-struct Before {
+struct PreviousOrVelocity {
     Vector<Real> high, low;
 };
 
@@ -116,7 +116,7 @@ VOXSPRING_HOST_DEVICE void store_axes(Real* to, std::size_t pitch, Vector<Real> 
 }
 
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE Before<Real> load_before(const Output<Real>& output, int index) {
+VOXSPRING_HOST_DEVICE PreviousOrVelocity<Real> load_before(const Output<Real>& output, int index) {
     if constexpr (Terms::split) {
         return {load_axes(output.increment + index, output.pitch),
                 load_axes(output.increment_low + index, output.pitch)};
@@ -142,16 +142,17 @@ VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
 
 /// A particle after a step.
 template <class Real, bool split>
-struct Moved {
+struct Integrated {
     Point<Real, split> point;
-    Before<Real> before;  ///< of the next step
+    PreviousOrVelocity<Real> before;  ///< of the next step
 };
 
 /// The particle of word `index` one step on under `force`, or where it was if it is pinned.
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE Moved<Real, Terms::split> moved(const Motion<Real>& motion, int index,
-                                                      const Self<Real, Terms::split>& self,
-                                                      const Before<Real>& before, Vector<Real> force) {
+VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real>& motion, int index,
+                                                               const Self<Real, Terms::split>& self,
+                                                               const PreviousOrVelocity<Real>& before,
+                                                               Vector<Real> force) {
     const bool pinned = Terms::template has<term_pins>(true) && (self.bits & PINNED_BIT) != 0;
     if (Terms::template has<term_loads>(motion.load != nullptr)) force = force + motion.load[index];
     const Real inverse_mass = Terms::template has<term_materials>(motion.inverse_masses != nullptr)
@@ -210,10 +211,10 @@ VOXSPRING_HOST_DEVICE Moved<Real, Terms::split> moved(const Motion<Real>& motion
 /// Moves the particle of word `index` on by one step under `force`. Returns whether that changed a bit of its
 /// state.
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE bool advance(const Motion<Real>& motion, const Output<Real>& output, int index,
-                                   const Self<Real, Terms::split>& self, const Before<Real>& before,
-                                   Vector<Real> force) {
-    const Moved<Real, Terms::split> next = moved<Terms>(motion, index, self, before, force);
+VOXSPRING_HOST_DEVICE bool integrate_and_store(const Motion<Real>& motion, const Output<Real>& output,
+                                               int index, const Self<Real, Terms::split>& self,
+                                               const PreviousOrVelocity<Real>& before, Vector<Real> force) {
+    const Integrated<Real, Terms::split> next = integrate<Terms>(motion, index, self, before, force);
     if constexpr (Terms::increments) store_axes(output.increment + index, output.pitch, next.before.high);
     store(output.next + index, Particle<Real>{next.point.high, self.bits});
     if constexpr (Terms::split) {

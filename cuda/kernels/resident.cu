@@ -33,20 +33,24 @@ __device__ void give_up(const ResidentStep& step, std::uint32_t number) {
 
 /// Waits until every block has read its start from memory, so that this one may overwrite it after step
 /// `number`.
-__device__ void all_have_begun(const ResidentStep& step, std::uint32_t launches, std::uint32_t number) {
+__device__ void wait_until_all_have_started(const ResidentStep& step, std::uint32_t launches,
+                                            std::uint32_t number) {
     const std::uint32_t wanted = launches * gridDim.x;
     std::uint32_t looks_in_vain = 0;
     while (true) {
-        std::uint32_t begun = 0;
-        asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(begun) : "l"(step.begun) : "memory");
-        if (int(begun - wanted) >= 0) return;
+        std::uint32_t started = 0;
+        asm volatile("ld.acquire.gpu.global.u32 %0, [%1];"
+                     : "=r"(started)
+                     : "l"(step.started_blocks)
+                     : "memory");
+        if (int(started - wanted) >= 0) return;
         if (++looks_in_vain == max_resident_looks) give_up(step, number);
     }
 }
 
 struct Lane {
     Self<float, false> self;
-    Before<float> before;
+    PreviousOrVelocity<float> before;
     bool active;  ///< has a particle
     int word;
     int own_slot;
@@ -70,16 +74,17 @@ struct NoCompliance {
 
 /// A step that reads half `half`. The springs across the border are added last, once its points are here.
 template <class Border, int half>
-__device__ void advance_lane(const ResidentStep& step, Lane& lane, std::uint32_t tag, bool first, bool last) {
-    constexpr bool whole = MASKED == 0;
+__device__ void step_lane(const ResidentStep& step, Lane& lane, std::uint32_t tag, bool first, bool last) {
+    constexpr bool full_stencil = MASKED == 0;
     GroupSums<float> sums;
     const SlotNeighbours neighbours{lane, half};
-    add_springs<Terms, whole, Except<Border>, float>(step, lane.spacing, lane.self, neighbours,
-                                                     NoCompliance{}, sums);
+    add_springs<Terms, full_stencil, Except<Border>, float>(step, lane.spacing, lane.self, neighbours,
+                                                            NoCompliance{}, sums);
     if (!first) border_is_here();
-    add_springs<Terms, whole, Border, float>(step, lane.spacing, lane.self, neighbours, NoCompliance{}, sums);
-    const Moved<float, false> next =
-        moved<Terms>(step.motion, lane.word, lane.self, lane.before, force_of<Terms, float>(step, sums));
+    add_springs<Terms, full_stencil, Border, float>(step, lane.spacing, lane.self, neighbours, NoCompliance{},
+                                                    sums);
+    const Integrated<float, false> next =
+        integrate<Terms>(step.motion, lane.word, lane.self, lane.before, force_of<Terms, float>(step, sums));
     lane.self.point = next.point;
     lane.before = next.before;
     if (lane.published != nullptr && !last)
@@ -91,8 +96,8 @@ __device__ void advance_lane(const ResidentStep& step, Lane& lane, std::uint32_t
 template <class Border>
 __device__ void run_lane(const ResidentStep& step, Lane& lane, int count, std::uint32_t tag) {
     for (int n = 0; n < count; n += 2) {
-        advance_lane<Border, 0>(step, lane, tag + n, n == 0, n + 1 == count);
-        if (n + 1 < count) advance_lane<Border, 1>(step, lane, tag + n + 1, false, n + 2 == count);
+        step_lane<Border, 0>(step, lane, tag + n, n == 0, n + 1 == count);
+        if (n + 1 < count) step_lane<Border, 1>(step, lane, tag + n + 1, false, n + 2 == count);
     }
 }
 
@@ -137,10 +142,11 @@ __device__ void poll(const Polls& polls, const ResidentStep& step, int half, std
 
 /// `count` steps, at least one, from the points in `words` on, which are then those after them. `before`: x
 /// or u at t - dt; by increments v, an axis every `pitch`. Published points have tags from `tag` + 1 on.
-/// `launches`: of `step.begun`, this one included.
+/// `launches`: of `step.started_blocks`, this one included.
 extern "C" __global__ void __launch_bounds__(all_threads, 1)
-    step(const __grid_constant__ ResidentStep step, Word<float>* words, Word<float>* previous,
-         float* increment, std::size_t pitch, int count, std::uint32_t tag, std::uint32_t launches) {
+    step(const __grid_constant__ ResidentStep step, ParticleRecord<float>* words,
+         ParticleRecord<float>* previous, float* increment, std::size_t pitch, int count, std::uint32_t tag,
+         std::uint32_t launches) {
     const int thread = int(threadIdx.x);
     if (thread < LANES) {
         const std::uint32_t at = blockIdx.x * LANES + std::uint32_t(thread);
@@ -172,7 +178,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         if ((border & mirrored_z) != 0) lane.spacing.z = -lane.spacing.z;
         run_lane_of<0>(border & border_kind_bits, step, lane, count, tag);
         if (!lane.active) return;
-        all_have_begun(step, launches, tag + count);
+        wait_until_all_have_started(step, launches, tag + count);
         store(words + lane.word, Particle<float>{lane.self.point.high, lane.self.bits});
         if constexpr (Terms::increments) {
             store_axes(increment + lane.word, pitch, lane.before.high);
@@ -194,7 +200,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         }
         __syncthreads();
         if (thread == LANES)
-            asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(step.begun) : "memory");
+            asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(step.started_blocks) : "memory");
         for (int n = 1; n < count; n += 2) {
             poll(polls, step, 1, tag + n);
             border_is_here();

@@ -1,10 +1,9 @@
 // Blocks of an implicit kernel that rest.
 //
-// A step is a function of a block's particles and of those around it. Where the latest step changed no bit of
-// them, the next one would change none either: it need not be taken (term_resting). What a step that is not
-// taken would write stands there: x(t) and x(t - dt) of such a block are equal. So a block in which a step
-// changes something lists itself and those around it for the next step, which takes no other: what rests is
-// not even looked at.
+// A step of a block depends on its particles and on those around it. Where the latest step changed no bit of
+// them, the next one would change none either, and is left out (term_resting): x(t) and x(t - dt) of such a
+// block are equal, so that what the step would write is there already. A block in which a step changes
+// something lists itself and its neighbours for the next step, which takes no others.
 #pragma once
 
 #include "backends/layout/records/implicit.h"
@@ -16,7 +15,7 @@ namespace voxspring::cuda {
 inline constexpr int blocks_around = 27;
 
 /// Number `number` of the blocks around `origin`, of x * y * z voxels each.
-VOXSPRING_HOST_DEVICE inline BlockOrigin around(const LivelyBlocks& blocks, const BlockOrigin& origin,
+VOXSPRING_HOST_DEVICE inline BlockOrigin around(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                                 int number, int x, int y, int z) {
     const int dx = number % 3 - 1, dy = number / 3 % 3 - 1, dz = number / 9 - 1;
     return {origin.x + dx * x, origin.y + dy * y, origin.z + dz * z,
@@ -29,7 +28,7 @@ __device__ inline unsigned thread_of_block() {
 }
 
 /// All threads of a block, after its step, each with whether its particle changed.
-__device__ inline void list_for_next_step(const LivelyBlocks& blocks, const BlockOrigin& origin,
+__device__ inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                           bool changed) {
     const unsigned thread = thread_of_block();
     if (__syncthreads_or(int(changed)) != 0 && thread < 32) {
@@ -50,16 +49,16 @@ __device__ inline void list_for_next_step(const LivelyBlocks& blocks, const Bloc
     if (thread == 0) blocks.now_marks[origin.place] = 0;
 }
 
-/// step_block(origin) of each block of the list; it returns whether the thread's particle changed. A block of
-/// threads takes one after another, since how many there are is known on the device alone.
+/// Calls step_block(origin) for each block of the list; it returns whether the thread's particle changed.
+/// Only the device knows how many there are, so a block of threads takes one after another.
 template <class StepBlock>
-__device__ void for_each_lively_block(const LivelyBlocks& blocks, StepBlock step_block) {
+__device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step_block) {
     const unsigned count = *blocks.now_count;
     for (unsigned b = blockIdx.x; b < count; b += gridDim.x) {
         const BlockOrigin origin = blocks.now[b];
         list_for_next_step(blocks, origin, step_block(origin));
     }
-    // The last to finish; who reads zero instead of the count had nothing to do.
+    // The last block of threads to finish empties the list; one that already reads zero had nothing to do.
     if (thread_of_block() == 0 && atomicInc(blocks.finished, gridDim.x - 1) == gridDim.x - 1) {
         *blocks.taken = count;
         *blocks.now_count = 0;
@@ -67,7 +66,7 @@ __device__ void for_each_lively_block(const LivelyBlocks& blocks, StepBlock step
 }
 #else
 /// For the host, where blocks run one after another.
-inline void list_for_next_step(const LivelyBlocks& blocks, const BlockOrigin& origin, int x, int y, int z,
+inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin, int x, int y, int z,
                                bool changed) {
     for (int n = 0; n < blocks_around && changed; ++n) {
         const BlockOrigin other = around(blocks, origin, n, x, y, z);

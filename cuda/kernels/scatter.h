@@ -26,9 +26,9 @@ VOXSPRING_HOST_DEVICE void scatter_spring(const ScatterStep<Real>& step, std::si
     const SpringEnds ends = current.entry(step.ends + s);
     const int other = listed_index<Terms>(ends.second);
     SpringRest<Real> rest = listed_rest<Terms>(step.rest, ends.second);
-    if (Terms::template has<term_own_rests>(step.own_rest != nullptr) &&
+    if (Terms::template has<term_off_lattice_rests>(step.off_lattice_rest != nullptr) &&
         ends.second >> LISTED_INDEX_BITS == OWN_DIRECTION)
-        rest = step.own_rest[s];
+        rest = step.off_lattice_rest[s];
     const Pull<Real> pull = unit_pull<Terms>(current.point(int(ends.first), 0) - current.point(other, 0),
                                              rest, constants.rest_length, step.motion.shortest_squared);
     const Vector<Real> force = pull.offset * (pull.density * constants.stiffness);
@@ -51,7 +51,7 @@ VOXSPRING_HOST_DEVICE void integrate(const ScatterStep<Real>& step, int i, const
     const Vector<Real> force = load_axes(sum, step.pitch);
     store_axes(sum, step.pitch, Vector<Real>{0, 0, 0});
     const Self<Real, Terms::split> self = current.self(i);
-    advance<Terms>(step.motion, output, i, self, load_before<Terms>(output, i), force);
+    integrate_and_store<Terms>(step.motion, output, i, self, load_before<Terms>(output, i), force);
 }
 
 }  // namespace voxspring::cuda

@@ -23,7 +23,7 @@ __device__ inline Particle<double> unpacked(double2 a, double2 b) {
 
 /// Global memory past L1: ld.global.cg.
 template <class Real>
-VOXSPRING_HOST_DEVICE Particle<Real> load_past_l1(const Word<Real>* word) {
+VOXSPRING_HOST_DEVICE Particle<Real> load_past_l1(const ParticleRecord<Real>* word) {
 #ifdef __CUDA_ARCH__
     if constexpr (sizeof(Real) == sizeof(float)) {
         return unpacked(__ldcg(reinterpret_cast<const float4*>(word)));
@@ -51,7 +51,7 @@ VOXSPRING_HOST_DEVICE bool same_bits(Vector<Real> a, Vector<Real> b) {
 
 /// Memory that the kernel does not write, through L1: ld.global.nc.
 template <class Real>
-VOXSPRING_HOST_DEVICE Particle<Real> load_through_l1(const Word<Real>* word) {
+VOXSPRING_HOST_DEVICE Particle<Real> load_through_l1(const ParticleRecord<Real>* word) {
 #ifdef __CUDA_ARCH__
     if constexpr (sizeof(Real) == sizeof(float)) {
         return unpacked(__ldg(reinterpret_cast<const float4*>(word)));
@@ -65,7 +65,7 @@ VOXSPRING_HOST_DEVICE Particle<Real> load_through_l1(const Word<Real>* word) {
 }
 
 template <class Real>
-VOXSPRING_HOST_DEVICE void store(Word<Real>* word, Particle<Real> p) {
+VOXSPRING_HOST_DEVICE void store(ParticleRecord<Real>* word, Particle<Real> p) {
 #ifdef __CUDA_ARCH__
     if constexpr (sizeof(Real) == sizeof(float)) {
         *reinterpret_cast<float4*>(word) =

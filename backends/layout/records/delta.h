@@ -28,10 +28,10 @@ VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
 
 /// What the particles of a slice have in common (delta.h).
 struct alignas(16) Slice {
-    std::int32_t list;        ///< of the particle before the slice; -1: there is none
-    std::uint32_t starts;     ///< bit l: particle l has the list behind that of the particle before it
-    std::uint32_t own_begin;  ///< where its springs beyond the lattice begin, in slots of a slice
-    std::uint32_t own_slots;  ///< slots a particle; 0: no particle of the slice has such a spring
+    std::int32_t list;     ///< of the particle before the slice; -1: there is none
+    std::uint32_t starts;  ///< bit l: particle l has the list behind that of the particle before it
+    std::uint32_t off_lattice_begin;  ///< where its springs beyond the lattice begin, in slots of a slice
+    std::uint32_t off_lattice_slots;  ///< slots a particle; 0: no particle of the slice has such a spring
     bool operator==(const Slice&) const = default;
 };
 
@@ -58,15 +58,16 @@ struct DeltaStep : ImplicitStep<Real> {
     int particles;  ///< particle i is word first + i
     const Slice* slices;
     const RowDeltas* lists;
-    // Springs beyond the lattice; null: there are none. Slot s of particle l of a slice is element (own_begin
+    // Springs beyond the lattice; null: there are none. Slot s of particle l of a slice is element
+    // (off_lattice_begin
     // + s) slice_particles + l. An unused slot names its own particle and has no stiffness.
-    const std::uint32_t* own_neighbour;
-    const SpringConstants<Real>* own_constants;
-    const SpringRest<Real>* own_rest;  ///< null on positions
+    const std::uint32_t* off_lattice_neighbour;
+    const SpringConstants<Real>* off_lattice_constants;
+    const SpringRest<Real>* off_lattice_rest;  ///< null on positions
     bool operator==(const DeltaStep&) const = default;
 };
 
 /// Slots of springs beyond the lattice come, and are read, in multiples of this.
-inline constexpr int own_chunk = 2;
+inline constexpr int off_lattice_chunk = 2;
 
 }  // namespace voxspring::cuda

@@ -17,9 +17,9 @@ struct EditedRows {
     const std::uint32_t* particle;
     const std::uint32_t* bits;
     const std::uint32_t* neighbour;
-    const SpringConstants<Real>* constants;  ///< null without a secondary list
-    const SpringRest<Real>* own_rest;        ///< null where there is no such list
-    bool squared;                            ///< whether rest lengths are, and have to be measured
+    const SpringConstants<Real>* constants;    ///< null without a secondary list
+    const SpringRest<Real>* off_lattice_rest;  ///< null where there is no such list
+    bool squared;                              ///< whether rest lengths are, and have to be measured
 };
 
 /// A slice as an edit leaves it.
@@ -36,7 +36,7 @@ struct EditedSpring {
     /// direction ascend by it.
     std::size_t begin, end;
     SpringConstants<Real> constants;
-    SpringRest<Real> own_rest;
+    SpringRest<Real> off_lattice_rest;
     bool squared;  ///< as in EditedRows
 };
 

@@ -25,12 +25,12 @@ struct ExplicitStep {
     int particles;
     std::uint32_t group_bits;
     ListShape shape;
-    const std::uint32_t* neighbour;          ///< on displacements with a direction code (neighbours.h)
-    const SpringConstants<Real>* constants;  ///< the secondary list; null where groups suffice
-    std::uint32_t first_slot[3];             ///< without: where each group begins in a list,
-    Real stiffness[3], rest_length[3];       ///< and what its springs have in common
-    SpringRest<Real> rest[direction_codes];  ///< by direction code
-    const SpringRest<Real>* own_rest;        ///< by slot, of those with OWN_DIRECTION; null: there are none
+    const std::uint32_t* neighbour;            ///< on displacements with a direction code (neighbours.h)
+    const SpringConstants<Real>* constants;    ///< the secondary list; null where groups suffice
+    std::uint32_t first_slot[3];               ///< without: where each group begins in a list,
+    Real stiffness[3], rest_length[3];         ///< and what its springs have in common
+    SpringRest<Real> rest[direction_codes];    ///< by direction code
+    const SpringRest<Real>* off_lattice_rest;  ///< by slot, of those with OWN_DIRECTION; null: there are none
     Motion<Real> motion;
     bool operator==(const ExplicitStep&) const = default;
 };

@@ -8,13 +8,14 @@ namespace voxspring::cuda {
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
     int x, y, z;
-    int place;  ///< of the block (BlockGrid of backends/layout/layout.h)
+    int place;  ///< of the block (BlockGrid of backends/layout/blocks.h)
     bool operator==(const BlockOrigin&) const = default;
 };
 
-/// The blocks that a step takes and those that the next one will. Marks have a frame of places around those
-/// of the lattice, so that each block has 26 neighbours; a place without particles is marked for ever.
-struct LivelyBlocks {
+/// The active blocks: those that this step takes, and those that the next one will. Marks have a frame of
+/// places around those of the lattice, so that each block has 26 neighbours. A place without particles stays
+/// marked.
+struct ActiveBlocks {
     int row, slice;            ///< from a block's place to that of the next along y and z
     const BlockOrigin* now;    ///< in any order
     BlockOrigin* next;         ///< room for all
@@ -24,7 +25,7 @@ struct LivelyBlocks {
     std::uint32_t* next_marks;
     unsigned* finished;  ///< blocks of threads that have no more to do; zero before and after
     unsigned* taken;     ///< blocks that the latest step took
-    bool operator==(const LivelyBlocks&) const = default;
+    bool operator==(const ActiveBlocks&) const = default;
 };
 
 /// Everything a step needs besides positions. Grid arrays are x fastest, with guard words on either side:
@@ -42,7 +43,7 @@ struct ImplicitStep {
     Real stiffness[3];       ///< of each spring group, where there is one material
     const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
     Motion<Real> motion;
-    LivelyBlocks lively;  ///< where blocks at rest are not stepped
+    ActiveBlocks active;  ///< where blocks at rest are not stepped
     bool operator==(const ImplicitStep&) const = default;
 };
 

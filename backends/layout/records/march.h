@@ -68,12 +68,12 @@ struct MarchShape {
 /// Planes `begin` to `end` (exclusive) of the tile whose first particle is that of column (x, y).
 struct alignas(16) MarchItem {
     int x, y, begin, end;
-    /// Where its words begin, of use unless all of its warps are whole: for each plane from `begin` to `end`
-    /// (inclusive) one a thread, as MarchWord has it.
+    /// Where its words begin, of use unless all of its warps have full stencils: for each plane from `begin`
+    /// to `end` (inclusive) one a thread, as PlaneMask has it.
     std::size_t words;
     /// A bit for each warp all of whose particles exist, move and have every spring, but for those to beyond
     /// the first and last column and plane of the lattice.
-    std::size_t whole;
+    std::size_t full_stencils;
     bool operator==(const MarchItem&) const = default;
 };
 
@@ -119,7 +119,7 @@ struct MarchOutput {
 /// The bits of a word: one for each spring of visit_springs(); one for each particle of the plane before
 /// which moves; one for each row of it that has a particle.
 template <int rows>
-struct MarchWord {
+struct PlaneMask {
     static constexpr int springs = 23 * rows + 8;
     static VOXSPRING_HOST_DEVICE constexpr int moves(int r, int c) { return springs + 2 * r + c; }
     static VOXSPRING_HOST_DEVICE constexpr int stored(int r) { return springs + 2 * rows + r; }

@@ -23,8 +23,8 @@ struct Motion {
 /// What a step writes.
 template <class Real>
 struct Output {
-    Word<Real>* next;      ///< of t + dt; on positions and displacements it held those of t - dt
-    Word<Real>* next_low;  ///< their low parts (`compensated`)
+    ParticleRecord<Real>* next;      ///< of t + dt; on positions and displacements it held those of t - dt
+    ParticleRecord<Real>* next_low;  ///< their low parts (`compensated`)
     /// v, by increments: x of all words, then y, then z, `pitch` apart. Overwritten in place.
     Real* increment;
     Real* increment_low;

@@ -39,11 +39,11 @@ VOXSPRING_HOST_DEVICE Vector<Real> fused(Vector<Real> a, Real s, Vector<Real> b)
 /// neighbour mask (implicit) or the counters of its lists (explicit), with ACTIVE_BIT and PINNED_BIT of
 /// neighbours.h in either case. A word of low parts has no bits.
 template <class Real>
-struct alignas(16) Word {
+struct alignas(16) ParticleRecord {
     using Bits = std::conditional_t<sizeof(Real) == 4, std::uint32_t, std::uint64_t>;
     Vector<Real> position;
     Bits bits;
-    bool operator==(const Word&) const = default;
+    bool operator==(const ParticleRecord&) const = default;
 };
 
 }  // namespace voxspring::cuda

@@ -58,7 +58,7 @@ struct ResidentStep : ImplicitStep<float> {
     std::uint32_t lane_count;       ///< of all blocks
     std::uint32_t published_count;  ///< words of `exchange` for every second step
     TaggedPoint* exchange;          ///< 2 x published_count
-    std::uint32_t* begun;           ///< blocks that have read their start, of all launches
+    std::uint32_t* started_blocks;  ///< blocks that have read their start, of all launches
     std::uint64_t* stall;           ///< on the host: a ResidentStall, or 0
     bool operator==(const ResidentStep&) const = default;
 };

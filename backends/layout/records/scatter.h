@@ -14,8 +14,8 @@ struct ScatterStep {
     std::size_t springs;     ///< slots of all arrays; a stiffness of 0 marks one without a spring
     const SpringEnds* ends;  ///< on displacements `second` with a direction code, as seen from `first`
     const SpringConstants<Real>* constants;
-    SpringRest<Real> rest[direction_codes];  ///< by direction code
-    const SpringRest<Real>* own_rest;        ///< by slot, of those with OWN_DIRECTION; null: there are none
+    SpringRest<Real> rest[direction_codes];    ///< by direction code
+    const SpringRest<Real>* off_lattice_rest;  ///< by slot, of those with OWN_DIRECTION; null: there are none
     /// x of all particles, then y, then z, `pitch` apart: neighbouring threads then add to neighbouring
     /// addresses. Zero between steps.
     Real* force;

@@ -10,7 +10,7 @@ template <class Real>
 struct alignas(2 * sizeof(Real)) SpringConstants {
     Real stiffness;
     /// As unit_pull() takes it. Where that is as measured_length() gives it on the device, its square until
-    /// then (measure_rest_lengths).
+    /// then (calibrate_rest_lengths).
     Real rest_length;
 };
 

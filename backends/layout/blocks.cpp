@@ -1,0 +1,80 @@
+#include "backends/layout/blocks.h"
+
+#include <algorithm>
+#include <sstream>
+
+#include "backends/layout/rounding.h"
+#include "backends/layout/springs.h"
+#include "backends/layout/vectors.h"
+
+namespace voxspring::cuda {
+
+BlockShape BlockShape::parse(const std::string& text) {
+    BlockShape shape;
+    std::istringstream stream(text);
+    char separator = 0;
+    stream >> shape.x >> separator >> shape.y >> separator >> shape.z;
+    shape.y = std::max(shape.y, 1);
+    shape.z = std::max(shape.z, 1);
+    return shape;
+}
+
+BlockGrid::BlockGrid(const Lattice& lattice, BlockShape shape)
+    : shape_(shape),
+      row_(std::size_t(units_of(lattice.dims.x, shape.x)) + 2),
+      slice_((std::size_t(units_of(lattice.dims.y, shape.y)) + 2) * row_),
+      places_((std::size_t(units_of(lattice.dims.z, shape.z)) + 2) * slice_) {}
+
+std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape) {
+    const BlockGrid grid(lattice, shape);
+    std::vector<std::uint8_t> active(grid.places());
+    for (const std::uint32_t voxel : lattice.voxel) active[grid.place_of(lattice, voxel)] = 1;
+    std::vector<BlockOrigin> origins;
+    for (int z = 0; z * shape.z < lattice.dims.z; ++z) {
+        for (int y = 0; y * shape.y < lattice.dims.y; ++y) {
+            for (int x = 0; x * shape.x < lattice.dims.x; ++x) {
+                const std::size_t place = grid.place(x, y, z);
+                if (active[place] != 0)
+                    origins.push_back({x * shape.x, y * shape.y, z * shape.z, int(place)});
+            }
+        }
+    }
+    return origins;
+}
+
+std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape) {
+    std::vector<BlockOrigin> origins = list_blocks(lattice, shape);
+    const std::int64_t x = units_of(lattice.dims.x, shape.x), y = units_of(lattice.dims.y, shape.y),
+                       z = units_of(lattice.dims.z, shape.z);
+    constexpr int max_blocks = 65535;  // along y and z
+    if (std::int64_t(origins.size()) == x * y * z && y <= max_blocks && z <= max_blocks) return {};
+    return origins;
+}
+
+template <class Real>
+ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
+                                      Formulation formulation) {
+    ImplicitStep<Real> step{};
+    step.nx = problem.lattice.dims.x;
+    step.ny = problem.lattice.dims.y;
+    step.nz = problem.lattice.dims.z;
+    step.first = int(placement.first);
+    step.group_bits = problem.group_bits;
+    step.spacing = vector_of<Real>(problem.lattice.spacing);
+    for (std::size_t b = 0; b < 13; ++b) {
+        const Direction& direction = directions()[2 * b];
+        step.rest_length[b] = listed_length<Real>(problem, direction, formulation);
+        step.deficit[b] = Real(rest_spring(problem, direction).deficit);
+    }
+    for (std::size_t g = 0; g < 3; ++g) step.stiffness[g] = Real(problem.group_stiffness[g]);
+    step.motion = make_motion<Real>(problem);
+    return step;
+}
+
+#define FOR_PRECISION(Real) \
+    template ImplicitStep<Real> make_implicit_step(const Problem&, const Placement&, Formulation);
+FOR_PRECISION(float)
+FOR_PRECISION(double)
+#undef FOR_PRECISION
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,57 @@
+// Blocks of a lattice, and the argument of the kernels that step them.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "backends/layout/particles.h"
+#include "backends/layout/records/implicit.h"
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+/// Threads of a block along x, y, z.
+struct BlockShape {
+    int x = 1, y = 1, z = 1;
+    /// From "32x4x2"; missing extents are 1.
+    static BlockShape parse(const std::string& text);
+    bool operator==(const BlockShape&) const = default;
+};
+
+/// A place for each block of a lattice, with a frame of one block around them (kernels/resting.h).
+class BlockGrid {
+public:
+    BlockGrid(const Lattice& lattice, BlockShape shape);
+    /// From a place to the next along y and z.
+    std::size_t row() const { return row_; }
+    std::size_t slice() const { return slice_; }
+    std::size_t places() const { return places_; }
+    /// Of block (x, y, z).
+    std::size_t place(int x, int y, int z) const {
+        return std::size_t(x + 1) + std::size_t(y + 1) * row_ + std::size_t(z + 1) * slice_;
+    }
+    std::size_t place_of(const Lattice& lattice, std::uint32_t voxel) const {
+        const glm::ivec3 c = lattice.coordinates(voxel);
+        return place(c.x / shape_.x, c.y / shape_.y, c.z / shape_.z);
+    }
+
+private:
+    BlockShape shape_;
+    std::size_t row_, slice_, places_;
+};
+
+/// Origins of the blocks that hold an active voxel, x fastest.
+std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
+/// list_blocks(), or nothing where every block of the lattice holds an active voxel: the block's own
+/// coordinates, which CUDA limits along y and z, then give its origin.
+std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape);
+
+/// The kernels' argument, rest lengths squared and pointers null: what is on the device is the caller's to
+/// fill in.
+template <class Real>
+ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
+                                      Formulation formulation);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,65 @@
+// Neighbour lists as records/explicit.h reads them, and what an edit changes of them.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "backends/layout/records/explicit.h"
+#include "backends/physics/edit.h"
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+enum class ListLayout : std::uint8_t { vertical, concatenated };
+
+/// Neighbour lists as records/explicit.h reads them.
+template <class Real>
+struct NeighbourLists {
+    ListShape shape;
+    std::vector<std::uint32_t> neighbour;
+    std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without
+    /// Of springs beyond the lattice, by displacements; empty if there are none.
+    std::vector<SpringRest<Real>> off_lattice_rest;
+    std::vector<std::uint32_t> bits;            ///< one a particle: counters, active and pinned
+    std::array<std::uint32_t, 3> first_slot{};  ///< of each group, without the secondary list
+};
+
+/// Elements of a list of `slots` a particle.
+std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout layout);
+/// Slots a particle that list_by_groups() and list_by_springs() would make.
+std::uint32_t slots_by_groups(const Problem& problem);
+std::uint32_t slots_by_springs(const Problem& problem);
+
+/// A counter a spring group and no secondary list, for a problem that is not beyond_groups().
+template <class Real>
+NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
+/// One counter, stiffness and rest length a spring, for any problem. A particle's lattice springs come first,
+/// in the order of directions(), then those beyond the lattice in theirs.
+template <class Real>
+NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
+
+/// New lists of the particles that an edit touched.
+template <class Real>
+struct EditedLists {
+    std::vector<std::uint32_t> particle;
+    NeighbourLists<Real> lists;  ///< concatenated; list n is that of particle[n]
+};
+/// The most springs that a touched particle has.
+std::uint32_t longest_list(const SpringEdit& edit);
+/// As list_by_groups() and list_by_springs() list them, `slots` a particle.
+template <class Real>
+EditedLists<Real> edited_by_groups(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
+                                   Formulation formulation);
+template <class Real>
+EditedLists<Real> edited_by_springs(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
+                                    Formulation formulation);
+
+/// The kernel's argument, rest lengths squared and pointers null: what is on the device is the caller's to
+/// fill in.
+template <class Real>
+ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists,
+                                      Formulation formulation);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,155 @@
+#include "backends/layout/particles.h"
+
+#include "backends/layout/rounding.h"
+#include "backends/layout/vectors.h"
+#include "backends/physics/neighbours.h"
+
+namespace voxspring::cuda {
+
+namespace {
+
+// Signed, as OpenMP's loops were made for.
+std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
+
+// Axes of increments begin on a cache line of 128 bytes in float32.
+constexpr std::size_t pitch_multiple = 32;
+
+template <class Real>
+glm::dvec3 low_part(const glm::dvec3& v) {
+    return v - dvec_of(vector_of<Real>(v));
+}
+
+}  // namespace
+
+Placement place_on_grid(const Lattice& lattice) {
+    const std::size_t slice = std::size_t(lattice.dims.x) * std::size_t(lattice.dims.y);
+    // Voxel 0 begins on a cache line.
+    const std::size_t guard = rounded_up(slice + std::size_t(lattice.dims.x) + 1, std::size_t(8));
+    return {.words = lattice.voxel_count() + 2 * guard, .first = guard, .voxel = &lattice.voxel};
+}
+
+Placement place_compact(const Problem& problem) { return {.words = problem.particle_count()}; }
+
+std::size_t increment_pitch(const Placement& placement) {
+    return rounded_up(placement.words, pitch_multiple);
+}
+
+template <class Real>
+PackedState<Real> pack(const Problem& problem, const State& state, const Placement& placement,
+                       std::span<const std::uint32_t> bits, Formulation formulation) {
+    const bool increments = by_increments(formulation), split = formulation == Formulation::compensated;
+    PackedState<Real> packed;
+    packed.current.resize(placement.words);
+    if (!increments) packed.previous.resize(placement.words);
+    if (split) packed.current_low.resize(placement.words);
+    const std::size_t pitch = increment_pitch(placement);
+    if (increments) packed.increment.resize(3 * pitch);
+    if (split) packed.increment_low.resize(3 * pitch);
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
+        const auto i = std::size_t(n);
+        const std::size_t at = placement.at(i);
+        glm::dvec3 point = state.displacement[i];
+        if (on_positions(formulation)) point += problem.rest_position[i];
+        packed.current[at] = {vector_of<Real>(point), bits[i]};
+        if (!increments) packed.previous[at] = {vector_of<Real>(point - state.increment[i]), bits[i]};
+        if (split) packed.current_low[at] = {vector_of<Real>(low_part<Real>(point)), 0};
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const double v = state.increment[i][int(axis)];
+            if (increments) packed.increment[axis * pitch + at] = Real(v);
+            if (split) packed.increment_low[axis * pitch + at] = Real(v - double(Real(v)));
+        }
+    }
+    return packed;
+}
+
+template <class Real>
+State unpack(const Problem& problem, const PackedState<Real>& packed, const Placement& placement,
+             Formulation formulation) {
+    const bool increments = by_increments(formulation), split = formulation == Formulation::compensated;
+    const std::size_t pitch = increment_pitch(placement);
+    State state = state_at_rest(problem);
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
+        const auto i = std::size_t(n);
+        const std::size_t at = placement.at(i);
+        const glm::dvec3 point = dvec_of(packed.current[at].position);
+        state.displacement[i] = on_positions(formulation) ? point - problem.rest_position[i] : point;
+        if (!increments) state.increment[i] = point - dvec_of(packed.previous[at].position);
+        if (split) state.displacement[i] += dvec_of(packed.current_low[at].position);
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            double& v = state.increment[i][int(axis)];
+            if (increments) v = double(packed.increment[axis * pitch + at]);
+            if (split) v += double(packed.increment_low[axis * pitch + at]);
+        }
+    }
+    return state;
+}
+
+template <class Real>
+std::vector<Vector<Real>> pack_load(const Problem& problem, const Placement& placement) {
+    if (problem.load.empty()) return {};
+    std::vector<Vector<Real>> load(placement.words, Vector<Real>{0, 0, 0});
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        load[placement.at(i)] = vector_of<Real>(problem.load[i]);
+    return load;
+}
+
+template <class Real>
+std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& placement) {
+    if (!problem.has_materials()) return {};
+    std::vector<Real> inverse(placement.words);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        inverse[placement.at(i)] = Real(1 / problem.material_of(i).mass);
+    return inverse;
+}
+
+template <class Real>
+std::vector<Real> pack_compliance(const Problem& problem, const Placement& placement) {
+    if (!problem.has_materials()) return {};
+    std::vector<Real> compliance(placement.words);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        compliance[placement.at(i)] = Real(1 / problem.material_of(i).stiffness);
+    return compliance;
+}
+
+template <class Real>
+Motion<Real> make_motion(const Problem& problem) {
+    return {.gravity = vector_of<Real>(problem.gravity),
+            .inverse_mass = Real(1 / problem.materials.front().mass),
+            .inverse_masses = nullptr,
+            .load = nullptr,
+            .damping = Real(problem.damping),
+            .retained = Real(1 - problem.damping),
+            .doubled = Real(2 - problem.damping),
+            .time_step_squared = Real(problem.time_step * problem.time_step),
+            .shortest_squared = Real(problem.shortest_squared())};
+}
+
+std::vector<std::uint32_t> state_bits(const Problem& problem) {
+    std::vector<std::uint32_t> bits(problem.particle_count(), ACTIVE_BIT);
+    for (std::size_t i = 0; i < bits.size(); ++i) {
+        if (problem.is_pinned(i)) bits[i] |= PINNED_BIT;
+    }
+    return bits;
+}
+
+std::uint32_t terms_of(const Problem& problem) {
+    return (problem.has_materials() ? term_materials : 0) | (problem.damping != 0 ? term_damping : 0) |
+           (problem.has_gravity() ? term_gravity : 0) | (problem.pinned.empty() ? 0 : term_pins) |
+           (problem.load.empty() ? 0 : term_loads);
+}
+
+#define FOR_PRECISION(Real)                                                                         \
+    template PackedState<Real> pack(const Problem&, const State&, const Placement&,                 \
+                                    std::span<const std::uint32_t>, Formulation);                   \
+    template State unpack(const Problem&, const PackedState<Real>&, const Placement&, Formulation); \
+    template std::vector<Vector<Real>> pack_load(const Problem&, const Placement&);                 \
+    template std::vector<Real> pack_inverse_masses(const Problem&, const Placement&);               \
+    template std::vector<Real> pack_compliance(const Problem&, const Placement&);                   \
+    template Motion<Real> make_motion(const Problem&);
+FOR_PRECISION(float)
+FOR_PRECISION(double)
+#undef FOR_PRECISION
+
+}  // namespace voxspring::cuda

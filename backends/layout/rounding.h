@@ -1,0 +1,17 @@
+// Rounding up to whole units.
+#pragma once
+
+namespace voxspring::cuda {
+
+/// How many units it takes to hold `count`.
+template <class T>
+constexpr T units_of(T count, T unit) {
+    return (count + unit - 1) / unit;
+}
+/// `count`, or the next multiple of `unit`.
+template <class T>
+constexpr T rounded_up(T count, T unit) {
+    return units_of(count, unit) * unit;
+}
+
+}  // namespace voxspring::cuda

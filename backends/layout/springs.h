@@ -1,0 +1,52 @@
+// How springs rest, what names their ends, and which layouts can hold them.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "backends/layout/records/springs.h"
+#include "backends/physics/formulation.h"
+#include "backends/physics/neighbours.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+/// The square of a lattice direction's rest length: that of its offset where the lattice is stress-free, so
+/// that it is the very number a kernel computes at rest, and not the square of a rounded root.
+double squared_rest_length(const Problem& problem, const Direction& direction);
+
+/// A rest length as unit_pull() takes it: by increments as it is, else its square, to be measured. The square
+/// is what a kernel finds at rest, so that the force there is zero to the bit.
+template <class Real>
+Real listed_length(const Problem& problem, const Direction& direction, Formulation formulation);
+template <class Real>
+Real listed_length(const Spring& spring, Formulation formulation);
+
+/// How springs of each direction code lie at rest.
+template <class Real>
+std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& problem);
+
+/// How a spring beyond the lattice lies at rest, from `particle` to `neighbour`.
+template <class Real>
+SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
+                                     double rest_length);
+
+/// What names neighbour `index` in a list, which lies in the direction of mask bit `bit`; negative: in none.
+std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
+
+/// Empty, or why a list entry cannot name particles and directions in one word, as formulations on
+/// displacements need it.
+std::string beyond_entries(const Problem& problem, Formulation formulation);
+
+/// Empty, or why stiffness and rest length are not the same for all springs of a group.
+std::string beyond_groups(const Problem& problem);
+
+/// The neighbour mask of a particle; 0 without a lattice.
+inline std::uint32_t mask_of(const Problem& problem, std::size_t particle) {
+    return problem.lattice.mask.empty() ? 0 : problem.lattice.mask[particle];
+}
+
+}  // namespace voxspring::cuda
