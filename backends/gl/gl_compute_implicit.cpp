@@ -17,7 +17,7 @@ std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
            (gl::needs_materials(problem, options.tuning.at("terms") == "all")
                 ? placement.words * sizeof(float)
                 : 0) +
-           cuda::active_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
+           cuda::occupied_blocks(problem.lattice, shape).size() * sizeof(cuda::BlockOrigin);
 }
 
 class GlComputeImplicit final : public gl::ComputeBackend {
