@@ -58,10 +58,13 @@ public:
     explicit Stride(std::size_t particles)
         : steps_(std::clamp(first_work / double(std::max<std::size_t>(particles, 1)), 1.0, most)) {}
 
-    int steps() const { return int(steps_); }
-    void took(int steps, double seconds) {
-        if (steps < int(steps_)) return;  // the last ones before a file
-        const double wanted = steps_ * wanted_seconds / std::max(seconds, 1e-9);
+    int steps() const {
+        const int whole = int(steps_);
+        return whole > longest_graph ? whole - whole % longest_graph : whole;
+    }
+    void took(int taken, double seconds) {
+        if (taken < steps()) return;  // the last ones before a file
+        const double wanted = taken * wanted_seconds / std::max(seconds, 1e-9);
         steps_ = std::clamp(wanted, std::max(1.0, steps_ / 4), std::min(most, steps_ * 4));
     }
 
@@ -70,6 +73,7 @@ private:
         1e6;  ///< steps of a particle; a slow machine takes a tenth of a second
     static constexpr double wanted_seconds = 0.2;
     static constexpr double most = 1e6;
+    static constexpr int longest_graph = 256;  ///< of CUDA, in steps: its multiples take no shorter ones
 
     double steps_;
 };
