@@ -51,6 +51,17 @@ TEST(Noise, IsInOtherProcesses) {
                 ElementsAre("other processes computed on the card (2)"));
 }
 
+TEST(Noise, IsNotInTheStudysOwnProcesses) {
+    EXPECT_EQ(other_processes({}, {}), 0u);
+    EXPECT_EQ(other_processes({11, 12}, {.all = {10, 11, 12}, .on_card = 2}), 0u);
+    EXPECT_EQ(other_processes({11, 12, 99}, {.all = {10, 11, 12}, .on_card = 2}), 1u);
+    EXPECT_EQ(other_processes({11, 99}, {.all = {10, 11, 12}, .on_card = 2}), 1u) << "12 is not listed";
+    EXPECT_EQ(other_processes({7}, {}), 1u) << "a resumed study's cases have no process yet";
+    // In a container the driver may have other numbers.
+    EXPECT_EQ(other_processes({5011, 5012}, {.all = {11, 12}, .on_card = 2}), 0u);
+    EXPECT_EQ(other_processes({5011, 5012, 5013}, {.all = {11, 12}, .on_card = 2}), 1u);
+}
+
 TEST(Noise, IsPrintedWithWhatItIsOf) {
     std::ostringstream out;
     print_noise({{{"name", "box/a/increment/float32"}, {"scene", "box"}, {"noisy", {"it rained (twice)"}}},
@@ -92,10 +103,12 @@ TEST(Noise, WaitingGrowsWhereThreadsHaveNoCore) {
 /// cpu_reference as a backend on a card.
 class OnCard : public CpuBackend {
 public:
-    OnCard() : sound_(BackendSpec::parse("cpu_reference").make()) {}
+    OnCard(std::string api, ApiFamily family)
+        : api_(std::move(api)), family_(family), sound_(BackendSpec::parse("cpu_reference").make()) {}
     Capabilities capabilities() const override {
         Capabilities capabilities = sound_->capabilities();
-        capabilities.api = "CUDA 13.0";
+        capabilities.api = api_;
+        capabilities.family = family_;
         capabilities.family = ApiFamily::cuda;
         capabilities.uuid = "GPU-fake";
         return capabilities;
@@ -107,22 +120,28 @@ public:
     StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
 
 private:
+    std::string api_;
+    ApiFamily family_;
     std::unique_ptr<Backend> sound_;
 };
 
-const Registered on_card({.name = "on_card",
-                          .summary = "A backend for this test.",
-                          .precisions = {Precision::float64},
-                          .formulations = {Formulation::increment},
-                          .tuning = {},
-                          .make = [](const Options&) { return std::make_unique<OnCard>(); },
-                          .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+BackendEntry entry_on_card(const std::string& name, const std::string& api, ApiFamily family) {
+    return {.name = name,
+            .summary = "A backend for this test.",
+            .precisions = {Precision::float64},
+            .formulations = {Formulation::increment},
+            .tuning = {},
+            .make = [=](const Options&) { return std::make_unique<OnCard>(api, family); },
+            .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }};
+}
+const Registered on_card(entry_on_card("on_card", "CUDA 13.0", ApiFamily::cuda));
+const Registered drawn_on_card(entry_on_card("drawn_on_card", "OpenGL 4.6", ApiFamily::opengl));
 
 nlohmann::json result_of_study() {
     Study study;
     study.name = "test";
     study.repetitions = 4;
-    study.backends = {"on_card", "cpu_reference"};
+    study.backends = {"on_card", "drawn_on_card", "cpu_reference"};
     study.scenes = {{"box@4", 4, {}}};
     return run_study(study, {});
 }
@@ -141,33 +160,47 @@ protected:
         library_ = dlopen(FAKE_NVML, RTLD_NOW);
         ASSERT_NE(library_, nullptr) << dlerror();
         clocks_ = static_cast<unsigned*>(dlsym(library_, "fake_clocks_mhz"));
-        count_ = static_cast<unsigned*>(dlsym(library_, "fake_process_count"));
+        strangers_ = static_cast<unsigned*>(dlsym(library_, "fake_strangers"));
+        lists_children_ = static_cast<bool*>(dlsym(library_, "fake_lists_children"));
     }
     void TearDown() override {
         clocks_[0] = clocks_[1] = 1980;
-        *count_ = 0;
+        *strangers_ = 0;
+        *lists_children_ = true;
         dlclose(library_);
     }
     void* library_ = nullptr;
     unsigned* clocks_ = nullptr;
-    unsigned* count_ = nullptr;
+    unsigned* strangers_ = nullptr;
+    bool* lists_children_ = nullptr;
 };
 
 TEST_F(CardInAStudy, IsWatched) {
-    *count_ = 1;  // the study's own
     nlohmann::json result = result_of_study();
     EXPECT_EQ(result.at("context").at("voxspring").at("card_watched"), "yes");
-    EXPECT_THAT(reasons_of(result, "on_card"), ::testing::Not(HasSubstr("card")));
+    for (const char* backend : {"on_card", "drawn_on_card"})
+        EXPECT_THAT(reasons_of(result, backend), ::testing::Not(HasSubstr("card")))
+            << "they are the study's own";
 
     clocks_[1] = 1200;
-    *count_ = 3;
+    *strangers_ = 2;
     result = result_of_study();
-    EXPECT_THAT(reasons_of(result, "on_card"),
-                ::testing::AllOf(HasSubstr("the card's clock moved (between 1200 and 1980 MHz)"),
-                                 HasSubstr("other processes computed on the card (2)")));
+    for (const char* backend : {"on_card", "drawn_on_card"})
+        EXPECT_THAT(reasons_of(result, backend),
+                    ::testing::AllOf(HasSubstr("the card's clock moved (between 1200 and 1980 MHz)"),
+                                     HasSubstr("other processes computed on the card (2)")));
     EXPECT_THAT(reasons_of(result, "cpu_reference"), ::testing::Not(HasSubstr("card")));
     for (const auto& row : result.at("benchmarks"))
         EXPECT_TRUE(row.at("backend") != "on_card" || row.contains("noisy")) << "aggregates too";
+}
+
+TEST_F(CardInAStudy, IsWatchedWhereTheDriverHasOtherNumbersForProcesses) {
+    *lists_children_ = false;
+    *strangers_ = 2;  // as many as the study has there
+    EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"), ::testing::Not(HasSubstr("card")));
+    *strangers_ = 3;
+    EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"),
+                HasSubstr("other processes computed on the card (1)"));
 }
 
 TEST_F(CardInAStudy, ThatIsNotThereIsNotKnown) {

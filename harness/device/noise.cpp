@@ -64,7 +64,13 @@ struct Card::Library {
     Device device = nullptr;
     int (*shutdown)() = nullptr;
     int (*clock)(Device, int, unsigned*) = nullptr;
-    int (*processes)(Device, unsigned*, void*) = nullptr;
+    /// One entry of what `processes` fills.
+    struct Process {
+        unsigned pid;
+        unsigned long long used_memory;
+        unsigned gpu_instance, compute_instance;
+    };
+    int (*processes)(Device, unsigned*, Process*) = nullptr;
 
     template <class Function>
     void find(Function*& function, const char* name) const {
@@ -108,12 +114,32 @@ std::optional<unsigned> Card::clock_mhz() const {
     return mhz;
 }
 
-std::optional<unsigned> Card::process_count() const {
-    unsigned count = 0;
+std::optional<std::vector<pid_t>> Card::processes() const {
     if (library_->processes == nullptr) return std::nullopt;
-    const int answer = library_->processes(library_->device, &count, nullptr);
-    if (answer != Library::success && answer != Library::too_small) return std::nullopt;
-    return count;
+    // Room for some that begin between two calls.
+    constexpr int max_tries = 3;
+    std::vector<Library::Process> found(64);
+    for (int i = 0; i < max_tries; ++i) {
+        auto count = unsigned(found.size());
+        const int answer = library_->processes(library_->device, &count, found.data());
+        if (answer == Library::success) {
+            std::vector<pid_t> pids;
+            for (unsigned k = 0; k < count; ++k) pids.push_back(pid_t(found[k].pid));
+            return pids;
+        }
+        if (answer != Library::too_small) return std::nullopt;
+        found.resize(2 * std::max<std::size_t>(found.size(), count));
+    }
+    return std::nullopt;
+}
+
+unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& own) {
+    const auto is_own = [&](pid_t process) {
+        return std::find(own.all.begin(), own.all.end(), process) != own.all.end();
+    };
+    const auto known = unsigned(std::count_if(on_card.begin(), on_card.end(), is_own));
+    const auto all = unsigned(on_card.size());
+    return all - (known > 0 ? known : std::min(all, own.on_card));
 }
 
 std::vector<std::string> reasons_of_noise(const Observed& observed) {

@@ -1,6 +1,8 @@
 // Whether a time can be trusted: how far repetitions are apart, and what else took the device meanwhile.
 #pragma once
 
+#include <sys/types.h>
+
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -30,13 +32,23 @@ public:
 
     /// The clock of its multiprocessors now; nothing where the driver does not tell.
     std::optional<unsigned> clock_mhz() const;
-    /// How many processes compute on it; nothing where the driver does not tell.
-    std::optional<unsigned> process_count() const;
+    /// The processes that compute on it, as the driver numbers them; nothing where it does not tell.
+    std::optional<std::vector<pid_t>> processes() const;
 
 private:
     struct Library;
     std::unique_ptr<Library> library_;
 };
+
+/// Processes of a study, while one of them has just computed on a card.
+struct OwnProcesses {
+    std::vector<pid_t> all = {};  ///< that are alive
+    unsigned on_card = 0;         ///< of those, how many have the card
+};
+/// How many of the processes `on_card` are none of the study's. Where the driver numbers processes in another
+/// namespace than ours (in a container), which shows in its knowing none of `own`, as many as the study has
+/// on the card are taken for its own.
+unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& own);
 
 /// What is known of the repetitions of one case. Where lists are not empty they are of all repetitions.
 struct Observed {

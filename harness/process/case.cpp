@@ -81,6 +81,11 @@ void Case::start() {
     }
 }
 
+std::optional<pid_t> Case::process() const {
+    if (process_ == nullptr || process_->process() < 0) return std::nullopt;
+    return process_->process();
+}
+
 nlohmann::json Case::introduce() {
     if (scope_.find("introduction") == nullptr) start();
     return *scope_.find("introduction");

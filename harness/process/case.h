@@ -60,6 +60,9 @@ public:
     /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 
+    /// The process that it has now.
+    std::optional<pid_t> process() const;
+
     std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
 
 private:

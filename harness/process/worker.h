@@ -45,6 +45,9 @@ public:
     Worker& operator=(const Worker&) = delete;
     ~Worker();
 
+    /// Negative once it has ended.
+    pid_t process() const { return process_; }
+
     /// The answer. Throws WorkerLost if the process ends, or says nothing for as long as the time-out, while
     /// `doing` (it is then killed); Unavailable or DeviceError with the message of what its answerer threw.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,

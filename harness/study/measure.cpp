@@ -172,9 +172,20 @@ struct Course {
     const Batch& batch;
     const ReferenceSolution& solution;
     SharedState& state;
-    int edits;         ///< within a batch
-    const Card* card;  ///< null: not watched
-    unsigned own;      ///< processes of this study that compute on it
+    int edits;                       ///< within a batch
+    const Card* card;                ///< null: not watched
+    const std::vector<Case>& cases;  ///< all of them, each with a process or not yet
+
+    OwnProcesses own_processes() const {
+        OwnProcesses own;
+        for (const Case& benchmark_case : cases) {
+            const auto process = benchmark_case.process();
+            if (!process) continue;
+            own.all.push_back(*process);
+            if (!benchmark_case.capabilities().at("uuid").get<std::string>().empty()) ++own.on_card;
+        }
+        return own;
+    }
 };
 
 /// One case while Google Benchmark calls it in whatever order it likes. What the journal has is not asked
@@ -280,8 +291,8 @@ private:
         const std::string uuid = case_.capabilities().at("uuid");
         if (course_.card == nullptr || uuid.empty()) return;
         if (const auto mhz = course_.card->clock_mhz()) answer["card_mhz"] = *mhz;
-        if (const auto count = course_.card->process_count())
-            answer["other_users"] = *count > course_.own ? *count - course_.own : 0u;
+        if (const auto processes = course_.card->processes())
+            answer["other_users"] = other_processes(*processes, course_.own_processes());
     }
 
     Case& case_;
@@ -552,12 +563,8 @@ SceneResult measure(const Scene& scene, std::vector<Case>& cases, const Batch& b
         solution.refined.reason = "the study does not ask for it";
     }
 
-    const auto computes_on_card = [](const Case& benchmark_case) {
-        return capabilities_of(benchmark_case.capabilities()).family == ApiFamily::cuda;
-    };
-    const auto own = std::count_if(cases.begin(), cases.end(), computes_on_card);
-    const Course course{scene, batch,        solution, state, SceneRunner(scene).edits_within(batch.steps),
-                        card,  unsigned(own)};
+    const Course course{scene, batch, solution, state, SceneRunner(scene).edits_within(batch.steps),
+                        card,  cases};
     std::vector<Run> runs;
     for (Case& benchmark_case : cases) runs.emplace_back(benchmark_case, course);
     const nlohmann::json measured = run_google_benchmark(runs, course, springs, on_repetition);
