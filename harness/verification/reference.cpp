@@ -9,8 +9,8 @@
 #include <utility>
 
 #include "backends/registry.h"
+#include "harness/base/executable.h"
 #include "harness/scene/scene_runner.h"
-#include "reference_sources.h"  // generated
 
 namespace voxspring {
 namespace {
@@ -49,10 +49,10 @@ void add(Hash& hash, const Spring& spring) {
     hash.add_number(spring.rest_length);
 }
 
-/// All that determines a trajectory: the program as far as it computes one, and what it is given.
+/// All that determines a trajectory: the program that computes it, and what it is given.
 std::string name_of(const Scene& scene, int steps, const std::string& specification) {
     Hash hash;
-    for (const auto& [file, text] : reference_sources) hash.add(text);
+    hash.add(fingerprint_of_executable());
     hash.add(specification);
     hash.add_number(steps);
     const Problem& problem = scene.problem;
