@@ -125,6 +125,15 @@ std::vector<StudyScene> read_suites(const JsonValue& list) {
     return suites;
 }
 
+/// A file that the study names, resized ("my.json@64") or not, is found beside the study, wherever the study
+/// is run from.
+std::string found_beside(const std::filesystem::path& study, const std::string& scene) {
+    const std::filesystem::path folder = study.parent_path();
+    const bool is_there = std::filesystem::is_regular_file(folder / scene) ||
+                          std::filesystem::is_regular_file(folder / scene.substr(0, scene.rfind('@')));
+    return is_there ? (folder / scene).string() : scene;
+}
+
 constexpr int most_steps = 1000000000;
 constexpr int most_repetitions = 10000;
 
@@ -181,11 +190,7 @@ Study load_study(const std::string& argument) {
         JsonObject object = item.object();
         StudyScene scene;
         scene.scene = object.require("scene").string();
-        // A file that the study names is found beside the study, wherever the study is run from.
-        const auto beside = path.parent_path() / scene.scene;
-        if (builtin == builtin_study_files.end() && std::filesystem::is_regular_file(beside)) {
-            scene.scene = beside.string();
-        }
+        if (builtin == builtin_study_files.end()) scene.scene = found_beside(path, scene.scene);
         scene.steps = read_count(object, "steps", most_steps, study.steps);
         if (const auto backends = object.find("backends")) scene.backends = read_patterns(*backends);
         if (study.kind == StudyKind::stability) {

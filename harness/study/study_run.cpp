@@ -12,9 +12,9 @@
 #include <thread>
 #include <utility>
 
-#include "backends/disk_cache.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/executable.h"
 #include "harness/base/files.h"
 #include "harness/base/interruption.h"
 #include "harness/base/progress.h"
@@ -164,12 +164,12 @@ BackendSpec spec_of_label(const std::string& label) {
                               (tuning.empty() ? "" : "," + tuning));
 }
 
-/// Of the executable itself: a commit may have been built in two ways, and a tree may differ from its commit.
-std::string fingerprint_of_program() {
-    std::ifstream program("/proc/self/exe", std::ios::binary);
-    std::ostringstream bytes;
-    bytes << program.rdbuf();
-    return hash_of(bytes.str());
+/// Whether a scene is of this program rather than of a file, which may change.
+bool is_builtin(const std::string& scene) {
+    const std::vector<BuiltinScene> all = builtin_scenes();
+    const std::string name = scene.substr(0, scene.rfind('@'));
+    return !std::filesystem::exists(scene) &&
+           std::any_of(all.begin(), all.end(), [&](const auto& builtin) { return builtin.name == name; });
 }
 
 /// One run of one study.
@@ -293,9 +293,9 @@ private:
         for (const StudyScene& item : study_.scenes) {
             scenes.push_back(
                 {item.scene, item.steps, item.backends, item.map, int(item.lengths), item.rewind});
-            // What a file holds may have changed since, or what another program built; built-in scenes are of
-            // this one.
-            const bool may_change = item.built != nullptr || std::filesystem::exists(item.scene);
+            // What a file holds, or a volume that it names, may have changed since, or what another program
+            // built; built-in scenes are of this one.
+            const bool may_change = item.built != nullptr || !is_builtin(item.scene);
             if (may_change && !too_large_.contains(item.scene))
                 files[item.scene] = fingerprint_of(*scenes_.of(study_, item));
         }
@@ -310,7 +310,7 @@ private:
                 {"total_error", study_.total_error},
                 {"time_steps", study_.time_steps},
                 {"commit", build.at("commit")},
-                {"program", fingerprint_of_program()},
+                {"program", fingerprint_of_executable()},
                 {"cpu", build.at("cpu")}};
     }
 
