@@ -11,6 +11,8 @@
 #include <fstream>
 #include <system_error>
 
+#include "backends/size_limit.h"
+
 namespace voxspring {
 namespace {
 
@@ -79,6 +81,7 @@ std::optional<std::string> DiskCache::find(const std::string& name) const {
 
 void DiskCache::keep(const std::string& name, std::string_view content) const {
     if (folder_.empty() || content.size() > max_bytes_ / 2) return;
+    const SizeLimitAsError guard;
     try {
         fs::create_directories(folder_);
         std::string temporary = file(name).string() + ".XXXXXX";

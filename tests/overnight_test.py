@@ -410,6 +410,28 @@ class JournalFile(Overnight):
         (self.folder / "own.json").write_text(json.dumps(self.SCENE))
         self.assertEqual(self.journal.read_bytes(), before)
 
+    def test_says_in_words_what_differs(self):
+        self.cut_short()
+        self.study(**self.STUDY | {"scenes": [{"scene": "box@5"}, {"scene": "own.json"}]})
+        ran = self.run_study("--resume", code=2)
+        self.assert_refused(ran, ".journal", "scenes 1 1", "box@4", "box@5")
+        for mark in '[]{}"':
+            self.assertNotIn(mark, ran.stderr)
+
+    def test_knows_a_resized_scene_file_beside_the_study(self):
+        self.study(**self.STUDY | {"scenes": [{"scene": "own.json@4"}]})
+        self.cut_short()
+        (self.folder / "own.json").write_text(json.dumps(self.SCENE | {"gravity": [0, 0, -0.02]}))
+        self.assert_refused(self.run_study("--resume", code=2), ".journal", "files", "own.json@4")
+        (self.folder / "own.json").write_text(json.dumps(self.SCENE))
+        self.run_study("--resume")
+        self.assertEqual({row["particles"] for row in self.result()["verification"]}, {64})
+
+    def test_that_is_not_there_is_begun_which_is_said(self):
+        ran = self.run_study("--resume")
+        self.assertIn("there is no ", ran.stderr)
+        self.assertIn("result.json.journal to resume: the study begins", ran.stderr)
+
     def change(self, pattern, replacement):
         """Changes a line as if it had been written so."""
         lines = self.journal.read_text().split("\n")
@@ -458,7 +480,10 @@ class JournalFile(Overnight):
         ran = self.start()
         self.addCleanup(ran.kill)
         self.wait_for(lambda: self.journal.exists() and " repetition " in self.journal.read_text(), "it does not begin")
-        self.assert_refused(self.run_study("--resume", code=2), "running")
+        for options in ([], ["--resume"]):
+            refused = self.run_study(*options, code=2)
+            self.assert_refused(refused, f"running as process {ran.pid}", "another --out")
+            self.assertNotIn("delete", refused.stderr)
         ran.communicate(timeout=PATIENCE)
         self.assertEqual(ran.returncode, 0)
         self.result()

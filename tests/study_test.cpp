@@ -6,7 +6,9 @@
 #include <sys/mman.h>
 
 #include <array>
+#include <chrono>
 #include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -19,6 +21,9 @@
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/commands.h"
+#include "harness/process/case.h"
+#include "harness/process/journal.h"
+#include "harness/process/worker.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {
@@ -511,6 +516,45 @@ TEST(BuiltinStudies, AllLoad) {
     for (const auto& study : builtin_studies()) names.push_back(study.name);
     EXPECT_THAT(names, ::testing::IsSupersetOf({"default", "fastest", "figure7", "figure8", "pareto", "skips",
                                                 "smoke", "table1", "tuning"}));
+}
+
+TEST(AWorker, RefusesATimeoutThatIsNoneAndTakesOneOfAges) {
+    const auto make = []() -> std::unique_ptr<Answerer> { return nullptr; };
+    for (const double seconds : {std::nan(""), 0.0, -1.0})
+        EXPECT_THROW(Worker(make, std::chrono::duration<double>(seconds)), std::invalid_argument) << seconds;
+    for (const double seconds : {1e10, std::numeric_limits<double>::infinity()}) {
+        const auto look = [](const Backend&) -> nlohmann::json { return 17; };
+        EXPECT_EQ(look_at(BackendSpec::parse("cpu_reference"), look, std::chrono::duration<double>(seconds)),
+                  17);
+    }
+}
+
+TEST(AStudy, LeavesTheSignalsOfItsProcessAsTheyWere) {
+    const std::filesystem::path out = std::filesystem::path(::testing::TempDir()) / "signals.json";
+    std::filesystem::remove(Journal::file_beside(out));
+    StudyOptions options;
+    options.out = out;
+    (void)run_study(study_of({"test_sound"}), options);
+    for (const int signal : {SIGXFSZ, SIGINT, SIGTERM, SIGPIPE}) {
+        struct sigaction now {};
+        ASSERT_EQ(sigaction(signal, nullptr, &now), 0);
+        EXPECT_EQ(now.sa_handler, SIG_DFL) << signal;
+    }
+}
+
+TEST(AJournal, SaysWhereTwoStudiesDifferInWords) {
+    const auto difference = [](const char* there, const char* here) {
+        const Difference first = first_difference(nlohmann::json::parse(there), nlohmann::json::parse(here));
+        return first.where + ": " + first.there + " | " + first.here;
+    };
+    EXPECT_EQ(difference("3", "4"), ": 3 | 4");
+    EXPECT_EQ(difference(R"(["a", "b"])", R"(["a"])"), ": a, b | a");
+    EXPECT_EQ(difference("[]", R"(["a"])"), ": none | a");
+    EXPECT_EQ(difference(R"([["box", 4], ["heart", 5]])", R"([["box", 4], ["heart", 6]])"), "2 2: 5 | 6");
+    EXPECT_EQ(difference(R"({"device": "A", "uuid": ""})", R"({"device": "B", "uuid": ""})"),
+              "device: A | B");
+    EXPECT_EQ(difference("{}", R"({"own.json": "12"})"), "own.json: nothing | 12");
+    EXPECT_EQ(difference(R"({"own.json": "12"})", "{}"), "own.json: 12 | nothing");
 }
 
 }  // namespace

@@ -76,8 +76,9 @@ void Case::start() {
     if (known == nullptr) {
         scope_.keep("introduction", introduction);
     } else if (known->at("capabilities") != introduction.at("capabilities")) {
-        throw BadInput("the journal", spec_.entry->name, introduction.at("capabilities").dump(),
-                       "the device that was measured before, " + known->at("capabilities").dump());
+        const Difference other = first_difference(known->at("capabilities"), introduction.at("capabilities"));
+        throw BadInput("the journal", other.where + " of " + spec_.entry->name, other.here,
+                       other.there + ", of the device that was measured before");
     }
 }
 

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <csignal>
 #include <cstring>
 #include <optional>
 #include <string_view>
@@ -37,11 +36,38 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     return nlohmann::json::parse(line);
 }
 
-std::string short_text(const nlohmann::json& value) {
-    return value.is_string() ? value.get<std::string>() : value.dump();
+/// Without quotes and brackets.
+std::string plain_text(const nlohmann::json& value) {
+    if (value.is_null()) return "nothing";
+    if (value.is_string()) return value.get<std::string>();
+    if (!value.is_structured()) return value.dump();
+    std::string text;
+    for (const auto& item : value) text += (text.empty() ? "" : ", ") + plain_text(item);
+    return text.empty() ? "none" : text;
 }
 
 }  // namespace
+
+Difference first_difference(const nlohmann::json& there, const nlohmann::json& here) {
+    const auto within = [&](const std::string& key, const auto& at) {
+        Difference inner = first_difference(there.at(at), here.at(at));
+        return Difference{inner.where.empty() ? key : key + " " + inner.where, inner.there, inner.here};
+    };
+    if (there.is_object() && here.is_object()) {
+        for (const auto& [key, value] : here.items()) {
+            if (!there.contains(key)) return {key, "nothing", plain_text(value)};
+            if (there.at(key) != value) return within(key, key);
+        }
+        for (const auto& [key, value] : there.items()) {
+            if (!here.contains(key)) return {key, plain_text(value), "nothing"};
+        }
+    } else if (there.is_array() && here.is_array() && there.size() == here.size()) {
+        for (std::size_t i = 0; i < there.size(); ++i) {
+            if (there[i] != here[i]) return within(std::to_string(i + 1), i);
+        }
+    }
+    return {"", plain_text(there), plain_text(here)};
+}
 
 std::filesystem::path Journal::file_beside(const std::filesystem::path& result) {
     return result.string() + ".journal";
@@ -49,25 +75,12 @@ std::filesystem::path Journal::file_beside(const std::filesystem::path& result) 
 
 Journal::Journal(std::filesystem::path file, const nlohmann::json& study, bool resume)
     : file_(std::move(file)) {
-    // A file that may grow no further is an error to report, not the end of the process.
-    std::signal(SIGXFSZ, SIG_IGN);
+    open_locked();
     std::error_code none;
-    const bool left = std::filesystem::exists(file_, none) && std::filesystem::file_size(file_, none) > 0;
-    if (left && !resume)
+    if (!resume && std::filesystem::file_size(file_, none) > 0)
         throw BadInput(file_.string(), "journal", "of a study that was cut short",
                        "--resume, which goes on with it; or no such file: delete it to begin again");
-    open_locked();
-    std::string text;
-    std::array<char, 1 << 16> buffer{};
-    for (ssize_t n = 0; (n = ::read(descriptor_, buffer.data(), buffer.size())) > 0;)
-        text.append(buffer.data(), std::size_t(n));
-    const std::size_t complete = text.rfind('\n') + 1;  // 0 where there is no line
-    if (complete < text.size()) {
-        note_ = file_.string() + ": the last line was cut short and is dropped";
-        text.resize(complete);
-        if (ftruncate(descriptor_, off_t(complete)) != 0) throw unwritten("");
-    }
-    if (text.empty()) {
+    if (const std::string text = complete_lines(); text.empty()) {
         append({{"journal", version}, {"study", study}}, "what the study is");
         sync_folder_of(file_);
     } else {
@@ -75,8 +88,28 @@ Journal::Journal(std::filesystem::path file, const nlohmann::json& study, bool r
     }
 }
 
-Journal::~Journal() {
-    if (descriptor_ >= 0) close(descriptor_);
+Journal::Descriptor::~Descriptor() {
+    if (number >= 0) close(number);
+}
+
+std::string Journal::complete_lines() {
+    std::string text;
+    std::array<char, 1 << 16> buffer{};
+    for (;;) {
+        const ssize_t n = ::read(descriptor_.number, buffer.data(), buffer.size());
+        if (n < 0 && errno == EINTR) continue;
+        // What was not read is not to be taken for a line that was not written.
+        if (n < 0) throw Unwritten("cannot read " + file_.string() + ": " + std::strerror(errno));
+        if (n == 0) break;
+        text.append(buffer.data(), std::size_t(n));
+    }
+    const std::size_t complete = text.rfind('\n') + 1;  // 0 where there is no line
+    if (complete < text.size()) {
+        note_ = file_.string() + ": the last line was cut short and is dropped";
+        text.resize(complete);
+        if (ftruncate(descriptor_.number, off_t(complete)) != 0) throw unwritten("");
+    }
+    return text;
 }
 
 Unwritten Journal::unwritten(const std::string& consequence) const {
@@ -84,13 +117,17 @@ Unwritten Journal::unwritten(const std::string& consequence) const {
 }
 
 void Journal::open_locked() {
-    descriptor_ = open(file_.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
-    if (descriptor_ < 0) throw unwritten("");
+    descriptor_.number = open(file_.c_str(), O_RDWR | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
+    if (descriptor_.number < 0) throw unwritten("");
     struct flock lock {};
     lock.l_type = F_WRLCK;
     lock.l_whence = SEEK_SET;
-    if (fcntl(descriptor_, F_SETLK, &lock) != 0 && (errno == EACCES || errno == EAGAIN))
-        throw BadInput(file_.string(), "journal", "of a study that is running", "one that no process writes");
+    if (fcntl(descriptor_.number, F_SETLK, &lock) == 0 || (errno != EACCES && errno != EAGAIN)) return;
+    const bool known = fcntl(descriptor_.number, F_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
+    throw BadInput(
+        file_.string(), "journal",
+        "of a study that is running" + (known ? " as process " + std::to_string(lock.l_pid) : std::string()),
+        "one that no process writes: wait for that study, or give this one another --out");
 }
 
 void Journal::read(const std::string& text, const nlohmann::json& study) {
@@ -112,9 +149,10 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
             throw BadInput(file_.string(), "journal", object->dump(), "version " + std::to_string(version));
         for (const auto& [key, value] : study.items()) {
             const nlohmann::json there = object->at("study").value(key, nlohmann::json());
-            if (there != value)
-                throw BadInput(file_.string(), key, short_text(there),
-                               short_text(value) + ", which this study has; delete the file to begin again");
+            if (there == value) continue;
+            const Difference other = first_difference(there, value);
+            throw BadInput(file_.string(), other.where.empty() ? key : key + " " + other.where, other.there,
+                           other.here + ", which this study has; delete the file to begin again");
         }
     }
 }
@@ -130,21 +168,21 @@ void Journal::visit(
 }
 
 void Journal::keep(const std::string& name, nlohmann::json value) {
-    if (descriptor_ >= 0) append({{"name", name}, {"session", session_}, {"value", value}}, name);
+    if (descriptor_.number >= 0) append({{"name", name}, {"session", session_}, {"value", value}}, name);
     finished_[name] = {session_, std::move(value)};
 }
 
 void Journal::append(const nlohmann::json& object, const std::string& what) {
     const std::string line = line_of(object);
-    if (!write_all(descriptor_, line) || fdatasync(descriptor_) != 0)
+    if (!write_all(descriptor_.number, line) || fdatasync(descriptor_.number) != 0)
         throw unwritten("; it misses " + what + " and is complete up to there: --resume goes on with it");
 }
 
 void Journal::remove() {
-    if (descriptor_ < 0) return;
+    if (descriptor_.number < 0) return;
     std::error_code none;
     std::filesystem::remove(file_, none);
-    close(std::exchange(descriptor_, -1));
+    close(std::exchange(descriptor_.number, -1));
 }
 
 }  // namespace voxspring

@@ -17,6 +17,14 @@ class Unwritten : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
+/// Where two JSON values first differ, and what either has there, as a user reads it.
+struct Difference {
+    std::string where;  ///< keys and, in lists, numbers from 1: "scenes 2 1"; empty: as a whole
+    std::string there, here;
+};
+/// Of values that differ.
+Difference first_difference(const nlohmann::json& there, const nlohmann::json& here);
+
 /// Finished measurements by name. On disk a file of JSON lines, each with a check of its own: first what the
 /// study is (an object), then one line a measurement.
 class Journal {
@@ -24,13 +32,12 @@ public:
     /// In memory alone.
     Journal() = default;
     /// In `file`, which the journal of a study that was cut short is continued in if `resume`. Throws
-    /// BadInput if there is one and it is not to be resumed, if it is of another study (`study` differs), if
-    /// a line is not what was written, or if another process writes it; std::system_error if it cannot be
-    /// written. A last line that is not complete is dropped, which note() says.
+    /// BadInput if another process writes it, if there is one and it is not to be resumed, if it is of
+    /// another study (`study` differs), or if a line is not what was written; Unwritten if it cannot be read
+    /// or written. A last line that is not complete is dropped, which note() says.
     Journal(std::filesystem::path file, const nlohmann::json& study, bool resume);
     Journal(const Journal&) = delete;
     Journal& operator=(const Journal&) = delete;
-    ~Journal();
 
     /// Null if it is not finished.
     const nlohmann::json* find(const std::string& name) const;
@@ -56,11 +63,19 @@ private:
     /// Of errno.
     Unwritten unwritten(const std::string& consequence) const;
     void open_locked();
+    /// All of it but a last line that is not complete, which goes.
+    std::string complete_lines();
     void read(const std::string& text, const nlohmann::json& study);
     void append(const nlohmann::json& line, const std::string& what);
 
+    /// Closes what it has opened, which gives its lock back.
+    struct Descriptor {
+        int number = -1;
+        ~Descriptor();
+    };
+
     std::filesystem::path file_;  ///< empty: in memory alone
-    int descriptor_ = -1;
+    Descriptor descriptor_;
     int session_ = 1;
     std::string note_;
     std::map<std::string, std::pair<int, nlohmann::json>> finished_;

@@ -139,6 +139,8 @@ nlohmann::json answer_of(Answerer& answerer, const nlohmann::json& question, con
     // Ctrl-C is for all processes of a terminal: the parent lets this one finish what it is at.
     std::signal(SIGINT, SIG_IGN);
     std::signal(SIGTERM, SIG_IGN);
+    // A driver's own cache may meet a limit on the size of files.
+    std::signal(SIGXFSZ, SIG_IGN);
     try {
         const auto answerer = make();
         const OnEvent on_event = [&](const nlohmann::json& event) { send(socket, {{"event", event}}); };

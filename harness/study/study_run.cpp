@@ -320,6 +320,8 @@ private:
         if (options_.resume && !std::filesystem::exists(file, none) && is_finished(*options_.out))
             throw BadInput("command line", "--resume", options_.out->string(),
                            "a study that was cut short; this one is finished");
+        if (options_.resume && !std::filesystem::exists(file, none))
+            std::cerr << "voxspring: there is no " << file.string() << " to resume: the study begins\n";
         journal_ = std::make_unique<Journal>(file, description(), options_.resume);
         if (!journal_->note().empty()) std::cerr << "voxspring: " << journal_->note() << "\n";
         if (journal_->sessions() > 1) context_["study"]["sessions"] = journal_->sessions();
@@ -347,9 +349,10 @@ private:
             const auto look = [](const Backend& backend) { return to_json(backend.capabilities()); };
             if (const auto failure = failure_of([&] { now = look_at(spec, look, options_.timeout); }))
                 now = *failure;
-            if (now != known)
-                throw BadInput(options_.out->string() + ".journal", "device of " + spec.entry->name,
-                               known.dump(), "what there is here, " + now.dump());
+            if (now == known) return;
+            const Difference other = first_difference(known, now);
+            throw BadInput(options_.out->string() + ".journal", other.where + " of " + spec.entry->name,
+                           other.there, "what there is here, " + other.here);
         });
     }
 
