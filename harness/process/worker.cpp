@@ -8,6 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstdint>
@@ -180,7 +181,10 @@ int reap(pid_t process, Seconds patience) {
 
 Worker* Worker::last_asked_ = nullptr;
 
-Worker::Worker(const std::function<std::unique_ptr<Answerer>()>& make, Seconds timeout) : timeout_(timeout) {
+Worker::Worker(const std::function<std::unique_ptr<Answerer>()>& make, Seconds timeout)
+    // What a clock of nanoseconds in 64 bits has room for.
+    : timeout_(std::min(timeout, Seconds(1e8))) {
+    if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
         throw std::system_error(errno, std::generic_category(), "cannot start another process");

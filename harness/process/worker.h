@@ -38,8 +38,9 @@ public:
 /// rest, where they would take the cores that the next one is timed on.
 class Worker {
 public:
-    /// `make` is called in the new process, where it answers until the end. Throws std::system_error if there
-    /// can be no further process.
+    /// `make` is called in the new process, where it answers until the end. A `timeout` of more than three
+    /// years is one of three years. Throws std::invalid_argument unless it is positive, and std::system_error
+    /// if there can be no further process.
     Worker(const std::function<std::unique_ptr<Answerer>()>& make, std::chrono::duration<double> timeout);
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
