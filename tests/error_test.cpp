@@ -500,5 +500,32 @@ TEST(Advise, RefusesAResultThatIsNone) {
     EXPECT_THAT(refusal(nlohmann::json({{"pareto", {row}}}).dump()), HasSubstr("seconds"));
 }
 
+TEST(AReference, SaysHowFarItIsAndCanBeStopped) {
+    const Scene scene = load_scene("box@6");
+    const int steps = 50;
+    const State expected = References(no_cache()).after(scene, steps);
+    std::vector<int> told;
+    const auto tell = [&](int done, int all) {
+        told.push_back(done);
+        EXPECT_EQ(all, steps);
+    };
+    References talkative(no_cache(), tell, std::chrono::seconds(0));
+    const State state = talkative.after(scene, steps);
+    EXPECT_EQ(state.displacement, expected.displacement);
+    EXPECT_EQ(state.increment, expected.increment);
+    ASSERT_GE(told.size(), 2u);
+    EXPECT_TRUE(std::is_sorted(told.begin(), told.end()));
+    EXPECT_EQ(told.back(), steps);
+
+    struct Enough {};
+    References stopped(
+        no_cache(), [](int, int) { throw Enough(); }, std::chrono::seconds(0));
+    EXPECT_THROW((void)stopped.after(scene, steps), Enough);
+
+    told.clear();
+    (void)References(no_cache(), tell).after(scene, steps);
+    EXPECT_TRUE(told.empty()) << "nothing is told of what takes no time";
+}
+
 }  // namespace
 }  // namespace voxspring::testing

@@ -229,7 +229,11 @@ public:
                 for (const BackendSpec& spec : known_cases(study_, item, options_))
                     put("skipped", row_identity(item.scene, spec), refusal->second);
             } else {
-                run_scene(item);
+                try {
+                    run_scene(item);
+                } catch (const Interrupted&) {
+                    // While a reference was computed: no case is finished.
+                }
             }
             if (interrupted()) break;
             publish();
@@ -593,7 +597,12 @@ private:
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     MeasuredLimits limits_;
     std::unique_ptr<Card> card_;  ///< null: there is none, or it cannot be watched
-    References references_;
+    References references_{DiskCache{}, [this](int done, int steps) {
+                               if (interrupted()) throw Interrupted();
+                               progress_->show("float64 reference, " + std::to_string(done) + " of " +
+                                                   std::to_string(steps) + " steps",
+                                               0, 1);
+                           }};
     StressReferences stress_references_;
     std::map<std::string, double> particles_;  ///< of each scene that fits
     std::unique_ptr<Progress> progress_;

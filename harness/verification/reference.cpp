@@ -1,6 +1,7 @@
 #include "harness/verification/reference.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <glm/geometric.hpp>
@@ -158,11 +159,32 @@ bool References::is_large(const Scene& scene) {
            SceneRunner(scene).unsupported(*BackendSpec::parse(reference_without_lists).make()).empty();
 }
 
+void References::play(SceneRunner& runner, Backend& backend, int steps) const {
+    using Clock = std::chrono::steady_clock;
+    constexpr std::chrono::duration<double> often(0.1);
+    const auto begin = Clock::now();
+    // Pieces that take about that long: the state is the same however a run is cut into calls.
+    for (int done = 0, piece = 1; done < steps;) {
+        piece = std::min(piece, steps - done);
+        const auto piece_begin = Clock::now();
+        runner.run(backend, piece);
+        backend.synchronize();
+        done += piece;
+        const auto now = Clock::now();
+        if (now - begin >= quiet_) on_progress_(done, steps);
+        if (now - piece_begin < often / 2) piece *= 2;
+    }
+}
+
 State References::computed(const Scene& scene, int steps, const std::string& specification) {
     const auto backend = BackendSpec::parse(specification).make();
     SceneRunner runner(scene);
     runner.rewind(*backend);
-    runner.run(*backend, steps);
+    if (on_progress_) {
+        play(runner, *backend, steps);
+    } else {
+        runner.run(*backend, steps);
+    }
     ++computed_;
     return backend->download();
 }

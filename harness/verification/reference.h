@@ -1,6 +1,8 @@
 // What errors are taken against: float64 at the same time step, and float64 refined in time.
 #pragma once
 
+#include <chrono>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -9,6 +11,7 @@
 
 #include "backends/disk_cache.h"
 #include "harness/scene/scene.h"
+#include "harness/scene/scene_runner.h"
 
 namespace voxspring {
 
@@ -63,7 +66,14 @@ struct Chaos {
 /// of cpu_parallel in float64, which smaller scenes compare with cpu_reference, and nothing is kept.
 class References {
 public:
-    explicit References(DiskCache cache = DiskCache{}) : cache_(std::move(cache)) {}
+    /// Told, about ten times a second, how many of a trajectory's steps are done. What it throws ends the
+    /// computation and passes through.
+    using OnProgress = std::function<void(int done, int steps)>;
+
+    /// Nothing is told of what takes less than `quiet`.
+    explicit References(DiskCache cache = DiskCache{}, OnProgress on_progress = {},
+                        std::chrono::duration<double> quiet = std::chrono::seconds(1))
+        : cache_(std::move(cache)), on_progress_(std::move(on_progress)), quiet_(quiet) {}
 
     /// After `steps` steps of the scene, edits included: what rounding errors are taken against.
     State after(const Scene& scene, int steps);
@@ -88,10 +98,13 @@ public:
     static bool is_large(const Scene& scene);
 
 private:
+    void play(SceneRunner& runner, Backend& backend, int steps) const;
     State computed(const Scene& scene, int steps, const std::string& specification);
     const State& run(const Scene& scene, int steps, const std::string& specification);
 
     DiskCache cache_;
+    OnProgress on_progress_;
+    std::chrono::duration<double> quiet_;
     std::map<std::string, State> latest_;
     int computed_ = 0;
 };
