@@ -152,22 +152,22 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
     if (observed.seconds.size() >= fewest) {
         const double median = quantile(observed.seconds, 0.5);
         const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
-        if (spread > most_spread)
+        if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
     }
     if (!observed.spins.empty()) {
         const auto [least, most] = std::minmax_element(observed.spins.begin(), observed.spins.end());
         const double change = *most / *least - 1;
-        if (change > most_clock_change) add("the processor's clock moved", "by " + percent(change));
+        if (change > max_clock_change) add("the processor's clock moved", "by " + percent(change));
     }
     if (!observed.waits.empty()) {
         const double waiting = quantile(observed.waits, 0.5);
-        if (waiting > most_waiting)
+        if (waiting > max_waiting)
             add("its threads waited for a processor", percent(waiting) + " of the time");
     }
     if (!observed.card_mhz.empty()) {
         const auto [least, most] = std::minmax_element(observed.card_mhz.begin(), observed.card_mhz.end());
-        if (*most > (1 + most_clock_change) * *least)
+        if (*most > (1 + max_clock_change) * *least)
             add("the card's clock moved",
                 "between " + std::to_string(*least) + " and " + std::to_string(*most) + " MHz");
     }

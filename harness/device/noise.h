@@ -64,10 +64,10 @@ std::vector<std::string> reasons_of_noise(const Observed& observed);
 
 /// Half of the repetitions lie within that part of their median. Two builds that differ by a tenth, which is
 /// what results/diff.py is to find, cannot be told apart where they spread over more.
-constexpr double most_spread = 0.1;
+constexpr double max_spread = 0.1;
 /// A clock that moved by more moves times by as much.
-constexpr double most_clock_change = 0.1;
+constexpr double max_clock_change = 0.1;
 /// Of a repetition's time, in the median. More is time that another process had.
-constexpr double most_waiting = 0.1;
+constexpr double max_waiting = 0.1;
 
 }  // namespace voxspring

@@ -98,11 +98,11 @@ double cpu_seconds_of_process() {
 /// Returns once the threads of this process are idle. Those of OpenMP spin for some milliseconds after their
 /// work; a driver whose threads never rest is not waited for.
 void come_to_rest() {
-    constexpr double look = 1e-3, idle = 5e-5;  // seconds, and CPU seconds within them
-    constexpr int most_looks = 50;
+    constexpr double interval = 1e-3, idle = 5e-5;  // seconds, and CPU seconds within them
+    constexpr int max_checks = 50;
     double before = cpu_seconds_of_process();
-    for (int i = 0; i < most_looks; ++i) {
-        std::this_thread::sleep_for(Seconds(look));
+    for (int i = 0; i < max_checks; ++i) {
+        std::this_thread::sleep_for(Seconds(interval));
         const double now = cpu_seconds_of_process();
         if (now - before < idle) break;
         before = now;
