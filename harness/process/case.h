@@ -37,7 +37,8 @@ public:
     const char* what() const noexcept override { return "interrupted"; }
 };
 
-/// One of a scene's. Its process is started by the first question that the journal has no answer to.
+/// A backend with its options that runs a scene. Its process is started by the first question that the
+/// journal has no answer to.
 class Case {
 public:
     /// `scene` must outlive it.
