@@ -158,7 +158,7 @@ TEST(Chaos, IsFoundWhereTwoOrdersOfSummationPart) {
     State state = scene.state;
     state.displacement[3].x += 1;
     EXPECT_TRUE(judge(solution, state, spec).passed());
-    EXPECT_EQ(error_fields(solution, state, judge(solution, state, spec)).at("chaotic"), true);
+    EXPECT_TRUE(errors_of(solution, state, judge(solution, state, spec)).chaotic);
     state.displacement[3].x = NAN;
     EXPECT_FALSE(judge(solution, state, spec).passed());
     solution.chaos = calm;
@@ -445,16 +445,16 @@ nlohmann::json row_of(const std::string& backend, const std::string& device, dou
 }
 
 TEST(Pareto, FrontHasWhatNothingBeatsOnItsDevice) {
-    std::vector<nlohmann::json> rows = {row_of("slow_and_worse", "card", 3, 1e-3),
-                                        row_of("accurate", "card", 2, 1e-5), row_of("fast", "card", 1, 1e-4),
-                                        row_of("as_fast_and_worse", "card", 1, 2e-4),
-                                        row_of("alone", "cpu", 9, 1)};
-    rows.push_back(row_of("diverged", "card", 0, 0));
-    rows.back()["seconds"] = nullptr;
-    rows.back()["on_front"] = false;
+    std::vector<ParetoRow> rows;
+    for (const auto& row : {row_of("slow_and_worse", "card", 3, 1e-3), row_of("accurate", "card", 2, 1e-5),
+                            row_of("fast", "card", 1, 1e-4), row_of("as_fast_and_worse", "card", 1, 2e-4),
+                            row_of("alone", "cpu", 9, 1), row_of("diverged", "card", 0, 0)})
+        rows.push_back(pareto_row_from_json(row));
+    rows.back().seconds.reset();
+    rows.back().on_front = false;
     mark_fronts(rows);
     std::vector<bool> on_front;
-    for (const auto& row : rows) on_front.push_back(row.at("on_front"));
+    for (const ParetoRow& row : rows) on_front.push_back(row.on_front);
     EXPECT_THAT(on_front, ::testing::ElementsAre(false, true, true, false, true, false));
 }
 

@@ -123,15 +123,18 @@ TEST(Fastest, TargetsAreMetOrMissedByTheBackendsThatTheyAreAbout) {
 TEST(Fastest, StudySaysWhatItIsMadeOf) {
     Study study;
     study.name = "test";
-    study.kind = StudyKind::fastest;
-    study.total_error = false;
+    study.kind = "fastest";
     study.repetitions = 3;
     StudyScene dense{"box@6", 4, {"cpu_parallel:formulation=*", "auto"}};
     StudyScene onward = dense;
     onward.scene = "heart@20x17x15";
-    onward.rewind = false;
+    onward.settings = {{"rewind", false}};
     study.scenes = {dense, onward};
-    study.targets = {{"box@6", "increment", "float32", "cpu_*", "", Quantity::ready_seconds, 100}};
+    study.settings = {{"targets",
+                       {{{"scene", "box@6"},
+                         {"formulation", "increment"},
+                         {"backends", "cpu_*"},
+                         {"ready_seconds", 100}}}}};
     const nlohmann::json result = run_study(study, {});
     EXPECT_TRUE(result.at("failed").empty()) << result.at("failed");
     const std::size_t formulations = registry().at("cpu_parallel").formulations.size();
@@ -156,7 +159,7 @@ TEST(Fastest, StudySaysWhatItIsMadeOf) {
     EXPECT_EQ(result.at("auto")[0].at("formulation"), "increment") << "the default";
 
     study.scenes = {{"scalpel_1", 4, {"cpu_parallel"}}};
-    study.scenes[0].rewind = false;
+    study.scenes[0].settings = {{"rewind", false}};
     EXPECT_THROW(run_study(study, {}), BadInput) << "edits are made once";
 }
 
@@ -188,7 +191,7 @@ TEST(Auto, DescribesWorkloads) {
 
 /// A choice among rows on one scene, all rules' backends that are not in `rows` being unknown.
 nlohmann::json choice_of(const std::vector<nlohmann::json>& rows) {
-    return choose_among(result_of(rows), rows);
+    return choose_among(result_of(rows), rows_from_json(rows));
 }
 
 TEST(Auto, ChoosesAmongWhatWasMeasured) {
@@ -219,7 +222,8 @@ TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
     nlohmann::json result =
         result_of({row_of("a", "cpu_parallel", 90), row_of("a", "gl_fragment_implicit", 80),
                    row_of("b", "cuda_implicit_cached", 80, "fetch=l1")});
-    const std::vector<nlohmann::json> rows = {result.at("benchmarks")[0], result.at("benchmarks")[1]};
+    const std::vector<Row> rows = {row_from_json(result.at("benchmarks")[0]),
+                                   row_from_json(result.at("benchmarks")[1])};
     nlohmann::json refused = row_of("a", "cuda_implicit_cached", 1, "fetch=l1");
     refused["reason"] = "too large";
     result["skipped"].push_back(refused);

@@ -64,10 +64,12 @@ TEST(Noise, IsNotInTheStudysOwnProcesses) {
 
 TEST(Noise, IsPrintedWithWhatItIsOf) {
     std::ostringstream out;
-    print_noise({{{"name", "box/a/increment/float32"}, {"scene", "box"}, {"noisy", {"it rained (twice)"}}},
-                 {{"name", "box/b/increment/float32"}, {"scene", "box"}},
-                 {{"name", "box/c/increment/float32"}, {"scene", "box"}, {"noisy", {"it rained (once)"}}}},
-                out);
+    const auto row = [](const std::string& backend, const std::vector<std::string>& noisy) {
+        Row one{.identity = {.name = "box/" + backend + "/increment/float32", .scene = "box"}};
+        one.noisy = noisy;
+        return one;
+    };
+    print_noise({row("a", {"it rained (twice)"}), row("b", {}), row("c", {"it rained (once)"})}, out);
     EXPECT_EQ(out.str(),
               "~ not to be trusted, it rained:\n    box a increment float32 (twice)\n    box c increment "
               "float32 (once)\n");

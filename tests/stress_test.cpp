@@ -12,6 +12,7 @@
 
 #include "backends/registry.h"
 #include "harness/scene/scene.h"
+#include "harness/study/random_starts.h"
 #include "harness/study/stability_study.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"

@@ -242,7 +242,7 @@ TEST(Study, EveryRowHasItsErrors) {
         EXPECT_EQ(row.at("chaotic"), false);
         EXPECT_LT(row.at("divergence").get<double>(), 1e-9);
     }
-    study.total_error = false;
+    study.settings = {{"total_error", false}};
     const auto without = run_study(study, {});
     for (const auto& row : without.at("benchmarks")) {
         EXPECT_TRUE(row.at("total_error_relative_l2").is_null());

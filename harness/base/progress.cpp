@@ -95,7 +95,8 @@ void Activity::write() {
     if (drawn) overwrite_line("");
 }
 
-Progress::Progress(std::vector<Scene> scenes) : scenes_(std::move(scenes)), terminal_(is_terminal()) {
+Progress::Progress(std::vector<Scene> scenes)
+    : expected_(std::move(scenes)), scenes_(expected_), terminal_(is_terminal()) {
     for (const Scene& scene : scenes_) {
         all_work_ += scene.work;
         all_rows_ += scene.rows;
@@ -126,6 +127,15 @@ void Progress::show(const std::string& what, int done, int total) {
         overwrite_line(line);
     } else {
         write_now_and_then(line);
+    }
+}
+
+void Progress::narrow(double share) {
+    for (std::size_t i = number_ - 1; i < scenes_.size(); ++i) {
+        const Scene narrowed{int(std::lround(expected_[i].rows * share)), expected_[i].work * share};
+        all_work_ += narrowed.work - scenes_[i].work;
+        all_rows_ += narrowed.rows - scenes_[i].rows;
+        scenes_[i] = narrowed;
     }
 }
 

@@ -63,6 +63,9 @@ public:
     /// `what` is being done in the scene, of which `done` of `total` is done. Work that was done before the
     /// first call took no time of this run.
     void show(const std::string& what, int done, int total);
+    /// Of the scene's work only that share is left to do: the rest was skipped. So it is expected of later
+    /// scenes until one says otherwise.
+    void narrow(double share);
     /// The scene has given that many rows.
     void end(int rows);
 
@@ -72,7 +75,8 @@ private:
     std::string left(double fraction) const;
     void write_now_and_then(const std::string& line);
 
-    std::vector<Scene> scenes_;
+    const std::vector<Scene> expected_;
+    std::vector<Scene> scenes_;  ///< what is left of them
     double all_work_ = 0, work_done_ = 0;
     int all_rows_ = 0, rows_done_ = 0;
     std::size_t number_ = 0;  ///< of the scene, from 1

@@ -35,7 +35,8 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
         candidates = candidates_of(parse_json(result.dump(), "what was measured"), scene);
     }
     if (candidates.empty()) {
-        out << "no run of " << scene << " has a total error: float64 does not converge, or all diverged\n";
+        out << "no run of " << scene
+            << " has an error against the converged solution: float64 does not converge, or all diverged\n";
         return 1;
     }
     const auto print = [&](const std::string& heading, const Candidate& candidate) {
@@ -43,9 +44,9 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
         text << std::setprecision(4) << heading << ": " << specification(candidate) << "\n    on "
              << candidate.device << "\n    time step " << candidate.time_step << " ("
              << candidate.fraction_of_stable << " of the stable one): " << si(candidate.seconds, "s")
-             << " for " << candidate.steps << " steps to time " << candidate.end_time << "\n    total error "
-             << error_text(candidate.total_error) << ", of it rounding "
-             << error_text(candidate.rounding_error) << "\n";
+             << " for " << candidate.steps << " steps to time " << candidate.end_time
+             << "\n    error against the converged solution " << error_text(candidate.total_error)
+             << ", of it rounding " << error_text(candidate.rounding_error) << "\n";
         out << text.str();
     };
     const Advice advice = advise(candidates, options.error);

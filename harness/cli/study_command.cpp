@@ -1,41 +1,30 @@
+#include <unistd.h>
+
+#include <iostream>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
 
 #include "harness/base/interruption.h"
 #include "harness/cli/commands.h"
-#include "harness/device/limits.h"
-#include "harness/results/result.h"
-#include "harness/study/fastest.h"
-#include "harness/study/pareto.h"
-#include "harness/study/stability_study.h"
-#include "harness/study/stress.h"
+#include "harness/results/table.h"
 #include "harness/study/study.h"
+#include "harness/study/study_kind.h"
 
 namespace voxspring {
 
 int run_and_print_study(const std::string& argument, const StudyOptions& options, std::ostream& out) {
     const nlohmann::json result = run_study(load_study(argument), options);
-    if (result.contains("pareto")) {
-        print_fronts(result, out);
-        print_limits(result.at("context").at("voxspring").at("limits"), out);
-        print_unmeasured(result, out);
-    } else if (result.contains("fastest")) {
-        print_fastest(result, out);
-    } else if (result.contains("stability")) {
-        print_stability(result, out);
-        print_unmeasured(result, out);
-    } else if (result.contains("stress")) {
-        print_stress(result, out);
-        print_unmeasured(result, out);
-    } else {
-        print_table(result, out);
-    }
+    print_result(result, out, &out == &std::cout ? terminal_width(STDOUT_FILENO) : 0);
     if (options.out) out << "written: " << options.out->string() << "\n";
     if (is_unfinished(result)) {
         out << "interrupted: this is what was finished"
             << (options.out ? "; the same command with --resume goes on" : "") << "\n";
         return interrupted_exit_code;
+    }
+    if (!has_measured(result)) {
+        out << "nothing was measured\n";
+        return 1;
     }
     return result.at("failed").empty() ? 0 : 1;
 }

@@ -12,6 +12,8 @@
 #include <map>
 #include <stdexcept>
 
+#include "harness/base/statistics.h"
+
 namespace voxspring {
 namespace {
 
@@ -150,7 +152,7 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
     // Of fewer repetitions quartiles say nothing.
     constexpr std::size_t fewest = 4;
     if (observed.seconds.size() >= fewest) {
-        const double median = quantile(observed.seconds, 0.5);
+        const double median = voxspring::median(observed.seconds);
         const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
         if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
@@ -161,7 +163,7 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
         if (change > max_clock_change) add("the processor's clock moved", "by " + percent(change));
     }
     if (!observed.waits.empty()) {
-        const double waiting = quantile(observed.waits, 0.5);
+        const double waiting = voxspring::median(observed.waits);
         if (waiting > max_waiting)
             add("its threads waited for a processor", percent(waiting) + " of the time");
     }

@@ -3,52 +3,128 @@
 #include <algorithm>
 #include <iomanip>
 #include <map>
+#include <set>
 #include <sstream>
-#include <vector>
 
 #include "backends/cpu/cpu_backend.h"
 #include "harness/base/text.h"
 #include "harness/device/limits.h"
-#include "harness/device/noise.h"
 #include "version.h"  // generated
 
 namespace voxspring {
 namespace {
 
-using Row = std::vector<std::string>;
-
 /// The head of a reason, without its figure.
 std::string kind_of(const std::string& reason) { return reason.substr(0, reason.find(" (")); }
 
+/// Values in the order in which they first came.
+class Distinct {
+public:
+    void add(const std::string& value) {
+        if (seen_.insert(value).second) values_.push_back(value);
+    }
+    const std::vector<std::string>& values() const { return values_; }
+
+private:
+    std::set<std::string> seen_;
+    std::vector<std::string> values_;
+};
+
+/// What holds for one reason.
+struct Unmeasured {
+    Distinct backends, cases, scenes;
+};
+
+void print_skipped(const std::string& reason, const Unmeasured& of, std::ostream& out) {
+    const auto& scenes = of.scenes.values();
+    out << "skipped: " << names_in_short(of.backends.values()) << " on "
+        << (scenes.size() <= 3 ? joined(scenes) : std::to_string(scenes.size()) + " scenes") << ": " << reason
+        << "\n";
+}
+
+void print_failed(const std::string& reason, const Unmeasured& of, std::ostream& out) {
+    out << "failed: " << reason << "\n    " << joined(of.cases.values()) << "\n    on "
+        << joined(of.scenes.values()) << "\n";
+}
+
+std::string fixed(double value, int digits) {
+    std::ostringstream text;
+    text << std::fixed << std::setprecision(digits) << value;
+    return text.str();
+}
+
+std::string slow_down(const Row& row) {
+    std::ostringstream text;
+    text << std::showpos << std::fixed << std::setprecision(1)
+         << 100 * (row.step_seconds() / row.edits->seconds_per_step_without - 1) << " %";
+    return text.str();
+}
+
+std::vector<std::string> cells_of(const Row& row, const Row& fastest) {
+    const BenchmarkPart& benchmark = *row.benchmark;
+    const Errors errors = row.errors.value_or(Errors());
+    return {row.identity.scene,
+            row.label(),
+            row.noise_mark() + si(row.step_seconds(), "s"),
+            si(benchmark.particle_updates_per_second, "/s"),
+            si(benchmark.spring_updates_per_second, "/s"),
+            error_cell(errors.relative_l2),
+            error_cell(errors.max),
+            error_cell(errors.total_relative_l2),
+            fixed(row.step_seconds() / fastest.step_seconds(), 2),
+            percent_cell(row.limit ? row.limit->fraction : std::nullopt)};
+}
+
+void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth width) {
+    const std::vector<Column> columns = {{"scene", 0, true},   {"backend", 0, true}, {"edits", 2},
+                                         {"an edit (median)"}, {"(max)", 1},         {"a step without", 3},
+                                         {"slow-down"}};
+    std::vector<std::vector<std::string>> table;
+    for (const Row& row : rows) {
+        if (!row.edits) continue;
+        table.push_back({row.identity.scene, row.label(), std::to_string(row.edits->edits),
+                         si(row.edits->median_seconds, "s"), si(row.edits->max_seconds, "s"),
+                         si(row.edits->seconds_per_step_without, "s"), slow_down(row)});
+    }
+    if (table.empty()) return;
+    out << "\n";
+    print_columns(columns, table, width, out);
+}
+
+/// The medians of a result, by scene in the order of the study, fastest first within one.
+std::vector<std::vector<Row>> medians_by_scene(const nlohmann::json& result) {
+    std::vector<std::vector<Row>> scenes;
+    std::map<std::string, std::size_t> places;
+    for (Row& row : rows_from_json(result.at("benchmarks"))) {
+        if (!row.benchmark->is_median()) continue;
+        const auto [place, added] = places.emplace(row.identity.scene, scenes.size());
+        if (added) scenes.emplace_back();
+        scenes[place->second].push_back(std::move(row));
+    }
+    for (auto& rows : scenes) {
+        std::stable_sort(rows.begin(), rows.end(),
+                         [](const Row& a, const Row& b) { return a.step_seconds() < b.step_seconds(); });
+    }
+    return scenes;
+}
+
 }  // namespace
 
-bool is_median(const nlohmann::json& row) {
-    const bool only = row.at("run_type") == "iteration" && row.at("repetitions") == 1;
-    return only || row.value("aggregate_name", "") == "median";
+std::string names_in_short(const std::vector<std::string>& names) {
+    if (names.size() <= 3) return joined(names);
+    const std::string prefix = names.front().substr(0, names.front().find('_') + 1);
+    const bool shared = !prefix.empty() && std::all_of(names.begin(), names.end(), [&](const auto& name) {
+        return name.starts_with(prefix);
+    });
+    return std::to_string(names.size()) + (shared ? " " + prefix + "* backends" : " backends");
 }
 
-std::string case_name(const nlohmann::json& row) {
-    const std::string name = row.at("name");
-    return name.substr(0, name.find("/iterations:"));
-}
-
-std::string case_label(const nlohmann::json& row) {
-    const std::string scene = row.at("scene");
-    std::string text = case_name(row).substr(scene.size() + 1);
-    std::replace(text.begin(), text.end(), '/', ' ');
-    return text;
-}
-
-std::string noise_mark(const nlohmann::json& row) { return row.contains("noisy") ? "~" : ""; }
-
-void print_noise(const std::vector<nlohmann::json>& rows, std::ostream& out) {
+void print_noise(const std::vector<Row>& rows, std::ostream& out) {
     std::map<std::string, std::vector<std::string>> by_kind;
-    for (const nlohmann::json& row : rows) {
-        if (!row.contains("noisy")) continue;
-        for (const std::string reason : row.at("noisy")) {
+    for (const Row& row : rows) {
+        for (const std::string& reason : row.noisy) {
             const std::string kind = kind_of(reason);
-            by_kind[kind].push_back(row.at("scene").get<std::string>() + " " + case_label(row) +
-                                    reason.substr(kind.size()));
+            by_kind[kind].push_back(row.identity.scene + " " + row.label() + reason.substr(kind.size()));
         }
     }
     for (const auto& [kind, cases] : by_kind) {
@@ -59,21 +135,22 @@ void print_noise(const std::vector<nlohmann::json>& rows, std::ostream& out) {
 
 void print_unmeasured(const nlohmann::json& result, std::ostream& out) {
     for (const char* list : {"skipped", "failed"}) {
-        // A reason once, with all that it holds for.
-        std::vector<std::string> reasons;
-        std::map<std::string, std::vector<std::string>> cases, on;
-        const auto add = [](std::vector<std::string>& to, const std::string& text) {
-            if (std::find(to.begin(), to.end(), text) == to.end()) to.push_back(text);
-        };
-        for (const auto& row : result.at(list)) {
-            const std::string reason = row.at("reason");
-            add(reasons, reason);
-            add(cases[reason], case_label(row));
-            add(on[reason], row.at("scene"));
+        Distinct reasons;
+        std::map<std::string, Unmeasured> by_reason;
+        for (const Row& row : rows_from_json(result.at(list))) {
+            const std::string reason = row.reason.value_or("");
+            reasons.add(reason);
+            Unmeasured& of = by_reason[reason];
+            of.backends.add(row.identity.backend);
+            of.cases.add(row.label());
+            of.scenes.add(row.identity.scene);
         }
-        for (const std::string& reason : reasons) {
-            out << list << ": " << reason << "\n    " << joined(cases[reason]) << "\n    on "
-                << joined(on[reason]) << "\n";
+        for (const std::string& reason : reasons.values()) {
+            if (std::string(list) == "skipped") {
+                print_skipped(reason, by_reason[reason], out);
+            } else {
+                print_failed(reason, by_reason[reason], out);
+            }
         }
     }
 }
@@ -92,56 +169,29 @@ nlohmann::json build_context() {
             {"cpu", cpu_name()}};
 }
 
-void print_table(const nlohmann::json& result, std::ostream& out) {
-    std::vector<std::string> scenes;
-    std::map<std::string, std::vector<nlohmann::json>> medians;
-    for (const auto& row : result.at("benchmarks")) {
-        if (!is_median(row)) continue;
-        const std::string scene = row.at("scene");
-        if (!medians.contains(scene)) scenes.push_back(scene);
-        medians[scene].push_back(row);
-    }
-    std::vector<Row> edits = {
-        {"scene", "backend", "edits", "an edit (median)", "(max)", "a step without", "slow-down"}};
-    std::vector<Row> table = {{"scene", "backend", "time a step", "particles/s", "springs/s",
-                               "rounding error", "(max)", "total error", "x fastest", "of limit"}};
+void print_table(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+    const std::vector<Column> columns = {{"scene", 0, true}, {"backend", 0, true},
+                                         {"time a step"},    {"particles/s", 4},
+                                         {"springs/s", 6},   {"rounding error", 2},
+                                         {"(max)", 5},       {"error against the converged solution", 7},
+                                         {"x fastest", 1},   {"% of roofline", 3}};
+    std::vector<std::vector<std::string>> table;
+    std::vector<Row> all;
     std::vector<std::string> chaotic;
-    for (const std::string& scene : scenes) {
-        auto& rows = medians[scene];
-        const auto time = [](const nlohmann::json& row) { return row.at("real_time").get<double>(); };
-        std::stable_sort(rows.begin(), rows.end(),
-                         [&](const auto& a, const auto& b) { return time(a) < time(b); });
-        if (rows.front().at("chaotic").get<bool>()) {
-            chaotic.push_back(scene + ": two float64 runs differ by " +
-                              error_text(rows.front().at("divergence")) + " after " +
-                              std::to_string(rows.front().at("steps").get<int>()) + " steps");
+    for (const std::vector<Row>& rows : medians_by_scene(result)) {
+        const Row& fastest = rows.front();
+        if (fastest.errors && fastest.errors->chaotic) {
+            chaotic.push_back(fastest.identity.scene + ": two float64 runs differ by " +
+                              error_cell(fastest.errors->divergence) + " after " +
+                              std::to_string(fastest.workpiece->steps) + " steps");
         }
-        for (const auto& row : rows) {
-            std::ostringstream ratio;
-            ratio << std::fixed << std::setprecision(2) << time(row) / time(rows.front());
-            table.push_back({scene, case_label(row), noise_mark(row) + si(time(row) * 1e-6, "s"),
-                             si(row.at("particle_updates_per_second"), "/s"),
-                             si(row.at("spring_updates_per_second"), "/s"),
-                             error_text(row.at("error_relative_l2")), error_text(row.at("error_max")),
-                             error_text(row.at("total_error_relative_l2")), ratio.str(),
-                             percent_text(row.at("fraction_of_limit"))});
-            if (!row.contains("edits")) continue;
-            const double without = row.at("seconds_per_step_without_edits");
-            std::ostringstream slow_down;
-            slow_down << std::showpos << std::fixed << std::setprecision(1)
-                      << 100 * (time(row) * 1e-6 / without - 1) << " %";
-            edits.push_back({scene, case_label(row), std::to_string(row.at("edits").get<int>()),
-                             si(row.at("edit_seconds_median"), "s"), si(row.at("edit_seconds_max"), "s"),
-                             si(without, "s"), slow_down.str()});
-        }
+        for (const Row& row : rows) table.push_back(cells_of(row, fastest));
+        all.insert(all.end(), rows.begin(), rows.end());
     }
-    print_aligned(table, out);
-    for (const std::string& scene : scenes) print_noise(medians[scene], out);
+    print_columns(columns, table, width, out);
+    print_noise(all, out);
     for (const std::string& scene : chaotic) out << "chaotic, errors say nothing: " << scene << "\n";
-    if (edits.size() > 1) {
-        out << "\n";
-        print_aligned(edits, out);
-    }
+    print_edits(all, out, width);
     print_limits(result.at("context").at("voxspring").at("limits"), out);
     print_unmeasured(result, out);
 }

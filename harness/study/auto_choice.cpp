@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "harness/results/capabilities.h"
-#include "harness/results/result.h"
+#include "harness/results/row.h"
 
 namespace voxspring {
 namespace {
@@ -163,18 +163,19 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
     return {std::move(chosen), std::move(backend)};
 }
 
-nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nlohmann::json>& rows) {
-    const nlohmann::json& first = rows.front();
-    const std::string scene = first.at("scene"), formulation = first.at("formulation"),
-                      precision = first.at("precision");
-    const Workload workload{first.at("voxels"), first.at("particles"), first.contains("edits")};
+nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>& rows) {
+    const Row& first = rows.front();
+    const Identity& of = first.identity;
+    const Workload workload{first.reference.value().voxels, first.workpiece.value().particles,
+                            first.edits.has_value()};
     // A backend that has no row of this kind anywhere does not have the formulation or the precision.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {
-        for (const auto& row : result.at(list)) {
-            if (row.at("formulation") != formulation || row.at("precision") != precision) continue;
-            known.insert(row.at("backend"));
-            if (row.contains("reason") && row.at("scene") == scene) refused.insert(row.at("backend"));
+        for (const Row& row : rows_from_json(result.at(list))) {
+            if (row.identity.formulation != of.formulation || row.identity.precision != of.precision)
+                continue;
+            known.insert(row.identity.backend);
+            if (row.reason && row.identity.scene == of.scene) refused.insert(row.identity.backend);
         }
     }
     const auto& backends = result.at("context").at("voxspring").at("backends");
@@ -184,13 +185,13 @@ nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nloh
             !backends.contains(rule.backend) || is_software(backends.at(rule.backend)))
             continue;
         choice["reason"] = said(rule, workload);
-        const std::string name = scene + "/" + rule.backend + "/" + formulation + "/" + precision +
+        const std::string name = of.scene + "/" + rule.backend + "/" + of.formulation + "/" + of.precision +
                                  (rule.tuning.empty() ? "" : "/" + rule.tuning);
         double fastest = any_number, chosen = any_number;
-        for (const auto& row : rows) {
-            const double time = row.at("real_time");
-            fastest = std::min(fastest, time);
-            if (case_name(row) == name) chosen = std::min(chosen, time);
+        for (const Row& row : rows) {
+            const double seconds = row.step_seconds();
+            fastest = std::min(fastest, seconds);
+            if (row.case_name() == name) chosen = std::min(chosen, seconds);
         }
         if (std::isfinite(chosen)) {
             choice["name"] = name;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/results/row.h"
 #include "harness/scene/scene.h"
 
 namespace voxspring {
@@ -68,6 +69,6 @@ void check_auto(const std::string& text);
 /// formulation and precision, are of: `name` of the chosen row, `reason`, and how many times the time of the
 /// fastest row it takes (`times_fastest`). `name` and `times_fastest` are null where what the rules take was
 /// not measured.
-nlohmann::json choose_among(const nlohmann::json& result, const std::vector<nlohmann::json>& rows);
+nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>& rows);
 
 }  // namespace voxspring

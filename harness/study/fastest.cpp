@@ -14,34 +14,34 @@
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
 #include "harness/results/result.h"
+#include "harness/results/row.h"
 #include "harness/study/auto_choice.h"
 
 namespace voxspring {
 namespace {
 
-using Rows = std::vector<nlohmann::json>;
+using Rows = std::vector<Row>;
 
-double step_seconds(const nlohmann::json& row) { return 1e-6 * row.at("real_time").get<double>(); }
+/// Nothing takes less seconds than the one or makes more updates a second than the other.
+constexpr double min_target = 1e-12, max_target = 1e18;
 
-/// The fastest of `rows` that `wanted` accepts; nothing if it accepts none.
+/// The fastest of `rows` that `wanted` accepts; null if it accepts none.
 template <class Wanted>
-std::optional<nlohmann::json> fastest_row(const Rows& rows, Wanted wanted) {
-    const nlohmann::json* best = nullptr;
-    for (const auto& row : rows) {
-        if (wanted(row) && (best == nullptr || step_seconds(row) < step_seconds(*best))) best = &row;
+const Row* fastest_row(const Rows& rows, Wanted wanted) {
+    const Row* best = nullptr;
+    for (const Row& row : rows) {
+        if (wanted(row) && (best == nullptr || row.step_seconds() < best->step_seconds())) best = &row;
     }
-    return best == nullptr ? std::nullopt : std::optional(*best);
+    return best;
 }
 
 auto by_glob(const std::string& glob) {
-    return [glob](const nlohmann::json& row) {
-        return fnmatch(glob.c_str(), row.at("backend").get<std::string>().c_str(), 0) == 0;
-    };
+    return [glob](const Row& row) { return fnmatch(glob.c_str(), row.identity.backend.c_str(), 0) == 0; };
 }
 
-bool of_the_paper(const nlohmann::json& row) {
+bool of_the_paper(const Row& row) {
     const auto& names = paper_backends();
-    return std::find(names.begin(), names.end(), row.at("backend").get<std::string>()) != names.end();
+    return std::find(names.begin(), names.end(), row.identity.backend) != names.end();
 }
 
 bool is_at_most(Quantity quantity) {
@@ -49,14 +49,23 @@ bool is_at_most(Quantity quantity) {
 }
 
 /// Of the fastest row, and of the fastest of `over`; nothing where that is not known.
-std::optional<double> measured(const Target& target, const nlohmann::json& row, const Rows& rows) {
-    if (target.quantity == Quantity::seconds_per_step) return step_seconds(row);
-    if (target.quantity == Quantity::speed_ratio) {
-        const auto base = fastest_row(rows, by_glob(target.over));
-        return base ? std::optional(step_seconds(*base) / step_seconds(row)) : std::nullopt;
+std::optional<double> measured(const Target& target, const Row& row, const Rows& rows) {
+    switch (target.quantity) {
+        case Quantity::seconds_per_step:
+            return row.step_seconds();
+        case Quantity::particle_updates_per_second:
+            return row.benchmark->particle_updates_per_second;
+        case Quantity::spring_updates_per_second:
+            return row.benchmark->spring_updates_per_second;
+        case Quantity::fraction_of_limit:
+            return row.limit ? row.limit->fraction : std::nullopt;
+        case Quantity::ready_seconds:
+            return row.start ? std::optional(row.start->ready_seconds) : std::nullopt;
+        case Quantity::speed_ratio:
+            break;
     }
-    const auto& value = row.at(to_string(target.quantity));
-    return value.is_number() ? std::optional(value.get<double>()) : std::nullopt;
+    const Row* base = fastest_row(rows, by_glob(target.over));
+    return base != nullptr ? std::optional(base->step_seconds() / row.step_seconds()) : std::nullopt;
 }
 
 nlohmann::json judge(const Target& target, const Rows& rows) {
@@ -68,9 +77,9 @@ nlohmann::json judge(const Target& target, const Rows& rows) {
                              {"reached", nullptr},
                              {"met", nullptr}};
     if (target.quantity == Quantity::speed_ratio) judged["over"] = target.over;
-    const auto best = fastest_row(rows, by_glob(target.backends));
-    if (!best) return judged;
-    judged["name"] = case_name(*best);
+    const Row* best = fastest_row(rows, by_glob(target.backends));
+    if (best == nullptr) return judged;
+    judged["name"] = best->case_name();
     if (const auto value = measured(target, *best, rows); value && *value > 0) {
         judged["measured"] = *value;
         const double reached = is_at_most(target.quantity) ? target.value / *value : *value / target.value;
@@ -78,6 +87,32 @@ nlohmann::json judge(const Target& target, const Rows& rows) {
         judged["met"] = reached >= 1;
     }
     return judged;
+}
+
+Target read_target(JsonObject object) {
+    Target target;
+    std::vector<std::string> formulations, quantities;
+    for (const Formulation formulation : every_formulation) formulations.push_back(to_string(formulation));
+    target.scene = object.require("scene").string();
+    target.formulation = object.require("formulation").one_of(formulations);
+    target.precision = "float32";
+    if (const auto precision = object.find("precision"))
+        target.precision = precision->one_of({to_string(Precision::float32), to_string(Precision::float64)});
+    if (const auto backends = object.find("backends")) target.backends = backends->string();
+    int given = 0;
+    for (const Quantity quantity : all_quantities()) {
+        quantities.push_back(to_string(quantity));
+        const auto value = object.find(to_string(quantity));
+        if (!value) continue;
+        ++given;
+        target.quantity = quantity;
+        target.value = value->number(min_target, max_target);
+    }
+    if (given != 1) object.value().refuse("one of " + joined(quantities));
+    if (target.quantity == Quantity::speed_ratio)
+        target.over = object.require("over", "a glob of backends").string();
+    object.finish();
+    return target;
 }
 
 std::string quantity_text(const nlohmann::json& target, const char* key) {
@@ -147,70 +182,91 @@ std::string to_string(Quantity quantity) {
     return {};
 }
 
+std::vector<Target> read_targets(const JsonValue& list) {
+    std::vector<Target> targets;
+    for (const JsonValue& item : list.array()) targets.push_back(read_target(item.object()));
+    return targets;
+}
+
+namespace {
+
+/// Of one scene, formulation and precision.
+nlohmann::json block_of(const nlohmann::json& result, const Rows& rows) {
+    const Row& best = *fastest_row(rows, [](const Row&) { return true; });
+    nlohmann::json block = {{"name", best.case_name()}, {"seconds_per_step", best.step_seconds()}};
+    const nlohmann::json fields = to_json(best);
+    for (const char* field :
+         {"scene", "formulation", "precision", "backend", "tuning", "particles", "springs", "voxels",
+          "particle_updates_per_second", "spring_updates_per_second", "ready_seconds", "limit_seconds",
+          "limited_by", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "reference"}) {
+        block[field] = fields.at(field);
+    }
+    block["device"] =
+        result.at("context").at("voxspring").at("backends").at(best.identity.backend).at("device");
+    if (!best.noisy.empty()) block["noisy"] = best.noisy;
+    block["paper"] = nullptr;
+    if (const Row* paper = fastest_row(rows, of_the_paper)) {
+        block["paper"] = {{"name", paper->case_name()},
+                          {"seconds_per_step", paper->step_seconds()},
+                          {"ratio", paper->step_seconds() / best.step_seconds()}};
+    }
+    block["auto"] = choose_among(result, rows);
+    return block;
+}
+
+}  // namespace
+
 nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target>& targets) {
     using Key = std::tuple<std::string, std::string, std::string>;
     std::vector<Key> order;
     std::map<Key, Rows> groups;
-    for (const auto& row : result.at("benchmarks")) {
-        if (!is_median(row)) continue;
-        const Key key{row.at("scene"), row.at("formulation"), row.at("precision")};
+    for (Row& row : rows_from_json(result.at("benchmarks"))) {
+        if (!row.benchmark->is_median()) continue;
+        const Key key{row.identity.scene, row.identity.formulation, row.identity.precision};
         if (!groups.contains(key)) order.push_back(key);
-        groups[key].push_back(row);
+        groups[key].push_back(std::move(row));
     }
     nlohmann::json blocks = nlohmann::json::array();
     for (const Key& key : order) {
-        const Rows& rows = groups[key];
-        const nlohmann::json best = fastest_row(rows, [](const auto&) { return true; }).value();
-        nlohmann::json block = {{"name", case_name(best)}, {"seconds_per_step", step_seconds(best)}};
-        for (const char* field :
-             {"scene", "formulation", "precision", "backend", "tuning", "particles", "springs", "voxels",
-              "particle_updates_per_second", "spring_updates_per_second", "ready_seconds", "limit_seconds",
-              "limited_by", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps",
-              "reference"}) {
-            block[field] = best.at(field);
-        }
-        block["device"] =
-            result.at("context").at("voxspring").at("backends").at(best.at("backend")).at("device");
-        if (best.contains("noisy")) block["noisy"] = best.at("noisy");
-        block["paper"] = nullptr;
-        if (const auto paper = fastest_row(rows, of_the_paper)) {
-            block["paper"] = {{"name", case_name(*paper)},
-                              {"seconds_per_step", step_seconds(*paper)},
-                              {"ratio", step_seconds(*paper) / step_seconds(best)}};
-        }
-        block["auto"] = choose_among(result, rows);
+        nlohmann::json block = block_of(result, groups[key]);
         block["targets"] = nlohmann::json::array();
         for (const Target& target : targets) {
             if (Key{target.scene, target.formulation, target.precision} == key)
-                block["targets"].push_back(judge(target, rows));
+                block["targets"].push_back(judge(target, groups[key]));
         }
         blocks.push_back(std::move(block));
     }
     return blocks;
 }
 
-void print_fastest(const nlohmann::json& result, std::ostream& out) {
-    std::vector<std::vector<std::string>> table = {{"scene", "fastest", "time a step", "particles/s",
-                                                    "springs/s", "rounding error", "of limit", "x paper's",
-                                                    "x auto", "ready"}};
-    for (const auto& block : result.at("fastest")) {
+void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+    const std::vector<Column> columns = {
+        {"scene", 0, true}, {"fastest", 0, true},     {"time a step"},      {"particles/s", 5},
+        {"springs/s", 6},   {"rounding error", 3},    {"% of roofline", 2}, {"x paper's", 1},
+        {"x auto", 1},      {"time to first step", 4}};
+    std::vector<std::vector<std::string>> table;
+    std::vector<Row> rows = rows_from_json(result.at("fastest"));
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+        const Row& row = rows[i];
+        const nlohmann::json& block = result.at("fastest")[i];
         const auto& paper = block.at("paper");
         table.push_back(
-            {block.at("scene"), case_label(block), noise_mark(block) + si(block.at("seconds_per_step"), "s"),
+            {row.identity.scene, row.label(), row.noise_mark() + si(block.at("seconds_per_step"), "s"),
              si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"), error_text(block.at("error_relative_l2")),
              percent_of(block.at("fraction_of_limit")), paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
-             ratio_text(block.at("auto").at("times_fastest")), si(block.at("ready_seconds"), "s")});
+             ratio_text(block.at("auto").at("times_fastest")), si(row.start->ready_seconds, "s")});
     }
-    print_aligned(table, out);
-    print_noise(result.at("fastest"), out);
-    for (const auto& block : result.at("fastest")) {
-        const std::string dataset = block.at("scene").get<std::string>() + " " +
-                                    block.at("formulation").get<std::string>() + " " +
-                                    block.at("precision").get<std::string>();
-        if (!block.at("paper").is_null())
-            out << dataset << ": the best of the paper's is "
-                << case_label({{"scene", block.at("scene")}, {"name", block.at("paper").at("name")}}) << "\n";
+    print_columns(columns, table, width, out);
+    print_noise(rows, out);
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+        const Identity& of = rows[i].identity;
+        const nlohmann::json& block = result.at("fastest")[i];
+        const std::string dataset = of.scene + " " + of.formulation + " " + of.precision;
+        if (!block.at("paper").is_null()) {
+            const Row paper{.identity = {.name = block.at("paper").at("name"), .scene = of.scene}};
+            out << dataset << ": the best of the paper's is " << paper.label() << "\n";
+        }
         out << dataset << ": auto takes " << block.at("auto").at("reason").get<std::string>() << "\n";
         for (const auto& target : block.at("targets")) {
             out << dataset << ": target for " << target.at("backends").get<std::string>() << " "

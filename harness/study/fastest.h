@@ -8,6 +8,9 @@
 #include <string>
 #include <vector>
 
+#include "harness/base/json.h"
+#include "harness/results/table.h"
+
 namespace voxspring {
 
 /// The backends that re-do the paper's seven strategies: OpenGL fragment shaders, with implicit addressing
@@ -40,7 +43,10 @@ struct Target {
 /// `--backend auto` takes there (auto_choice.h).
 nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target>& targets);
 
+/// The targets of a study file's list.
+std::vector<Target> read_targets(const JsonValue& list);
+
 /// A line a block, then one a target, the limits, and what was skipped and what failed.
-void print_fastest(const nlohmann::json& result, std::ostream& out);
+void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

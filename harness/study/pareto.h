@@ -1,44 +1,35 @@
-// The study of kind `pareto`: run time to a fixed end time against error, over time steps.
+// Run time to a fixed end time against error, over time steps: rows of a study of kind `pareto` and their
+// fronts.
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
 
-#include "harness/scene/scene.h"
-#include "harness/study/measure.h"
-#include "harness/verification/reference.h"
+#include "harness/results/row.h"
+#include "harness/results/table.h"
 
 namespace voxspring {
 
-/// Which time steps a scene is run with.
-struct TimeSteps {
-    std::vector<double> fractions;  ///< of the stable time step, descending
-    int steps = 0;                  ///< in the first of them, which sets the end time: the same for all
-    int repetitions = 0;            ///< timed runs at each, fewer where they take more than a second together
+/// One time step of one case: the time it takes to the end time, and its errors there.
+struct ParetoRow {
+    Row row;
+    std::string device = {};  ///< one name a card, whatever the API
+    double time_step = 0, fraction_of_stable = 0, end_time = 0;
+    std::optional<double> seconds = {};  ///< median of the repetitions; nothing where it diverged
+    bool diverged = false, on_front = false;
 };
+nlohmann::json to_json(const ParetoRow& row);
+ParetoRow pareto_row_from_json(const nlohmann::json& json);
 
-/// Throws BadInput if the scene has no such study: it oscillates, its springs stay as they are, and no time
-/// step takes more steps than an int holds.
-void check_pareto(const Scene& scene, const TimeSteps& time_steps);
+/// Sets `on_front` in rows of one scene: of those on the same device, sorted by time, each whose error
+/// against the converged solution is more than 1% smaller than that of all before it. Those errors are known
+/// no better.
+void mark_fronts(std::vector<ParetoRow>& rows);
 
-/// What a case does in its process to be measured so. `scene` and `state` must outlive it.
-MakeCaseRunner pareto_runner(const Scene& scene, const TimeSteps& time_steps, SharedState& state);
-
-/// Runs every case, whose runner is pareto_runner(), with every time step. The list `pareto` has one row for
-/// each: seconds from the start to the end time (median), errors of the state there (errors.h), and whether
-/// it is on its device's front. A run that left its bounds is `diverged`; it has no time and no errors. The
-/// list `failed`: cases whose device or process failed, or whose rounding error is out of bounds. What
-/// the journal has of them is not run again; once interrupted, nothing further is run.
-SceneResult measure_pareto(const Scene& scene, std::vector<Case>& cases, const TimeSteps& time_steps,
-                           SharedState& state, References& references, const OnRepetition& on_repetition);
-
-/// Sets `on_front` in rows of one scene: of those on the same device, sorted by time, each whose total error
-/// is more than 1% smaller than that of all before it. Total errors are known no better.
-void mark_fronts(std::vector<nlohmann::json>& rows);
-
-/// The front of each scene and device, fastest first; then what diverged and what has no total error.
-void print_fronts(const nlohmann::json& result, std::ostream& out);
+/// The front of each scene and device, fastest first; then what diverged and what has no such error.
+void print_fronts(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

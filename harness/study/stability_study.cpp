@@ -7,12 +7,10 @@
 #include <glm/geometric.hpp>
 #include <iomanip>
 #include <limits>
-#include <random>
 #include <sstream>
 
-#include "harness/base/text.h"
-#include "harness/results/result.h"
 #include "harness/scene/stability.h"
+#include "harness/study/random_starts.h"
 #include "harness/verification/conserved.h"
 
 namespace voxspring {
@@ -66,9 +64,9 @@ nlohmann::json map_of(Backend& backend, Problem problem) {
             const double energy_of_start = energy_before_step(problem, backend);
             backend.step(map_steps - 2);
             const double energy_of_end = energy_before_step(problem, backend);
-            row.push_back(!(farthest(backend.download()) <= most_growth * amplitude) ? "diverged"
-                          : energy_of_end > heating * energy_of_start                ? "heating"
-                                                                                     : "bounded");
+            row.push_back(!(farthest(backend.download()) <= max_growth * amplitude) ? "diverged"
+                          : energy_of_end > heating * energy_of_start               ? "heating"
+                                                                                    : "bounded");
         }
         map["region"].push_back(row);
     }
@@ -83,68 +81,30 @@ std::string fixed(double value, int digits) {
 
 }  // namespace
 
-State random_start(const Problem& problem, double amplitude) {
-    State state = state_at_rest(problem);
-    std::mt19937_64 generator(7);
-    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        for (int axis = 0; axis < 3; ++axis) {
-            const double uniform = std::ldexp(double(generator() >> 11), -52) - 1;
-            if (!problem.is_pinned(i)) state.displacement[i][axis] = amplitude * uniform;
-        }
-    }
-    return state;
-}
-
-double farthest(const State& state) {
-    double largest = 0;
-    for (std::size_t i = 0; i < state.increment.size(); ++i) {
-        const double moved = glm::length(state.increment[i]);
-        if (!std::isfinite(moved + glm::length(state.displacement[i])))
-            return std::numeric_limits<double>::infinity();
-        largest = std::max(largest, moved);
-    }
-    return largest;
-}
-
-int steps_to_grow(const Problem& problem, double excess) {
-    const double lambda = problem.damping;
-    const double half = (2 - lambda - (4 - 2 * lambda) * (1 + excess) * (1 + excess)) / 2;
-    const double growth = -half + std::sqrt(half * half - (1 - lambda));
-    // A mode's share of a random start of n components is 1 / sqrt(n) in the mean; a tenth of that will do.
-    const double wanted = most_growth * 10 * std::sqrt(3 * double(problem.particle_count()));
-    return int(std::ceil(std::log(wanted) / std::log(growth)));
-}
-
-State run_from(const State& start, const Problem& problem, Backend& backend, int steps) {
-    backend.upload(problem, start);
-    backend.step(steps);
-    return backend.download();
-}
-
-double energy_before_step(const Problem& problem, Backend& backend) {
-    State state = backend.download();
-    backend.step(1);
-    const State next = backend.download();
-    for (std::size_t i = 0; i < state.increment.size(); ++i)
-        state.increment[i] = (state.increment[i] + next.increment[i]) * 0.5;
-    return energy(problem, state).total();
-}
-
 /// One search for the largest stable time step.
 struct StabilityStudy::Search {
     Problem problem;
-    nlohmann::json start = {};  ///< as a row says it
-    State state = {};
-    double amplitude = 0;  ///< of the start, in units of length
+    double damping = 0;
+    double relative_amplitude = 0;  ///< of the start, in spacings
+    double stretch = 0;             ///< of the start; 0: at rest
+    bool exact = false;             ///< theory holds within the tolerance
+    double theory = 0;              ///< time step
+    double amplitude = 0;           ///< in units of length
     int steps = 0;
-    double theory = 0;   ///< time step
-    bool exact = false;  ///< theory holds within the tolerance
+    State state = {};
+
+    /// Displacements of the stretched state.
+    std::vector<glm::dvec3> shape() const {
+        std::vector<glm::dvec3> displacements = problem.rest_position;
+        for (glm::dvec3& u : displacements) u *= stretch;
+        return displacements;
+    }
 
     /// The largest time step at which it stays bounded.
     double measured_limit(Backend& backend) {
         const auto bounded = [&](double fraction) {
             problem.time_step = fraction * theory;
-            return farthest(run_from(state, problem, backend, steps)) <= most_growth * amplitude;
+            return farthest(run_from(state, problem, backend, steps)) <= max_growth * amplitude;
         };
         // Theory is met by small starts and an upper end for large ones.
         const double resolution = exact ? 2e-4 : 4e-3;
@@ -165,54 +125,71 @@ struct StabilityStudy::Search {
     }
 };
 
-StabilityStudy::StabilityStudy(const Scene& scene) : scene_(scene.name) {
+std::vector<StabilityStudy::Search> StabilityStudy::planned_searches(const Scene& scene) {
     Problem problem = scene.problem;
     problem.gravity = glm::dvec3(0);
     problem.load.clear();
-    const double spacing = shortest_spacing(problem);
-    const auto add = [&](Search search, double stretched, double amplitude, double damping, bool exact) {
-        search.problem.damping = damping;
-        std::vector<glm::dvec3> shape = search.problem.rest_position;
-        for (glm::dvec3& u : shape) u *= stretched;
-        const Frequency frequency = true_frequency_squared(search.problem, shape);
-        if (frequency.squared.value_or(0) == 0) return;
-        search.theory = stable_time_step(*frequency.squared, damping);
-        search.amplitude = amplitude * spacing;
-        search.state = random_start(search.problem, search.amplitude);
-        for (std::size_t i = 0; i < shape.size(); ++i) search.state.displacement[i] += shape[i];
-        search.start = {{"kind", stretched > 0 ? "stretched" : "random"},
-                        {"amplitude", amplitude},
-                        {"stretch", stretched}};
-        search.steps = exact ? steps_to_grow(search.problem, seen_excess) : steps_of_large_starts;
-        search.exact = exact;
-        searches_.push_back(std::make_shared<Search>(std::move(search)));
-    };
-    for (const double damping : dampings) add({.problem = problem}, 0, small_amplitude, damping, true);
-    for (const double amplitude : large_amplitudes) add({.problem = problem}, 0, amplitude, 0, false);
+    std::vector<Search> searches;
+    for (const double damping : dampings)
+        searches.push_back(
+            {.problem = problem, .damping = damping, .relative_amplitude = small_amplitude, .exact = true});
+    for (const double amplitude : large_amplitudes)
+        searches.push_back({.problem = problem, .relative_amplitude = amplitude});
     pin_surface(problem);
-    add({.problem = problem}, stretch, small_amplitude, 0, true);
+    searches.push_back(
+        {.problem = problem, .relative_amplitude = small_amplitude, .stretch = stretch, .exact = true});
+    for (Search& search : searches) search.problem.damping = search.damping;
+    return searches;
+}
+
+StabilityStudy::Limits StabilityStudy::limits_of(const Scene& scene) {
+    Limits limits;
+    for (const Search& search : planned_searches(scene)) {
+        const Frequency frequency = true_frequency_squared(search.problem, search.shape());
+        const double squared = frequency.squared.value_or(0);
+        limits.push_back(squared == 0 ? std::nullopt
+                                      : std::optional(stable_time_step(squared, search.damping)));
+    }
+    return limits;
+}
+
+StabilityStudy::StabilityStudy(const Scene& scene, const Limits& limits) : scene_(scene.name) {
+    std::size_t number = 0;
+    for (Search& search : planned_searches(scene)) {
+        const std::optional<double> limit = limits.at(number++);
+        if (!limit) continue;
+        search.theory = *limit;
+        search.amplitude = search.relative_amplitude * shortest_spacing(search.problem);
+        search.state = random_start(search.problem, search.amplitude);
+        const std::vector<glm::dvec3> shape = search.shape();
+        for (std::size_t i = 0; i < shape.size(); ++i) search.state.displacement[i] += shape[i];
+        search.steps = search.exact ? steps_to_grow(search.problem, seen_excess) : steps_of_large_starts;
+        searches_.push_back(std::make_shared<Search>(std::move(search)));
+    }
 }
 
 Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& search) const {
     const double measured = search.measured_limit(backend);
     const double ratio = measured / search.theory;
-    nlohmann::json row = row_identity(scene_, spec);
+    StabilityRow row{.row = row_of(scene_, spec),
+                     .damping = search.damping,
+                     .start = search.stretch > 0 ? "stretched" : "random",
+                     .amplitude = search.relative_amplitude,
+                     .stretch = search.stretch,
+                     .theory_time_step = search.theory,
+                     .measured_time_step = measured,
+                     .ratio = ratio,
+                     .steps = search.steps,
+                     .tolerance = search.exact ? std::optional(tolerance) : std::nullopt,
+                     .passed = !search.exact || std::abs(ratio - 1) <= tolerance};
     Rows rows;
-    const bool passed = !search.exact || std::abs(ratio - 1) <= tolerance;
-    if (!passed) {
-        rows["failed"].push_back(row);
-        rows["failed"].back()["reason"] = "is stable up to " + fixed(ratio, 4) + " of the limit at damping " +
-                                          fixed(search.problem.damping, 1) + ", not within 0.2% of it";
+    if (!row.passed) {
+        Row failed = row.row;
+        failed.reason = "is stable up to " + fixed(ratio, 4) + " of the limit at damping " +
+                        fixed(search.damping, 1) + ", not within 0.2% of it";
+        rows["failed"].push_back(to_json(failed));
     }
-    row["damping"] = search.problem.damping;
-    row["start"] = search.start;
-    row["theory_time_step"] = search.theory;
-    row["measured_time_step"] = measured;
-    row["ratio"] = ratio;
-    row["steps"] = search.steps;
-    row["tolerance"] = search.exact ? nlohmann::json(tolerance) : nlohmann::json();
-    row["passed"] = passed;
-    rows["stability"].push_back(std::move(row));
+    rows["stability"].push_back(to_json(row));
     return rows;
 }
 
@@ -222,49 +199,98 @@ void StabilityStudy::run(const BackendSpec& spec, Backend& backend, bool map, co
         once("search " + std::to_string(++number) + " of " + std::to_string(searches_.size()),
              [&] { return search(spec, backend, *one); });
     }
-    if (!map || empty()) return;
+    if (!map || searches_.empty()) return;
     once("map", [&] {
-        nlohmann::json row = row_identity(scene_, spec);
+        nlohmann::json row = to_json(row_of(scene_, spec));
         row.update(map_of(backend, searches_.front()->problem));
         return Rows{{"stability_map", {row}}};
     });
 }
 
-void print_stability(const nlohmann::json& result, std::ostream& out) {
+namespace {
+
+template <class Self, class Fields>
+void stability_fields(Self& row, Fields& fields) {
+    fields.required("damping", row.damping);
+    fields.required("theory_time_step", row.theory_time_step);
+    fields.required("measured_time_step", row.measured_time_step);
+    fields.required("ratio", row.ratio);
+    fields.required("steps", row.steps);
+    fields.nullable("tolerance", row.tolerance);
+    fields.required("passed", row.passed);
+}
+
+template <class Self, class Fields>
+void start_fields(Self& row, Fields& fields) {
+    fields.required("kind", row.start);
+    fields.required("amplitude", row.amplitude);
+    fields.required("stretch", row.stretch);
+}
+
+void print_map(const nlohmann::json& map, std::ostream& out) {
+    out << "\n" << map.at("name").get<std::string>() << ": b bounded, h heating, D diverged\n";
+    std::vector<Column> columns = {{"damping", 0, true}};
+    for (const double fraction : map.at("fraction")) columns.push_back({fixed(fraction, 2)});
+    std::vector<std::vector<std::string>> grid;
+    for (std::size_t d = 0; d < map.at("damping").size(); ++d) {
+        grid.push_back({fixed(map.at("damping")[d], 4)});
+        for (const std::string region : map.at("region")[d])
+            grid.back().push_back(region == "diverged" ? "D" : region.substr(0, 1));
+    }
+    print_columns(columns, grid, 0, out);
+}
+
+}  // namespace
+
+nlohmann::json to_json(const StabilityRow& row) {
+    nlohmann::json json = to_json(row.row);
+    RowWriter writer(json), start(json["start"]);
+    stability_fields(row, writer);
+    start_fields(row, start);
+    return json;
+}
+
+StabilityRow stability_row_from_json(const nlohmann::json& json) {
+    StabilityRow row{.row = row_from_json(json)};
+    RowReader reader(json), start(json.at("start"));
+    stability_fields(row, reader);
+    start_fields(row, start);
+    return row;
+}
+
+void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth width) {
     // One line a scene, start and damping: what the cases reach lies within a few 1e-4.
     using Key = std::array<std::string, 4>;
     std::vector<Key> lines;
-    std::map<Key, std::vector<const nlohmann::json*>> rows;
-    for (const auto& row : result.at("stability")) {
-        const auto& start = row.at("start");
-        const std::string kind = start.at("kind").get<std::string>() + " " + fixed(start.at("amplitude"), 3);
-        const Key key = {row.at("scene"), kind, fixed(row.at("damping"), 2),
-                         fixed(row.at("theory_time_step"), 6)};
+    std::map<Key, std::vector<StabilityRow>> rows;
+    for (const auto& json : result.at("stability")) {
+        const StabilityRow row = stability_row_from_json(json);
+        const Key key = {row.row.identity.scene, row.start + " " + fixed(row.amplitude, 3),
+                         fixed(row.damping, 2), fixed(row.theory_time_step, 6)};
         if (!rows.contains(key)) lines.push_back(key);
-        rows[key].push_back(&row);
+        rows[key].push_back(row);
     }
-    std::vector<std::vector<std::string>> table = {{"scene", "start", "damping", "limit in theory", "cases",
-                                                    "steps", "least measured / theory", "of", "most", "of"}};
+    const std::vector<Column> columns = {{"scene", 0, true},
+                                         {"start", 0, true},
+                                         {"damping"},
+                                         {"limit in theory", 1},
+                                         {"cases", 3},
+                                         {"steps", 4},
+                                         {"min measured / theory"},
+                                         {"of", 2, true},
+                                         {"max"},
+                                         {"of", 2, true}};
+    std::vector<std::vector<std::string>> table;
     for (const Key& key : lines) {
-        const auto ratio = [](const nlohmann::json* row) { return row->at("ratio").get<double>(); };
-        const auto [least, most] = std::minmax_element(rows[key].begin(), rows[key].end(),
-                                                       [&](auto a, auto b) { return ratio(a) < ratio(b); });
+        const auto [min, max] =
+            std::minmax_element(rows[key].begin(), rows[key].end(),
+                                [](const auto& a, const auto& b) { return a.ratio < b.ratio; });
         table.push_back({key[0], key[1], key[2], key[3], std::to_string(rows[key].size()),
-                         std::to_string((*least)->at("steps").get<int>()), fixed(ratio(*least), 4),
-                         case_label(**least), fixed(ratio(*most), 4), case_label(**most)});
+                         std::to_string(min->steps), fixed(min->ratio, 4), min->row.label(),
+                         fixed(max->ratio, 4), max->row.label()});
     }
-    print_aligned(table, out);
-    for (const auto& map : result.at("stability_map")) {
-        out << "\n" << map.at("name").get<std::string>() << ": b bounded, h heating, D diverged\n";
-        std::vector<std::vector<std::string>> grid(1, {"damping"});
-        for (const double fraction : map.at("fraction")) grid[0].push_back(fixed(fraction, 2));
-        for (std::size_t d = 0; d < map.at("damping").size(); ++d) {
-            grid.push_back({fixed(map.at("damping")[d], 4)});
-            for (const std::string region : map.at("region")[d])
-                grid.back().push_back(region == "diverged" ? "D" : region.substr(0, 1));
-        }
-        print_aligned(grid, out, 1);
-    }
+    print_columns(columns, table, width, out);
+    for (const auto& map : result.at("stability_map")) print_map(map, out);
 }
 
 }  // namespace voxspring

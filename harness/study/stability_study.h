@@ -3,10 +3,13 @@
 
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
 
+#include "harness/results/row.h"
+#include "harness/results/table.h"
 #include "harness/scene/scene.h"
 #include "harness/study/suite.h"
 
@@ -29,48 +32,40 @@ namespace voxspring {
 /// left theory's 0.2%. Rows as in results/schema.json.
 class StabilityStudy {
 public:
-    /// Finds the true frequencies.
-    explicit StabilityStudy(const Scene& scene);
-    /// Whether there is anything to search: something oscillates, and how fast is known.
-    bool empty() const { return searches_.empty(); }
+    /// Largest stable time steps in theory, one a search; nothing where nothing oscillates, or how fast is
+    /// not known.
+    using Limits = std::vector<std::optional<double>>;
+    static Limits limits_of(const Scene& scene);
+
+    StabilityStudy(const Scene& scene, const Limits& limits);
+    explicit StabilityStudy(const Scene& scene) : StabilityStudy(scene, limits_of(scene)) {}
     /// Runs all searches and, with `map`, the map. Throws what the backend does.
     void run(const BackendSpec& spec, Backend& backend, bool map, const Once& once);
 
 private:
     struct Search;
+    static std::vector<Search> planned_searches(const Scene& scene);
     Rows search(const BackendSpec& spec, Backend& backend, Search& search) const;
 
     std::string scene_;
     std::vector<std::shared_ptr<Search>> searches_;
 };
 
-/// Every particle that can move displaced by uniform components within +-`amplitude`, at no speed; the same
-/// each time.
-State random_start(const Problem& problem, double amplitude);
-
-/// The farthest that a particle moves in the last step; infinite where any is not finite.
-double farthest(const State& state);
-
-/// Amplitude of a start for which theory holds, in spacings, and what a bounded run stays under, in
-/// amplitudes of its start. A float32 position at 16 spacings resolves a thousandth of 0.001, so that a
-/// mode's share of the start is not rounded away; 30 times 0.001 is still less than where springs that are
-/// not linear stop the growth of a damped mode, 0.07 to 0.2.
-constexpr double small_amplitude = 1e-3;
-constexpr double most_growth = 30;
-
-/// Steps in which a mode of a random start comes to move most_growth times the start's amplitude a step, if
-/// the time step is 1 + `excess` times its limit: by the root of z^2 - (2 - lambda - W) z + 1 - lambda = 0
-/// beyond -1, W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2.
-int steps_to_grow(const Problem& problem, double excess);
-
-/// The state `steps` after `start`.
-State run_from(const State& start, const Problem& problem, Backend& backend, int steps);
-
-/// Total energy before the next step, which is taken: its velocity is the mean of those of half a step before
-/// and after, without which the energy of a fast mode is out by up to a third.
-double energy_before_step(const Problem& problem, Backend& backend);
+/// A row of the list `stability`.
+struct StabilityRow {
+    Row row;
+    double damping = 0;
+    std::string start = {};  ///< "random" or "stretched"
+    double amplitude = 0, stretch = 0;
+    double theory_time_step = 0, measured_time_step = 0, ratio = 0;
+    int steps = 0;
+    std::optional<double> tolerance = {};
+    bool passed = false;
+};
+nlohmann::json to_json(const StabilityRow& row);
+StabilityRow stability_row_from_json(const nlohmann::json& json);
 
 /// A line a scene, start and damping, with the range of what cases reach, and each map.
-void print_stability(const nlohmann::json& result, std::ostream& out);
+void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

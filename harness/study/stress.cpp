@@ -12,10 +12,9 @@
 
 #include "backends/physics/neighbours.h"
 #include "harness/base/text.h"
-#include "harness/results/result.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
-#include "harness/study/stability_study.h"
+#include "harness/study/random_starts.h"
 #include "harness/verification/conserved.h"
 #include "harness/verification/verify.h"
 #include "harness/volume/dataset.h"
@@ -24,13 +23,18 @@ namespace voxspring {
 namespace {
 
 /// What a measured figure has to stay within.
-struct Gate {
+struct Threshold {
     enum class Bound : std::uint8_t { none, at_most, at_least };
     Bound bound = Bound::none;
     double value = 0;
+
+    bool holds(double measured) const {
+        if (bound == Bound::none) return true;
+        return bound == Bound::at_most ? measured <= value : measured >= value;
+    }
 };
-Gate at_most(double value) { return {Gate::Bound::at_most, value}; }
-Gate at_least(double value) { return {Gate::Bound::at_least, value}; }
+Threshold at_most(double value) { return {Threshold::Bound::at_most, value}; }
+Threshold at_least(double value) { return {Threshold::Bound::at_least, value}; }
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
 
@@ -79,7 +83,7 @@ private:
         int part;
         std::string name, scene, unit;
         int steps;
-        Gate gate;
+        Threshold threshold;
         std::string detail = {};
     };
 
@@ -88,15 +92,17 @@ private:
         return std::array{full, brief, shortest}[std::size_t(lengths_)];
     }
 
-    /// Gates about rounding, those of float32: float64 stays far below them.
-    Gate rounding_gate(double increment, double compensated) const {
+    /// Thresholds about rounding, those of float32: float64 stays far below them.
+    Threshold rounding_threshold(double increment, double compensated) const {
         if (spec_.options.formulation == Formulation::increment) return at_most(increment);
         if (spec_.options.formulation == Formulation::compensated) return at_most(compensated);
         return {};
     }
 
     /// Of a comparison to the bit, which two runs alike fail where atomics add in any order.
-    Gate same_bits_gate() const { return backend_.capabilities().deterministic ? at_most(0) : Gate{}; }
+    Threshold same_bits_threshold() const {
+        return backend_.capabilities().deterministic ? at_most(0) : Threshold{};
+    }
 
     /// Adds the row of `subject`, whose figure `measure()` gives; or says why there is none.
     template <class Measure>
@@ -107,37 +113,37 @@ private:
     }
     template <class Measure>
     Rows rows_of(const Subject& subject, const Problem& problem, const Measure& measure) {
-        nlohmann::json row = row_identity(subject.scene, spec_);
+        StressRow row{.row = row_of(subject.scene, spec_),
+                      .part = subject.part,
+                      .measurement = subject.name,
+                      .unit = subject.unit,
+                      .detail = subject.detail,
+                      .steps = subject.steps};
         Rows rows;
         const auto put = [&](const char* list, const std::string& reason) {
-            rows[list].push_back(row);
-            rows[list].back()["reason"] = subject.name + ": " + reason;
-            return rows;
+            Row unmeasured = row.row;
+            unmeasured.reason = subject.name + ": " + reason;
+            rows[list].push_back(to_json(unmeasured));
         };
-        if (const std::string why = backend_.unsupported(problem); !why.empty()) return put("skipped", why);
+        if (const std::string why = backend_.unsupported(problem); !why.empty()) {
+            put("skipped", why);
+            return rows;
+        }
         double measured = 0;
         try {
             measured = measure();
         } catch (const std::exception& error) {
-            return put("failed", error.what());
+            put("failed", error.what());
+            return rows;
         }
-        const bool passed = subject.gate.bound == Gate::Bound::none ||
-                            (subject.gate.bound == Gate::Bound::at_most ? measured <= subject.gate.value
-                                                                        : measured >= subject.gate.value);
-        const std::string gate_is = subject.gate.bound == Gate::Bound::at_least ? "at least" : "at most";
-        if (!passed)
-            put("failed", error_text(measured) + " is not " + gate_is + " " + error_text(subject.gate.value));
-        row["part"] = subject.part;
-        row["measurement"] = subject.name;
-        row["steps"] = subject.steps;
-        row["measured"] = std::isfinite(measured) ? nlohmann::json(measured) : nlohmann::json();
-        row["gate"] =
-            subject.gate.bound == Gate::Bound::none ? nlohmann::json() : nlohmann::json(subject.gate.value);
-        row["gate_is"] = gate_is;
-        row["passed"] = passed;
-        row["unit"] = subject.unit;
-        row["detail"] = subject.detail;
-        rows["stress"].push_back(std::move(row));
+        row.measured = measured;
+        row.threshold_is = subject.threshold.bound == Threshold::Bound::at_least ? "at least" : "at most";
+        row.passed = subject.threshold.holds(measured);
+        if (subject.threshold.bound != Threshold::Bound::none) row.threshold = subject.threshold.value;
+        if (!row.passed)
+            put("failed", error_text(measured) + " is not " + row.threshold_is + " " +
+                              error_text(subject.threshold.value));
+        rows["stress"].push_back(to_json(row));
         return rows;
     }
 
@@ -201,7 +207,7 @@ private:
             problem.damping = damping;
             // fl(2 - lambda) - fl(1 - lambda) is not 1: the paper's own formula drifts.
             const bool drifts = spec_.options.formulation == Formulation::paper && damping > 0;
-            record({1, "rest", box_name(side), "spacings", steps, drifts ? Gate{} : at_most(0),
+            record({1, "rest", box_name(side), "spacings", steps, drifts ? Threshold{} : at_most(0),
                     "damping " + short_text(damping)},
                    problem,
                    [&] { return farthest_from_rest(run_from(state_at_rest(problem), problem, steps)); });
@@ -217,7 +223,7 @@ private:
                 problem.time_step = fraction * stable_time_step(frequency, damping);
                 const int steps = steps_to_grow(problem, 0.005);
                 record({2, fraction < 1 ? "below the limit" : "above the limit", box_name(8), "growth", steps,
-                        fraction < 1 ? at_most(most_growth) : at_least(most_growth),
+                        fraction < 1 ? at_most(max_growth) : at_least(max_growth),
                         short_text(fraction) + " of the limit, damping " + short_text(damping)},
                        problem, [&] {
                            const State start = random_start(problem, small_amplitude);
@@ -233,15 +239,15 @@ private:
         const int side = by_length(10, 8, 6);
         const Problem problem = cube(side, 0.577);
         const int steps = int(by_length(3000, 600, 150) / problem.time_step);
-        constexpr int looks = 20;
+        constexpr int checks = 20;
         double least = 1, largest = 1;
         bool watched = false;
         const auto watch = [&] {
             if (watched) return;
             backend_.upload(problem, random_start(problem, 0.3));
             const double start = energy_before_step(problem, backend_);
-            for (int look = 0; look < looks; ++look) {
-                backend_.step(steps / looks - 1);
+            for (int check = 0; check < checks; ++check) {
+                backend_.step(steps / checks - 1);
                 const double ratio = energy_before_step(problem, backend_) / start;
                 least = ratio >= least ? least : ratio;
                 largest = ratio <= largest ? largest : ratio;
@@ -280,12 +286,12 @@ private:
         swapped.displacement[middle + 1] = {-1, 0, 0};
         // Positions are known to 5e-7 there and stay some of that off; `paper` is off by its bias as well.
         const Formulation formulation = spec_.options.formulation;
-        const Gate gate = at_most(formulation == Formulation::paper ? 1e-2
-                                  : on_positions(formulation)       ? 1e-5
-                                                                    : 1e-6);
+        const Threshold threshold = at_most(formulation == Formulation::paper ? 1e-2
+                                            : on_positions(formulation)       ? 1e-5
+                                                                              : 1e-6);
         for (const auto& [name, start] :
              {std::pair{"coincident", coincident}, std::pair{"swapped", swapped}}) {
-            record({5, name, box_name(8), "spacings", steps, gate}, problem,
+            record({5, name, box_name(8), "spacings", steps, threshold}, problem,
                    [&, &from = start] { return farthest_from_rest(run_from(from, problem, steps)); });
         }
     }
@@ -301,7 +307,7 @@ private:
         }
         State start = state_at_rest(problem);
         constexpr int steps = 100;
-        record({6, "stray NaN", box_name(8), "particles", steps, same_bits_gate()}, problem, [&] {
+        record({6, "stray NaN", box_name(8), "particles", steps, same_bits_threshold()}, problem, [&] {
             const State without = run_from(start, problem, steps);
             start.displacement[middle] = glm::dvec3(std::numeric_limits<double>::quiet_NaN());
             return different(run_from(start, problem, steps), without, middle);
@@ -316,7 +322,7 @@ private:
         problem.gravity = {8e-4, 0, -2e-3};
         pin_lowest_slice(problem);
         const std::string name = "rope@1x1x" + std::to_string(side);
-        record({7, "rope", name, "relative", steps, rounding_gate(2e-5, 5e-7)}, problem,
+        record({7, "rope", name, "relative", steps, rounding_threshold(2e-5, 5e-7)}, problem,
                [&] { return error(name, problem, steps); });
     }
 
@@ -326,7 +332,7 @@ private:
         Problem problem = lattice(grid, 0.5);
         problem.gravity = {8e-4, 0, -2e-3};
         const int steps = by_length(10000, 2000, 500);
-        record({7, "free particle", "particle at x = 100", "relative", steps, rounding_gate(2e-4, 1e-6)},
+        record({7, "free particle", "particle at x = 100", "relative", steps, rounding_threshold(2e-4, 1e-6)},
                problem, [&] {
                    // The sum of 1 to n increments g dt^2.
                    State exact = state_at_rest(problem);
@@ -348,7 +354,7 @@ private:
         problem.gravity = {8e-4, 0, -2e-3};
         const int steps = by_length(50000, 5000, 500);
         const std::string name = "box@8 of stiffness 1 and 1e6";
-        record({7, "stiffness ratio", name, "relative", steps, rounding_gate(2e-5, 5e-7)}, problem,
+        record({7, "stiffness ratio", name, "relative", steps, rounding_threshold(2e-5, 5e-7)}, problem,
                [&] { return error(name, problem, steps); });
     }
 
@@ -360,15 +366,16 @@ private:
         State start = state_at_rest(problem);
         start.displacement[0] = {0.3, 0.2, 0.1};
         for (const Skip& skip : spec_.entry->skips()) {
-            record({8, "skipping " + skip.parameter, box_name(side), "particles", steps, same_bits_gate()},
-                   problem, [&] {
-                       const auto run_with = [&](const std::string& value) {
-                           BackendSpec spec = spec_;
-                           spec.options.tuning[skip.parameter] = value;
-                           return voxspring::run_from(start, problem, *spec.make(), steps);
-                       };
-                       return different(run_with(skip.skipping), run_with(skip.stepping));
-                   });
+            record(
+                {8, "skipping " + skip.parameter, box_name(side), "particles", steps, same_bits_threshold()},
+                problem, [&] {
+                    const auto run_with = [&](const std::string& value) {
+                        BackendSpec spec = spec_;
+                        spec.options.tuning[skip.parameter] = value;
+                        return voxspring::run_from(start, problem, *spec.make(), steps);
+                    };
+                    return different(run_with(skip.skipping), run_with(skip.stepping));
+                });
         }
     }
 
@@ -377,8 +384,8 @@ private:
         for (const int steps : {by_length(1000, 100, 50), by_length(10000, 1000, 200)}) {
             const Problem problem = sagging_cube(side, 0.5);
             record({9, "box", box_name(side), "relative", steps,
-                    steps <= 1000 ? rounding_gate(1.5e-6, by_length(1.5e-7, 1.5e-7, 5e-7))
-                                  : rounding_gate(1.2e-5, 8e-6)},
+                    steps <= 1000 ? rounding_threshold(1.5e-6, by_length(1.5e-7, 1.5e-7, 5e-7))
+                                  : rounding_threshold(1.2e-5, 8e-6)},
                    problem, [&] { return error(box_name(side), problem, steps); });
         }
         const int steps = by_length(10000, 1000, 200);
@@ -386,20 +393,20 @@ private:
         // Undamped, its whipping end parts two float64 runs by 1e-3: no error is of rounding there.
         Problem bending = load_scene(beam).problem;
         bending.damping = 0.001;
-        record({9, "damped beam", beam, "relative", steps, rounding_gate(4e-6, 5e-8)}, bending,
+        record({9, "damped beam", beam, "relative", steps, rounding_threshold(4e-6, 5e-8)}, bending,
                [&] { return error(beam, bending, steps); });
         const std::string heart = by_length("heart", "heart", "heart@20x17x15");
         const Problem damped = load_scene(heart).problem;
         // After 1000 steps it has moved less: the same rounding is 4.9e-7 of that, after 10000 8e-8.
-        record(
-            {9, "damped heart", heart, "relative", steps, rounding_gate(5e-6, by_length(3e-7, 1.5e-6, 3e-7))},
-            damped, [&] { return error(heart, damped, steps); });
+        record({9, "damped heart", heart, "relative", steps,
+                rounding_threshold(5e-6, by_length(3e-7, 1.5e-6, 3e-7))},
+               damped, [&] { return error(heart, damped, steps); });
         // To the same time as 100 steps at half the limit.
         const int refined_side = by_length(32, 16, 8), refined_steps = by_length(3200, 1600, 400);
         const Problem refined = sagging_cube(refined_side, 1.0 / 64);
         const std::string name = box_name(refined_side) + " at 1/64 of the limit";
         record({9, "small time step", name, "relative", refined_steps,
-                rounding_gate(6e-6, by_length(1e-7, 1e-7, 3e-7))},
+                rounding_threshold(6e-6, by_length(1e-7, 1e-7, 3e-7))},
                refined, [&] { return error(name, refined, refined_steps); });
     }
 
@@ -416,7 +423,7 @@ private:
             problem.damping = rate * problem.time_step;
             const int steps = settled * divisor / 2;
             record({9, "static box", box_name(side), "relative", steps,
-                    divisor == 2 ? rounding_gate(5e-7, 3e-7) : rounding_gate(5e-4, 3e-7),
+                    divisor == 2 ? rounding_threshold(5e-7, 3e-7) : rounding_threshold(5e-4, 3e-7),
                     "1/" + std::to_string(divisor) + " of the limit"},
                    problem, [&] {
                        const State state = run_from(state_at_rest(problem), problem, steps);
@@ -429,10 +436,11 @@ private:
     void momentum_of_a_long_run() {
         const int side = by_length(24, 24, 8), steps = by_length(100000, 2000, 500);
         const Scene scene = load_scene("free@" + std::to_string(side));
-        record({9, "momentum", scene.name, "relative", steps, rounding_gate(4e-7, 4e-7)}, scene.problem, [&] {
-            const Momentum p = momentum(scene.problem, run_from(scene.state, scene.problem, steps));
-            return glm::length(p.sum) / p.size;
-        });
+        record({9, "momentum", scene.name, "relative", steps, rounding_threshold(4e-7, 4e-7)}, scene.problem,
+               [&] {
+                   const Momentum p = momentum(scene.problem, run_from(scene.state, scene.problem, steps));
+                   return glm::length(p.sum) / p.size;
+               });
     }
 
     static std::string short_text(double value) {
@@ -464,32 +472,72 @@ void StressReferences::take(const nlohmann::json& event) {
     states_[event.at("reference")] = unpacked(event.at("state").get_binary());
 }
 
+nlohmann::json StressReferences::known() const {
+    nlohmann::json all = nlohmann::json::object();
+    for (const auto& [key, state] : states_) all[key] = nlohmann::json::binary(packed(state));
+    return all;
+}
+
+void StressReferences::take_all(const nlohmann::json& known) {
+    for (const auto& [key, state] : known.items()) states_[key] = unpacked(state.get_binary());
+}
+
 void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
                 StressReferences& references, const Once& once) {
     Suite(spec, backend, lengths, references, once).run();
 }
 
-void print_stress(const nlohmann::json& result, std::ostream& out) {
-    // A line has the figures of all formulations, "!" after those outside of their gate.
+namespace {
+
+template <class Self, class Fields>
+void stress_fields(Self& row, Fields& fields) {
+    fields.required("part", row.part);
+    fields.required("measurement", row.measurement);
+    fields.required("steps", row.steps);
+    fields.nullable("measured", row.measured);
+    fields.nullable("gate", row.threshold);
+    fields.required("gate_is", row.threshold_is);
+    fields.required("passed", row.passed);
+    fields.required("unit", row.unit);
+    fields.required("detail", row.detail);
+}
+
+}  // namespace
+
+nlohmann::json to_json(const StressRow& row) {
+    nlohmann::json json = to_json(row.row);
+    RowWriter writer(json);
+    stress_fields(row, writer);
+    return json;
+}
+
+StressRow stress_row_from_json(const nlohmann::json& json) {
+    StressRow row{.row = row_from_json(json)};
+    RowReader reader(json);
+    stress_fields(row, reader);
+    return row;
+}
+
+void print_stress(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+    // A line has the figures of all formulations, "!" after those outside of their threshold.
     std::vector<std::vector<std::string>> lines;
     std::map<std::vector<std::string>, std::map<std::string, std::string>> figures;
-    for (const auto& row : result.at("stress")) {
-        std::string name = row.at("measurement");
-        if (row.at("detail") != "") name += ", " + row.at("detail").get<std::string>();
-        const std::string backend =
-            row.at("backend").get<std::string>() + " " + row.at("precision").get<std::string>();
+    for (const auto& json : result.at("stress")) {
+        const StressRow row = stress_row_from_json(json);
+        const std::string name = row.measurement + (row.detail.empty() ? "" : ", " + row.detail);
         const std::vector<std::string> line = {
-            std::to_string(row.at("part").get<int>()),  name,
-            row.at("scene").get<std::string>(),         backend,
-            std::to_string(row.at("steps").get<int>()), row.at("unit").get<std::string>()};
+            std::to_string(row.part),  name,
+            row.row.identity.scene,    row.row.identity.backend + " " + row.row.identity.precision,
+            std::to_string(row.steps), row.unit};
         if (!figures.contains(line)) lines.push_back(line);
-        figures[line][row.at("formulation")] =
-            error_text(row.at("measured")) + (row.at("passed").get<bool>() ? " " : "!");
+        figures[line][row.row.identity.formulation] = error_cell(row.measured) + (row.passed ? " " : "!");
     }
     std::stable_sort(lines.begin(), lines.end(), [](const auto& a, const auto& b) { return a[0] < b[0]; });
-    std::vector<std::vector<std::string>> table = {
-        {"part", "measurement", "scene", "backend", "steps", "unit"}};
-    for (const Formulation formulation : all_formulations) table[0].push_back(to_string(formulation));
+    std::vector<Column> columns = {{"part", 3, true},  {"measurement", 0, true},
+                                   {"scene", 0, true}, {"backend", 0, true},
+                                   {"steps", 2},       {"unit", 1}};
+    for (const Formulation formulation : all_formulations) columns.push_back({to_string(formulation)});
+    std::vector<std::vector<std::string>> table;
     for (const auto& line : lines) {
         table.push_back(line);
         for (const Formulation formulation : all_formulations) {
@@ -497,7 +545,7 @@ void print_stress(const nlohmann::json& result, std::ostream& out) {
             table.back().push_back(figure == figures[line].end() ? "- " : figure->second);
         }
     }
-    print_aligned(table, out, 4);
+    print_columns(columns, table, width, out);
 }
 
 }  // namespace voxspring

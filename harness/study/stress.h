@@ -5,17 +5,20 @@
 #include <cstdint>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
 
+#include "harness/results/row.h"
+#include "harness/results/table.h"
 #include "harness/study/suite.h"
 
 namespace voxspring {
 
-/// How long the suite runs and how large its scenes are. `full`: what its gates were measured at, seconds on
-/// a GPU or all cores. `brief`: a tenth of the steps, for an oracle or a renderer in software. `shortest`: a
-/// test's, on boxes of 8^3.
+/// How long the suite runs and how large its scenes are. `full`: what its thresholds were measured at,
+/// seconds on a GPU or all cores. `brief`: a tenth of the steps, for an oracle or a renderer in software.
+/// `shortest`: a test's, on boxes of 8^3.
 enum class StressLengths : std::uint8_t { full, brief, shortest };
 
 /// float64 states that errors are taken against, each computed once: formulation `increment` on cpu_parallel.
@@ -24,9 +27,12 @@ public:
     /// `steps` after rest. `name` says which problem it is.
     const State& of(const std::string& name, const Problem& problem, int steps);
 
-    /// Where those are computed in another process, each is sent to this one, whose take() keeps it.
+    /// Where those are computed in another process, each is reported to this one, whose take() keeps it.
     void report_to(const OnEvent& on_event) { on_event_ = on_event; }
     void take(const nlohmann::json& event);
+    /// All of them, and back: what the next process starts with.
+    nlohmann::json known() const;
+    void take_all(const nlohmann::json& known);
 
 private:
     std::map<std::string, State> states_;
@@ -48,13 +54,27 @@ private:
 /// | 9 | box, damped beam and heart; static box; small time steps | error against float64 |
 /// | 9 | momentum of a long run | sum over sum of sizes |
 ///
-/// A gate holds for every formulation where the model itself demands it; where it is about rounding, for
+/// A threshold holds for every formulation where the model itself demands it; where it is about rounding, for
 /// `increment` and `compensated`, and for the others the figure is recorded alone. Lists by name: `stress`,
-/// one row a measurement; `skipped`; and `failed`, which every gate that does not hold is in.
+/// one row a measurement; `skipped`; and `failed`, which every threshold that does not hold is in.
 void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
                 StressReferences& references, const Once& once);
 
+/// A row of the list `stress`.
+struct StressRow {
+    Row row;
+    int part = 0;
+    std::string measurement = {}, unit = {}, detail = {};
+    int steps = 0;
+    std::optional<double> measured = {};   ///< nothing: not finite
+    std::optional<double> threshold = {};  ///< nothing: recorded alone
+    std::string threshold_is = {};         ///< "at most" or "at least"
+    bool passed = false;
+};
+nlohmann::json to_json(const StressRow& row);
+StressRow stress_row_from_json(const nlohmann::json& json);
+
 /// A line a measurement, scene and backend, with the figures of all formulations.
-void print_stress(const nlohmann::json& result, std::ostream& out);
+void print_stress(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

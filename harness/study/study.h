@@ -1,8 +1,8 @@
-// A study: which scenes, which backends, how many steps; and its run.
+// A study: which scenes, which backends, how many steps; and its run. What is measured is its kind's
+// (study_kind.h).
 #pragma once
 
 #include <chrono>
-#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -11,29 +11,16 @@
 #include <vector>
 
 #include "harness/scene/scene.h"
-#include "harness/study/fastest.h"
-#include "harness/study/stress.h"
 
 namespace voxspring {
 
-/// What a study measures.
-enum class StudyKind : std::uint8_t {
-    timing,     ///< the time of a step, with its errors (measure.h)
-    fastest,    ///< the same, and for each dataset the fastest strategy against what was aimed at (fastest.h)
-    pareto,     ///< run time to a fixed end time against error, over time steps (pareto.h)
-    stability,  ///< up to which time step backends are stable (stability_study.h)
-    stress,     ///< what backends do at the ends of what can be simulated (stress.h)
-};
-
-/// One scene of a study; of a stress study one of its suites.
+/// One scene of a study.
 struct StudyScene {
-    std::string scene;                  ///< what load_scene() takes
-    int steps = 0;                      ///< in a batch, errors are taken after it; of pareto see TimeSteps
-    std::vector<std::string> backends;  ///< backend patterns; empty: the study's
-    bool map = false;                   ///< of a stability study: with a map of damping against time step
-    StressLengths lengths = StressLengths::full;   ///< of a stress study
-    bool rewind = true;                            ///< of a fastest study: see Batch
+    std::string scene;  ///< what load_scene() takes, or what the kind makes of it
+    int steps = 0;      ///< in a batch, errors are taken after it; the kind may have it otherwise
+    std::vector<std::string> backends;             ///< backend patterns; empty: the study's
     std::shared_ptr<const Scene> built = nullptr;  ///< one that is at hand, in the place of load_scene(scene)
+    nlohmann::json settings = nlohmann::json::object();  ///< keys of the kind, as in a study file
 };
 
 /// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
@@ -43,12 +30,10 @@ struct StudyScene {
 struct Study {
     std::string name;
     std::string description;
-    StudyKind kind = StudyKind::timing;
+    std::string kind = "timing";  ///< a registered one (study_kind.h)
     int repetitions = 9;
-    int steps = 0;                   ///< for scenes that the command line adds
-    bool total_error = true;         ///< of a timing study: take errors against float64 refined in time
-    std::vector<double> time_steps;  ///< of a pareto study: fractions of the stable one, descending
-    std::vector<Target> targets;     ///< of a fastest study
+    int steps = 0;                                       ///< for scenes that the command line adds
+    nlohmann::json settings = nlohmann::json::object();  ///< keys of the kind, as in a study file
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
 };
@@ -83,11 +68,15 @@ struct StudyOptions {
 /// Runs the study and returns the result (results/schema.json). With `out` every finished measurement is in a
 /// journal beside it at once (journal.h), and the file is replaced after every scene; the journal is removed
 /// when the study is finished. The first SIGINT or SIGTERM stops it after what is in flight; its result is
-/// then `unfinished`. A scene of the study's own that this machine has too little memory for is skipped.
+/// then `unfinished`. A scene of the study's own that this machine has too little memory for is skipped. Two
+/// different scenes of one name are refused: results tell scenes apart by their names.
 /// Throws BadInput before anything has run, Unwritten or std::system_error where the disk takes no more.
 nlohmann::json run_study(Study study, const StudyOptions& options);
 
 /// Whether a result is of a study that was interrupted.
 bool is_unfinished(const nlohmann::json& result);
+
+/// Whether anything was measured: a list beside those of what was skipped, failed and chosen has a row.
+bool has_measured(const nlohmann::json& result);
 
 }  // namespace voxspring

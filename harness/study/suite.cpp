@@ -8,45 +8,24 @@
 namespace voxspring {
 namespace {
 
-class SuiteRunner : public CaseRunner {
-public:
-    SuiteRunner(BackendSpec spec, RunSuite run) : spec_(std::move(spec)), run_(std::move(run)) {}
-
-    nlohmann::json answer(Backend& backend, const nlohmann::json& question,
-                          const OnEvent& on_event) override {
-        const std::set<std::string> known = question.at("known");
-        run_(
-            spec_, backend,
-            [&](const std::string& name, const std::function<Rows()>& measure) {
-                if (known.contains(name)) return;
-                on_event({{"begun", name}});
-                const Rows rows = measure();
-                on_event({{"measured", name}, {"rows", rows}});
-            },
-            on_event);
-        return nullptr;
-    }
-
-private:
-    BackendSpec spec_;
-    RunSuite run_;
-};
-
 std::string key_of(std::size_t number) { return "measurement " + std::to_string(number); }
 
 /// Measures what is missing.
-void complete(Case& benchmark_case, const std::function<void(const std::string& name)>& on_measurement,
-              const OnEvent& on_event) {
+void complete(StudyBench& bench, Case& benchmark_case, const nlohmann::json& known, const OnEvent& on_event) {
     JournalScope& scope = benchmark_case.scope();
-    std::set<std::string> known;
-    while (const nlohmann::json* measurement = scope.find(key_of(known.size() + 1)))
-        known.insert(measurement->at("measured").get<std::string>());
-    std::size_t count = known.size();
+    std::set<std::string> finished;
+    while (const nlohmann::json* measurement = scope.find(key_of(finished.size() + 1)))
+        finished.insert(measurement->at("measured").get<std::string>());
+    std::size_t count = finished.size();
+    const auto& specs = bench.specs();
+    int place = 0;
+    while (place < int(specs.size()) && specs[std::size_t(place)].label() != benchmark_case.spec().label())
+        ++place;
     std::string at = "before its first measurement";
     const auto hear = [&](const nlohmann::json& event) {
         if (event.contains("begun")) {
             at = event.at("begun");
-            on_measurement(at);
+            bench.show(benchmark_case.spec().label() + " " + at, place, int(specs.size()));
         } else if (event.contains("measured")) {
             scope.keep(key_of(++count), event);
             if (interrupted()) throw Interrupted();
@@ -55,7 +34,8 @@ void complete(Case& benchmark_case, const std::function<void(const std::string& 
         }
     };
     const auto failure = failure_of([&] {
-        (void)benchmark_case.ask({{"do", "suite"}, {"known", known}}, "making that measurement", hear);
+        (void)benchmark_case.ask({{"do", "suite"}, {"finished", finished}, {"known", known}},
+                                 "making that measurement", hear);
         scope.keep("finished", true);
     });
     if (failure) scope.keep("failed", at + ": " + *failure);
@@ -63,28 +43,30 @@ void complete(Case& benchmark_case, const std::function<void(const std::string& 
 
 }  // namespace
 
-MakeCaseRunner suite_runner(RunSuite run) {
-    return
-        [run = std::move(run)](const BackendSpec& spec) { return std::make_unique<SuiteRunner>(spec, run); };
+nlohmann::json SuiteRunner::answer(Backend& backend, const nlohmann::json& question,
+                                   const OnEvent& on_event) {
+    const std::set<std::string> finished = question.at("finished");
+    const auto once = [&](const std::string& name, const std::function<Rows()>& measure) {
+        if (finished.contains(name)) return;
+        on_event({{"begun", name}});
+        const Rows rows = measure();
+        on_event({{"measured", name}, {"rows", rows}});
+    };
+    run(backend, question.at("known"), once, on_event);
+    return nullptr;
 }
 
-Rows measure_suite(Case& benchmark_case, const std::string& scene,
-                   const std::function<void(const std::string& name)>& on_measurement,
+void measure_suite(StudyBench& bench, Case& benchmark_case, const nlohmann::json& known,
                    const OnEvent& on_event) {
     JournalScope& scope = benchmark_case.scope();
     if (scope.find("finished") == nullptr && scope.find("failed") == nullptr)
-        complete(benchmark_case, on_measurement, on_event);
-    Rows rows;
+        complete(bench, benchmark_case, known, on_event);
     for (std::size_t i = 1; const nlohmann::json* measurement = scope.find(key_of(i)); ++i) {
         for (const auto& [list, measured] : measurement->at("rows").items()) {
-            for (const nlohmann::json& row : measured) rows[list].push_back(row);
+            for (const nlohmann::json& row : measured) bench.add(list, row);
         }
     }
-    if (const nlohmann::json* reason = scope.find("failed")) {
-        rows["failed"].push_back(row_identity(scene, benchmark_case.spec()));
-        rows["failed"].back()["reason"] = *reason;
-    }
-    return rows;
+    bench.add_failure(benchmark_case);
 }
 
 }  // namespace voxspring

@@ -2,28 +2,38 @@
 #pragma once
 
 #include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
-#include "harness/study/measure.h"
+#include "harness/process/case_runner.h"
+#include "harness/study/study_bench.h"
 
 namespace voxspring {
+
+/// Rows by the list of the result that they belong to.
+using Rows = std::map<std::string, std::vector<nlohmann::json>>;
 
 /// How a suite makes a measurement, whose name is its own within the suite: by calling `measure`, or not
 /// where it is known by that name.
 using Once = std::function<void(const std::string& name, const std::function<Rows()>& measure)>;
 
-/// A suite. What it posts is for whoever calls measure_suite().
-using RunSuite =
-    std::function<void(const BackendSpec& spec, Backend& backend, const Once& once, const OnEvent& on_event)>;
-
 /// What a case does in its process to go through a suite.
-MakeCaseRunner suite_runner(RunSuite run);
+class SuiteRunner : public CaseRunner {
+public:
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent& on_event) final;
 
-/// Takes a case, whose runner is suite_runner(), through its suite; what the journal has is not measured
-/// again. What fails the suite as a whole, the end of the process included, is a row of the list `failed`.
-/// Once interrupted, the rows so far.
-Rows measure_suite(Case& benchmark_case, const std::string& scene,
-                   const std::function<void(const std::string& name)>& on_measurement,
+private:
+    /// `known` is what measure_suite() was given. Events are for whoever called that.
+    virtual void run(Backend& backend, const nlohmann::json& known, const Once& once,
+                     const OnEvent& on_event) = 0;
+};
+
+/// Takes a case, whose runner is a SuiteRunner, through its suite; what the journal has is not measured
+/// again. Rows go to the bench. What fails the suite as a whole, the end of the process included, is a row of
+/// `failed`. Once interrupted, the rows so far.
+void measure_suite(StudyBench& bench, Case& benchmark_case, const nlohmann::json& known = {},
                    const OnEvent& on_event = {});
 
 }  // namespace voxspring

@@ -1,7 +1,7 @@
 // What every row of a result says about the accuracy of its run.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -27,16 +27,20 @@ struct ReferenceSolution {
 /// diverges no error fails, unless the state is not finite.
 Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
 
-/// error_relative_l2, error_max and worst_particle, the rounding error; total_error_relative_l2,
-/// total_error_max, total_error_uncertainty and total_error_reason; momentum_error, energy_error; chaotic and
-/// divergence. results/schema.json defines each.
-nlohmann::json error_fields(const ReferenceSolution& solution, const State& state,
-                            const Comparison& comparison);
+/// What a row says of its accuracy; nothing where that is not known. results/schema.json defines each.
+struct Errors {
+    std::optional<double> relative_l2, max;       ///< rounding
+    std::optional<std::uint64_t> worst_particle;  ///< whose rounding error `max` is
+    std::optional<double> total_relative_l2, total_max,
+        total_uncertainty;                    ///< against the converged solution
+    std::optional<std::string> total_reason;  ///< why there are none of these
+    std::optional<double> momentum, energy;
+    bool chaotic = false;
+    std::optional<double> divergence;
+};
+Errors errors_of(const ReferenceSolution& solution, const State& state, const Comparison& comparison);
 
-/// The same fields of a run that has no errors.
-nlohmann::json no_error_fields(const ReferenceSolution& solution);
-
-/// JSON has neither infinity nor NaN.
-nlohmann::json number_or_null(double value);
+/// Of a run that has none.
+Errors no_errors(const ReferenceSolution& solution);
 
 }  // namespace voxspring

@@ -1,0 +1,111 @@
+#include "harness/results/table.h"
+
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <numeric>
+
+#include "harness/base/text.h"
+
+namespace voxspring {
+namespace {
+
+constexpr std::size_t min_name = 12;  ///< characters that a name keeps
+constexpr std::size_t gap = 2;
+
+struct Laid {
+    std::vector<std::size_t> columns;  ///< which are left
+    std::vector<std::size_t> widths;   ///< of all
+    std::size_t total() const {
+        std::size_t sum = columns.empty() ? 0 : gap * (columns.size() - 1);
+        for (const std::size_t c : columns) sum += widths[c];
+        return sum;
+    }
+};
+
+/// Drops the most expendable column; false where none is left.
+bool drop_one(Laid& laid, const std::vector<Column>& columns) {
+    const auto worst = std::max_element(laid.columns.begin(), laid.columns.end(), [&](auto a, auto b) {
+        return columns[a].expendable < columns[b].expendable;
+    });
+    if (worst == laid.columns.end() || columns[*worst].expendable == 0) return false;
+    laid.columns.erase(worst);
+    return true;
+}
+
+/// Takes what is too much from the widest name.
+void narrow_names(Laid& laid, const std::vector<Column>& columns, std::size_t width) {
+    while (laid.total() > width) {
+        std::size_t* widest = nullptr;
+        for (const std::size_t c : laid.columns) {
+            if (columns[c].is_name && laid.widths[c] > min_name &&
+                (widest == nullptr || laid.widths[c] > *widest))
+                widest = &laid.widths[c];
+        }
+        if (widest == nullptr) return;
+        --*widest;
+    }
+}
+
+}  // namespace
+
+TableWidth terminal_width(int descriptor) {
+    if (isatty(descriptor) == 0) return 0;
+    constexpr TableWidth min_width = 80;
+    winsize size{};
+    if (ioctl(descriptor, TIOCGWINSZ, &size) != 0) return min_width;
+    return std::max<TableWidth>(size.ws_col, min_width);
+}
+
+std::string shortened(const std::string& text, std::size_t length) {
+    const std::string dots = "...";
+    if (text.size() <= length || length <= dots.size()) return text.substr(0, length);
+    const std::size_t kept = length - dots.size(), front = kept - kept / 2;
+    return text.substr(0, front) + dots + text.substr(text.size() - kept / 2);
+}
+
+void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
+                   TableWidth width, std::ostream& out) {
+    Laid laid;
+    laid.columns.resize(columns.size());
+    std::iota(laid.columns.begin(), laid.columns.end(), std::size_t(0));
+    for (std::size_t c = 0; c < columns.size(); ++c) {
+        laid.widths.push_back(columns[c].heading.size());
+        for (const auto& row : rows) laid.widths[c] = std::max(laid.widths[c], row[c].size());
+    }
+    if (width > 0) {
+        // A name of twice its least length says more than an expendable figure.
+        Laid names = laid;
+        const auto fits = [&] {
+            names = laid;
+            for (const std::size_t c : names.columns) {
+                if (columns[c].is_name) names.widths[c] = std::min(names.widths[c], 2 * min_name);
+            }
+            return names.total() <= width;
+        };
+        while (!fits() && drop_one(laid, columns)) {
+        }
+        narrow_names(laid, columns, width);
+    }
+    const auto print = [&](const auto& cell_of) {
+        std::string line;
+        for (const std::size_t c : laid.columns) {
+            const std::string cell = shortened(cell_of(c), laid.widths[c]);
+            const std::string padding(laid.widths[c] - cell.size(), ' ');
+            line += (c == laid.columns.front() ? "" : std::string(gap, ' ')) +
+                    (columns[c].is_name ? cell + padding : padding + cell);
+        }
+        out << line << "\n";
+    };
+    print([&](std::size_t c) { return columns[c].heading; });
+    for (const auto& row : rows) print([&](std::size_t c) { return row[c]; });
+}
+
+std::string error_cell(const std::optional<double>& error) { return error ? error_text(*error) : "-"; }
+
+std::string percent_cell(const std::optional<double>& fraction) {
+    return fraction ? percent_text(*fraction) : "-";
+}
+
+}  // namespace voxspring

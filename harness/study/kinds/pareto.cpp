@@ -1,0 +1,251 @@
+// The kind of study `pareto`: run time to a fixed end time against error, over time steps.
+#include "harness/study/pareto.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <stdexcept>
+#include <utility>
+
+#include "harness/base/bad_input.h"
+#include "harness/base/statistics.h"
+#include "harness/device/limits.h"
+#include "harness/results/capabilities.h"
+#include "harness/results/result.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/study/measure.h"
+#include "harness/study/study_kind.h"
+#include "harness/verification/divergence.h"
+#include "harness/verification/errors.h"
+
+namespace voxspring {
+namespace {
+
+/// Repetitions of a run stop once they have taken that long together.
+constexpr double max_seconds = 1;
+/// A run as long as that is its own warm-up.
+constexpr double long_run_seconds = 0.25;
+
+/// Which time steps a scene is run with.
+struct TimeSteps {
+    std::vector<double> fractions;  ///< of the stable time step, descending
+    int steps = 0;                  ///< in the first of them, which sets the end time: the same for all
+    int repetitions = 0;            ///< timed runs at each, fewer where they take more than a second together
+
+    double steps_at(double fraction) const { return std::round(steps * (fractions.front() / fraction)); }
+    /// To the end time, which all time steps reach.
+    Span span(const Scene& scene) const { return {fractions.front() * scene.stable_time_step, steps}; }
+};
+
+/// What rows call the device: the same card has one name whatever the API.
+std::string device_of(const Capabilities& capabilities, std::map<std::string, std::string>& by_uuid) {
+    const std::string& device = capabilities.device;
+    return capabilities.uuid.empty() ? device : by_uuid.emplace(capabilities.uuid, device).first->second;
+}
+
+// --- In the process of a case ---------------------------------------------------------------------------
+
+struct TimedRuns {
+    std::vector<double> seconds;
+    State last;
+    std::optional<Divergence> divergence;
+};
+
+TimedRuns time_runs(Backend& backend, const Scene& scene, const DivergenceMonitor& monitor, int steps,
+                    int repetitions) {
+    SceneRunner runner(scene);
+    TimedRuns timed;
+    backend.monitor(monitor);
+    const auto once = [&] {
+        runner.rewind(backend);
+        const double seconds = backend.timed([&] { runner.run(backend, steps); }).device_seconds;
+        timed.divergence = backend.divergence();
+        return seconds;
+    };
+    double total = once();
+    if (total > long_run_seconds) {
+        timed.seconds.push_back(total);
+    } else {
+        total = 0;
+    }
+    while (!timed.divergence && int(timed.seconds.size()) < repetitions && total < max_seconds) {
+        timed.seconds.push_back(once());
+        total += timed.seconds.back();
+    }
+    timed.last = backend.download();
+    timed.divergence = find_divergence(backend, runner, monitor, timed.last, steps);
+    return timed;
+}
+
+/// Runs one time step after another.
+class ParetoRunner : public CaseRunner {
+public:
+    ParetoRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+        : scene_(scene),
+          span_{parameters.at("time_step"), parameters.at("steps")},
+          repetitions_(parameters.at("repetitions")),
+          shared_(shared) {}
+
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
+        const int steps = question.at("steps");
+        const Scene stepped = in_steps(scene_, span_, steps);
+        const DivergenceMonitor monitor = divergence_monitor(stepped, steps);
+        const TimedRuns timed = time_runs(backend, stepped, monitor, steps, repetitions_);
+        nlohmann::json answer = {{"state", shared_.put(timed.last)}, {"seconds", timed.seconds}};
+        if (timed.divergence) answer["diverged"] = describe(*timed.divergence, monitor);
+        return answer;
+    }
+
+private:
+    const Scene& scene_;
+    const Span span_;
+    const int repetitions_;
+    SharedState& shared_;
+};
+
+const RegisteredCaseRunner runner("pareto", [](const BackendSpec&, const Scene& scene,
+                                               const nlohmann::json& parameters, SharedState* shared) {
+    return std::make_unique<ParetoRunner>(scene, parameters, *shared);
+});
+
+// --- In the process of the study ------------------------------------------------------------------------
+
+/// A time step of a scene, and what its runs are held against.
+struct Step {
+    const Scene& scene;
+    const Scene& stepped;
+    const ReferenceSolution& solution;
+    double end_time;
+    SharedState& state;
+};
+
+/// One row. Throws what the case does, and std::runtime_error where it does not agree with the reference.
+ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& device) {
+    const Scene& scene = step.scene;
+    const int steps = step.solution.steps;
+    const nlohmann::json timed =
+        benchmark_case.ask({{"do", "run"}, {"steps", steps}}, "running " + std::to_string(steps) + " steps");
+    const State last = step.state.take(timed.at("state"));
+    const Comparison comparison = judge(step.solution, last, benchmark_case.spec());
+    ParetoRow one{.row = row_of(scene.name, benchmark_case.spec()),
+                  .device = device,
+                  .time_step = step.stepped.problem.time_step,
+                  .fraction_of_stable = step.stepped.problem.time_step / scene.stable_time_step,
+                  .end_time = step.end_time,
+                  .seconds = {},
+                  .diverged = timed.contains("diverged")};
+    if (!one.diverged && !comparison.passed())
+        throw std::runtime_error("does not agree with cpu_reference: " + comparison.reason + " (in " +
+                                 std::to_string(steps) + " steps)");
+    one.row.workpiece = Workpiece{.steps = steps,
+                                  .particles = scene.problem.particle_count(),
+                                  .springs = count_springs(scene.problem).total()};
+    if (one.diverged) {
+        one.row.reason = timed.at("diverged").get<std::string>();
+        one.row.errors = no_errors(step.solution);
+    } else {
+        const std::vector<double> seconds = timed.at("seconds");
+        one.seconds = median(seconds);
+        one.row.noisy = reasons_of_noise({.seconds = seconds});
+        one.row.errors = errors_of(step.solution, last, comparison);
+    }
+    return one;
+}
+
+class ParetoStudy final : public StudyKind {
+public:
+    void read(JsonObject& study) override;
+    void check(const Study& study, const StudyScene& item, const Scene& scene) const override;
+    int rows_of_case(const Study&, const StudyScene&) const override { return int(fractions_.size()); }
+    double steps_of_case(const Study& study, const StudyScene& item) const override {
+        double steps = 0;
+        for (const double fraction : fractions_) steps += time_steps_of(study, item).steps_at(fraction);
+        return steps * study.repetitions;
+    }
+    void run(StudyBench& bench) override;
+    std::vector<std::string> lists() const override { return {"pareto"}; }
+    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
+        print_fronts(result, out, width);
+        print_limits(result.at("context").at("voxspring").at("limits"), out);
+        print_unmeasured(result, out);
+    }
+
+private:
+    TimeSteps time_steps_of(const Study& study, const StudyScene& item) const {
+        return {fractions_, item.steps, study.repetitions};
+    }
+
+    std::vector<double> fractions_;  ///< of the stable time step, descending
+};
+
+void ParetoStudy::read(JsonObject& study) {
+    for (const JsonValue& item :
+         study.require("time_steps", "fractions of the stable time step").array(1, 64)) {
+        fractions_.push_back(item.number(1e-6, 1));
+        if (fractions_.size() > 1 && fractions_.back() >= fractions_[fractions_.size() - 2])
+            item.refuse("fractions of the stable time step in descending order");
+    }
+}
+
+void ParetoStudy::check(const Study& study, const StudyScene& item, const Scene& scene) const {
+    const TimeSteps time_steps = time_steps_of(study, item);
+    const std::string where = "scene " + scene.name;
+    if (!scene.edits.empty())
+        throw BadInput(where, "edits", std::to_string(scene.edits.size()) + " edits",
+                       "none in a pareto study: springs that change make the order in time one");
+    if (!std::isfinite(scene.stable_time_step))
+        throw BadInput(where, "stable time step", "infinite", "a scene with springs");
+    if (time_steps.steps_at(fractions_.back()) > max_steps_in_all)
+        throw BadInput(where, "time_steps", std::to_string(fractions_.back()),
+                       "fractions that take at most " + std::to_string(max_steps_in_all) + " steps");
+}
+
+void ParetoStudy::run(StudyBench& bench) {
+    const Scene& scene = bench.scene();
+    const TimeSteps time_steps = time_steps_of(bench.study(), bench.item());
+    const Span span = time_steps.span(scene);
+    SharedState state(scene.problem.particle_count());
+    std::vector<Case> cases = bench.enter_all(
+        {"pareto",
+         {{"time_step", span.time_step}, {"steps", span.steps}, {"repetitions", time_steps.repetitions}},
+         &state});
+    if (cases.empty()) return;
+    std::vector<int> counts;
+    for (const double fraction : fractions_) counts.push_back(int(time_steps.steps_at(fraction)));
+    const int total = int(counts.size() * cases.size());
+    bench.show("float64 references", 0, total);
+    const Refined refined = bench.references().refined(scene, span, counts);
+    const Chaos chaos = bench.references().chaos(in_steps(scene, span, counts.front()), counts.front());
+
+    std::vector<ParetoRow> rows;
+    std::map<std::string, std::string> by_uuid;
+    int begun = 0;
+    for (const int steps : counts) {
+        const Scene stepped = in_steps(scene, span, steps);
+        ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps), refined,
+                                   chaos};
+        solution.conserved = conserved(solution.problem, solution.same_step);
+        const Step step{scene, stepped, solution, span.time_step * span.steps, state};
+        const std::string name = "row of " + std::to_string(steps) + " steps";
+        for (Case& one : cases) {
+            JournalScope& scope = one.scope();
+            const std::string device = device_of(capabilities_of(one.capabilities()), by_uuid);
+            bench.show(one.spec().label(), begun++, total);
+            if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
+                const auto failure =
+                    failure_of([&] { scope.keep(name, to_json(run_step(one, step, device))); });
+                if (failure) scope.keep("failed", *failure);
+            }
+            if (const nlohmann::json* row = scope.find(name)) rows.push_back(pareto_row_from_json(*row));
+        }
+    }
+    for (Case& one : cases) bench.add_failure(one);
+    mark_fronts(rows);
+    for (const ParetoRow& row : rows) bench.add("pareto", to_json(row));
+}
+
+const RegisteredStudyKind registered("pareto", [] { return std::make_unique<ParetoStudy>(); });
+
+}  // namespace
+}  // namespace voxspring

@@ -1,0 +1,79 @@
+// The kind of study `stress`: what backends do at the ends of what can be simulated, on scenes of its own.
+#include "harness/study/stress.h"
+
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "harness/results/result.h"
+#include "harness/study/study_kind.h"
+
+namespace voxspring {
+namespace {
+
+const std::map<std::string, StressLengths> lengths_by_name = {
+    {"full", StressLengths::full}, {"brief", StressLengths::brief}, {"shortest", StressLengths::shortest}};
+
+class StressRunner final : public SuiteRunner {
+public:
+    StressRunner(BackendSpec spec, const nlohmann::json& parameters)
+        : spec_(std::move(spec)), lengths_(lengths_by_name.at(parameters.at("lengths"))) {}
+
+private:
+    void run(Backend& backend, const nlohmann::json& known, const Once& once,
+             const OnEvent& on_event) override {
+        StressReferences references;
+        references.take_all(known);
+        references.report_to(on_event);
+        run_stress(spec_, backend, lengths_, references, once);
+    }
+
+    const BackendSpec spec_;
+    const StressLengths lengths_;
+};
+
+const RegisteredCaseRunner runner("stress", [](const BackendSpec& spec, const Scene&,
+                                               const nlohmann::json& parameters, SharedState*) {
+    return std::make_unique<StressRunner>(spec, parameters);
+});
+
+class StressStudy final : public StudyKind {
+public:
+    std::string scenes_key() const override { return "suites"; }
+    std::string read_scene(JsonObject& item) const override {
+        std::vector<std::string> names;
+        for (const auto& [name, lengths] : lengths_by_name) names.push_back(name);
+        (void)item.require("lengths", "full, brief or shortest").one_of(names);
+        return "stress";
+    }
+    /// A suite brings its own scenes: what stands for them is one that every backend takes.
+    std::shared_ptr<const Scene> own_scene(const StudyScene& item) const override {
+        Scene scene = load_scene("box@2");
+        scene.name = item.scene;
+        return std::make_shared<const Scene>(std::move(scene));
+    }
+    int rows_of_case(const Study&, const StudyScene&) const override { return 30; }
+    /// One case after the other: what one computes of references, the next ones have.
+    void run(StudyBench& bench) override {
+        const std::string lengths = bench.item().settings.at("lengths");
+        for (const BackendSpec& spec : bench.specs()) {
+            auto entered = bench.enter(spec, {"stress", {{"lengths", lengths}}});
+            if (!entered) continue;
+            measure_suite(bench, *entered, references_.known(),
+                          [&](const nlohmann::json& event) { references_.take(event); });
+        }
+    }
+    std::vector<std::string> lists() const override { return {"stress"}; }
+    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
+        print_stress(result, out, width);
+        print_unmeasured(result, out);
+    }
+
+private:
+    StressReferences references_;
+};
+
+const RegisteredStudyKind registered("stress", [] { return std::make_unique<StressStudy>(); });
+
+}  // namespace
+}  // namespace voxspring

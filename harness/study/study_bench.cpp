@@ -1,0 +1,186 @@
+#include "harness/study/study_bench.h"
+
+#include <algorithm>
+#include <stdexcept>
+#include <utility>
+
+#include "backends/disk_cache.h"
+#include "harness/base/interruption.h"
+#include "harness/results/capabilities.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/study/auto_choice.h"
+#include "harness/study/selection.h"
+
+namespace voxspring {
+namespace {
+
+const std::vector<std::string>& patterns_of(const Study& study, const StudyScene& item) {
+    return item.backends.empty() ? study.backends : item.backends;
+}
+
+/// Empty, or why a backend on the card `uuid` is not for a table of `backends`.
+std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
+    for (const auto& [name, backend] : backends.items()) {
+        const std::string card = capabilities_of(backend).uuid;
+        if (uuid.empty() || card.empty() || card == uuid) continue;
+        return "is on " + uuid + ", " + name + " on " + card + ": two cards are not compared as one";
+    }
+    return {};
+}
+
+}  // namespace
+
+std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item,
+                                     const StudyOptions& options) {
+    const auto known = [](std::vector<std::string> patterns) {
+        patterns.erase(std::remove_if(patterns.begin(), patterns.end(), asks_for_auto), patterns.end());
+        return patterns;
+    };
+    return select(expand_all(known(patterns_of(study, item))), known(options.backends));
+}
+
+StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal& journal, Progress& progress,
+                       nlohmann::json& result)
+    : study_(study),
+      options_(options),
+      journal_(journal),
+      progress_(progress),
+      result_(result),
+      references_(DiskCache{}, [this](int done, int steps) {
+          if (interrupted()) throw Interrupted();
+          show("float64 reference, " + std::to_string(done) + " of " + std::to_string(steps) + " steps", 0,
+               1);
+      }) {}
+
+void StudyBench::turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number) {
+    item_ = &item;
+    scene_ = std::move(scene);
+    number_ = number;
+    specs_ = select(expand_all(with_choices(patterns_of(study_, item))), with_choices(options_.backends));
+}
+
+std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, bool limits) {
+    Case entered(spec, *scene_, maker_of(program, *scene_),
+                 JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "),
+                 options_.timeout);
+    if (const nlohmann::json* failed = entered.scope().find("not entered")) {
+        fail(spec, *failed);
+        return std::nullopt;
+    }
+    std::string unavailable, reason;
+    const auto failure = failure_of([&] {
+        try {
+            reason = refusal_of(entered);
+            if (reason.empty() && limits) measure_limits(entered);
+        } catch (const Unavailable& absent) {
+            unavailable = absent.what();
+        }
+    });
+    // What was there for an earlier scene has been lost since.
+    const bool lost = context()["backends"].contains(spec.entry->name);
+    if (failure) {
+        entered.scope().keep("not entered", *failure);
+        fail(spec, *failure);
+    }
+    if (!unavailable.empty()) put(lost ? "failed" : "skipped", spec, unavailable);
+    if (!reason.empty()) skip(spec, reason);
+    if (failure || !unavailable.empty() || !reason.empty() || interrupted()) return std::nullopt;
+    return entered;
+}
+
+std::vector<Case> StudyBench::enter_all(const CaseProgram& program, bool limits) {
+    std::vector<Case> cases;
+    for (const BackendSpec& spec : specs_) {
+        show("starting " + spec.label(), 0, 1);
+        if (auto entered = enter(spec, program, limits)) cases.push_back(*std::move(entered));
+    }
+    if (!specs_.empty()) progress_.narrow(double(cases.size()) / double(specs_.size()));
+    return cases;
+}
+
+void StudyBench::add(const std::string& list, nlohmann::json row) { result_[list].push_back(std::move(row)); }
+
+void StudyBench::put(const char* list, const BackendSpec& spec, const std::string& reason) {
+    Row row = row_of(scene_->name, spec);
+    row.reason = reason;
+    add(list, row);
+}
+
+void StudyBench::skip(const BackendSpec& spec, const std::string& reason) { put("skipped", spec, reason); }
+void StudyBench::fail(const BackendSpec& spec, const std::string& reason) { put("failed", spec, reason); }
+
+void StudyBench::add_failure(Case& benchmark_case) {
+    if (const nlohmann::json* reason = benchmark_case.scope().find("failed"))
+        fail(benchmark_case.spec(), *reason);
+}
+
+/// `patterns` with what the rules take for the scene in the place of "auto"; each choice is a row of `auto`.
+std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patterns) {
+    for (std::string& pattern : patterns) {
+        if (!asks_for_auto(pattern)) continue;
+        const Chosen choice = choose_by_rules(pattern, *scene_, [&](const BackendSpec& spec) {
+            const auto accepts = [&](const Backend& backend) -> nlohmann::json {
+                return may_be_chosen(backend) && SceneRunner(*scene_).unsupported(backend).empty();
+            };
+            nlohmann::json accepted = false;
+            (void)failure_of([&] { accepted = look_at(spec, accepts, options_.timeout); });
+            return accepted.get<bool>();
+        });
+        Row row = row_of(scene_->name, choice.spec);
+        row.pattern = pattern;
+        row.reason = choice.reason;
+        add("auto", row);
+        pattern = choice.spec.text();
+    }
+    return patterns;
+}
+
+/// Introduces a case: empty, or why it cannot run the scene.
+std::string StudyBench::refusal_of(Case& benchmark_case) {
+    const nlohmann::json introduction = benchmark_case.introduce();
+    const nlohmann::json& described = introduction.at("capabilities");
+    const std::string uuid = capabilities_of(described).uuid;
+    nlohmann::json& backends = context()["backends"];
+    if (std::string other = other_card(backends, uuid); !other.empty()) return other;
+    std::string unsupported = introduction.at("unsupported");
+    if (unsupported.empty()) {
+        backends[benchmark_case.spec().entry->name] = described;
+        watch_card(uuid);
+    }
+    return unsupported;
+}
+
+/// All backends that compute on a card do so on one.
+void StudyBench::watch_card(const std::string& uuid) {
+    if (uuid.empty() || context().contains("card_watched")) return;
+    try {
+        card_ = std::make_unique<Card>(uuid);
+        context()["card_watched"] = "yes";
+    } catch (const std::runtime_error& reason) {
+        context()["card_watched"] = std::string("not known: ") + reason.what();
+    }
+}
+
+/// What a device can do is measured once, by the first case on it.
+void StudyBench::measure_limits(Case& benchmark_case) {
+    benchmark_case.limits = limits_.of(capabilities_of(benchmark_case.capabilities()), [&] {
+        return benchmark_case.measure_limits(JournalScope(journal_, "limits "));
+    });
+}
+
+void StudyBench::describe_devices() {
+    nlohmann::json& all = context();
+    for (const auto& [name, backend] : all.at("backends").items()) {
+        const Capabilities device = capabilities_of(backend);
+        if (device.family == ApiFamily::cuda) {
+            all["gpu"] = device.device;
+            all["driver"] = device.driver;
+        } else if (device.family == ApiFamily::opengl) {
+            all["gl_renderer"] = device.device;
+            if (all["driver"].is_null()) all["driver"] = device.driver;
+        }
+    }
+    all["limits"] = limits_.json();
+}
+
+}  // namespace voxspring

@@ -1,0 +1,92 @@
+// What a kind of study measures one scene with: the backends, each in a process of its own, the references
+// and the lists that rows go to.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/base/progress.h"
+#include "harness/device/limits.h"
+#include "harness/device/noise.h"
+#include "harness/process/case.h"
+#include "harness/process/case_runner.h"
+#include "harness/process/journal.h"
+#include "harness/results/row.h"
+#include "harness/scene/scene.h"
+#include "harness/study/study.h"
+#include "harness/verification/reference.h"
+
+namespace voxspring {
+
+/// Serves one study, scene after scene.
+class StudyBench {
+public:
+    /// All must outlive it. Results gather in `result`.
+    StudyBench(const Study& study, const StudyOptions& options, Journal& journal, Progress& progress,
+               nlohmann::json& result);
+    StudyBench(const StudyBench&) = delete;
+    StudyBench& operator=(const StudyBench&) = delete;
+
+    /// Turns to a scene of the study, whose number, from 1, names it in the journal: one may be there twice.
+    void turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number);
+
+    const Study& study() const { return study_; }
+    const StudyScene& item() const { return *item_; }
+    const Scene& scene() const { return *scene_; }
+    /// The backends that the study asks for on this scene, choices of the rules included.
+    const std::vector<BackendSpec>& specs() const { return specs_; }
+
+    /// The case of a backend, ready to be asked; nothing where it cannot run the scene, which the result then
+    /// says. With `limits` what its device can do at best is measured as well, once a device.
+    std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, bool limits = false);
+    /// All that can run the scene.
+    std::vector<Case> enter_all(const CaseProgram& program, bool limits = false);
+
+    /// Adds a row to a list of the result.
+    void add(const std::string& list, nlohmann::json row);
+    void add(const std::string& list, const Row& row) { add(list, to_json(row)); }
+    /// Adds a row to `skipped` or `failed`.
+    void skip(const BackendSpec& spec, const std::string& reason);
+    void fail(const BackendSpec& spec, const std::string& reason);
+    /// Adds to `failed` what the journal says of a case that failed.
+    void add_failure(Case& benchmark_case);
+
+    References& references() { return references_; }
+    const Card* card() const { return card_.get(); }  ///< null: there is none, or it cannot be watched
+    /// What is being done, and how much of the scene's measurements is.
+    void show(const std::string& what, int done, int total) { progress_.show(what, done, total); }
+
+    /// Fills `context.voxspring` with the devices and limits of all scenes so far.
+    void describe_devices();
+
+private:
+    void put(const char* list, const BackendSpec& spec, const std::string& reason);
+    std::vector<std::string> with_choices(std::vector<std::string> patterns);
+    std::string refusal_of(Case& benchmark_case);
+    void watch_card(const std::string& uuid);
+    void measure_limits(Case& benchmark_case);
+    nlohmann::json& context() { return result_["context"]["voxspring"]; }
+
+    const Study& study_;
+    const StudyOptions& options_;
+    Journal& journal_;
+    Progress& progress_;
+    nlohmann::json& result_;
+    const StudyScene* item_ = nullptr;
+    std::shared_ptr<const Scene> scene_;
+    std::size_t number_ = 0;
+    std::vector<BackendSpec> specs_;
+    MeasuredLimits limits_;
+    std::unique_ptr<Card> card_;
+    References references_;  ///< tells how far they are, and ends with Interrupted
+};
+
+/// The backends that are known before the scene is loaded: without what the rules would take.
+std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item, const StudyOptions& options);
+
+}  // namespace voxspring

@@ -1,0 +1,65 @@
+#include "harness/study/study_kind.h"
+
+#include <map>
+#include <utility>
+
+#include "harness/base/bad_input.h"
+
+namespace voxspring {
+namespace {
+
+using Factories = std::map<std::string, std::function<std::unique_ptr<StudyKind>()>>;
+Factories& factories() {
+    static Factories all;
+    return all;
+}
+
+}  // namespace
+
+void StudyKind::read(JsonObject&) {}
+
+std::string StudyKind::read_scene(JsonObject& item) const { return item.require("scene").string(); }
+
+std::shared_ptr<const Scene> StudyKind::own_scene(const StudyScene&) const { return nullptr; }
+
+void StudyKind::check(const Study&, const StudyScene&, const Scene&) const {}
+
+int StudyKind::rows_of_case(const Study&, const StudyScene&) const { return 1; }
+
+double StudyKind::steps_of_case(const Study& study, const StudyScene& item) const {
+    return double(item.steps) * study.repetitions;
+}
+
+void StudyKind::summarise(nlohmann::json&) const {}
+
+RegisteredStudyKind::RegisteredStudyKind(const std::string& name,
+                                         std::function<std::unique_ptr<StudyKind>()> make) {
+    factories().emplace(name, std::move(make));
+}
+
+std::vector<std::string> study_kind_names() {
+    std::vector<std::string> names;
+    for (const auto& [name, make] : factories()) names.push_back(name);
+    return names;
+}
+
+std::unique_ptr<StudyKind> make_study_kind(const std::string& name) { return factories().at(name)(); }
+
+std::unique_ptr<StudyKind> kind_of(const Study& study) {
+    if (!factories().contains(study.kind)) {
+        std::string known;
+        for (const std::string& name : study_kind_names()) known += (known.empty() ? "" : ", ") + name;
+        throw BadInput("study " + study.name, "kind", study.kind, "one of: " + known);
+    }
+    auto kind = make_study_kind(study.kind);
+    JsonObject settings = parse_json(study.settings.dump(), "study " + study.name);
+    kind->read(settings);
+    settings.finish();
+    return kind;
+}
+
+void print_result(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+    make_study_kind(result.at("context").at("voxspring").at("study").at("kind"))->print(result, out, width);
+}
+
+}  // namespace voxspring

@@ -1,0 +1,57 @@
+#include "harness/study/study_scenes.h"
+
+#include <algorithm>
+#include <set>
+#include <utility>
+
+#include "harness/base/bad_input.h"
+#include "harness/study/selection.h"
+#include "harness/verification/reference.h"
+#include "harness/volume/dataset.h"
+#include "harness/volume/volume.h"
+
+namespace voxspring {
+
+void select_scenes(Study& study, const std::vector<std::string>& globs) {
+    if (globs.empty()) return;
+    std::vector<StudyScene> kept;
+    std::set<std::size_t> taken;
+    for (const std::string& glob : globs) {
+        bool found = false;
+        for (std::size_t i = 0; i < study.scenes.size(); ++i) {
+            if (!matches(glob, study.scenes[i].scene)) continue;
+            found = true;
+            if (taken.insert(i).second) kept.push_back(study.scenes[i]);
+        }
+        const auto same = [&](const StudyScene& item) { return item.scene == glob; };
+        if (!found && std::none_of(kept.begin(), kept.end(), same))
+            kept.push_back({.scene = glob, .steps = study.steps, .backends = {}});
+    }
+    study.scenes = std::move(kept);
+}
+
+std::shared_ptr<const Scene> StudyScenes::of(const StudyScene& item) {
+    if (auto own = kind_.own_scene(item)) return own;
+    if (item.built) return item.built;
+    if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
+    auto scene = std::make_shared<const Scene>(
+        load_scene(item.scene, is_volume_name(item.scene) ? volume_ : VolumeOptions{}));
+    if (particles_ + scene->problem.particle_count() <= SceneSizeLimits::of_this_machine().particles / 4) {
+        particles_ += scene->problem.particle_count();
+        kept_[item.scene] = scene;
+    }
+    return scene;
+}
+
+void StudyScenes::check_name(const StudyScene& item) {
+    const auto scene = of(item);
+    const auto [first, added] = named_.emplace(scene->name, &item);
+    const StudyScene& other = *first->second;
+    if (added || (other.scene == item.scene && other.built == item.built)) return;
+    if (fingerprint_of(*of(other)) == fingerprint_of(*scene)) return;
+    throw BadInput("study", "scene", item.scene,
+                   "a scene of another name: " + other.scene + " is called " + scene->name +
+                       " as well, and rows of the two could not be told apart; rename the file");
+}
+
+}  // namespace voxspring

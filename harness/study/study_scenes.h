@@ -1,0 +1,38 @@
+// The scenes of a study: which of them, loaded, and told apart.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "harness/scene/scene.h"
+#include "harness/study/study_kind.h"
+
+namespace voxspring {
+
+/// What --scene leaves of the study's scenes, each once, and what it adds to them.
+void select_scenes(Study& study, const std::vector<std::string>& globs);
+
+/// Loads scenes and keeps them, up to a quarter of the machine's memory, as each is asked for twice.
+class StudyScenes {
+public:
+    /// `volume` is of those that are volume files.
+    StudyScenes(const StudyKind& kind, VolumeOptions volume) : kind_(kind), volume_(std::move(volume)) {}
+
+    /// Throws BadInput, TooLarge.
+    std::shared_ptr<const Scene> of(const StudyScene& item);
+    /// Refuses a scene of the name of another one that is not the same: results tell scenes apart by name.
+    void check_name(const StudyScene& item);
+
+private:
+    const StudyKind& kind_;
+    const VolumeOptions volume_;
+    std::map<std::string, std::shared_ptr<const Scene>> kept_;
+    std::uint64_t particles_ = 0;
+    std::map<std::string, const StudyScene*> named_;  ///< the first of each name
+};
+
+}  // namespace voxspring

@@ -1,0 +1,171 @@
+#include "harness/study/timing_runner.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <ctime>
+#include <memory>
+#include <stdexcept>
+#include <utility>
+
+#include "harness/base/statistics.h"
+#include "harness/device/noise.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/verification/divergence.h"
+
+namespace voxspring {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point begin) {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+/// Of this thread, what Google Benchmark calls cpu_time.
+double cpu_seconds_of_thread() {
+    timespec time{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
+}
+
+/// Has every thread of OpenMP run for a moment. Those of a process that has waited for its turn sleep, wake
+/// on the core of the thread that wakes them, and share it until the system moves them: for a short batch
+/// that is all of its time.
+void spread_threads() {
+    constexpr double moment = 1e-2;  // several of the system's looks at who runs where
+    const auto begin = Clock::now();
+#pragma omp parallel
+    while (seconds_since(begin) < moment) {
+    }
+}
+
+Batch batch_of(const nlohmann::json& parameters) {
+    return {.steps = parameters.at("steps"),
+            .repetitions = parameters.at("repetitions"),
+            .rewind = parameters.at("rewind")};
+}
+
+class TimingRunner : public CaseRunner {
+public:
+    TimingRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+        : scene_(scene),
+          batch_(batch_of(parameters)),
+          shared_(shared),
+          monitor_(divergence_monitor(scene, steps_in_all(batch_))),
+          runner_(scene) {}
+
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
+        const std::string what = question.at("do");
+        if (what == "warm up") return warm_up(backend, question.at("batches"));
+        if (what == "repeat") return repeat(backend, question.at("last"));
+        if (what == "edits") return edits(backend);
+        const StepWork work = backend.step_work(scene_.problem);
+        return {{"bytes", work.bytes},
+                {"operations", work.operations},
+                {"launches", work.launches},
+                {"exchanges", work.exchanges}};
+    }
+
+private:
+    /// Reads the state that has been reached; a run that diverged fails.
+    nlohmann::json read(Backend& backend, int steps) {
+        const State state = backend.download();
+        if (const auto divergence = find_divergence(backend, runner_, monitor_, state, steps))
+            throw std::runtime_error(describe(*divergence, monitor_));
+        return shared_.put(state);
+    }
+
+    /// Uploads and advances, so that shaders are compiled and clocks are up before anything is timed; by one
+    /// batch, and where batches go on from each other by those that were timed before. The work is that of
+    /// the step after the batch: right after an upload a backend knows of nothing that rests.
+    nlohmann::json warm_up(Backend& backend, int batches) {
+        backend.monitor(monitor_);
+        const auto begin = Clock::now();
+        runner_.rewind(backend);
+        const double compile_seconds = backend.compile_seconds();
+        const double upload_seconds = std::max(0.0, seconds_since(begin) - compile_seconds);
+        for (int i = 0; i < batches; ++i) runner_.run(backend, batch_.steps);
+        backend.synchronize();
+        if (backend.divergence()) (void)read(backend, batches * batch_.steps);
+        // Counting takes a step, which only a rewind takes back.
+        const WorkCount work = batch_.rewind ? backend.count_work() : WorkCount{};
+        return {{"compile_seconds", compile_seconds}, {"upload_seconds", upload_seconds}, {"work", work}};
+    }
+
+    /// One timed batch, and the state that it leaves if it is the `last` one or has left its bounds.
+    nlohmann::json repeat(Backend& backend, bool last) {
+        if (batch_.rewind) runner_.rewind(backend);
+        if (backend.capabilities().family == ApiFamily::cpu) spread_threads();
+        const auto waited_begin = waited_seconds();
+        const double cpu_begin = cpu_seconds_of_thread();
+        const Timing timing = backend.timed([&] { runner_.run(backend, batch_.steps); });
+        nlohmann::json answer = {{"cpu_seconds", cpu_seconds_of_thread() - cpu_begin},
+                                 {"device_seconds", timing.device_seconds},
+                                 {"host_seconds", timing.host_seconds}};
+        if (const auto waited_end = waited_seconds(); waited_begin && waited_end) {
+            // Of a shorter batch it would be said that this process waited while it read what is read here.
+            constexpr double shortest = 5e-3;
+            const bool counts = timing.host_seconds >= shortest;
+            answer["waiting"] = counts ? (*waited_end - *waited_begin) / timing.host_seconds : 0.0;
+        }
+        answer["spin_seconds"] = spin_seconds();
+        if (last || backend.divergence()) answer["state"] = read(backend, steps_in_all(batch_));
+        if (runner_.edits_within(batch_.steps) > 0) {
+            // Beside the batch with edits, so that both meet the same clocks.
+            backend.upload(scene_.problem, scene_.state);
+            const Timing plain = backend.timed([&] { backend.step(batch_.steps); });
+            answer["plain_seconds"] = plain.device_seconds;
+        }
+        return answer;
+    }
+
+    /// The latency of each edit by itself, from a device that waits to one that waits again: the best of
+    /// three plays, since an edit is far shorter than what may interrupt it.
+    nlohmann::json edits(Backend& backend) {
+        constexpr int plays = 3;
+        std::vector<double> latency(std::size_t(runner_.edits_within(batch_.steps)), INFINITY);
+        for (int play = 0; play < plays; ++play) {
+            auto next = latency.begin();
+            runner_.rewind(backend);
+            runner_.run(backend, batch_.steps, [&](const Problem& edited, const SpringEdit& edit) {
+                backend.synchronize();
+                const auto begin = Clock::now();
+                backend.edit(edited, edit);
+                backend.synchronize();
+                *next = std::min(*next, seconds_since(begin));
+                ++next;
+            });
+            backend.synchronize();
+        }
+        return {{"edits", latency.size()},
+                {"edit_seconds_median", median(latency)},
+                {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())}};
+    }
+
+    const Scene& scene_;
+    const Batch batch_;
+    SharedState& shared_;
+    const DivergenceMonitor monitor_;
+    SceneRunner runner_;
+};
+
+constexpr const char* runner_name = "timing";
+const RegisteredCaseRunner registered(runner_name, [](const BackendSpec&, const Scene& scene,
+                                                      const nlohmann::json& parameters, SharedState* shared) {
+    return std::make_unique<TimingRunner>(scene, parameters, *shared);
+});
+
+}  // namespace
+
+int steps_in_all(const Batch& batch) {
+    return batch.rewind ? batch.steps : batch.steps * (1 + batch.repetitions);
+}
+
+CaseProgram timing_program(const Batch& batch, SharedState& shared) {
+    return {runner_name,
+            {{"steps", batch.steps}, {"repetitions", batch.repetitions}, {"rewind", batch.rewind}},
+            &shared};
+}
+
+}  // namespace voxspring

@@ -1,0 +1,145 @@
+// Rows of results, Google Benchmark's format, statistics and tables.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/base/statistics.h"
+#include "harness/results/google_benchmark.h"
+#include "harness/results/result.h"
+#include "harness/results/row.h"
+#include "harness/results/table.h"
+
+namespace voxspring::testing {
+namespace {
+
+TEST(Statistics, AreThoseOfASample) {
+    EXPECT_DOUBLE_EQ(median({3, 1, 2}), 2);
+    EXPECT_DOUBLE_EQ(median({4, 1, 3, 2}), 2.5) << "the mean of the two in the middle";
+    EXPECT_DOUBLE_EQ(mean({1, 2, 6}), 3);
+    EXPECT_DOUBLE_EQ(standard_deviation({1, 2, 3, 4}), std::sqrt(5.0 / 3));
+    EXPECT_DOUBLE_EQ(standard_deviation({7}), 0);
+}
+
+Row timed_row() {
+    Row row = row_of("box@4", BackendSpec::parse("cpu_reference"));
+    row.workpiece = Workpiece{.steps = 10, .particles = 64, .springs = 300};
+    row.limit = LimitPart{.seconds = 1e-6, .limited_by = "bandwidth", .fraction = {}};
+    return row;
+}
+
+TEST(GoogleBenchmark, RowsAreItsOwnForWhatWasMeasured) {
+    const auto rows =
+        google_benchmark_rows(timed_row(), {{2e-5, 3e-5, 4e-5}, {4e-5, 5e-5, 6e-5}, {9e-5, 9e-5, 9e-5}}, 7);
+    ASSERT_EQ(rows.size(), 3u + 4u);
+    const nlohmann::json first = to_json(rows[0]);
+    EXPECT_EQ(first.at("name"), "box@4/cpu_reference/increment/float64/iterations:10/repeats:3/manual_time");
+    EXPECT_EQ(first.at("run_name"), first.at("name"));
+    EXPECT_EQ(first.at("run_type"), "iteration");
+    EXPECT_EQ(first.at("repetition_index"), 0);
+    EXPECT_EQ(first.at("family_index"), 7);
+    EXPECT_EQ(first.at("iterations"), 10);
+    EXPECT_EQ(first.at("threads"), 1);
+    EXPECT_DOUBLE_EQ(first.at("real_time"), 2) << "microseconds a step";
+    EXPECT_DOUBLE_EQ(first.at("cpu_time"), 4);
+    EXPECT_DOUBLE_EQ(first.at("particle_updates_per_second"), 64 * 10 / 2e-5);
+    EXPECT_DOUBLE_EQ(first.at("fraction_of_limit"), 0.5);
+    EXPECT_FALSE(first.contains("aggregate_name"));
+
+    const nlohmann::json median_row = to_json(rows[4]);
+    EXPECT_EQ(median_row.at("aggregate_name"), "median");
+    EXPECT_EQ(median_row.at("aggregate_unit"), "time");
+    EXPECT_EQ(median_row.at("name"), std::string(first.at("name")) + "_median");
+    EXPECT_EQ(median_row.at("iterations"), 3) << "the number of repetitions, as Google Benchmark has it";
+    EXPECT_DOUBLE_EQ(median_row.at("real_time"), 4);
+    EXPECT_FALSE(median_row.contains("repetition_index"));
+    EXPECT_TRUE(rows[4].benchmark->is_median());
+
+    const nlohmann::json spread = to_json(rows[6]);
+    EXPECT_EQ(spread.at("aggregate_name"), "cv");
+    EXPECT_EQ(spread.at("aggregate_unit"), "percentage");
+    EXPECT_DOUBLE_EQ(spread.at("real_time"), std::sqrt(13.0) / 5);
+    EXPECT_TRUE(spread.at("fraction_of_limit").is_null());
+    EXPECT_EQ(google_benchmark_rows(timed_row(), {{1, 1, 1}}, 0).size(), 1u) << "no statistics of one";
+}
+
+TEST(GoogleBenchmark, ContextIsOfThisBuild) {
+    const nlohmann::json context = google_benchmark_context();
+#ifdef NDEBUG
+    EXPECT_EQ(context.at("library_build_type"), "release");
+#endif
+    for (const char* key : {"date", "executable", "num_cpus", "mhz_per_cpu", "caches", "load_avg"})
+        EXPECT_TRUE(context.contains(key)) << key;
+    EXPECT_FALSE(context.contains("host_name")) << "results are published";
+}
+
+TEST(Row, IsReadAsItWasWritten) {
+    Row row = google_benchmark_rows(timed_row(), {{2e-5, 3e-5, 4e-5}}, 0).front();
+    row.errors.emplace();
+    row.errors->relative_l2 = 1e-7;
+    row.errors->worst_particle = 3;
+    row.start =
+        StartPart{.construct_seconds = 1, .compile_seconds = 2, .upload_seconds = 3, .ready_seconds = 6};
+    row.edits =
+        EditPart{.edits = 2, .median_seconds = 1e-5, .max_seconds = 2e-5, .seconds_per_step_without = 1e-6};
+    row.reference = ReferencePart{.voxels = 64, .error_steps = 10, .reference = "cpu_reference"};
+    row.verdict = VerdictPart{.passed = true, .finite = true, .error_rms = 1e-9, .tolerance = INFINITY};
+    row.noisy = {"it rained (twice)"};
+    row.resumed = true;
+    row.reason = "why";
+    const nlohmann::json json = to_json(row);
+    EXPECT_TRUE(json.at("tolerance").is_null()) << "JSON has no infinity";
+    EXPECT_TRUE(json.at("total_error_max").is_null());
+    EXPECT_EQ(to_json(row_from_json(json)), json);
+    const nlohmann::json bare = to_json(row_of("box@4", BackendSpec::parse("cpu_reference")));
+    EXPECT_EQ(bare.size(), 6u) << "its identity alone: " << bare;
+    EXPECT_EQ(to_json(row_from_json(bare)), bare);
+}
+
+TEST(Table, DropsColumnsAndShortensNamesWhereThereIsNoRoom) {
+    const std::vector<Column> columns = {
+        {"scene", 0, true}, {"backend", 0, true}, {"time"}, {"springs/s", 2}, {"error", 1}};
+    const std::vector<std::vector<std::string>> rows = {
+        {"box@32", "gl_fragment_implicit increment float32 mask=none", "1.2 us", "3 G/s", "1e-7"}};
+    const auto lines = [&](TableWidth width) {
+        std::ostringstream out;
+        print_columns(columns, rows, width, out);
+        std::vector<std::string> all;
+        std::istringstream text(out.str());
+        for (std::string line; std::getline(text, line);) all.push_back(line);
+        return all;
+    };
+    EXPECT_NE(lines(0)[1].find("mask=none"), std::string::npos) << "no terminal, no limit";
+    EXPECT_NE(lines(0)[0].find("springs/s"), std::string::npos);
+    for (const TableWidth width : {30u, 45u, 60u, 80u}) {
+        for (const std::string& line : lines(width)) EXPECT_LE(line.size(), width) << line;
+        EXPECT_NE(lines(width)[1].find("1.2 us"), std::string::npos) << "the time stays";
+    }
+    EXPECT_EQ(lines(45)[0].find("springs/s"), std::string::npos) << "the most expendable goes first";
+    EXPECT_NE(lines(80)[1].find("..."), std::string::npos);
+    EXPECT_EQ(shortened("abcdefghij", 7), "ab...ij");
+}
+
+TEST(Unmeasured, TakesOneLineAReason) {
+    nlohmann::json result = {{"skipped", nlohmann::json::array()}, {"failed", nlohmann::json::array()}};
+    for (const char* scene : {"a", "b", "c", "d"}) {
+        for (const char* backend : {"cuda_one", "cuda_two", "cuda_three", "cuda_four"}) {
+            Row row{.identity = {.name = std::string(scene) + "/" + backend + "/increment/float32",
+                                 .scene = scene,
+                                 .backend = backend}};
+            row.reason = "no driver";
+            result["skipped"].push_back(to_json(row));
+        }
+    }
+    std::ostringstream out;
+    print_unmeasured(result, out);
+    EXPECT_EQ(out.str(), "skipped: 4 cuda_* backends on 4 scenes: no driver\n");
+    EXPECT_EQ(names_in_short({"a", "b"}), "a, b");
+    EXPECT_EQ(names_in_short({"a_1", "b_1", "c_1", "d_1"}), "4 backends");
+}
+
+}  // namespace
+}  // namespace voxspring::testing

@@ -1,0 +1,206 @@
+// A kind of study from one file: this one defines it, and a study of it runs as any other. Then what all
+// kinds have in common.
+#include "harness/study/study_kind.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <sstream>
+#include <string>
+
+#include "harness/base/bad_input.h"
+#include "harness/cli/commands.h"
+#include "harness/study/study_bench.h"
+#include "tests/volume_files.h"
+
+namespace voxspring::testing {
+namespace {
+
+// --- The kind `upload_time`: how long an upload takes ----------------------------------------------------
+
+class UploadRunner final : public CaseRunner {
+public:
+    UploadRunner(const Scene& scene, const nlohmann::json& parameters)
+        : scene_(scene), times_(parameters.at("times")) {}
+    nlohmann::json answer(Backend& backend, const nlohmann::json&, const OnEvent&) override {
+        const Timing timing = backend.timed([&] {
+            for (int i = 0; i < times_; ++i) backend.upload(scene_.problem, scene_.state);
+        });
+        return timing.host_seconds / times_;
+    }
+
+private:
+    const Scene& scene_;
+    const int times_;
+};
+
+const RegisteredCaseRunner runner("upload_time", [](const BackendSpec&, const Scene& scene,
+                                                    const nlohmann::json& parameters, SharedState*) {
+    return std::make_unique<UploadRunner>(scene, parameters);
+});
+
+class UploadTime final : public StudyKind {
+public:
+    void read(JsonObject& study) override {
+        times_ = int(study.require("times", "uploads of each backend").integer(1, 100));
+    }
+    std::string read_scene(JsonObject& item) const override {
+        if (const auto label = item.find("label")) (void)label->string();
+        return StudyKind::read_scene(item);
+    }
+    void check(const Study&, const StudyScene& item, const Scene& scene) const override {
+        if (!scene.edits.empty()) throw BadInput("study", "scene", item.scene, "a scene without edits");
+    }
+    void run(StudyBench& bench) override {
+        for (const BackendSpec& spec : bench.specs()) {
+            auto entered = bench.enter(spec, {"upload_time", {{"times", times_}}});
+            if (!entered) continue;
+            nlohmann::json row = to_json(row_of(bench.scene().name, spec));
+            row["label"] = bench.item().settings.value("label", "");
+            row["upload_seconds"] = entered->ask({{"do", "upload"}}, "uploading");
+            bench.add("uploads", std::move(row));
+        }
+    }
+    std::vector<std::string> lists() const override { return {"uploads", "slowest"}; }
+    std::string schema() const override { return "urn:example:uploads:1"; }
+    void summarise(nlohmann::json& result) const override {
+        double slowest = 0;
+        for (const auto& row : result.at("uploads"))
+            slowest = std::max(slowest, row.at("upload_seconds").get<double>());
+        result["slowest"] = nlohmann::json::array({slowest});
+    }
+    void print(const nlohmann::json& result, std::ostream& out, TableWidth) const override {
+        for (const auto& row : result.at("uploads")) out << row.at("name").get<std::string>() << "\n";
+    }
+
+private:
+    int times_ = 0;
+};
+
+const RegisteredStudyKind registered("upload_time", [] { return std::make_unique<UploadTime>(); });
+
+class StudyKinds : public ::testing::Test {
+protected:
+    TemporaryFolder folder_;
+    std::string write(const std::string& name, const std::string& text) {
+        const auto path = folder_.path() / name;
+        std::ofstream(path) << text;
+        return path.string();
+    }
+    static std::string refusal(const std::function<void()>& action) {
+        try {
+            action();
+        } catch (const BadInput& error) {
+            return error.what();
+        }
+        return "accepted";
+    }
+};
+
+void expect_contains(const std::string& text, const std::string& part) {
+    EXPECT_NE(text.find(part), std::string::npos) << text;
+}
+
+TEST_F(StudyKinds, OneOfOnesOwnRunsAsAnyOther) {
+    const std::string study = write("uploads.json", R"({"kind": "upload_time", "times": 3,
+        "backends": ["cpu_*"], "scenes": [{"scene": "box@4", "label": "small"}, {"scene": "box@5"}]})");
+    const nlohmann::json result = run_study(load_study(study), {});
+    ASSERT_EQ(result.at("uploads").size(), 4u) << "two backends on two scenes";
+    EXPECT_EQ(result.at("uploads")[0].at("label"), "small");
+    EXPECT_GT(result.at("slowest")[0].get<double>(), 0);
+    EXPECT_EQ(result.at("context").at("voxspring").at("study").at("kind"), "upload_time");
+    std::ostringstream printed;
+    EXPECT_EQ(run_and_print_study(study, {}, printed), 0);
+    expect_contains(printed.str(), "box@5/cpu_reference/increment/float64");
+}
+
+TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {
+    const auto load = [&](const std::string& text) {
+        const std::string file = write("uploads.json", text);
+        return refusal([&] { (void)run_study(load_study(file), {}); });
+    };
+    expect_contains(load(R"({"kind": "upload_time", "backends": ["cpu_*"], "scenes": [{"scene": "box@4"}]})"),
+                    "times");
+    expect_contains(load(R"({"kind": "upload_time", "times": 3, "targets": [], "backends": ["cpu_*"],
+                             "scenes": [{"scene": "box@4"}]})"),
+                    "targets");
+    expect_contains(load(R"({"kind": "upload_time", "times": 3, "backends": ["cpu_*"],
+                             "scenes": [{"scene": "scalpel_1"}]})"),
+                    "without edits");
+    // A study that a program builds is read by the same code.
+    Study study;
+    study.name = "built";
+    study.kind = "upload_time";
+    study.backends = {"cpu_reference"};
+    study.scenes = {{"box@4", 4, {}}};
+    expect_contains(refusal([&] { (void)run_study(study, {}); }), "times");
+    study.kind = "downloads";
+    expect_contains(refusal([&] { (void)run_study(study, {}); }), "upload_time");
+}
+
+// --- What all kinds have in common ------------------------------------------------------------------------
+
+TEST_F(StudyKinds, SayWhichListsAndSchemaTheirResultsHave) {
+    for (const std::string& name : study_kind_names()) {
+        const auto kind = make_study_kind(name);
+        EXPECT_EQ(kind->schema(), name == "upload_time" ? "urn:example:uploads:1" : "urn:voxspring:result:1");
+    }
+    EXPECT_EQ(make_study_kind("stability")->lists(),
+              (std::vector<std::string>{"stability", "stability_map"}));
+}
+
+Study timing_of(const std::vector<StudyScene>& scenes) {
+    Study study;
+    study.name = "test";
+    study.repetitions = 2;
+    study.steps = 3;
+    study.settings = {{"total_error", false}};
+    study.backends = {"cpu_reference"};
+    study.scenes = scenes;
+    return study;
+}
+
+TEST_F(StudyKinds, TwoScenesOfOneNameAreRefusedUnlessTheyAreTheSame) {
+    std::filesystem::create_directory(folder_.path() / "other");
+    const std::string text = R"({"dataset": {"type": "box", "dims": [4, 4, 4]}})";
+    const std::string first = write("body.json", text), same = write("other/body.json", text);
+    if (const std::string why = refusal([&] { (void)load_scene(first); }); why != "accepted") FAIL() << why;
+    EXPECT_EQ(run_study(timing_of({{first, 3, {}}, {same, 3, {}}}), {}).at("verification").size(), 2u);
+    const std::string other = write("other/body.json", R"({"dataset": {"type": "box", "dims": [5, 4, 4]}})");
+    const std::string why = refusal([&] {
+        (void)run_study(timing_of({{first, 3, {}}, {other, 3, {}}}), {});
+    });
+    expect_contains(why, "other/body.json");
+    expect_contains(why, "rename the file");
+}
+
+TEST_F(StudyKinds, ASceneIsMeasuredOnceHoweverManyGlobsMatchIt) {
+    StudyOptions options;
+    options.scenes = {"box*", "box@4", "box@6", "box@6"};
+    const nlohmann::json result = run_study(timing_of({{"box@4", 3, {}}, {"box@5", 3, {}}}), options);
+    EXPECT_EQ(result.at("verification").size(), 3u) << "box@4, box@5 and box@6";
+}
+
+TEST_F(StudyKinds, StepsBeyondWhatCanBeCountedAreRefused) {
+    Study study = timing_of({{"box@4", 900000000, {}}});
+    study.kind = "fastest";
+    study.settings = nlohmann::json::object();
+    study.scenes[0].settings = {{"rewind", false}};
+    expect_contains(refusal([&] { (void)run_study(study, {}); }), "900000000");
+}
+
+TEST_F(StudyKinds, AStudyThatMeasuredNothingFails) {
+    (void)write("loose.json", R"({"dataset": {"type": "box", "dims": [1, 1, 1]}, "time_step": 0.1})");
+    const std::string file = write("nothing.json", R"({"kind": "stability", "backends": ["cpu_reference"],
+        "scenes": [{"scene": "loose.json"}]})");
+    std::ostringstream printed;
+    EXPECT_EQ(run_and_print_study(file, {}, printed), 1) << printed.str();
+    expect_contains(printed.str(), "nothing was measured");
+}
+
+}  // namespace
+}  // namespace voxspring::testing
