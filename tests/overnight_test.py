@@ -4,6 +4,7 @@ FAULTY names the program with tests/faulty_backends.cpp in it; the current direc
 """
 
 import collections
+import ctypes
 import fcntl
 import json
 import os
@@ -43,12 +44,20 @@ def processes():
     return found
 
 
+class Hash128(ctypes.Structure):
+    _fields_ = [("low", ctypes.c_uint64), ("high", ctypes.c_uint64)]
+
+
+XXHASH = ctypes.CDLL("libxxhash.so.0")
+XXHASH.XXH3_128bits.restype = Hash128
+XXHASH.XXH3_128bits.argtypes = [ctypes.c_char_p, ctypes.c_size_t]
+
+
 def check_of(rest):
-    """FNV-1a of 128 bits of the text behind its length, as harness/process/journal.cpp has it."""
-    state = 0x6c62272e07bb014262b821756295c58d
-    for byte in len(rest.encode()).to_bytes(8, "little") + rest.encode():
-        state = (state ^ byte) * ((1 << 88) + 0x13b) % (1 << 128)
-    return f"{state:032x}"
+    """XXH3 of 128 bits, as harness/process/journal.cpp has it."""
+    text = rest.encode()
+    found = XXHASH.XXH3_128bits(text, len(text))
+    return f"{found.high:016x}{found.low:016x}"
 
 
 def lines_of(journal):
