@@ -270,7 +270,7 @@ void repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     for (TimedCase& one : cases) total += one.missing();
     for (TimedCase& one : cases) {
         if (interrupted()) return;
-        if (!one.finished()) bench.show("warming up " + one.label(), 0, total);
+        if (!one.finished()) bench.show(one.label(), 0, total);
         one.warm_up();
     }
     std::vector<TimedCase*> order;

@@ -91,7 +91,7 @@ std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram
 std::vector<Case> StudyBench::enter_all(const CaseProgram& program, bool limits) {
     std::vector<Case> cases;
     for (const BackendSpec& spec : specs_) {
-        show("starting " + spec.label(), 0, 1);
+        show(spec.label(), 0, 1);
         if (auto entered = enter(spec, program, limits)) cases.push_back(*std::move(entered));
     }
     if (!specs_.empty()) progress_.narrow(double(cases.size()) / double(specs_.size()));
