@@ -152,6 +152,52 @@ TEST(Scene, EditsPlayBetweenTheirSteps) {
               "implicit addressing has no springs beyond the lattice (edit after step 7)");
 }
 
+// Remembers the problem that was uploaded, as the contract lets a backend do, and what its springs were.
+class Remembering final : public Backend {
+public:
+    Capabilities capabilities() const override { return {}; }
+    void upload(const Problem& problem, const State&) override {
+        uploaded_ = &problem;
+        mask_ = problem.lattice.mask;
+        springs_ = problem.springs.size();
+    }
+    void edit(const Problem&, const SpringEdit&) override {}
+    void step(int) override {}
+    void synchronize() override {}
+    State download() override { return {}; }
+    DeviceLimits measure_limits() override { return {}; }
+    StepWork step_work(const Problem&) const override { return {}; }
+    bool has_what_was_uploaded() const {
+        return uploaded_->lattice.mask == mask_ && uploaded_->springs.size() == springs_;
+    }
+
+private:
+    void mark(Mark) override {}
+    double seconds_between_marks() const override { return 0; }
+
+    const Problem* uploaded_ = nullptr;
+    std::vector<std::uint32_t> mask_;
+    std::size_t springs_ = 0;
+};
+
+TEST(Scene, EditsLeaveTheUploadedProblemAsItWas) {
+    const Scene scene = box_with(R"("edits": [
+        {"step": 2, "cut": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}}},
+        {"step": 7, "suture": {"pairs": [[[0, 0, 0], [3, 0, 0]]]}}])");
+    const auto keeps = [&](SceneRunner& runner, int steps) {
+        Remembering backend;
+        runner.rewind(backend);
+        runner.run(backend, steps);
+        return backend.has_what_was_uploaded();
+    };
+    SceneRunner runner(scene);
+    EXPECT_TRUE(keeps(runner, 10));
+    // From a later start the first edit is part of what is uploaded.
+    runner.start_from(4, scene.state);
+    EXPECT_TRUE(keeps(runner, 6));
+    EXPECT_EQ(runner.problem().springs.size(), 1u);
+}
+
 // Backends skip what a vector that is empty stands for.
 TEST(Scene, WhatASceneDoesNotNeedIsAbsent) {
     const Scene scene = parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}})");

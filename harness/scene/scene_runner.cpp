@@ -33,6 +33,8 @@ std::string SceneRunner::unsupported(const Backend& backend) {
 void SceneRunner::start_from(int step, const State& state) {
     first_ = step;
     start_ = &state;
+    uploaded_.reset();
+    if (edited_) uploaded_ = problem_after(scene_, step);
 }
 
 void SceneRunner::rewind(Backend& backend) {
@@ -40,7 +42,9 @@ void SceneRunner::rewind(Backend& backend) {
     for (; next_ < scene_.edits.size() && scene_.edits[next_].step < first_; ++next_)
         apply(*edited_, scene_.edits[next_].edit);
     step_ = first_;
-    backend.upload(problem(), start_ != nullptr ? *start_ : scene_.state);
+    // Not edited_, which the edits to come change: backends read the problem that was uploaded until the
+    // next.
+    backend.upload(uploaded_ ? *uploaded_ : scene_.problem, start_ != nullptr ? *start_ : scene_.state);
 }
 
 void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {

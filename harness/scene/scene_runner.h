@@ -41,9 +41,10 @@ private:
 
     const Scene& scene_;
     std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty where a scene has none
-    const State* start_ = nullptr;   ///< null: the scene's own
-    int first_ = 0;                  ///< step of the start
-    std::size_t next_ = 0;           ///< edit
+    std::optional<Problem> uploaded_;  ///< the problem at a start other than the scene's own; else empty
+    const State* start_ = nullptr;     ///< null: the scene's own
+    int first_ = 0;                    ///< step of the start
+    std::size_t next_ = 0;             ///< edit
     int step_ = 0;
 };
 
