@@ -152,7 +152,7 @@ private:
 
 /// "0.25", "1e-5": without what printf pads with.
 std::string short_text(double value, int digits) {
-    const std::string text = fmt::format("{:.{}g}", value, digits);
+    std::string text = fmt::format("{:.{}g}", value, digits);
     const std::size_t e = text.find('e');
     if (e == std::string::npos) return text;
     return text.substr(0, e + 1) + std::to_string(std::stoi(text.substr(e + 1)));
