@@ -54,7 +54,8 @@ int nvmlDeviceGetClockInfo(void*, int type, unsigned* mhz) {
     return type == 1 ? 0 : 2;  // of multiprocessors
 }
 
-int nvmlDeviceGetComputeRunningProcesses_v3(void*, unsigned* count, Process* processes) {
+int nvmlDeviceGetComputeRunningProcesses_v3(void*, unsigned* count, void* of_type_process) {
+    auto* const processes = static_cast<Process*>(of_type_process);
     // No process has a number as great as these.
     constexpr unsigned beyond = 1u << 30;
     std::vector<unsigned> all = fake_lists_children ? children() : std::vector<unsigned>();

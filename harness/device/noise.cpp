@@ -72,7 +72,7 @@ struct Card::Library {
         unsigned long long used_memory;
         unsigned gpu_instance, compute_instance;
     };
-    int (*processes)(Device, unsigned*, Process*) = nullptr;
+    int (*processes)(Device, unsigned*, void* of_type_process) = nullptr;
 
     template <class Function>
     void find(Function*& function, const char* name) const {
