@@ -130,10 +130,13 @@ ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<R
     return step;
 }
 
+// A type in parentheses is none.
+// NOLINTBEGIN(bugprone-macro-parentheses)
 #define FOR_PRECISION(Real)                                                            \
     template SpringArrays<Real> list_every_spring(const Problem&, Formulation);        \
     template std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit&); \
     template ScatterStep<Real> make_scatter_step(const Problem&, const SpringArrays<Real>&);
+// NOLINTEND(bugprone-macro-parentheses)
 FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
