@@ -1,0 +1,146 @@
+#!/usr/bin/env python3
+"""Measures every committed study of a machine anew, with one program of one commit on one card.
+
+Usage: remake.py [--program PROGRAM] [--check] [FOLDER] [STUDY...]
+
+FOLDER (results/<machine>) gets STUDY.json.gz of each study. A file that this program's commit has already measured on this
+card stays, so that a second call goes on where the first was cut short: within a study, too. --check measures nothing: it
+says which files are stale, and why.
+
+The machine is the GPU if CUDA has one, else the processor; its studies are in the table below. It refuses a program that
+was built from a tree with changes, since no commit has what it would measure.
+
+Exit code: 0 done; 1 a study failed, or with --check a file is stale; 2 bad input; 130 interrupted.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+import compact
+import result_files
+
+HERE = pathlib.Path(__file__).resolve().parent
+
+# Headline tables first, so that a run that is cut short has them.
+GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "edits", "skips", "formulations", "tuning", "pareto", "stability",
+               "stress")
+CPU_STUDIES = ("fastest", "pareto", "stability", "stress")
+# What all of a GPU server's studies may take together; a longer run says so.
+BUDGET_SECONDS = 25 * 60
+
+
+class Machine:
+    """The program that measures, the commit that it was built from, and what it measures on."""
+
+    def __init__(self, program):
+        self.program = program
+        self.commit = self.commit_of(self.said("--version"))
+        present = [backend for backend in json.loads(self.said("list", "--json"))["backends"] if backend["available"]]
+        cards = [one for one in present if one.get("uuid") and one["api"].startswith("CUDA")]
+        processors = [one for one in present if one["api"] == "CPU"]
+        self.has_gpu = bool(cards)
+        self.device, self.uuid = next(((one["device"], one.get("uuid", "")) for one in cards or processors), ("unknown", ""))
+
+    def said(self, *arguments):
+        try:
+            return subprocess.run([self.program, *arguments], check=True, capture_output=True, text=True).stdout
+        except (OSError, subprocess.CalledProcessError) as error:
+            reason = getattr(error, "stderr", None) or error
+            raise result_files.BadInput(f"{self.program}: {reason}; expected a voxspring program") from None
+
+    def commit_of(self, version):
+        """Of "voxspring 0.2.0 (commit 1911cee49e72)"; one with changes is refused."""
+        found = re.search(r"\(commit ([0-9a-f]+)(.*)\)", version)
+        if not found or found[2]:
+            raise result_files.BadInput(f"{self.program}: {version.strip()}: expected a program built from a commit, with no "
+                                        "changes in its tree: commit them and build again")
+        return found[1]
+
+    def folder(self):
+        """nvidia-h200 of NVIDIA H200."""
+        return HERE / re.sub(r"[^a-z0-9]+", "-", self.device.lower().split("(r)")[0]).strip("-")
+
+
+def reason_stale(path, machine):
+    """Why a result is not what this program would measure here, or nothing."""
+    if not path.exists():
+        return "there is none"
+    context = result_files.load(path).get("context", {}).get("voxspring", {})
+    if context.get("commit") != machine.commit:
+        return f"of commit {str(context.get('commit'))[:8]}, not {machine.commit[:8]}"
+    if not context.get("clean", False):
+        return "of a tree with changes"
+    cards = {one.get("uuid") for one in context.get("backends", {}).values()} - {"", None}
+    if machine.uuid and cards and cards != {machine.uuid}:
+        return "of another card"
+    return ""
+
+
+def measure(study, out, machine):
+    """Runs a study to the end, or on from where it was cut short; the result is compressed then. Its exit code."""
+    plain = out / f"{study}.json"
+    arguments = [machine.program, "study", study, "--out", plain]
+    if plain.with_name(plain.name + ".journal").exists():
+        arguments.append("--resume")
+    code = subprocess.run(arguments, check=False).returncode
+    # 1 is a backend that failed, with its reason in the result.
+    if code in (0, 1) and plain.exists():
+        plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
+        compact.compact(plain)
+    return code
+
+
+def remake(studies, out, machine, check):
+    """Measures what is stale; the exit code."""
+    stale = {}
+    for study in studies:
+        if reason := reason_stale(result_files.named(out, study), machine):
+            stale[study] = reason
+        print(f"{study:<14} {'stale: ' + reason if reason else 'of this commit'}", flush=True)
+    if check:
+        return 1 if stale else 0
+    out.mkdir(parents=True, exist_ok=True)
+    begin, worst = time.monotonic(), 0
+    for number, study in enumerate(stale, 1):
+        print(f"\n{study}: study {number} of {len(stale)}, {time.monotonic() - begin:.0f} s so far", flush=True)
+        code = measure(study, out, machine)
+        if code not in (0, 1):
+            return code
+        worst = max(worst, code)
+    seconds = time.monotonic() - begin
+    print(f"\n{len(stale)} of {len(studies)} studies measured in {seconds:.0f} s: {out}")
+    if machine.has_gpu and seconds > BUDGET_SECONDS:
+        print(f"That is longer than the {BUDGET_SECONDS} s that all of them may take on a GPU server.")
+    return worst
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--program", default=HERE.parent / "build/release/voxspring", type=pathlib.Path, help="voxspring")
+    parser.add_argument("--check", action="store_true", help="say what is stale, and measure nothing")
+    parser.add_argument("folder", nargs="?", type=pathlib.Path, metavar="FOLDER", help="results/<machine>")
+    parser.add_argument("study", nargs="*", metavar="STUDY", help="these alone")
+    arguments = parser.parse_args()
+    try:
+        machine = Machine(arguments.program)
+        known = GPU_STUDIES if machine.has_gpu else CPU_STUDIES
+        for study in arguments.study:
+            if study not in known:
+                raise result_files.BadInput(f"command line: STUDY: {study} is not accepted; expected {', '.join(known)}")
+        out = arguments.folder or machine.folder()
+        print(f"{machine.device}, commit {machine.commit}, {out}")
+        sys.exit(remake(arguments.study or known, out, machine, arguments.check))
+    except (result_files.BadInput, OSError) as error:
+        print(f"remake.py: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

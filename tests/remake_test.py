@@ -1,0 +1,105 @@
+"""Tests of results/remake.py with a stand-in for the program: which studies it measures, which it leaves, what it refuses."""
+
+import gzip
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+# A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL.
+PROGRAM = """#!/usr/bin/python3
+import json, os, pathlib, sys
+commit, uuid = "{commit}", "{uuid}"
+if sys.argv[1] == "--version":
+    print(f"voxspring 0.2.0 (commit {{commit}})")
+elif sys.argv[1] == "list":
+    gpu = [{{"available": True, "api": "CUDA 13.0", "device": "NVIDIA H200", "uuid": uuid}}] if uuid else []
+    print(json.dumps({{"backends": [{{"available": True, "api": "CPU", "device": "AMD EPYC"}}, *gpu, {{"available": False}}]}}))
+else:
+    out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
+    with open(os.environ["CALLS"], "a") as calls:
+        print(*sys.argv[1:3], *sys.argv[5:], file=calls)
+    if sys.argv[2] == os.environ.get("FAIL"):
+        pathlib.Path(f"{{out}}.journal").touch()
+        sys.exit(130)
+    used = {{"a": {{"uuid": uuid}}, "b": {{"uuid": ""}}}}
+    out.write_text(json.dumps({{"benchmarks": [], "context": {{"voxspring": {{
+        "commit": commit, "clean": True, "backends": used}}}}}}))
+    sys.exit(int(os.environ.get("CODE", 0)))
+"""
+
+
+class Remake(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.out = self.folder / "out"
+        self.calls = self.folder / "calls"
+        self.install("aaaaaaaaaaaa", "")
+
+    def install(self, commit, uuid):
+        self.program = self.folder / "voxspring"
+        self.program.write_text(PROGRAM.format(commit=commit, uuid=uuid))
+        self.program.chmod(0o755)
+
+    def remake(self, *arguments, **environment):
+        self.calls.write_text("")
+        done = subprocess.run([sys.executable, ROOT / "results/remake.py", "--program", self.program, *arguments],
+                              capture_output=True, text=True, check=False, timeout=60, env={"CALLS": str(self.calls), **environment})
+        return done, self.calls.read_text().splitlines()
+
+    def test_measures_what_suits_the_machine(self):
+        done, calls = self.remake(self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(calls, ["study fastest", "study pareto", "study stability", "study stress"])
+        self.assertEqual({path.name for path in self.out.iterdir()}, {f"{call.split()[1]}.json.gz" for call in calls})
+        self.install("aaaaaaaaaaaa", "GPU-1")
+        _, calls = self.remake(self.folder / "gpu")
+        self.assertIn("study figure8", calls)
+        self.assertEqual(len(calls), 11)
+
+    def test_leaves_what_is_of_this_commit_and_card(self):
+        self.install("aaaaaaaaaaaa", "GPU-1")
+        self.remake(self.out)
+        self.assertEqual(self.remake(self.out)[1], [])
+        self.assertEqual(self.remake("--check", self.out)[0].returncode, 0)
+        for commit, uuid, reason in (("bbbbbbbbbbbb", "GPU-1", "of commit aaaaaaaa, not bbbbbbbb"),
+                                     ("aaaaaaaaaaaa", "GPU-2", "of another card")):
+            self.install(commit, uuid)
+            done, calls = self.remake("--check", self.out, "table1")
+            self.assertEqual((done.returncode, calls), (1, []))
+            self.assertIn(f"table1         stale: {reason}", done.stdout)
+        self.assertEqual(self.remake(self.out, "table1")[1], ["study table1"])
+        self.assertEqual(json.loads(gzip.decompress((self.out / "table1.json.gz").read_bytes()))["context"]["voxspring"]["backends"]
+                         ["a"]["uuid"], "GPU-2")
+
+    def test_goes_on_where_it_was_cut_short(self):
+        done, calls = self.remake(self.out, FAIL="stability")
+        self.assertEqual((done.returncode, calls[-1]), (130, "study stability"))
+        self.assertEqual(self.remake(self.out)[1], ["study stability --resume", "study stress"])
+
+    def test_a_failed_backend_stops_nothing(self):
+        done, calls = self.remake(self.out, CODE="1")
+        self.assertEqual((done.returncode, len(calls)), (1, 4))
+
+    def test_refuses(self):
+        for commit in ("aaaaaaaaaaaa, changed since", "unversioned"):
+            self.install(commit, "")
+            done, calls = self.remake(self.out)
+            self.assertEqual((done.returncode, calls), (2, []))
+            self.assertIn("expected a program built from a commit", done.stderr)
+        self.install("aaaaaaaaaaaa", "")
+        done, calls = self.remake(self.out, "figure8")
+        self.assertEqual((done.returncode, calls), (2, []))
+        self.assertIn("figure8 is not accepted; expected fastest, pareto", done.stderr)
+        self.program.unlink()
+        self.assertEqual(self.remake(self.out)[0].returncode, 2)
+
+
+if __name__ == "__main__":
+    unittest.main()
