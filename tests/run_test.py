@@ -4,6 +4,7 @@ import os
 import pathlib
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 
@@ -16,6 +17,20 @@ for package in "${@:3}"; do
 done
 """
 
+# What CTest says of a program of GoogleTest's and of three scripts, and what that program says of its tests.
+CTEST_RESULTS = """<testsuite tests="4">
+<testcase name="program" status="fail"/><testcase name="script" status="run"/><testcase name="skipped" status="notrun"/>
+<testcase name="crash" status="fail"/>
+</testsuite>
+"""
+PROGRAM_RESULTS = """<testsuites><testsuite>
+<testcase classname="A" name="passes" status="run" result="completed"/>
+<testcase classname="A" name="skips" value_param="&quot;cuda_march:precision=float32&quot;" status="run" result="skipped"/>
+<testcase classname="A" name="fails" status="run" result="completed"><failure/></testcase>
+<testcase classname="A" name="fails too" status="run" result="completed"><failure/></testcase>
+</testsuite></testsuites>
+"""
+
 
 class Study(unittest.TestCase):
     def setUp(self):
@@ -26,11 +41,13 @@ class Study(unittest.TestCase):
         self.local = self.tree / "results/local"
         self.local.mkdir(parents=True)
         shutil.copy(ROOT / "run", self.tree)
+        (self.tree / "tests").mkdir()
+        shutil.copy(ROOT / "tests/count.py", self.tree / "tests")
         shutil.copy(ROOT / "CMakePresets.json", self.tree)
         # The script goes where there is no tool but these.
         self.tools = pathlib.Path(folder.name) / "tools"
         self.tools.mkdir()
-        for tool in ("bash", "cat", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "nproc", "rm", "sed", "sleep",
+        for tool in ("bash", "cat", "cp", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "nproc", "rm", "sed", "sleep",
                      "sort", "tail", "touch", "tr", "uniq"):
             (self.tools / tool).symlink_to(shutil.which(tool))
         self.write(self.tools / "dpkg-query", DPKG_QUERY)
@@ -134,16 +151,35 @@ class Study(unittest.TestCase):
         seen = self.tree / "seen"
         self.write(self.tools / "ctest", "#!/bin/bash\n"
                    f"echo \"$2 ${{VOXSPRING_REQUIRE-unset}}\" >>{seen}\n"
-                   "while [ $# -gt 0 ]; do [ $1 = --output-junit ] && "
-                   "echo '<testsuite tests=\"7\" failures=\"1\" disabled=\"0\" skipped=\"2\">' >$2; shift; done\nexit 1\n")
+                   f"mkdir {self.tree}/build/release/gtest\n"
+                   f"cp {self.tree}/program.xml {self.tree}/build/release/gtest\n"
+                   f"while [ $# -gt 0 ]; do [ $1 = --output-junit ] && cp {self.tree}/ctest.xml $2; shift; done\nexit 1\n")
+        self.write(self.tree / "program.xml", PROGRAM_RESULTS)
+        self.write(self.tree / "ctest.xml", CTEST_RESULTS)
         done = self.run_script("test", *arguments, **environment)
         self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
         return seen.read_text().splitlines(), done.stdout.splitlines()[-1]
 
     def test_counts_what_the_tests_say_and_requires_mesa(self):
-        self.assertEqual(self.stage_results("release"), (["ci gl"], "4 passed, 1 failed, 2 skipped"))
+        self.assertEqual(self.stage_results("release"), (["ci gl"], "2 passed, 3 failed, 2 skipped"))
         self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="")[0][-1], "ci ")
         self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="cuda,gl")[0][-1], "ci cuda,gl")
+
+    def count(self, program, ctest=CTEST_RESULTS):
+        """What count.py prints of a program's results."""
+        self.write(self.tree / "program.xml", program)
+        self.write(self.tree / "ctest.xml", ctest)
+        return subprocess.run([sys.executable, ROOT / "tests/count.py", self.tree / "ctest.xml", self.tree], capture_output=True,
+                              text=True, timeout=60, check=True)
+
+    def test_a_program_that_dies_or_tests_nothing_has_failed(self):
+        done = self.count("<testsuites/>")
+        self.assertEqual(done.stdout, "1 2 1\n")
+        self.assertIn("FAILED: program ran no test\nFAILED: crash\n", done.stderr)
+        done = self.count('<testsuites><testcase classname="A" name="passes" result="completed"/></testsuites>')
+        self.assertEqual(done.stdout, "2 2 1\n")
+        self.assertIn("FAILED: program, as a whole\n", done.stderr)
+        self.assertIn("1 skipped: cuda_march", self.count(PROGRAM_RESULTS).stderr)
 
     def test_names_the_stages(self):
         done = self.run_script("test", "nosuch")
