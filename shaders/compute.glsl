@@ -66,7 +66,7 @@ vec3 before_of(int index) {
 
 // Writes the particle's state at t + dt, under the sum of its spring forces at t. `before` is
 // before_of(index).
-void advance(int index, Point here, uint bits, vec3 before, vec3 spring_force_sum) {
+void integrate_and_store(int index, Point here, uint bits, vec3 before, vec3 spring_force_sum) {
     precise vec3 force = spring_force_sum;
 #ifdef LOADS
     force += vec3(loads[3 * index], loads[3 * index + 1], loads[3 * index + 2]);
@@ -76,8 +76,8 @@ void advance(int index, Point here, uint bits, vec3 before, vec3 spring_force_su
     before_low =
         vec3(increments_low[index], increments_low[index + pitch], increments_low[index + 2 * pitch]);
 #endif
-    Motion after =
-        moved(Motion(here.high, before, here.low, before_low), force, INVERSE_MASS(index), is_pinned(bits));
+    Motion after = integrate(Motion(here.high, before, here.low, before_low), force, INVERSE_MASS(index),
+                             is_pinned(bits));
     next_words[index] = vec4(after.here, uintBitsToFloat(bits));
 #ifdef BY_INCREMENTS
     increments[index] = after.before.x;

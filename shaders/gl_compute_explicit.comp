@@ -108,5 +108,5 @@ void main() {
     ADD(2, 8)
 #endif
 #endif
-    advance(i, here, bits, before, force);
+    integrate_and_store(i, here, bits, before, force);
 }

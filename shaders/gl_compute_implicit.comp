@@ -163,5 +163,5 @@ void main() {
     } else {
         force = implicit_force(false, index, cell, here, bits);
     }
-    advance(index, here, bits, before, force);
+    integrate_and_store(index, here, bits, before, force);
 }

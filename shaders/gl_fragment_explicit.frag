@@ -77,5 +77,5 @@ void main() {
     ADD(2)
 #endif
 #endif
-    advance(particle, force);
+    integrate_and_store(particle, force);
 }

@@ -51,5 +51,5 @@ void main() {
     CORNER_NEIGHBOURS(ADD)
     force += group * group_stiffness[2];
 #endif
-    advance(particle, force);
+    integrate_and_store(particle, force);
 }

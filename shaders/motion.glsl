@@ -46,14 +46,15 @@ bool is_pinned(uint bits) {
 }
 
 // The same at t + dt, but for `before` where that is not an increment: it is then `here` of now.
-Motion moved(Motion now, vec3 force, float inverse_mass, bool pinned) {
+Motion integrate(Motion now, vec3 force, float inverse_mass, bool pinned) {
     Motion next = now;
 #ifdef BY_INCREMENTS
 #ifdef DAMPING
     precise vec3 change =
         increment_change(now.before, force, inverse_mass, gravity, damping, time_step_squared);
 #else
-    // Of no increment nothing is lost; zero times one is nothing that a compiler may fold away.
+    // Without damping the increment's own term is zero. A literal zero says so, because a compiler may not
+    // fold a product with zero that is `precise`.
     precise vec3 change = increment_change(vec3(0), force, inverse_mass, gravity, 0.0, time_step_squared);
 #endif
 #ifdef COMPENSATED

@@ -67,7 +67,7 @@ vec4 pull_of(Particle particle, ivec2 there, vec4 rest, float rest_length) {
 }
 
 // Writes the particle's state at t + dt, under the sum of its spring forces at t.
-void advance(Particle particle, vec3 spring_force_sum) {
+void integrate_and_store(Particle particle, vec3 spring_force_sum) {
     ivec2 texel = particle.texel;
     precise vec3 force = spring_force_sum;
 #ifdef LOADS
@@ -82,8 +82,8 @@ void advance(Particle particle, vec3 spring_force_sum) {
 #ifdef COMPENSATED
     before_low = texelFetch(increment_low, texel, 0).xyz;
 #endif
-    Motion after = moved(Motion(particle.here.xyz, before, particle.low, before_low), force,
-                         INVERSE_MASS(texel), is_pinned(bits_of(particle)));
+    Motion after = integrate(Motion(particle.here.xyz, before, particle.low, before_low), force,
+                             INVERSE_MASS(texel), is_pinned(bits_of(particle)));
     next = vec4(after.here, particle.here.w);
 #ifdef BY_INCREMENTS
     next_increment = vec4(after.before, 0);
