@@ -34,7 +34,7 @@ public:
 
 private:
     void begin(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
-    void advance(int count) override {
+    void integrate(int count) override {
         fault_();
         sound_->step(count);
     }

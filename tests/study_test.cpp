@@ -78,7 +78,7 @@ private:
         ++uploads_;
         steps_ = 0;
     }
-    void advance(int count) override {
+    void integrate(int count) override {
         // The third upload is the second timed repetition.
         if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
         sound_->step(count);
@@ -129,7 +129,7 @@ private:
         device.call("upload");
         sound_->upload(problem, state);
     }
-    void advance(int count) override {
+    void integrate(int count) override {
         device.call("step");
         sound_->step(count);
     }

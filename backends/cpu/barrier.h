@@ -29,7 +29,7 @@ private:
     static constexpr int max_spins = 2000;  // loads
 
     int threads_ = 0;
-    // A cache line each: a thread that arrives does not disturb those that look.
+    // Each counter has a cache line of its own: a thread that arrives does not disturb those that wait.
     alignas(64) std::atomic<int> arrived_ = 0;
     alignas(64) std::atomic<unsigned> phase_ = 0;
 };

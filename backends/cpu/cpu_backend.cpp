@@ -14,12 +14,12 @@ void MonitoredCpuBackend::upload(const Problem& problem, const State& state) {
 
 void MonitoredCpuBackend::step(int count) {
     while (count > 0) {
-        const std::int64_t to_look = monitor_.every > 0 ? monitor_.every - steps_ % monitor_.every : count;
-        const int steps = int(std::min<std::int64_t>(count, to_look));
-        advance(steps);
+        const std::int64_t to_check = monitor_.every > 0 ? monitor_.every - steps_ % monitor_.every : count;
+        const int steps = int(std::min<std::int64_t>(count, to_check));
+        integrate(steps);
         steps_ += steps;
         count -= steps;
-        if (steps != to_look || monitor_.every <= 0 || divergence_.has_value()) continue;
+        if (steps != to_check || monitor_.every <= 0 || divergence_.has_value()) continue;
         if (within(monitor_.largest_increment)) {
             last_good_ = steps_;
         } else {

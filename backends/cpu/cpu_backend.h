@@ -1,4 +1,5 @@
-// What every backend that runs on the host shares: its clock, its watch and how it names the processor.
+// What every backend that runs on the host shares: its clock, its divergence monitor and how it names the
+// processor.
 #pragma once
 
 #include <chrono>
@@ -28,7 +29,7 @@ private:
     std::chrono::steady_clock::time_point begin_, end_;
 };
 
-/// One that can be watched: looks come exactly after every so many steps.
+/// One with a divergence monitor, which checks after exactly as many steps as it was told.
 class MonitoredCpuBackend : public CpuBackend {
 public:
     void upload(const Problem& problem, const State& state) final;
@@ -37,16 +38,16 @@ public:
     std::optional<Divergence> divergence() final { return divergence_; }
 
 private:
-    /// upload() without the watch.
+    /// upload() without the monitor.
     virtual void begin(const Problem& problem, const State& state) = 0;
-    /// step() without the watch.
-    virtual void advance(int count) = 0;
+    /// step() without the monitor.
+    virtual void integrate(int count) = 0;
     /// Whether every particle is finite and its latest step no longer than that.
     virtual bool within(double largest_increment) = 0;
 
     DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;      ///< since upload()
-    std::int64_t last_good_ = 0;  ///< the latest of them that a look found within bounds
+    std::int64_t last_good_ = 0;  ///< the latest of them that a check found within bounds
     std::optional<Divergence> divergence_;
 };
 

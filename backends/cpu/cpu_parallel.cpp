@@ -164,7 +164,7 @@ private:
         policy_.start(any && (always || chooses), any && chooses);
     }
 
-    void advance(int count) override {
+    void integrate(int count) override {
         while (count > 0) {
             if (policy_.is_due()) choose();
             const int steps = std::min(count, policy_.steps_to_decision());

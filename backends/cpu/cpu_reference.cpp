@@ -70,7 +70,7 @@ private:
         increment_low_ = at_low_;
     }
 
-    void advance(int count) override {
+    void integrate(int count) override {
         for (int n = 0; n < count; ++n) {
             sum_forces();
             for (std::size_t i = 0; i < at_.size(); ++i) {
