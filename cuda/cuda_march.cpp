@@ -15,8 +15,8 @@
 #include "backends/physics/addressing.h"
 #include "backends/registry.h"
 #include "cuda/common/cuda_backend.h"
+#include "cuda/common/divergence_check.h"
 #include "cuda/common/measure.h"
-#include "cuda/common/watch.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -224,11 +224,11 @@ private:
                                launch_.windows[from], launch_.befores[to], output);
     }
 
-    void enqueue_look(const Look& look, Fault* fault) override {
+    void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) override {
         const auto now = std::size_t(this->current());
-        look_at_axes(positions_[now].data(),
-                     by_increments(formulation_) ? nullptr : positions_[1 - now].data(), increment_.data(),
-                     axes_.axis, axes_.axis, look, fault, this->stream());
+        launch_divergence_check_on_axes(
+            positions_[now].data(), by_increments(formulation_) ? nullptr : positions_[1 - now].data(),
+            increment_.data(), axes_.axis, axes_.axis, parameters, first, this->stream());
     }
 
     const Formulation formulation_;

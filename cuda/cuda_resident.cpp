@@ -153,7 +153,7 @@ private:
     }
 
     void enqueue_steps(int count) override {
-        // A launch takes as long as some ten steps: with looks, often enough to find a fault early, and
+        // A launch takes as long as some ten steps: with checks, often enough to find divergence early, and
         // seldom enough to cost 1% at most.
         const int longest = monitored() ? 1024 : 1 << 16;
         while (count > 0) {

@@ -1,4 +1,4 @@
-// The watch of a run, on every backend: what it finds and when, and that it changes nothing.
+// The divergence monitor, on every backend: what it finds and when, and that it changes nothing.
 #include <gtest/gtest.h>
 
 #include <cmath>

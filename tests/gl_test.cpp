@@ -354,7 +354,7 @@ TEST_P(GlFragment, WatchFindsTheFirstLookThatFails) {
         ++first;
     } while (std::none_of(state.increment.begin(), state.increment.end(), too_fast));
     ASSERT_GT(first, 1);
-    EXPECT_FALSE(backend->divergence()) << "nobody watched";
+    EXPECT_FALSE(backend->divergence()) << "no monitor was set";
 
     for (const int every : {1, 2, 7}) {
         backend->monitor({largest, every});

@@ -159,7 +159,7 @@ void ComputeBackend::enqueue_step() {
     current_ = 1 - current_;
 }
 
-void ComputeBackend::enqueue_look() {
+void ComputeBackend::enqueue_divergence_check() {
     const std::array buffers = {words_[current_].get(), words_[1 - current_].get()};
     glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words, GLsizei(buffers.size()), buffers.data());
     glDispatchCompute(striding_groups(layout_.placement.words), 1, 1);

@@ -67,7 +67,7 @@ protected:
 private:
     std::string refused(const Problem& problem) const final;
     void enqueue_step() final;
-    void enqueue_look() final;
+    void enqueue_divergence_check() final;
 
     void make_program(const Problem& problem);
     /// What stays bound from step to step.

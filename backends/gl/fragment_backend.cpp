@@ -226,8 +226,8 @@ void FragmentBackend::bind_state() const {
     glBindTextures(state_unit, GLsizei(count), textures.data());
 }
 
-void FragmentBackend::enqueue_look() {
-    constexpr int group = 64;  // as in shaders/watch.comp
+void FragmentBackend::enqueue_divergence_check() {
+    constexpr int group = 64;  // as in shaders/divergence_check.comp
     bind_state();
     glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
 }

@@ -90,7 +90,7 @@ protected:
 
 private:
     void enqueue_step() final;
-    void enqueue_look() final;
+    void enqueue_divergence_check() final;
 
     struct Frame {
         std::vector<Texture> targets;

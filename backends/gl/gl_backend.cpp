@@ -9,9 +9,9 @@
 namespace voxspring::gl {
 namespace {
 
-/// In found_ until a look fails; else the number of the first that did, from 1.
+/// In found_ until a check fails; then the number of the first check that did, from 1.
 constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
-constexpr GLuint found_binding = 3;  // as in shaders/watch.comp
+constexpr GLuint found_binding = 3;  // as in shaders/divergence_check.comp
 
 /// Whether springs of the lattice are stressed at rest.
 bool has_deficits(const Problem& problem) {
@@ -50,7 +50,7 @@ void GlBackend::rewind(const Defines& more) {
     if (monitor_program_.get() == 0) {
         Defines defines = formulation_defines(formulation_);
         defines.insert(more.begin(), more.end());
-        monitor_program_ = Program(context_, load_source("watch.comp", defines));
+        monitor_program_ = Program(context_, load_source("divergence_check.comp", defines));
         found_ = make_buffer(context_);
         glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
     }
@@ -64,17 +64,17 @@ void GlBackend::step(int count) {
         enqueue_step();
         queue_.enqueued();
         ++steps_;
-        if (monitor_.every > 0 && steps_ % monitor_.every == 0) look();
+        if (monitor_.every > 0 && steps_ % monitor_.every == 0) check_divergence();
     }
 }
 
-void GlBackend::look() {
+void GlBackend::check_divergence() {
     GLint stepping = 0;
     glGetIntegerv(GL_CURRENT_PROGRAM, &stepping);
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, found_binding, found_.get());
-    monitor_program_.set("look", int(steps_ / monitor_.every));
+    monitor_program_.set("check_number", int(steps_ / monitor_.every));
     glUseProgram(monitor_program_.get());
-    enqueue_look();
+    enqueue_divergence_check();
     glUseProgram(GLuint(stepping));
 }
 
@@ -101,12 +101,12 @@ void GlBackend::measure(std::span<float> squares) {
 std::optional<Divergence> GlBackend::divergence() {
     if (monitor_.every == 0) return std::nullopt;
     context_.make_current();
-    GLuint look = never_found;
+    GLuint check_number = never_found;
     glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-    glGetNamedBufferSubData(found_.get(), 0, sizeof(look), &look);
-    context_.check("watching");
-    if (look == never_found) return std::nullopt;
-    const std::int64_t found = std::int64_t(look) * monitor_.every;
+    glGetNamedBufferSubData(found_.get(), 0, sizeof(check_number), &check_number);
+    context_.check("checking for divergence");
+    if (check_number == never_found) return std::nullopt;
+    const std::int64_t found = std::int64_t(check_number) * monitor_.every;
     return Divergence{found - monitor_.every, found};
 }
 

@@ -1,4 +1,4 @@
-// What every OpenGL backend has: a context, the stopwatch, the watch on the run, and how a problem's terms
+// What every OpenGL backend has: a context, the stopwatch, the divergence monitor, and how a problem's terms
 // specialise its shaders.
 #pragma once
 
@@ -32,8 +32,8 @@ protected:
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return all_terms_; }
 
-    /// Stands at step 0, watched from here on as watch() last said. `more`: what specialises
-    /// shaders/watch.comp beyond the formulation.
+    /// Stands at step 0, checked from here on as monitor() last said. `more`: what specialises
+    /// shaders/divergence_check.comp beyond the formulation.
     void rewind(const Defines& more = {});
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
@@ -51,12 +51,12 @@ private:
     virtual std::string refused(const Problem& problem) const = 0;
     /// Enqueues one step.
     virtual void enqueue_step() = 0;
-    /// Binds the state for shaders/watch.comp, which is in use, and dispatches it.
-    virtual void enqueue_look() = 0;
+    /// Binds the state for shaders/divergence_check.comp, which is in use, and dispatches it.
+    virtual void enqueue_divergence_check() = 0;
 
     void mark(Mark which) final;
     double seconds_between_marks() const final;
-    void look();
+    void check_divergence();
 
     Context context_;
     const Options options_;
@@ -66,8 +66,8 @@ private:
     std::uint64_t held_bytes_ = 0;
     Query begin_, end_;
     Program measure_program_;
-    Program monitor_program_;         // made with the first upload that is watched
-    Buffer found_;                    // shaders/watch.comp's
+    Program monitor_program_;         // made with the first upload that is monitored
+    Buffer found_;                    // shaders/divergence_check.comp's
     std::int64_t steps_ = 0;          // since upload()
     DivergenceMonitor monitor_;       // of this run
     DivergenceMonitor next_monitor_;  // of the next one

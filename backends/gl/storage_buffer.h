@@ -42,8 +42,8 @@ private:
     std::size_t bytes_ = 0;
 };
 
-/// Work groups of 64 invocations that stride over `count` things, as shaders/watch.comp, measure.comp and
-/// edit*.comp do.
+/// Work groups of 64 invocations that stride over `count` things, as shaders/divergence_check.comp,
+/// measure.comp and edit*.comp do.
 GLuint striding_groups(std::size_t count);
 
 }  // namespace voxspring::gl

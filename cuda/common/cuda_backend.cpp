@@ -56,17 +56,17 @@ void CudaBackend::forget_graphs() {
 void CudaBackend::rewind() {
     current_ = 0;
     monitor_ = next_monitor_;
-    steps_ = last_look_ = 0;
-    const Fault none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
-    if (monitor_.every > 0) fault_.upload(std::span(&none, 1), stream_);
+    steps_ = last_check_ = 0;
+    const FirstDivergence none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
+    if (monitor_.every > 0) first_divergence_.upload(std::span(&none, 1), stream_);
 }
 
 void CudaBackend::step(int count) {
-    // A look after every graph of the longest kind costs less than 1% of it, also where a step takes no
-    // longer than its launch; who asks for more looks than that gets them at their price.
+    // A check after every graph of the longest kind costs less than 1% of the graph, even where a step takes
+    // no longer than its launch. A caller that asks for more checks pays for them.
     const bool often = monitor_.every > 0 && monitor_.every < 32;
     while (count > 0) {
-        const int steps = often ? std::min(count, monitor_.every - int(steps_ - last_look_)) : count;
+        const int steps = often ? std::min(count, monitor_.every - int(steps_ - last_check_)) : count;
         enqueue_steps(steps);
         count -= steps;
     }
@@ -91,20 +91,20 @@ void CudaBackend::enqueue_steps(int count) {
 
 void CudaBackend::stepped(int count) {
     steps_ += count;
-    if (monitor_.every > 0 && steps_ - last_look_ >= monitor_.every) look();
+    if (monitor_.every > 0 && steps_ - last_check_ >= monitor_.every) check_divergence();
 }
 
-void CudaBackend::look() {
-    enqueue_look({steps_, last_look_, monitor_.largest_increment}, fault_.data());
-    last_look_ = steps_;
+void CudaBackend::check_divergence() {
+    enqueue_divergence_check({steps_, last_check_, monitor_.largest_increment}, first_divergence_.data());
+    last_check_ = steps_;
 }
 
 std::optional<Divergence> CudaBackend::divergence() {
     if (monitor_.every == 0) return std::nullopt;
-    Fault fault{};
-    fault_.download(std::span(&fault, 1), stream_);
-    if (fault.step == std::numeric_limits<long long>::max()) return std::nullopt;
-    return Divergence{fault.last, fault.step};
+    FirstDivergence first{};
+    first_divergence_.download(std::span(&first, 1), stream_);
+    if (first.found == std::numeric_limits<long long>::max()) return std::nullopt;
+    return Divergence{first.last_good, first.found};
 }
 
 }  // namespace voxspring::cuda

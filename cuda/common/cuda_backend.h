@@ -8,7 +8,7 @@
 #include <string>
 
 #include "backends/backend.h"
-#include "cuda/common/watch.h"
+#include "cuda/common/divergence_check.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/device.h"
 #include "cuda/device/event.h"
@@ -51,11 +51,11 @@ protected:
     /// To be called when what enqueue_step() enqueues has changed.
     void forget_graphs();
 
-    /// To be called when that many more steps have been enqueued: looks if it is time to.
+    /// To be called when that many more steps have been enqueued: checks for divergence if it is time to.
     void stepped(int count);
-    /// Whether there are looks.
+    /// Whether a divergence monitor is set.
     bool monitored() const { return monitor_.every > 0; }
-    /// Enqueues `count` steps, and looks between them: graphs of single ones unless overridden.
+    /// Enqueues `count` steps, and checks between them: graphs of single ones unless overridden.
     virtual void enqueue_steps(int count);
 
 private:
@@ -74,9 +74,9 @@ private:
     /// Empty, or what a kernel that failed has said about it.
     virtual std::string failure_note() const { return {}; }
 
-    /// Enqueue a look at x(t).
-    virtual void enqueue_look(const Look& look, Fault* fault) = 0;
-    void look();
+    /// Enqueue a check of x(t).
+    virtual void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) = 0;
+    void check_divergence();
 
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }
@@ -88,9 +88,9 @@ private:
     double compile_seconds_ = 0;
     int current_ = 0;
     DivergenceMonitor monitor_, next_monitor_;
-    std::int64_t steps_ = 0;      ///< since upload()
-    std::int64_t last_look_ = 0;  ///< after how many of them
-    Buffer<Fault> fault_;         ///< one
+    std::int64_t steps_ = 0;                    ///< since upload()
+    std::int64_t last_check_ = 0;               ///< after how many of them
+    Buffer<FirstDivergence> first_divergence_;  ///< one
     /// The longest graph has 2^8 steps: enough that its launch costs nothing beside them.
     static constexpr int graph_lengths = 9;
     /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a

@@ -53,7 +53,7 @@ public:
         launch.kernel = this->kernel(source(problem, launch.grid, registers_for(launch.grid)));
         if (tiled_) launch.shared_bytes = tile_bytes();
         // Compiled where it is of use, and kept with what the graphs hold of it.
-        if (resting_.may_look()) {
+        if (resting_.may_check()) {
             std::shared_ptr<const Kernel> kernel =
                 this->kernel(source(problem, launch.grid, resting_registers, resting_.terms()));
             if (kernel != resting_kernel_) this->forget_graphs();
@@ -81,11 +81,11 @@ public:
     }
 
     WorkCount count_work() override {
-        if (!resting_.may_look()) return {};
-        const bool looks = resting_.looks();
+        if (!resting_.may_check()) return {};
+        const bool checks = resting_.checks();
         this->step(1);
         return {{"tiles", resting_.blocks()},
-                {"tiles_stepped", looks ? resting_.blocks_stepped(this->stream()) : resting_.blocks()}};
+                {"tiles_stepped", checks ? resting_.blocks_stepped(this->stream()) : resting_.blocks()}};
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -110,9 +110,9 @@ private:
         return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes() + resting_.bytes_held();
     }
 
-    int kind_of_step() const override { return resting_.looks() ? 1 : 0; }
+    int kind_of_step() const override { return resting_.checks() ? 1 : 0; }
     void enqueue_step(int reading) override {
-        if (!resting_.looks()) {
+        if (!resting_.checks()) {
             ParticleBackend<Real, ImplicitStep<Real>>::enqueue_step(reading);
             return;
         }

@@ -13,8 +13,8 @@
 #include "backends/layout/particles.h"
 #include "backends/layout/rounding.h"
 #include "cuda/common/cuda_backend.h"
+#include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
-#include "cuda/common/watch.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/texture.h"
 
@@ -246,12 +246,12 @@ private:
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
     }
 
-    void enqueue_look(const Look& look, Fault* fault) override {
+    void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) override {
         const auto now = std::size_t(current());
         const ParticleRecord<Real>* const before =
             by_increments(family_.formulation) ? nullptr : words_[1 - now].data();
-        look_at(words_[now].data(), before, increment_.data(), increment_pitch(placement_), placement_.words,
-                look, fault, stream());
+        launch_divergence_check(words_[now].data(), before, increment_.data(), increment_pitch(placement_),
+                                placement_.words, parameters, first, stream());
     }
 
     const KernelFamily family_;

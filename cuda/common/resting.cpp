@@ -49,14 +49,14 @@ std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
            std::to_string(std::numeric_limits<int>::max());
 }
 
-bool Resting::could_look(const Problem& problem, BlockShape shape) const {
+bool Resting::could_check(const Problem& problem, BlockShape shape) const {
     if (rest_ != Rest::choose) return rest_ != Rest::step;
     const std::size_t places = BlockGrid(problem.lattice, shape).places();
     return stays_at_rest(problem) && places >= min_blocks && can_be_named(places);
 }
 
 std::uint64_t Resting::bytes_needed(const Problem& problem, BlockShape shape) const {
-    if (!could_look(problem, shape)) return 0;
+    if (!could_check(problem, shape)) return 0;
     return BlockGrid(problem.lattice, shape).places() * (4 * sizeof(std::uint32_t) + 3 * sizeof(BlockOrigin));
 }
 
@@ -68,7 +68,7 @@ std::uint64_t Resting::bytes_held() const {
 void Resting::upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream) {
     policy_.start(false, false);
     asked_ = false;
-    if (!could_look(problem, shape)) return;
+    if (!could_check(problem, shape)) return;
     const BlockGrid grid(problem.lattice, shape);
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
     const std::size_t count = all.size();
@@ -94,7 +94,7 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
 }
 
 void Resting::wake(int reading, const Stream& stream) {
-    if (!may_look()) return;
+    if (!may_check()) return;
     const auto now = std::size_t(reading), next = std::size_t(1 - reading);
     copy(all_, lists_[now], stream);
     copy(all_marks_, marks_[now], stream);
@@ -104,7 +104,7 @@ void Resting::wake(int reading, const Stream& stream) {
 }
 
 ActiveBlocks Resting::active(int reading) const {
-    if (!may_look()) return {};
+    if (!may_check()) return {};
     const auto now = std::size_t(reading), next = std::size_t(1 - reading);
     unsigned* const count = counts_.data()->data();
     return {row_,
@@ -122,7 +122,7 @@ ActiveBlocks Resting::active(int reading) const {
 void Resting::stepped(int count, int reading, const Stream& stream) {
     policy_.stepped(count);
     if (!policy_.is_due()) return;
-    if (!looks()) {
+    if (!checks()) {
         policy_.begin_checks();
         wake(reading, stream);
         return;
@@ -130,7 +130,7 @@ void Resting::stepped(int count, int reading, const Stream& stream) {
     if (std::exchange(asked_, false)) {
         copied_.wait();
         policy_.decide(seen_.values().front()[taken], blocks());
-        if (!looks()) return;
+        if (!checks()) return;
     } else {
         policy_.go_on();
     }

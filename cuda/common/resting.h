@@ -34,14 +34,14 @@ public:
     void wake(int reading, const Stream& stream);
 
     /// Whether steps leave out blocks at rest: at times, and now.
-    bool may_look() const { return policy_.may_check(); }
-    bool looks() const { return policy_.checks(); }
+    bool may_check() const { return policy_.may_check(); }
+    bool checks() const { return policy_.checks(); }
     /// Terms of the kernel that leaves them out.
     std::uint32_t terms() const { return term_resting | (rest_ == Rest::flush ? term_flush : 0); }
     /// For a step that reads buffer `reading`.
     ActiveBlocks active(int reading) const;
 
-    /// Steps until looks() may change: of which at most that many are to be enqueued before stepped().
+    /// Steps until checks() may change: of which at most that many are to be enqueued before stepped().
     int steps_to_decision() const { return policy_.steps_to_decision(); }
     /// That many were enqueued; the next one reads buffer `reading`.
     void stepped(int count, int reading, const Stream& stream);
@@ -59,7 +59,7 @@ private:
     using Counts = std::array<unsigned, counts>;
 
     /// Whether it is asked in some states of `problem`.
-    bool could_look(const Problem& problem, BlockShape shape) const;
+    bool could_check(const Problem& problem, BlockShape shape) const;
 
     const Rest rest_;
     RestPolicy policy_;

@@ -17,17 +17,17 @@ layout(binding = 0) uniform sampler2D position;
 layout(binding = 1) uniform sampler2D other;
 #endif
 
-// The first look that failed.
+// The number of the first check that failed.
 layout(std430, binding = 3) buffer Found { uint found; };
 
-uniform int look;
+uniform int check_number;
 uniform float inverse_largest;  // 1 / the largest increment
 
 const uint infinite = 0x7F800000u;  // bits of infinity, and the exponent of whatever is not finite
 
-void check(vec4 here, vec3 moved) {
+void check(vec4 here, vec3 before_or_increment) {
     if ((floatBitsToUint(here.w) & ACTIVE_BIT) == 0u) return;
-    precise vec3 increment = moved;
+    precise vec3 increment = before_or_increment;
 #ifndef BY_INCREMENTS
     increment = here.xyz - increment;
 #endif
@@ -36,7 +36,7 @@ void check(vec4 here, vec3 moved) {
     // their bits, and NaN comes last.
     bool fast = floatBitsToUint(dot(share, share)) > floatBitsToUint(1.0);
     bool finite = all(lessThan(floatBitsToUint(here.xyz) & infinite, uvec3(infinite)));
-    if ((fast || !finite) && uint(look) < found) atomicMin(found, uint(look));
+    if ((fast || !finite) && uint(check_number) < found) atomicMin(found, uint(check_number));
 }
 
 void main() {

@@ -1,0 +1,35 @@
+// The divergence monitor's check of the state on the device: is every particle finite and slow enough?
+#pragma once
+
+#include <cstdint>
+
+#include "backends/layout/records/particle.h"
+#include "cuda/device/stream.h"
+
+namespace voxspring::cuda {
+
+struct DivergenceCheck {
+    std::int64_t step;         ///< after which it checks
+    std::int64_t last_check;   ///< the step of the check before
+    double largest_increment;  ///< |x(t) - x(t - dt)|
+};
+
+/// On the device: the step of the first check that failed, and of the check before it (Divergence).
+struct FirstDivergence {
+    long long last_good, found;
+};
+
+/// Enqueues a check. An increment is the difference from `before` to `words` or, where that is null, three
+/// numbers of `increment`, `pitch` elements apart. A word without bits is no particle. `first` starts with
+/// the largest numbers there are.
+template <class Real>
+void launch_divergence_check(const ParticleRecord<Real>* words, const ParticleRecord<Real>* before,
+                             const Real* increment, std::size_t pitch, std::size_t count,
+                             const DivergenceCheck& parameters, FirstDivergence* first, const Stream& stream);
+/// The same of positions in axes `pitch` apart, where what is no particle neither moves nor is infinite.
+template <class Real>
+void launch_divergence_check_on_axes(const Real* now, const Real* before, const Real* increment,
+                                     std::size_t pitch, std::size_t count, const DivergenceCheck& parameters,
+                                     FirstDivergence* first, const Stream& stream);
+
+}  // namespace voxspring::cuda
