@@ -15,9 +15,9 @@
 namespace voxspring::testing {
 namespace {
 
-class Watched : public ::testing::TestWithParam<std::string> {
+class Monitored : public ::testing::TestWithParam<std::string> {
 protected:
-    Watched() : problem(make_lattice_problem(random_grid({37, 9, 8}, 0.5, 61), FACE_BITS | EDGE_BITS)) {
+    Monitored() : problem(make_lattice_problem(random_grid({37, 9, 8}, 0.5, 61), FACE_BITS | EDGE_BITS)) {
         problem.time_step = 0.2;
         problem.damping = 0.01;
     }
@@ -28,7 +28,7 @@ protected:
     std::unique_ptr<Backend> backend;
 };
 
-TEST_P(Watched, ARunWithinItsBoundsDoesNotDepart) {
+TEST_P(Monitored, ARunWithinItsBoundsDoesNotDiverge) {
     backend->monitor({.largest_increment = 1, .every = 1});
     backend->upload(problem, random_state(problem, 0.05, 62));
     EXPECT_FALSE(backend->divergence().has_value());
@@ -36,7 +36,7 @@ TEST_P(Watched, ARunWithinItsBoundsDoesNotDepart) {
     EXPECT_FALSE(backend->divergence().has_value());
 }
 
-TEST_P(Watched, FindsTheFirstLookAtWhichAParticleIsNotFinite) {
+TEST_P(Monitored, FindsTheFirstCheckAtWhichAParticleIsNotFinite) {
     backend->monitor({.largest_increment = 1, .every = 4});
     State start = random_state(problem, 0.05, 63);
     start.displacement.back().y = std::numeric_limits<double>::quiet_NaN();
@@ -51,7 +51,7 @@ TEST_P(Watched, FindsTheFirstLookAtWhichAParticleIsNotFinite) {
 }
 
 // Every particle falls freely: after step n it moves by n g dt^2.
-TEST_P(Watched, FindsTheLooksBetweenWhichAParticleBecameTooFast) {
+TEST_P(Monitored, FindsTheChecksBetweenWhichAParticleBecameTooFast) {
     Problem falling = make_lattice_problem(
         make_grid({36, 5, 4}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
     falling.gravity = {0, 0, -0.01};
@@ -71,7 +71,7 @@ TEST_P(Watched, FindsTheLooksBetweenWhichAParticleBecameTooFast) {
     }
 }
 
-TEST_P(Watched, OnlyTheNextUploadTakesAWatch) {
+TEST_P(Monitored, OnlyTheNextUploadTakesAMonitor) {
     State start = random_state(problem, 0.05, 64);
     start.increment[3].x = 5;
     backend->upload(problem, start);
@@ -86,7 +86,7 @@ TEST_P(Watched, OnlyTheNextUploadTakesAWatch) {
     EXPECT_FALSE(backend->divergence().has_value());
 }
 
-TEST_P(Watched, LookingChangesNoBit) {
+TEST_P(Monitored, CheckingChangesNoBit) {
     const State start = random_state(problem, 0.05, 65);
     const auto run = [&](int every) {
         backend->monitor({.largest_increment = 1, .every = every});
@@ -100,7 +100,7 @@ TEST_P(Watched, LookingChangesNoBit) {
     EXPECT_EQ(unseen.increment, seen.increment);
 }
 
-INSTANTIATE_TEST_SUITE_P(Backends, Watched, ::testing::ValuesIn(in_every_formulation()), test_name);
+INSTANTIATE_TEST_SUITE_P(Backends, Monitored, ::testing::ValuesIn(in_every_formulation()), test_name);
 
 }  // namespace
 }  // namespace voxspring::testing

@@ -389,7 +389,7 @@ TEST(Divergence, IsFoundAtItsStep) {
     scene.state = random_state(scene.problem, 0.1, 1);
     const auto backend = BackendSpec::parse("cpu_reference").make();
     SceneRunner runner(scene);
-    for (const int steps : {200, 20}) {  // with a look on the way and without
+    for (const int steps : {200, 20}) {  // with a check on the way and without
         const DivergenceMonitor monitor = divergence_monitor(scene, steps);
         backend->monitor(monitor);
         runner.rewind(*backend);

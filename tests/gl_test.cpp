@@ -338,7 +338,7 @@ TEST_P(GlFragment, DegenerateSpringsFollowTheReference) {
     }
 }
 
-TEST_P(GlFragment, WatchFindsTheFirstLookThatFails) {
+TEST_P(GlFragment, MonitorFindsTheFirstCheckThatFails) {
     Problem problem = plain_problem();
     problem.time_step = 1.5;
     const State start = random_state(problem, 0.05, 3);
@@ -393,10 +393,10 @@ TEST_P(GlFragment, WatchPassesAGoodRunAndChangesNoBit) {
     for (const char* mask : {",mask=stencil", ",mask=none"}) {
         const auto backend = make(GetParam() + mask);
         backend->monitor({0.1, 3});
-        const State watched = after(*backend, problem, 40);
+        const State monitored = after(*backend, problem, 40);
         EXPECT_FALSE(backend->divergence());
         backend->monitor({0.1, 0});
-        expect_same_bits(after(*backend, problem, 40), watched);
+        expect_same_bits(after(*backend, problem, 40), monitored);
         EXPECT_FALSE(backend->divergence());
     }
 }
