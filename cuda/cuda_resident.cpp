@@ -172,10 +172,10 @@ private:
         if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         if (problem.has_materials())
             return "resident blocks have one stiffness a spring group, and the scene has several materials";
-        const auto most = std::size_t(device().multiprocessors()) * max_resident_lanes;
-        if (problem.particle_count() > most)
+        const auto max_particles = std::size_t(device().multiprocessors()) * max_resident_lanes;
+        if (problem.particle_count() > max_particles)
             return std::to_string(problem.particle_count()) + " particles exceed the " +
-                   std::to_string(most) + " that " + std::to_string(device().multiprocessors()) +
+                   std::to_string(max_particles) + " that " + std::to_string(device().multiprocessors()) +
                    " multiprocessors hold";
         return too_much_for_a_block(layout_of(
             problem,

@@ -227,13 +227,13 @@ def compare_times(old, new):
     return found
 
 
-def least_p(old, new):
+def min_p(old, new):
     """The least p that Mann-Whitney's U can have, two-sided, of so many repetitions."""
     return 2 / math.comb(old + new, old)
 
 
 def can_tell(old, new):
-    return least_p(old, new) < FALSE_DISCOVERIES
+    return min_p(old, new) < FALSE_DISCOVERIES
 
 
 def complete_times(rows, device, marked):
@@ -336,7 +336,7 @@ def judge_repetitions(row, threshold):
         return verdict, ""
     if not old or not new:
         return "too few repetitions", f"the file has one time of each, {MINIMUM_REPETITIONS} are needed"
-    return "too few repetitions", (f"{old} and {new}, of which p is {least_p(old, new):.2g} at best; {MINIMUM_REPETITIONS} "
+    return "too few repetitions", (f"{old} and {new}, of which p is {min_p(old, new):.2g} at best; {MINIMUM_REPETITIONS} "
                                    "are needed")
 
 

@@ -16,14 +16,14 @@ std::uint64_t limit_in(const std::filesystem::path& file) {
     return stream >> bytes ? bytes : no_memory_limit;
 }
 
-/// The least limit of `group` and of those above it, in the hierarchy that is mounted at `root`. A container
-/// may see its own group as the root, whatever its name outside is.
-std::uint64_t least_limit(const std::filesystem::path& root, std::filesystem::path group,
-                          const std::string& name) {
-    std::uint64_t least = limit_in(root / name);
+/// The smallest limit of `group` and of those above it, in the hierarchy that is mounted at `root`. A
+/// container may see its own group as the root, whatever its name outside is.
+std::uint64_t min_limit(const std::filesystem::path& root, std::filesystem::path group,
+                        const std::string& name) {
+    std::uint64_t limit = limit_in(root / name);
     for (group = group.relative_path(); !group.empty(); group = group.parent_path())
-        least = std::min(least, limit_in(root / group / name));
-    return least;
+        limit = std::min(limit, limit_in(root / group / name));
+    return limit;
 }
 
 /// Whether `word` is one of the words between the commas of `list`.
@@ -34,7 +34,7 @@ bool has_word(const std::string& list, const std::string& word) {
 }  // namespace
 
 std::uint64_t cgroup_memory_limit(const std::filesystem::path& groups, const std::filesystem::path& root) {
-    std::uint64_t least = no_memory_limit;
+    std::uint64_t limit = no_memory_limit;
     std::ifstream stream(groups);
     // NUMBER:CONTROLLERS:GROUP; version 2 has the number 0 and no controllers.
     for (std::string line; std::getline(stream, line);) {
@@ -44,12 +44,12 @@ std::uint64_t cgroup_memory_limit(const std::filesystem::path& groups, const std
         const std::string controllers = line.substr(first + 1, second - first - 1);
         const std::string group = line.substr(second + 1);
         if (controllers.empty()) {
-            least = std::min(least, least_limit(root, group, "memory.max"));
+            limit = std::min(limit, min_limit(root, group, "memory.max"));
         } else if (has_word(controllers, "memory")) {
-            least = std::min(least, least_limit(root / "memory", group, "memory.limit_in_bytes"));
+            limit = std::min(limit, min_limit(root / "memory", group, "memory.limit_in_bytes"));
         }
     }
-    return least;
+    return limit;
 }
 
 std::uint64_t memory_limit() {

@@ -95,8 +95,8 @@ glm::dvec3 Camera::turned(glm::dvec3 direction) const {
 glm::dvec3 Camera::reach() const {
     const glm::dvec3 half = (high_ - low_) / 2.0;
     // A body that has collapsed onto a line or a point is still somewhere.
-    const double most = std::max({half.x, half.y, half.z});
-    return glm::max(half, glm::dvec3(most > 0 ? 1e-6 * most : 1));
+    const double largest = std::max({half.x, half.y, half.z});
+    return glm::max(half, glm::dvec3(largest > 0 ? 1e-6 * largest : 1));
 }
 
 Painter::Painter(glm::ivec2 size) : size_(size) {

@@ -77,8 +77,8 @@ private:
 
     void take(const std::string& name, char* to, std::size_t bytes) {
         while (bytes > 0) {
-            const auto most = unsigned(std::min<std::size_t>(bytes, 1u << 30));
-            const int got = unzReadCurrentFile(file_.get(), to, most);
+            const auto max_bytes = unsigned(std::min<std::size_t>(bytes, 1u << 30));
+            const int got = unzReadCurrentFile(file_.get(), to, max_bytes);
             if (got <= 0) refuse(name, "its data", "as many bytes as its header says, undamaged");
             to += got;
             bytes -= std::size_t(got);

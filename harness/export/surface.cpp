@@ -274,8 +274,8 @@ std::vector<SurfaceVertex> surface_of(const Problem& problem, std::span<const gl
                 vertices.insert(vertices.end(), face.begin(), face.end());
             }
         }
-        if (vertices.size() > 4 * most_faces) {
-            throw std::runtime_error("the surface has more than " + std::to_string(most_faces) +
+        if (vertices.size() > 4 * max_faces) {
+            throw std::runtime_error("the surface has more than " + std::to_string(max_faces) +
                                      " faces, too many to draw");
         }
     }

@@ -17,7 +17,7 @@ struct SurfaceVertex {
 };
 
 /// The largest surface that surface_of() makes; its vertices take 3 GiB.
-inline constexpr std::size_t most_faces = std::size_t(1) << 24;
+inline constexpr std::size_t max_faces = std::size_t(1) << 24;
 
 /// Four vertices a face, counter-clockwise from outside: the faces between an active voxel and an inactive
 /// one, and those between two active voxels whose spring is cut. Vertices follow `displacement` and carry the
@@ -26,7 +26,7 @@ inline constexpr std::size_t most_faces = std::size_t(1) << 24;
 /// around it cross on average ("surface nets").
 ///
 /// Throws std::runtime_error where a displacement is not finite, the problem lies on no lattice or there are
-/// more than most_faces.
+/// more than max_faces.
 std::vector<SurfaceVertex> surface_of(const Problem& problem, std::span<const glm::dvec3> displacement,
                                       std::span<const double> value);
 

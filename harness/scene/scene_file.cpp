@@ -14,10 +14,10 @@ namespace {
 
 constexpr std::array<SpringGroup, 3> all_groups = {SpringGroup::face, SpringGroup::edge, SpringGroup::corner};
 
-constexpr int most_edit_steps = 1'000'000'000;
-constexpr int most_edits = 1'000;
-constexpr std::size_t most_triangles = 100'000;
-constexpr std::size_t most_pairs = 100'000;
+constexpr int max_edit_steps = 1'000'000'000;
+constexpr int max_edits = 1'000;
+constexpr std::size_t max_triangles = 100'000;
+constexpr std::size_t max_pairs = 100'000;
 
 constexpr std::string_view accepted_regions =
     R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
@@ -224,7 +224,7 @@ std::optional<Shape> read_shape(JsonObject& object, const std::string& accepted)
     }
     if (triangles) {
         TrianglePatch shape;
-        for (const JsonValue& triangle : triangles->array(1, most_triangles)) {
+        for (const JsonValue& triangle : triangles->array(1, max_triangles)) {
             const std::vector<JsonValue> corners = triangle.array(3, 3);
             shape.triangles.push_back({vector(corners[0]), vector(corners[1]), vector(corners[2])});
         }
@@ -242,7 +242,7 @@ std::optional<Shape> read_shape(JsonObject& object, const std::string& accepted)
 EditSpec read_edit(const JsonValue& value) {
     EditSpec edit{.source = value};
     JsonObject object = value.object();
-    edit.step = int(object.require("step", "a number of steps").integer(0, most_edit_steps));
+    edit.step = int(object.require("step", "a number of steps").integer(0, max_edit_steps));
     const auto cut = object.find("cut");
     const auto suture = object.find("suture");
     const std::string one_shape = "one of plane, triangles and ball";
@@ -262,7 +262,7 @@ EditSpec read_edit(const JsonValue& value) {
             suture->refuse("pairs of voxels, or " + one_shape + " with a distance \"within\"");
         if (within) edit.within = positive(*within);
         if (pairs) {
-            for (const JsonValue& pair : pairs->array(1, most_pairs)) {
+            for (const JsonValue& pair : pairs->array(1, max_pairs)) {
                 const std::vector<JsonValue> ends = pair.array(2, 2);
                 edit.voxels.emplace_back(voxel_triple(ends[0], 0, max_side - 1),
                                          voxel_triple(ends[1], 0, max_side - 1));
@@ -273,8 +273,8 @@ EditSpec read_edit(const JsonValue& value) {
     }
     if (const auto repeat = object.find("repeat")) {
         JsonObject keys = repeat->object();
-        edit.times = int(keys.require("times", "a whole number").integer(1, most_edits));
-        edit.every = int(keys.require("every", "a number of steps").integer(1, most_edit_steps));
+        edit.times = int(keys.require("times", "a whole number").integer(1, max_edits));
+        edit.every = int(keys.require("every", "a number of steps").integer(1, max_edit_steps));
         if (const auto move = keys.find("move")) {
             if (!edit.shape) move->refuse("a repeat without it: pairs of voxels do not move");
             edit.move = vector(*move);

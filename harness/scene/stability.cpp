@@ -135,7 +135,7 @@ std::vector<double> fast_start(const Problem& problem) {
 constexpr double max_residual = 1e-6;
 constexpr int max_multiplications = 1000;
 /// Beyond these a solution takes minutes.
-constexpr std::size_t most_oscillators = 300'000;
+constexpr std::size_t max_oscillators = 300'000;
 
 /// The largest eigenvalue of the symmetric tridiagonal matrix that Lanczos' iteration has made so far, and
 /// the residual of its eigenvector in the large matrix.
@@ -220,10 +220,10 @@ double frequency_bound_squared(const Problem& problem) {
 }
 
 Frequency true_frequency_squared(const Problem& problem, const std::vector<glm::dvec3>& displacement) {
-    if (problem.particle_count() > most_oscillators) {
+    if (problem.particle_count() > max_oscillators) {
         return {{},
                 std::to_string(problem.particle_count()) + " particles are more than the " +
-                    std::to_string(most_oscillators) + " for which it is computed"};
+                    std::to_string(max_oscillators) + " for which it is computed"};
     }
     const double bound = frequency_bound_squared(problem);
     if (bound == 0) return {0, {}};

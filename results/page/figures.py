@@ -648,7 +648,7 @@ GATE = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "b
         ("measured", "measured", 3), ("gate_is", "gate is", None), ("gate", "gate", 3), ("unit", "unit", None),
         ("detail", "detail", None),
         ("passed", "passed", None)]
-LEAST_SHARE = 1e-6
+MIN_SHARE = 1e-6
 
 
 def by_study(results):
@@ -675,7 +675,7 @@ def stress(charts, results):
                          "measurement": row["measurement"], "steps": row["steps"], "measured": value, "gate": gate,
                          "gate_is": row["gate_is"], "unit": row.get("unit", ""), "detail": row.get("detail", ""),
                          # Zero has no place on a logarithmic axis.
-                         "share": max(numbers[0] / numbers[1], LEAST_SHARE) if all(numbers) else None,
+                         "share": max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None,
                          "passed": "yes" if row["passed"] else "no"})
     if not rows:
         return None
@@ -699,7 +699,7 @@ def stress(charts, results):
         panels.append(charts.panel(machine, {"machine": machine}, alt.layer(gate, chart), alternative,
                                    step=("measurement", 24)))
     return Figure("stress", title, "Every measurement with a gate, as a share of it: left of the line it holds. What is "
-                  f"less than {error_text(LEAST_SHARE)} of its gate is drawn there; gates and measurements of exactly zero "
+                  f"less than {error_text(MIN_SHARE)} of its gate is drawn there; gates and measurements of exactly zero "
                   "are in the table alone.", GATE, rows, panels, results)
 
 

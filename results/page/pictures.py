@@ -19,11 +19,11 @@ COLOURED_BY = ("displacement", "error")
 SIZE = "560x420"
 # Particle updates of a run, which float64 on one core takes about two seconds for, and the most steps.
 UPDATES = 30_000_000
-MOST_STEPS = 2000
+MAX_STEPS = 2000
 # Of several sizes the largest up to this one is drawn, which leaves it some hundred steps to move; without one the smallest.
 FAMILIAR = 100_000
 # Beyond this not even a few steps are drawn.
-MOST_PARTICLES = 4_000_000
+MAX_PARTICLES = 4_000_000
 SECONDS = 120
 # A built-in scene, perhaps in another size. Nothing else that a file calls a scene gets onto the program's command line.
 NAME = re.compile(r"\w+(@\w+)?")
@@ -41,7 +41,7 @@ class Wanted:
 
     @property
     def steps(self):
-        steps = max(1, min(MOST_STEPS, UPDATES // self.particles))
+        steps = max(1, min(MAX_STEPS, UPDATES // self.particles))
         return steps if steps < 100 else steps // 100 * 100
 
     def name(self, coloured_by):
@@ -93,8 +93,8 @@ def choose(results):
         families.setdefault(family(row["scene"]), []).append(row)
     chosen, sizes, large = [], [], []
     for group in families.values():
-        drawable = [row for row in group if row["particles"] <= MOST_PARTICLES]
-        large += [row["scene"] for row in group if row["particles"] > MOST_PARTICLES]
+        drawable = [row for row in group if row["particles"] <= MAX_PARTICLES]
+        large += [row["scene"] for row in group if row["particles"] > MAX_PARTICLES]
         if not drawable:
             continue
         row = ([row for row in drawable if row["particles"] <= FAMILIAR] or drawable[:1])[-1]
@@ -104,7 +104,7 @@ def choose(results):
     if others:
         left_out.append((others, "no built-in scene has such a name"))
     if large:
-        left_out.append((large, f"more than {MOST_PARTICLES // 1_000_000} million particles"))
+        left_out.append((large, f"more than {MAX_PARTICLES // 1_000_000} million particles"))
     # A body with a shape of its own is what one remembers.
     chosen.sort(key=lambda wanted: (not wanted.scene.startswith("heart"), reading.natural(wanted.scene)))
     return chosen, left_out
