@@ -211,15 +211,15 @@ bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b) {
     return std::visit(Cuts{a, b}, shape);
 }
 
-SpringEditor::SpringEditor(Problem& problem)
-    : problem_(problem), particle_(particle_of_voxel(problem.lattice)) {}
+SpringEditor::SpringEditor(Problem& problem) : problem_(problem), springs_(problem) {}
 
 std::uint32_t SpringEditor::neighbour(std::uint32_t particle, const Direction& direction) const {
     const Lattice& lattice = problem_.lattice;
     const glm::ivec3 at = lattice.coordinates(lattice.voxel[particle]) + direction.offset;
     if (at.x < 0 || at.y < 0 || at.z < 0) return no_particle;
     if (at.x >= lattice.dims.x || at.y >= lattice.dims.y || at.z >= lattice.dims.z) return no_particle;
-    return particle_[std::size_t(std::ptrdiff_t(lattice.voxel[particle]) + lattice.stride(direction))];
+    return particle_by_voxel()[std::size_t(std::ptrdiff_t(lattice.voxel[particle]) +
+                                           lattice.stride(direction))];
 }
 
 double SpringEditor::longest_lattice_spring() const {
@@ -240,7 +240,7 @@ void SpringEditor::visit_near(const Shape& shape, Visit visit) const {
             const std::size_t row =
                 (std::size_t(z) * std::size_t(lattice.dims.y) + std::size_t(y)) * std::size_t(lattice.dims.x);
             for (int x = low.x; x <= high.x; ++x) {
-                const std::uint32_t i = particle_[row + std::size_t(x)];
+                const std::uint32_t i = particle_by_voxel()[row + std::size_t(x)];
                 if (i != no_particle) visit(i);
             }
         }
@@ -262,19 +262,16 @@ SpringEdit SpringEditor::cut(const Shape& shape) {
     SpringEdit edit;
     const Cutter crosses(shape);
     const auto& x = problem_.rest_position;
-    if (!particle_.empty()) {
+    if (!particle_by_voxel().empty()) {
         const double longest = longest_lattice_spring();
         visit_near(shape, [&](std::uint32_t i) {
             if (!crosses.may_cut_from(x[i], longest)) return;
-            for (const Direction& direction : directions()) {
-                const auto bit = std::size_t(direction.bit);
-                if (bit % 2 == 0 || (problem_.lattice.mask[i] >> bit & 1U) == 0) continue;
-                const std::uint32_t j = neighbour(i, direction);
-                if (!crosses(x[i], x[j])) continue;
+            springs_.of(i, [&](std::uint32_t j, const Direction& direction) {
+                if (!crosses(x[i], x[j])) return;
                 const Spring spring{i, j, problem_.spring_stiffness(i, j, direction),
-                                    problem_.rest_length[bit]};
+                                    problem_.rest_length[std::size_t(direction.bit)]};
                 edit.removed.push_back({spring, direction.bit});
-            }
+            });
         });
     }
     for (const Spring& spring : problem_.springs) {
@@ -285,19 +282,17 @@ SpringEdit SpringEditor::cut(const Shape& shape) {
 }
 
 SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional<double> stiffness) {
-    if (particle_.empty()) return {};
+    if (particle_by_voxel().empty()) return {};
     const Cutter crosses(shape);
     const auto& x = problem_.rest_position;
     std::set<std::uint32_t> faces;
     const double longest = longest_lattice_spring();
     visit_near(shape, [&](std::uint32_t i) {
         if (!crosses.may_cut_from(x[i], longest)) return;
-        for (const Direction& direction : directions()) {
-            if ((problem_.group_bits >> direction.bit & 1U) == 0) continue;
-            if ((problem_.lattice.mask[i] >> direction.bit & 1U) != 0) continue;
+        visit_directions(problem_.group_bits & ~problem_.lattice.mask[i], [&](const Direction& direction) {
             const std::uint32_t j = neighbour(i, direction);
             if (j != no_particle && crosses(x[std::min(i, j)], x[std::max(i, j)])) faces.insert(i);
-        }
+        });
     });
     std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
     const glm::ivec3 reach(glm::ceil(within / problem_.lattice.spacing));
@@ -308,7 +303,7 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
         for (int z = low.z; z <= high.z; ++z) {
             for (int y = low.y; y <= high.y; ++y) {
                 for (int other = low.x; other <= high.x; ++other) {
-                    const std::uint32_t j = particle_[std::size_t(
+                    const std::uint32_t j = particle_by_voxel()[std::size_t(
                         (std::ptrdiff_t(z) * problem_.lattice.dims.y + y) * problem_.lattice.dims.x + other)];
                     // no_particle is no face. Each pair once.
                     if (j <= i || !faces.contains(j) || glm::distance(x[i], x[j]) > within) continue;
@@ -383,12 +378,10 @@ void SpringEditor::finish(SpringEdit& edit) {
                                        ? problem_.lattice.mask[i]
                                        : ACTIVE_BIT | (problem_.is_pinned(i) ? PINNED_BIT : 0U);
         const auto begin = std::uint32_t(edit.listed.size());
-        for (const Direction& direction : directions()) {
-            if ((mask >> direction.bit & 1U) == 0) continue;
-            const std::uint32_t j = neighbour(i, direction);
+        springs_.all_of(i, [&](std::uint32_t j, const Direction& direction) {
             edit.listed.push_back({j, direction.bit, problem_.spring_stiffness(i, j, direction),
                                    problem_.rest_length[std::size_t(direction.bit)]});
-        }
+        });
         edit.listed.insert(edit.listed.end(), beyond[n].begin(), beyond[n].end());
         edit.touched.push_back({i, mask, begin, std::uint32_t(edit.listed.size())});
     }

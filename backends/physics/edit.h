@@ -99,6 +99,9 @@ public:
                       std::optional<double> stiffness = {});
 
 private:
+    /// For each voxel the particle in it, or no_particle; empty without a lattice.
+    const std::vector<std::uint32_t>& particle_by_voxel() const { return springs_.particle_by_voxel(); }
+
     /// The particle one step along `direction`, or no_particle.
     std::uint32_t neighbour(std::uint32_t particle, const Direction& direction) const;
     /// Calls visit(i) for each particle whose springs `shape` might cut.
@@ -110,7 +113,7 @@ private:
     void finish(SpringEdit& edit);
 
     Problem& problem_;
-    std::vector<std::uint32_t> particle_;  ///< of each voxel
+    const LatticeSprings springs_;
 };
 
 /// Does to `problem` what `edit` did to a problem equal to it.

@@ -126,22 +126,33 @@ std::vector<RestSpring> list_rest_springs(const Problem& problem);
 inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
 
+/// Calls visit(direction) for each neighbour bit of `mask`, in the order of neighbours.h.
+template <class Visit>
+void visit_directions(std::uint32_t mask, Visit visit) {
+    constexpr std::uint32_t neighbour_bits = (1U << neighbour_count) - 1;
+    for (std::uint32_t bits = mask & neighbour_bits; bits != 0; bits &= bits - 1)
+        visit(directions()[std::size_t(std::countr_zero(bits))]);
+}
+
 /// The springs of a lattice without a list of them, which at 10^8 particles no memory holds. A network
 /// without a lattice has none.
 class LatticeSprings {
 public:
     explicit LatticeSprings(const Problem& problem);
 
+    /// For each voxel the particle in it, or `no_particle`.
+    const std::vector<std::uint32_t>& particle_by_voxel() const { return particle_; }
+
     /// Calls visit(j, direction) for each spring between particle i and a later one j, in the order of
     /// list_springs().
     template <class Visit>
     void of(std::size_t i, Visit visit) const {
-        visit_bits(i, later_bits, visit);
+        visit_neighbours(i, later_bits, visit);
     }
     /// The same for each neighbour j of particle i, in the order of neighbours.h.
     template <class Visit>
     void all_of(std::size_t i, Visit visit) const {
-        visit_bits(i, all_bits, visit);
+        visit_neighbours(i, all_bits, visit);
     }
 
 private:
@@ -149,13 +160,14 @@ private:
     static constexpr std::uint32_t all_bits = 0x03FFFFFF, later_bits = 0x02AAAAAA;
 
     template <class Visit>
-    void visit_bits(std::size_t i, std::uint32_t wanted, Visit visit) const {
+    void visit_neighbours(std::size_t i, std::uint32_t wanted, Visit visit) const {
         const Lattice& lattice = problem_->lattice;
         if (lattice.mask.empty()) return;
-        for (std::uint32_t bits = lattice.mask[i] & wanted; bits != 0; bits &= bits - 1) {
-            const auto bit = std::size_t(std::countr_zero(bits));
-            visit(particle_[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + stride_[bit])], directions()[bit]);
-        }
+        visit_directions(lattice.mask[i] & wanted, [&](const Direction& direction) {
+            const std::ptrdiff_t voxel =
+                std::ptrdiff_t(lattice.voxel[i]) + stride_[std::size_t(direction.bit)];
+            visit(particle_[std::size_t(voxel)], direction);
+        });
     }
 
     const Problem* problem_;

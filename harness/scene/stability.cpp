@@ -161,18 +161,19 @@ std::optional<double> largest_eigenvalue(const Oscillations& matrix, std::vector
     v.normalize();
     Eigen::VectorXd before = Eigen::VectorXd::Zero(size), next(size);
     std::vector<double> diagonal, beside;
-    int look = 1;
+    int next_solution = 1;
     for (int multiplications = 1; multiplications <= max_multiplications; ++multiplications) {
         matrix.multiply(v, next);
         if (!beside.empty()) next -= beside.back() * before;
         diagonal.push_back(v.dot(next));
         next -= diagonal.back() * v;
         beside.push_back(next.norm());
-        if (multiplications == look || multiplications == max_multiplications || beside.back() == 0) {
+        if (multiplications == next_solution || multiplications == max_multiplications ||
+            beside.back() == 0) {
             const auto [value, residual] = largest_ritz_value(diagonal, beside);
             if (residual <= max_residual * value || beside.back() == 0) return value;
             // A solution of the small matrix takes the time of its size to the third.
-            look += 1 + look / 20;
+            next_solution += 1 + next_solution / 20;
         }
         before.swap(v);
         v = next / beside.back();
@@ -190,8 +191,8 @@ double frequency_bound_squared(const Problem& problem) {
     }
     const std::vector<Eigen::Matrix3d> beyond = beyond_lattice(problem);
     // Which particle a neighbour is matters only where materials differ.
-    const std::vector<std::uint32_t> particle =
-        problem.has_materials() ? particle_of_voxel(problem.lattice) : std::vector<std::uint32_t>{};
+    std::optional<LatticeSprings> springs;
+    if (problem.has_materials()) springs.emplace(problem);
     std::unordered_set<std::uint32_t> seen;  // masks, which decide the matrix where nothing else differs
     const bool by_mask = !problem.has_materials() && beyond.empty();
 
@@ -202,14 +203,13 @@ double frequency_bound_squared(const Problem& problem) {
         if (by_mask && !seen.insert(mask).second) continue;
         Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
         if (!beyond.empty()) sum = beyond[i];
-        for (const Direction& direction : directions()) {
-            if ((mask >> direction.bit & 1u) == 0) continue;
-            std::size_t neighbour = i;
-            if (problem.has_materials()) {
-                neighbour =
-                    particle[std::size_t(problem.lattice.voxel[i] + problem.lattice.stride(direction))];
-            }
+        const auto add = [&](std::size_t neighbour, const Direction& direction) {
             sum += problem.spring_stiffness(i, neighbour, direction) * along[std::size_t(direction.bit)];
+        };
+        if (springs) {
+            springs->all_of(i, add);
+        } else {
+            visit_directions(mask, [&](const Direction& direction) { add(i, direction); });
         }
         sum /= problem.material_of(i).mass;
         // No eigenvalue exceeds the largest row sum, so most particles need no solver.
