@@ -56,6 +56,9 @@ struct Capabilities {
     std::map<std::string, int> highest_mhz = {};
     ApiFamily family = ApiFamily::cpu;
     bool is_software = false;  ///< a graphics API that the processor computes
+    /// What measure_limits() is of, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".
+    /// Backends of one name share one measurement. Empty: that of its own API and version alone.
+    std::string limits_of = {};
 };
 
 /// One timed batch of steps.

@@ -243,7 +243,8 @@ TEST(Capabilities, AreReadAsTheyWereWrittenByAnyVersion) {
                                .deterministic = false,
                                .highest_mhz = {{"sm", 7}},
                                .family = ApiFamily::opengl,
-                               .is_software = true};
+                               .is_software = true,
+                               .limits_of = "OpenGL"};
     EXPECT_EQ(to_json(capabilities_of(to_json(written))), to_json(written));
     // 0.1 wrote neither field: names tell.
     EXPECT_EQ(capabilities_of({{"api", "CUDA 13.0"}}).family, ApiFamily::cuda);

@@ -419,5 +419,29 @@ TEST(PrintedLimits, SayWhereFragmentShadersHaveFewProcessors) {
     EXPECT_THAT(printed(), Not(HasSubstr("of the arithmetic"))) << "a quarter";
 }
 
+TEST(MeasuredLimits, AreMeasuredOnceForWhatSharesThem) {
+    MeasuredLimits measured;
+    int measurements = 0;
+    const auto of = [&](const std::string& api, const std::string& limits_of) {
+        Capabilities capabilities;
+        capabilities.api = api;
+        capabilities.limits_of = limits_of;
+        const auto limits = measured.of(capabilities, [&] {
+            DeviceLimits rates = round_limits();
+            rates.launch_seconds = ++measurements;
+            return rates;
+        });
+        return limits.value().launch_seconds;
+    };
+    EXPECT_EQ(of("OpenGL 4.5 core", "OpenGL"), 1);
+    EXPECT_EQ(of("OpenGL 4.6 core", "OpenGL"), 1) << "another version of the same";
+    EXPECT_EQ(of("OpenGL 4.5 core", "OpenGL compute"), 2);
+    // An API that names nothing to share: the CPU's name is its default family, not its limits.
+    EXPECT_EQ(of("Vulkan 1.3", ""), 3);
+    EXPECT_EQ(of("CPU", "CPU"), 4);
+    EXPECT_EQ(measured.json().size(), 4U);
+    EXPECT_EQ(measured.json().at("Vulkan 1.3").at("launch_seconds"), 3);
+}
+
 }  // namespace
 }  // namespace voxspring::testing

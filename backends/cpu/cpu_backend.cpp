@@ -43,7 +43,8 @@ Capabilities cpu_capabilities(const std::string& target, int threads) {
             .uuid = {},
             .clock = "steady_clock",
             .deterministic = true,
-            .family = ApiFamily::cpu};
+            .family = ApiFamily::cpu,
+            .limits_of = "CPU"};
 }
 
 }  // namespace voxspring

@@ -49,6 +49,7 @@ ComputeBackend::ComputeBackend(const Options& options, std::string shader)
 Capabilities ComputeBackend::capabilities() const {
     Capabilities capabilities = context().capabilities();
     capabilities.api = "OpenGL compute 4.5 core";
+    capabilities.limits_of = "OpenGL compute";
     return capabilities;
 }
 

@@ -196,7 +196,8 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
                      .clock = "GL_TIMESTAMP",
                      .deterministic = true,
                      .family = ApiFamily::opengl,
-                     .is_software = card.software};
+                     .is_software = card.software,
+                     .limits_of = "OpenGL"};
 }
 
 Context::~Context() = default;

@@ -25,7 +25,8 @@ Capabilities CudaBackend::capabilities() const {
             .clock = "CUDA event",
             .deterministic = true,
             .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}},
-            .family = ApiFamily::cuda};
+            .family = ApiFamily::cuda,
+            .limits_of = "CUDA"};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

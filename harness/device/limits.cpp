@@ -7,13 +7,6 @@
 namespace voxspring {
 namespace {
 
-/// "CUDA" of "CUDA 13.0", "OpenGL compute" of "OpenGL compute 4.5 core".
-std::string family_of(const Capabilities& capabilities) {
-    const std::string& api = capabilities.api;
-    const std::size_t version = api.find_first_of("0123456789");
-    return version == std::string::npos ? api : api.substr(0, api.find_last_not_of(' ', version - 1) + 1);
-}
-
 nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& limits) {
     nlohmann::json all = to_json(limits);
     all["api"] = capabilities.api;
@@ -57,18 +50,18 @@ DeviceLimits device_limits_of(const nlohmann::json& json) {
 
 std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
                                                const std::function<DeviceLimits()>& measure) {
-    const std::string family = family_of(capabilities);
-    if (const auto known = limits_.find(family); known != limits_.end()) return known->second;
+    const std::string& of = capabilities.limits_of.empty() ? capabilities.api : capabilities.limits_of;
+    if (const auto known = limits_.find(of); known != limits_.end()) return known->second;
     std::optional<DeviceLimits> limits;
     try {
         limits = measure();
-        json_[family] = describe(capabilities, *limits);
+        json_[of] = describe(capabilities, *limits);
     } catch (const Unavailable& absent) {
-        json_[family] = absent.what();
+        json_[of] = absent.what();
     } catch (const DeviceError& error) {
-        json_[family] = error.what();
+        json_[of] = error.what();
     }
-    limits_[family] = limits;
+    limits_[of] = limits;
     return limits;
 }
 

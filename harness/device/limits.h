@@ -16,16 +16,16 @@ namespace voxspring {
 nlohmann::json to_json(const DeviceLimits& limits);
 DeviceLimits device_limits_of(const nlohmann::json& json);
 
-/// The limits of every device that was measured, by family: "CUDA", "OpenGL" (draws), "OpenGL compute",
-/// "CPU".
+/// The limits of every device that was measured, by Capabilities::limits_of or, where that is empty, by the
+/// name of the API.
 class MeasuredLimits {
 public:
     /// Those of the device that `capabilities` describe, which `measure` measures on a backend of its own;
-    /// nothing where that failed. A family is measured once.
+    /// nothing where that failed. What has one name is measured once.
     std::optional<DeviceLimits> of(const Capabilities& capabilities,
                                    const std::function<DeviceLimits()>& measure);
 
-    /// By family: api, device and every limit that applies, or the reason why there are none.
+    /// By the same names: api, device and every limit that applies, or the reason why there are none.
     const nlohmann::json& json() const { return json_; }
 
 private:

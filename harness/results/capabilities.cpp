@@ -42,7 +42,8 @@ nlohmann::json to_json(const Capabilities& capabilities) {
             {"deterministic", capabilities.deterministic},
             {"highest_mhz", capabilities.highest_mhz},
             {"family", name_of(capabilities.family)},
-            {"software", capabilities.is_software}};
+            {"software", capabilities.is_software},
+            {"limits_of", capabilities.limits_of}};
 }
 
 Capabilities capabilities_of(const nlohmann::json& json) {
@@ -55,7 +56,8 @@ Capabilities capabilities_of(const nlohmann::json& json) {
             .deterministic = json.value("deterministic", true),
             .highest_mhz = json.value("highest_mhz", std::map<std::string, int>()),
             .family = family_of(json, api),
-            .is_software = json.value("software", device.ends_with(", software"))};
+            .is_software = json.value("software", device.ends_with(", software")),
+            .limits_of = json.value("limits_of", "")};
 }
 
 }  // namespace voxspring
