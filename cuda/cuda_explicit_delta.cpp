@@ -2,7 +2,6 @@
 #include <memory>
 
 #include "backends/layout/delta_lists.h"
-#include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/tuning.h"

@@ -9,9 +9,9 @@
 #include <string>
 
 #include "backends/layout/march_layout.h"
+#include "backends/layout/march_work.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/springs.h"
-#include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
 #include "backends/registry.h"
 #include "cuda/common/cuda_backend.h"

@@ -4,7 +4,6 @@
 
 #include "backends/layout/spring_array.h"
 #include "backends/layout/springs.h"
-#include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/tuning.h"

@@ -10,6 +10,9 @@
 #include <sstream>
 #include <string>
 
+#include "backends/layout/delta_lists.h"
+#include "backends/layout/march_work.h"
+#include "backends/layout/spring_array.h"
 #include "backends/layout/work.h"
 #include "backends/limits.h"
 #include "backends/registry.h"

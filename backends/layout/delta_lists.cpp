@@ -6,6 +6,7 @@
 
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
+#include "backends/layout/work.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -328,8 +329,20 @@ DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placeme
     return step;
 }
 
-#define FOR_PRECISION(Real)               \
-    template class OffLatticeLists<Real>; \
+template <class Real>
+StepWork delta_work(const Problem& problem, Formulation formulation) {
+    StepWork work = implicit_work<Real>(problem, formulation);
+    const std::uint64_t off_lattice_ends = 2 * count_springs(problem).beyond;
+    work.bytes += units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
+                  off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
+                                      (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>)));
+    work.operations += off_lattice_ends;  // the stiffness
+    return work;
+}
+
+#define FOR_PRECISION(Real)                                          \
+    template class OffLatticeLists<Real>;                            \
+    template StepWork delta_work<Real>(const Problem&, Formulation); \
     template DeltaStep<Real> make_delta_step(const Problem&, const Placement&, Formulation);
 FOR_PRECISION(float)
 FOR_PRECISION(double)

@@ -10,6 +10,7 @@
 #include "backends/layout/particles.h"
 #include "backends/layout/records/delta.h"
 #include "backends/layout/records/edit.h"
+#include "backends/limits.h"
 
 namespace voxspring::cuda {
 
@@ -69,5 +70,9 @@ private:
 /// The kernel's first argument, as make_implicit_step() leaves it.
 template <class Real>
 DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placement, Formulation formulation);
+
+/// The least that a step takes. The lists of runs, which are few, do not count.
+template <class Real>
+StepWork delta_work(const Problem& problem, Formulation formulation);
 
 }  // namespace voxspring::cuda

@@ -5,6 +5,7 @@
 
 #include "backends/layout/particles.h"
 #include "backends/layout/springs.h"
+#include "backends/layout/work.h"
 
 namespace voxspring::cuda {
 
@@ -130,11 +131,28 @@ ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<R
     return step;
 }
 
+template <class Real>
+StepWork scatter_work(const Problem& problem, Formulation formulation) {
+    StepWork work = motion_work<Real>(problem, formulation);
+    const std::uint64_t springs = count_springs(problem).total();
+    const std::uint64_t particles = problem.particle_count();
+    const std::uint64_t force_read_and_written = 2 * particles * sizeof(Vector<Real>);
+    work.bytes += force_read_and_written;
+    if (springs == 0) return work;
+    work.launches = 2;
+    work.bytes += force_read_and_written + particles * sizeof(ParticleRecord<Real>) +
+                  springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>));
+    // The stiffness, the force, and its addition to either end.
+    work.operations += pull_operations<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);
+    return work;
+}
+
 // A type in parentheses is none.
 // NOLINTBEGIN(bugprone-macro-parentheses)
 #define FOR_PRECISION(Real)                                                            \
     template SpringArrays<Real> list_every_spring(const Problem&, Formulation);        \
     template std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit&); \
+    template StepWork scatter_work<Real>(const Problem&, Formulation);                 \
     template ScatterStep<Real> make_scatter_step(const Problem&, const SpringArrays<Real>&);
 // NOLINTEND(bugprone-macro-parentheses)
 FOR_PRECISION(float)

@@ -9,6 +9,7 @@
 
 #include "backends/layout/records/edit.h"
 #include "backends/layout/records/scatter.h"
+#include "backends/limits.h"
 #include "backends/physics/edit.h"
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
@@ -64,5 +65,9 @@ private:
 /// The kernels' argument, pointers null.
 template <class Real>
 ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<Real>& springs);
+
+/// The least that a step takes: of springs, then of particles.
+template <class Real>
+StepWork scatter_work(const Problem& problem, Formulation formulation);
 
 }  // namespace voxspring::cuda

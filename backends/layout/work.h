@@ -1,12 +1,25 @@
-// The least that a step of each strategy takes, counted from the sources in kernels/. Host code without a
-// device, like layout.h.
+// The least that a step takes, counted from the sources in kernels/: what every strategy has, and the two
+// ways to find neighbours that OpenGL has as well. What one strategy alone does is counted beside its layout.
+// Host code without a device.
 #pragma once
+
+#include <cstdint>
 
 #include "backends/limits.h"
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
 namespace voxspring::cuda {
+
+/// Operations of a vector times a scalar, added to a sum or not.
+inline constexpr std::uint64_t vector_operations = 3;
+
+/// What integrate_and_store() takes. Bytes: x(t) and x(t - dt) are read and x(t + dt) is written, and each
+/// operand that the scene has is read; by increments x(t) and v are read and x(t + dt) and v are written; low
+/// parts take as much again. Vector operations: the mass, gravity and the time step take 3 and damping 1;
+/// next_position() takes 3 more, paper_position() 2, increments 1 and split sums 2 x 11.
+template <class Real>
+StepWork motion_work(const Problem& problem, Formulation formulation);
 
 /// Floating-point operations of unit_pull() on every spring, each evaluated once.
 template <class Real>
@@ -16,20 +29,8 @@ std::uint64_t pull_operations(const Problem& problem, Formulation formulation);
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation);
 
-/// The same in structure of arrays without masks, most springs evaluated once for both of their ends.
-template <class Real>
-StepWork march_work(const Problem& problem, Formulation formulation);
-
 /// Of particles by list, with or without the secondary list. Unused slots do not count.
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);
-
-/// Of particles by delta-compressed list. The lists of runs, which are few, do not count.
-template <class Real>
-StepWork delta_work(const Problem& problem, Formulation formulation);
-
-/// Of springs, then particles.
-template <class Real>
-StepWork scatter_work(const Problem& problem, Formulation formulation);
 
 }  // namespace voxspring::cuda

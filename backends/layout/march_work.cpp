@@ -1,0 +1,58 @@
+#include "backends/layout/march_work.h"
+
+#include <algorithm>
+#include <array>
+
+#include "backends/layout/records/particle.h"
+#include "backends/layout/work.h"
+
+namespace voxspring::cuda {
+namespace {
+
+template <class Real>
+constexpr bool is_single = sizeof(Real) == sizeof(float);
+
+/// A spring of the march: as pull_operations() counts, but that what follows the root is 1 on positions and
+/// displacements, and by increments in float32 3 with the root's and the reciprocal's own. Face springs are
+/// scaled.
+template <class Real>
+std::uint64_t march_pull_operations(const Direction& direction, Formulation formulation) {
+    const glm::ivec3 o = direction.offset;
+    const auto axes = std::uint64_t((o.x != 0) + (o.y != 0) + (o.z != 0));
+    std::uint64_t operations = 3 + (is_single<Real> ? 3 : 4) + (direction.group == SpringGroup::face ? 1 : 0);
+    if (!on_positions(formulation)) operations += axes;
+    if (by_increments(formulation)) return operations + 3 + axes + (is_single<Real> ? 4 : 6 + 1 + 5 + 2);
+    return operations + (is_single<Real> ? 1 : 6) + 1;
+}
+
+}  // namespace
+
+template <class Real>
+StepWork march_work(const Problem& problem, Formulation formulation) {
+    const std::uint64_t particles = problem.particle_count();
+    const bool increments = by_increments(formulation);
+    StepWork work{.bytes = particles * (increments ? 4 : 3) * sizeof(Vector<Real>), .operations = 0};
+    // Evaluations of the springs of a thread's particles, of which some are shared with other threads: two
+    // rows of two in float32, one in float64.
+    struct Share {
+        std::uint64_t evaluations, springs;
+    };
+    const std::array<Share, 2> shares = is_single<Real> ? std::array<Share, 2>{{{16, 12}, {38, 24}}}
+                                                        : std::array<Share, 2>{{{9, 6}, {22, 12}}};
+    const SpringCounts springs = count_springs(problem);
+    for (std::size_t g = 0; g < shares.size(); ++g) {
+        const auto of_group = std::find_if(directions().begin(), directions().end(),
+                                           [&](const Direction& d) { return std::size_t(d.group) == g; });
+        work.operations += springs.group[g] * shares[g].evaluations / shares[g].springs *
+                           march_pull_operations<Real>(*of_group, formulation);
+        work.operations += springs.group[g] * 2 * vector_operations;
+    }
+    const bool changed = problem.has_gravity() || problem.damping != 0;
+    work.operations += particles * vector_operations * ((increments ? 2 : 3) + (changed ? 1 : 0));
+    return work;
+}
+
+template StepWork march_work<float>(const Problem&, Formulation);
+template StepWork march_work<double>(const Problem&, Formulation);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,14 @@
+// The least that a step of cuda_march takes, counted from kernels/march.h.
+#pragma once
+
+#include "backends/limits.h"
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+/// Of particles in structure of arrays without masks, most springs evaluated once for both of their ends.
+template <class Real>
+StepWork march_work(const Problem& problem, Formulation formulation);
+
+}  // namespace voxspring::cuda
