@@ -1,0 +1,37 @@
+// An array of memory that CUDA allocates, on the device or on the host.
+#pragma once
+
+#include <cstddef>
+
+#include "cuda/device/check.h"
+#include "cuda/device/handle.h"
+
+namespace voxspring::cuda {
+
+/// `allocate` and `free` are cudaMalloc and cudaFree, or another such pair.
+template <class T, cudaError_t (*allocate)(void**, std::size_t), cudaError_t (*free)(void*)>
+class Memory {
+public:
+    /// Room for `size` elements with any content; the same memory as before if it had that many.
+    void resize(std::size_t size) {
+        if (size == size_) return;
+        handle_ = {};
+        size_ = 0;
+        if (size == 0) return;
+        void* memory = nullptr;
+        check(allocate(&memory, size * sizeof(T)));
+        handle_ = Handle<void*, free>(memory);
+        size_ = size;
+    }
+
+    /// Null if empty.
+    T* data() const { return static_cast<T*>(handle_.get()); }
+    std::size_t size() const { return size_; }
+    std::size_t bytes() const { return size_ * sizeof(T); }
+
+private:
+    Handle<void*, free> handle_;
+    std::size_t size_ = 0;
+};
+
+}  // namespace voxspring::cuda
