@@ -1,9 +1,10 @@
 #include "backends/gl/compute_backend.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <numeric>
-#include <sstream>
 #include <utility>
 
 #include "backends/gl/limits.h"
@@ -56,10 +57,8 @@ Capabilities ComputeBackend::capabilities() const {
 std::string ComputeBackend::too_large(const char* what, std::uint64_t bytes) const {
     const auto max_bytes = std::uint64_t(context().max_storage_block_size());
     if (bytes <= max_bytes) return {};
-    std::ostringstream reason;
-    reason << what << " of " << bytes << " bytes exceed the " << max_bytes
-           << " that the driver allows one storage buffer";
-    return reason.str();
+    return fmt::format("{} of {} bytes exceed the {} that the driver allows one storage buffer", what, bytes,
+                       max_bytes);
 }
 
 std::string ComputeBackend::refused(const Problem& problem) const {

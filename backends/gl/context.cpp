@@ -1,8 +1,9 @@
 #include "backends/gl/context.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
-#include <sstream>
 #include <vector>
 
 #include "backends/device_choice.h"
@@ -155,7 +156,7 @@ void Context::Destroy::operator()(EGLContext context) const noexcept {
 }
 
 Context::Context() : errors_(std::make_unique<ErrorLog>()) {
-    std::ostringstream reasons;
+    std::string reasons;
     Card card;
     for (const Candidate& candidate : candidates()) {
         try {
@@ -165,13 +166,13 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
             if (candidate.device == EGL_NO_DEVICE_EXT) card = card_of(device_of(display));
             context_ = {create_context(display), Destroy{display}};
             if (try_make_current() && epoxy_gl_version() >= 45) break;
-            reasons << "; " << candidate.name << ": the context cannot be made current";
+            reasons += fmt::format("; {}: the context cannot be made current", candidate.name);
             context_.reset();
         } catch (const Unavailable& absent) {
-            reasons << "; " << candidate.name << ": " << absent.what();
+            reasons += fmt::format("; {}: {}", candidate.name, absent.what());
         }
     }
-    if (!context_) throw Unavailable("no OpenGL" + reasons.str());
+    if (!context_) throw Unavailable("no OpenGL" + reasons);
 
     GLint timer_bits = 0;
     glGetQueryiv(GL_TIMESTAMP, GL_QUERY_COUNTER_BITS, &timer_bits);

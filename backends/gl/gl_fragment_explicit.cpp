@@ -1,9 +1,10 @@
 // Explicit addressing: active particles side by side in a texture, and for each a list of its neighbours, so
 // that springs need no grid. The lists are vertical: all first neighbours, then all second ones.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <sstream>
 
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
@@ -101,26 +102,26 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
-        std::ostringstream reason;
         const int limit = context().max_texture_size();
         const glm::ivec2 size = compact_size(problem.particle_count(), limit);
         const int layers = layer_count(problem);
-        if (problem.particle_count() > LISTED_INDEX) {
-            reason << problem.particle_count() << " particles exceed the " << LISTED_INDEX_BITS
-                   << " bits of an index in a list";
-        } else if (size.x > limit) {
-            reason << problem.particle_count() << " particles exceed the texture limit of " << limit << " x "
-                   << limit;
-        } else if (layers > context().max_array_texture_layers()) {
-            reason << "a particle with " << layers << " springs exceeds the limit of "
-                   << context().max_array_texture_layers() << " texture layers";
-        } else if (!gl::fits(gl::rgba32f, size) || !gl::fits(gl::r32ui, size, layers) ||
-                   (per_spring(problem) && !gl::fits(gl::rg32f, size, layers)) ||
-                   (own_rests(problem) && !gl::fits(gl::rgba32f, size, layers))) {
-            reason << "neighbour lists of " << size.x << " x " << size.y << " x " << layers
-                   << " texels take more bytes than the driver allows one texture";
-        }
-        return reason.str();
+        if (problem.particle_count() > LISTED_INDEX)
+            return fmt::format("{} particles exceed the {} bits of an index in a list",
+                               problem.particle_count(), LISTED_INDEX_BITS);
+        if (size.x > limit)
+            return fmt::format("{} particles exceed the texture limit of {} x {}", problem.particle_count(),
+                               limit, limit);
+        if (layers > context().max_array_texture_layers())
+            return fmt::format("a particle with {} springs exceeds the limit of {} texture layers", layers,
+                               context().max_array_texture_layers());
+        if (!gl::fits(gl::rgba32f, size) || !gl::fits(gl::r32ui, size, layers) ||
+            (per_spring(problem) && !gl::fits(gl::rg32f, size, layers)) ||
+            (own_rests(problem) && !gl::fits(gl::rgba32f, size, layers)))
+            return fmt::format(
+                "neighbour lists of {} x {} x {} texels take more bytes than the driver allows one "
+                "texture",
+                size.x, size.y, layers);
+        return {};
     }
 
     bool per_spring(const Problem& problem) const { return needs_spring_values(problem, all_terms()); }

@@ -1,9 +1,10 @@
 // The legacy path of Mosegaard and Sorensen (2005): the whole grid in a flat texture, a fragment a voxel,
 // neighbours by their place, inactive voxels behind the stencil buffer.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <optional>
-#include <sstream>
 
 #include "backends/gl/fragment_backend.h"
 #include "backends/gl/texture.h"
@@ -68,16 +69,13 @@ private:
         const int limit = context().max_texture_size();
         const auto flat = lay_flat(dims, limit);
         if (flat && gl::fits(gl::rgba32f, flat->size())) return {};
-        std::ostringstream reason;
-        reason << "grid of " << dims.x << " x " << dims.y << " x " << dims.z;
-        if (flat) {
-            reason << " needs a texture of " << flat->size().x << " x " << flat->size().y
-                   << " RGBA32F texels, more bytes than the driver allows one";
-        } else {
-            reason << ", its slices laid side by side, exceeds the texture limit of " << limit << " x "
-                   << limit;
-        }
-        return reason.str();
+        const std::string grid = fmt::format("grid of {} x {} x {}", dims.x, dims.y, dims.z);
+        if (flat)
+            return fmt::format(
+                "{} needs a texture of {} x {} RGBA32F texels, more bytes than the driver allows one", grid,
+                flat->size().x, flat->size().y);
+        return fmt::format("{}, its slices laid side by side, exceeds the texture limit of {} x {}", grid,
+                           limit, limit);
     }
 
     Layout lay_out(const Problem& problem) override {

@@ -1,18 +1,16 @@
 #include "cuda/common/cuda_backend.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <iomanip>
 #include <limits>
 #include <span>
-#include <sstream>
 
 namespace voxspring::cuda {
 namespace {
 
 std::string gibibytes(std::uint64_t bytes) {
-    std::ostringstream text;
-    text << std::fixed << std::setprecision(2) << double(bytes) / double(1 << 30) << " GiB";
-    return text.str();
+    return fmt::format("{:.2f} GiB", double(bytes) / double(1 << 30));
 }
 
 }  // namespace

@@ -1,14 +1,13 @@
 #include "harness/base/progress.h"
 
+#include <fmt/format.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <iomanip>
 #include <iostream>
-#include <sstream>
 #include <utility>
 
 namespace voxspring {
@@ -144,11 +143,10 @@ void Progress::end(int rows) {
     rows_done_ += scenes_[number_ - 1].rows;
     if (terminal_) return;
     const std::chrono::duration<double> took = Clock::now() - scene_begin_;
-    std::ostringstream line;
-    line << heading_ << ": " << rows << (rows == 1 ? " row" : " rows") << " in " << std::setprecision(3)
-         << took.count() << " s"
-         << (number_ < scenes_.size() ? left(work_done_ / std::max(all_work_, 1.0)) : "") << "\n";
-    std::cerr << line.str() << std::flush;
+    std::cerr << fmt::format("{}: {} {} in {:.3g} s{}\n", heading_, rows, rows == 1 ? "row" : "rows",
+                             took.count(),
+                             number_ < scenes_.size() ? left(work_done_ / std::max(all_work_, 1.0)) : "")
+              << std::flush;
     written_ = Clock::now();
 }
 

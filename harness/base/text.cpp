@@ -17,6 +17,8 @@ std::string joined(const std::vector<std::string>& words) {
     return fmt::format("{}", fmt::join(words, ", "));
 }
 
+std::string fixed_text(double value, int digits) { return fmt::format("{:.{}f}", value, digits); }
+
 std::string error_text(const nlohmann::json& value) {
     if (!value.is_number()) return "-";
     return fmt::format("{:.1e}", value.get<double>());

@@ -17,6 +17,9 @@ std::string joined(const std::vector<std::string>& words);
 /// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".
 std::string si(double value, const std::string& unit);
 
+/// "1.25" with that many digits after the point.
+std::string fixed_text(double value, int digits);
+
 /// "1.2e-05", or "-" for what is not a number.
 std::string error_text(const nlohmann::json& value);
 

@@ -1,7 +1,7 @@
-#include <iomanip>
+#include <fmt/format.h>
+
 #include <nlohmann/json.hpp>
 #include <ostream>
-#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -40,14 +40,13 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
         return 1;
     }
     const auto print = [&](const std::string& heading, const Candidate& candidate) {
-        std::ostringstream text;
-        text << std::setprecision(4) << heading << ": " << specification(candidate) << "\n    on "
-             << candidate.device << "\n    time step " << candidate.time_step << " ("
-             << candidate.fraction_of_stable << " of the stable one): " << si(candidate.seconds, "s")
-             << " for " << candidate.steps << " steps to time " << candidate.end_time
-             << "\n    error against the converged solution " << error_text(candidate.total_error)
-             << ", of it rounding " << error_text(candidate.rounding_error) << "\n";
-        out << text.str();
+        out << heading << ": " << specification(candidate) << "\n    on " << candidate.device
+            << fmt::format(
+                   "\n    time step {:.4g} ({:.4g} of the stable one): {} for {} steps to time {:.4g}",
+                   candidate.time_step, candidate.fraction_of_stable, si(candidate.seconds, "s"),
+                   candidate.steps, candidate.end_time)
+            << "\n    error against the converged solution " << error_text(candidate.total_error)
+            << ", of it rounding " << error_text(candidate.rounding_error) << "\n";
     };
     const Advice advice = advise(candidates, options.error);
     if (!advice.best) {

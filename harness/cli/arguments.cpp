@@ -1,5 +1,7 @@
 #include "harness/cli/arguments.h"
 
+#include <fmt/format.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
@@ -8,7 +10,6 @@
 #include <functional>
 #include <iostream>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -54,9 +55,8 @@ const char* const scene_help =
 
 template <class Number>
 std::string range_text(Number low, Number high) {
-    std::ostringstream text;
-    text << low << " to " << high;
-    return text.str();
+    if constexpr (std::is_integral_v<Number>) return fmt::format("{} to {}", low, high);
+    return fmt::format("{:g} to {:g}", double(low), double(high));
 }
 
 /// The number that `text` is, all of it; refused with its range if it is none or outside of it.

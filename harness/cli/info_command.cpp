@@ -1,12 +1,12 @@
+#include <fmt/format.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <glm/vec3.hpp>
-#include <iomanip>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <ostream>
-#include <sstream>
 #include <string>
 
 #include "backends/registry.h"
@@ -18,11 +18,7 @@
 namespace voxspring {
 namespace {
 
-std::string bytes_text(std::uint64_t bytes) {
-    std::ostringstream text;
-    text << std::fixed << std::setprecision(1) << double(bytes) / (1 << 20) << " MiB";
-    return text.str();
-}
+std::string bytes_text(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", double(bytes) / (1 << 20)); }
 
 /// A scene and what is computed of it.
 struct SceneFacts {
@@ -98,15 +94,11 @@ nlohmann::json to_json(const SceneFacts& facts) {
 
 template <class Value>
 void row(std::ostream& out, const std::string& name, const Value& value) {
-    out << std::left << std::setw(18) << name << value << "\n";
+    out << fmt::format("{:<18}{}\n", name, value);
 }
 
-template <class Vector>
-std::string triple(const Vector& v) {
-    std::ostringstream text;
-    text << v.x << " x " << v.y << " x " << v.z;
-    return text.str();
-}
+std::string triple(const glm::ivec3& v) { return fmt::format("{} x {} x {}", v.x, v.y, v.z); }
+std::string triple(const glm::dvec3& v) { return fmt::format("{:g} x {:g} x {:g}", v.x, v.y, v.z); }
 
 void print_body(const SceneFacts& facts, std::ostream& out) {
     const Scene& scene = facts.scene;
@@ -119,44 +111,33 @@ void print_body(const SceneFacts& facts, std::ostream& out) {
     row(out, "active particles", problem.particle_count());
     row(out, "pinned particles", facts.pinned);
     row(out, "materials", problem.materials.size());
-    std::ostringstream counts;
-    counts << facts.springs.total() << " (face " << facts.springs.group[0] << ", edge "
-           << facts.springs.group[1] << ", corner " << facts.springs.group[2] << ")";
-    row(out, "springs", counts.str());
-    row(out, "damping", problem.damping);
+    const auto& [face, edge, corner] = facts.springs.group;
+    row(out, "springs",
+        fmt::format("{} (face {}, edge {}, corner {})", facts.springs.total(), face, edge, corner));
+    row(out, "damping", fmt::format("{:g}", problem.damping));
     if (!scene.edits.empty()) {
-        std::ostringstream edits;
-        edits << scene.edits.size() << ", the last after step " << scene.edits.back().step;
-        row(out, "edits", edits.str());
+        row(out, "edits",
+            fmt::format("{}, the last after step {}", scene.edits.size(), scene.edits.back().step));
     }
 }
 
 void print_time_step(const SceneFacts& facts, std::ostream& out) {
     const Scene& scene = facts.scene;
     const double time_step = scene.problem.time_step;
-    std::ostringstream step;
-    step << time_step << " (" << std::setprecision(3) << 100 * time_step / scene.stable_time_step
-         << "% of the stable " << std::setprecision(6) << scene.stable_time_step << ")";
-    row(out, "time step", step.str());
-    std::ostringstream undamped;
-    undamped << facts.undamped << " would be stable";
-    row(out, "  undamped", undamped.str());
-    std::ostringstream limit;
-    if (facts.limit) {
-        limit << *facts.limit << " by Lanczos' iteration, of which the stable one is " << std::setprecision(4)
-              << 100 * scene.stable_time_step / *facts.limit << "%";
-    } else {
-        limit << "unknown: " << facts.limit_unknown;
-    }
-    row(out, "  limit", limit.str());
+    row(out, "time step",
+        fmt::format("{:g} ({:.3g}% of the stable {:g})", time_step, 100 * time_step / scene.stable_time_step,
+                    scene.stable_time_step));
+    row(out, "  undamped", fmt::format("{:g} would be stable", facts.undamped));
+    row(out, "  limit",
+        facts.limit ? fmt::format("{:g} by Lanczos' iteration, of which the stable one is {:.4g}%",
+                                  *facts.limit, 100 * scene.stable_time_step / *facts.limit)
+                    : "unknown: " + facts.limit_unknown);
 }
 
 void print_memory(const SceneFacts& facts, std::ostream& out) {
     out << "memory\n";
-    for (const auto& [name, bytes] : facts.bytes) {
-        out << "  " << std::left << std::setw(26) << name << std::right << std::setw(12) << bytes_text(bytes)
-            << "\n";
-    }
+    for (const auto& [name, bytes] : facts.bytes)
+        out << fmt::format("  {:<26}{:>12}\n", name, bytes_text(bytes));
 }
 
 }  // namespace

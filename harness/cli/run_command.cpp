@@ -1,9 +1,10 @@
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <memory>
 #include <optional>
-#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -40,9 +41,9 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double time_step = scene.problem.time_step;
     const double steps = std::max(1.0, std::round(time / time_step));
     if (steps > max_run_steps) {
-        std::ostringstream most;
-        most << "a time of at most " << max_run_steps << " steps of " << time_step << " in " << scene.name;
-        throw BadInput("command line", "--time", std::to_string(time), most.str());
+        throw BadInput(
+            "command line", "--time", std::to_string(time),
+            fmt::format("a time of at most {} steps of {:g} in {}", max_run_steps, time_step, scene.name));
     }
     constexpr double rounding = 1e-9;
     if (std::abs(steps * time_step - time) > rounding * time)

@@ -1,10 +1,10 @@
 #include "harness/results/result.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <iomanip>
 #include <map>
 #include <set>
-#include <sstream>
 
 #include "backends/cpu/cpu_backend.h"
 #include "harness/base/text.h"
@@ -47,17 +47,8 @@ void print_failed(const std::string& reason, const Unmeasured& of, std::ostream&
         << joined(of.scenes.values()) << "\n";
 }
 
-std::string fixed(double value, int digits) {
-    std::ostringstream text;
-    text << std::fixed << std::setprecision(digits) << value;
-    return text.str();
-}
-
 std::string slow_down(const Row& row) {
-    std::ostringstream text;
-    text << std::showpos << std::fixed << std::setprecision(1)
-         << 100 * (row.step_seconds() / row.edits->seconds_per_step_without - 1) << " %";
-    return text.str();
+    return fmt::format("{:+.1f} %", 100 * (row.step_seconds() / row.edits->seconds_per_step_without - 1));
 }
 
 std::vector<std::string> cells_of(const Row& row, const Row& fastest) {
@@ -71,7 +62,7 @@ std::vector<std::string> cells_of(const Row& row, const Row& fastest) {
             error_cell(errors.relative_l2),
             error_cell(errors.max),
             error_cell(errors.total_relative_l2),
-            fixed(row.step_seconds() / fastest.step_seconds(), 2),
+            fixed_text(row.step_seconds() / fastest.step_seconds(), 2),
             percent_cell(row.limit ? row.limit->fraction : std::nullopt)};
 }
 

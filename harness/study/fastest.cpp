@@ -3,10 +3,8 @@
 #include <fnmatch.h>
 
 #include <algorithm>
-#include <iomanip>
 #include <map>
 #include <optional>
-#include <sstream>
 #include <tuple>
 #include <utility>
 
@@ -121,18 +119,14 @@ std::string quantity_text(const nlohmann::json& target, const char* key) {
     if (quantity.ends_with("seconds") || quantity.starts_with("seconds")) return si(value, "s");
     if (quantity == to_string(Quantity::particle_updates_per_second)) return si(value, "particles/s");
     if (quantity == to_string(Quantity::spring_updates_per_second)) return si(value, "springs/s");
-    std::ostringstream text;
-    text << std::fixed << std::setprecision(2) << value;
-    return text.str() + (quantity == to_string(Quantity::speed_ratio)
-                             ? " x " + target.at("over").get<std::string>()
-                             : " of the limit");
+    return fixed_text(value, 2) + (quantity == to_string(Quantity::speed_ratio)
+                                       ? " x " + target.at("over").get<std::string>()
+                                       : " of the limit");
 }
 
 std::string ratio_text(const nlohmann::json& ratio, int digits = 2) {
     if (!ratio.is_number()) return "-";
-    std::ostringstream text;
-    text << std::fixed << std::setprecision(digits) << ratio.get<double>();
-    return text.str();
+    return fixed_text(ratio.get<double>(), digits);
 }
 
 std::string percent_of(const nlohmann::json& fraction) {

@@ -1,10 +1,10 @@
 #include "harness/study/pareto.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <iomanip>
 #include <limits>
 #include <map>
-#include <sstream>
 #include <tuple>
 #include <utility>
 
@@ -30,11 +30,7 @@ std::pair<double, double> key_of(const ParetoRow& row) {
     return {*row.seconds, *row.row.errors->total_relative_l2};
 }
 
-std::string digits(double value) {
-    std::ostringstream text;
-    text << std::setprecision(3) << value;
-    return text.str();
-}
+std::string digits(double value) { return fmt::format("{:.3g}", value); }
 
 void print_front(std::vector<ParetoRow> rows, std::ostream& out, TableWidth width) {
     std::sort(rows.begin(), rows.end(),

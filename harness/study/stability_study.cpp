@@ -5,10 +5,9 @@
 #include <cmath>
 #include <cstdint>
 #include <glm/geometric.hpp>
-#include <iomanip>
 #include <limits>
-#include <sstream>
 
+#include "harness/base/text.h"
 #include "harness/scene/stability.h"
 #include "harness/study/random_starts.h"
 #include "harness/verification/conserved.h"
@@ -71,12 +70,6 @@ nlohmann::json map_of(Backend& backend, Problem problem) {
         map["region"].push_back(row);
     }
     return map;
-}
-
-std::string fixed(double value, int digits) {
-    std::ostringstream text;
-    text << std::fixed << std::setprecision(digits) << value;
-    return text.str();
 }
 
 }  // namespace
@@ -185,8 +178,8 @@ Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& s
     Rows rows;
     if (!row.passed) {
         Row failed = row.row;
-        failed.reason = "is stable up to " + fixed(ratio, 4) + " of the limit at damping " +
-                        fixed(search.damping, 1) + ", not within 0.2% of it";
+        failed.reason = "is stable up to " + fixed_text(ratio, 4) + " of the limit at damping " +
+                        fixed_text(search.damping, 1) + ", not within 0.2% of it";
         rows["failed"].push_back(to_json(failed));
     }
     rows["stability"].push_back(to_json(row));
@@ -230,10 +223,10 @@ void start_fields(Self& row, Fields& fields) {
 void print_map(const nlohmann::json& map, std::ostream& out) {
     out << "\n" << map.at("name").get<std::string>() << ": b bounded, h heating, D diverged\n";
     std::vector<Column> columns = {{"damping", 0, true}};
-    for (const double fraction : map.at("fraction")) columns.push_back({fixed(fraction, 2)});
+    for (const double fraction : map.at("fraction")) columns.push_back({fixed_text(fraction, 2)});
     std::vector<std::vector<std::string>> grid;
     for (std::size_t d = 0; d < map.at("damping").size(); ++d) {
-        grid.push_back({fixed(map.at("damping")[d], 4)});
+        grid.push_back({fixed_text(map.at("damping")[d], 4)});
         for (const std::string region : map.at("region")[d])
             grid.back().push_back(region == "diverged" ? "D" : region.substr(0, 1));
     }
@@ -265,8 +258,8 @@ void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth
     std::map<Key, std::vector<StabilityRow>> rows;
     for (const auto& json : result.at("stability")) {
         const StabilityRow row = stability_row_from_json(json);
-        const Key key = {row.row.identity.scene, row.start + " " + fixed(row.amplitude, 3),
-                         fixed(row.damping, 2), fixed(row.theory_time_step, 6)};
+        const Key key = {row.row.identity.scene, row.start + " " + fixed_text(row.amplitude, 3),
+                         fixed_text(row.damping, 2), fixed_text(row.theory_time_step, 6)};
         if (!rows.contains(key)) lines.push_back(key);
         rows[key].push_back(row);
     }
@@ -286,8 +279,8 @@ void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth
             std::minmax_element(rows[key].begin(), rows[key].end(),
                                 [](const auto& a, const auto& b) { return a.ratio < b.ratio; });
         table.push_back({key[0], key[1], key[2], key[3], std::to_string(rows[key].size()),
-                         std::to_string(min->steps), fixed(min->ratio, 4), min->row.label(),
-                         fixed(max->ratio, 4), max->row.label()});
+                         std::to_string(min->steps), fixed_text(min->ratio, 4), min->row.label(),
+                         fixed_text(max->ratio, 4), max->row.label()});
     }
     print_columns(columns, table, width, out);
     for (const auto& map : result.at("stability_map")) print_map(map, out);

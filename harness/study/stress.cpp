@@ -1,5 +1,7 @@
 #include "harness/study/stress.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -7,7 +9,6 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
-#include <sstream>
 #include <utility>
 
 #include "backends/physics/neighbours.h"
@@ -443,11 +444,7 @@ private:
                });
     }
 
-    static std::string short_text(double value) {
-        std::ostringstream text;
-        text << value;
-        return text.str();
-    }
+    static std::string short_text(double value) { return fmt::format("{:g}", value); }
 
     const BackendSpec& spec_;
     Backend& backend_;
