@@ -15,7 +15,7 @@ import tempfile
 import unittest
 
 import jsonschema
-from program import InTemporaryFolder, voxspring
+from program import VOXSPRING, InTemporaryFolder, voxspring
 
 COMPARE = "/usr/share/benchmark/compare.py"
 
@@ -35,6 +35,28 @@ class List(unittest.TestCase):
         text = voxspring("list").stdout
         for name in backends:
             self.assertIn(name, text)
+
+
+class References(InTemporaryFolder):
+    def test_another_program_takes_none_of_this_one(self):
+        other = self.folder / "voxspring"
+        # Bytes behind the end of an ELF file change what it is, and not what it does.
+        other.write_bytes(pathlib.Path(VOXSPRING).read_bytes() + b"another")
+        other.chmod(0o755)
+        cache = self.folder / "cache"
+
+        def references(program):
+            study = [program, "study", "smoke", "--scene", "box@6", "--backend", "cpu_parallel", "--repetitions", "1"]
+            ran = subprocess.run(study, capture_output=True, text=True, check=False, timeout=300,
+                                 env=os.environ | {"VOXSPRING_CACHE": str(cache)})
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+            return {file for file in cache.rglob("*") if file.is_file()}
+
+        own = references(VOXSPRING)
+        self.assertTrue(own)
+        self.assertEqual(references(VOXSPRING), own)
+        both = references(other)
+        self.assertEqual(len(both), 2 * len(own))
 
 
 class Limits(unittest.TestCase):

@@ -347,6 +347,38 @@ TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
     }
 }
 
+TEST_P(Conformance, EditsLeavePinnedParticlesWhereTheyAre) {
+    Problem problem = lattice(random_grid({8, 7, 9}, 0.9, 36));
+    pin_base(problem);
+    if (!backend->unsupported(problem).empty()) {
+        EXPECT_TRUE(may_refuse(spec, problem));
+        return;
+    }
+    State state = random_state(problem, 0.05, 9);
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        if (problem.is_pinned(i)) state.displacement[i] = glm::dvec3(0);
+    }
+    backend->upload(problem, state);
+    Problem now = problem;
+    SpringEditor editor(now);
+    const Shape across = Plane{{3.5, 0, 0}, {1, 0, 0}};
+    for (const bool cut : {true, false}) {
+        const SpringEdit edit = cut ? editor.cut(across) : editor.suture(across, 1.5);
+        ASSERT_TRUE(std::any_of(edit.touched.begin(), edit.touched.end(),
+                                [&](const auto& touched) { return problem.is_pinned(touched.particle); }));
+        if (!backend->unsupported(now).empty()) break;
+        backend->edit(now, edit);
+        backend->step(7);
+        const State after = backend->download();
+        for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+            if (!problem.is_pinned(i)) continue;
+            // To the bit: rest positions on this lattice are whole numbers.
+            EXPECT_EQ(after.displacement[i], glm::dvec3(0)) << "particle " << i;
+            EXPECT_EQ(after.increment[i], glm::dvec3(0)) << "particle " << i;
+        }
+    }
+}
+
 /// Every backend with its defaults, then each other precision, formulation and tuning value by itself.
 std::vector<std::string> every_specification() {
     std::vector<std::string> specs;

@@ -262,6 +262,24 @@ TEST(SpringEditor, NetworksAreCutAndSutured) {
     expect_same_springs(replayed, problem);
 }
 
+TEST(SpringEditor, PinnedParticlesStayPinned) {
+    Problem problem = make_lattice_problem(random_grid({8, 7, 9}, 0.9, 6), FACE_BITS | EDGE_BITS);
+    pin_base(problem);
+    const Problem before = problem;
+    SpringEditor editor(problem);
+    const Shape across = Plane{{3.5, 0, 0}, {1, 0, 0}};
+    for (const SpringEdit& edit : {editor.cut(across), editor.suture(across, 1.5)}) {
+        std::size_t pinned = 0;
+        for (const SpringEdit::Touched& touched : edit.touched) {
+            EXPECT_EQ((touched.mask & PINNED_BIT) != 0, before.is_pinned(touched.particle));
+            pinned += before.is_pinned(touched.particle) ? 1 : 0;
+        }
+        EXPECT_GT(pinned, 3u) << "the cut goes through the base";
+    }
+    EXPECT_EQ(problem.pinned, before.pinned);
+    EXPECT_EQ(problem.lattice.mask, before.lattice.mask) << "the same faces are joined again";
+}
+
 TEST(SpringEditor, BetweenMaterialsASutureIsTheirSeries) {
     Problem problem =
         make_lattice_problem(make_grid({4, 1, 1}, [](int x, int, int) { return x < 2 ? 1 : 2; }), FACE_BITS);

@@ -5,10 +5,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
 #include <glm/geometric.hpp>
 #include <limits>
 #include <memory>
+#include <new>
 #include <optional>
+#include <random>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -18,6 +23,22 @@
 #include "harness/export/surface.h"
 #include "tests/required.h"
 #include "tests/support.h"
+
+namespace {
+
+/// A request for more bytes than that finds no memory.
+std::size_t max_allocation = std::numeric_limits<std::size_t>::max();
+
+}  // namespace
+
+// GCC 12 takes an inlined free() for one of another allocator's memory.
+[[gnu::noinline]] void* operator new(std::size_t bytes) {
+    void* memory = bytes <= max_allocation ? std::malloc(bytes) : nullptr;
+    if (memory == nullptr) throw std::bad_alloc();
+    return memory;
+}
+[[gnu::noinline]] void operator delete(void* memory) noexcept { std::free(memory); }
+[[gnu::noinline]] void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 
 namespace voxspring::testing {
 namespace {
@@ -237,6 +258,35 @@ TEST(Legend, ShowsItsColoursFromEndToEnd) {
 TEST(Png, RefusesWhatIsNoImage) {
     // libpng finds it, and what it allocated is given back on the way out: a sanitizer looks for leaks.
     EXPECT_THAT([] { encode_png(Image(0, 5), {}); }, ThrowsMessage<std::runtime_error>(HasSubstr("PNG: ")));
+}
+
+TEST(Png, SaysThatNoMemoryIsLeftForTheFile) {
+    Image image(128, 128);
+    std::mt19937 generator(1);
+    // Noise, which no compression makes smaller than the 16 KiB that are allowed below.
+    for (int y = 0; y < image.height; ++y)
+        for (int x = 0; x < 4 * image.width; ++x) image.at(0, y)[x] = std::uint8_t(generator());
+    EXPECT_GT(encode_png(image, {}).size(), 60'000u);
+    max_allocation = 16'384;
+    std::string said;
+    try {
+        encode_png(image, {});
+    } catch (const std::runtime_error& error) {
+        said = error.what();
+    }
+    max_allocation = std::numeric_limits<std::size_t>::max();
+    EXPECT_EQ(said, "PNG: no memory is left for the file");
+}
+
+TEST(Png, SaysWhatLibpngRefuses) {
+    const Image image(2, 2);
+    EXPECT_GT(encode_png(image, {{"Title", "a"}}).size(), 0u);
+    // A keyword has at most 79 characters.
+    EXPECT_THAT(
+        [&] {
+            encode_png(image, {{"", "a"}});
+        },
+        ThrowsMessage<std::runtime_error>(HasSubstr("keyword")));
 }
 
 /// Skips its tests where there is no OpenGL; VOXSPRING_REQUIRE=gl makes that a failure.

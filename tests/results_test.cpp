@@ -1,12 +1,17 @@
 // Rows of results, Google Benchmark's format, statistics and tables.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
+#include <cstdlib>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/base/progress.h"
 #include "harness/base/statistics.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/results/result.h"
@@ -15,6 +20,9 @@
 
 namespace voxspring::testing {
 namespace {
+
+using ::testing::ContainsRegex;
+using ::testing::HasSubstr;
 
 TEST(Statistics, AreThoseOfASample) {
     EXPECT_DOUBLE_EQ(median({3, 1, 2}), 2);
@@ -139,6 +147,39 @@ TEST(Unmeasured, TakesOneLineAReason) {
     EXPECT_EQ(out.str(), "skipped: 4 cuda_* backends on 4 scenes: no driver\n");
     EXPECT_EQ(names_in_short({"a", "b"}), "a, b");
     EXPECT_EQ(names_in_short({"a_1", "b_1", "c_1", "d_1"}), "4 backends");
+}
+
+TEST(Progress, ExpectsOfLaterScenesWhatIsLeftOfThisOne) {
+    setenv("VOXSPRING_PROGRESS_SECONDS", "0.01", 1);
+    ::testing::internal::CaptureStderr();  // which is no terminal
+    Progress progress({{.rows = 100, .work = 100}, {.rows = 10, .work = 40}});
+    const auto show = [&](const char* what) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));  // a line at most every 10
+        progress.show(what, 0, 10);
+    };
+    progress.begin("first");
+    show("all of it");
+    const auto begin = std::chrono::steady_clock::now();
+    progress.narrow(0.01);
+    show("a hundredth");
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    progress.end(1);
+    progress.begin("second");
+    show("as the first");
+    progress.narrow(1);
+    show("all of it again");
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+    const std::string said = ::testing::internal::GetCapturedStderr();
+    unsetenv("VOXSPRING_PROGRESS_SECONDS");
+
+    EXPECT_THAT(said, HasSubstr("0/110 rows: all of it\n"));
+    EXPECT_THAT(said, HasSubstr("0/1 rows: a hundredth\n"));
+    EXPECT_THAT(said, ContainsRegex("second 0/10, 1/1 rows, [^\n]*: as the first\n"));
+    EXPECT_THAT(said, ContainsRegex("second 0/10, 1/11 rows, [^\n]*: all of it again\n"));
+    // The second scene has 40 times the work that was left of the first.
+    const std::string left = said.substr(said.rfind(" rows, ") + 7);
+    const double seconds = std::stod(left) * (left.find("min left") < left.find(':') ? 60 : 1);
+    EXPECT_NEAR(seconds, 40 * took.count(), 20 * took.count()) << said;
 }
 
 }  // namespace

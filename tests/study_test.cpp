@@ -542,6 +542,15 @@ TEST(AStudy, LeavesTheSignalsOfItsProcessAsTheyWere) {
     }
 }
 
+TEST(AJournal, ThatCannotBeReadIsNoEmptyOne) {
+    // Its first bytes are nobody's memory: reading them is an input/output error.
+    EXPECT_THAT(
+        [] {
+            Journal("/proc/self/mem", {{"scenes", {"box"}}}, true);
+        },
+        ThrowsMessage<Unwritten>(HasSubstr("cannot read /proc/self/mem: ")));
+}
+
 TEST(AJournal, SaysWhereTwoStudiesDifferInWords) {
     const auto difference = [](const char* there, const char* here) {
         const Difference first = first_difference(nlohmann::json::parse(there), nlohmann::json::parse(here));
