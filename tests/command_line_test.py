@@ -35,6 +35,8 @@ class List(unittest.TestCase):
         text = voxspring("list").stdout
         for name in backends:
             self.assertIn(name, text)
+        for reason in {backend["reason"] for backend in backends.values() if not backend["available"]}:
+            self.assertEqual(text.count(reason), 1, "a line a reason, however many backends have it")
 
 
 class References(InTemporaryFolder):
@@ -310,7 +312,7 @@ class Study(InTemporaryFolder):
         result = voxspring("study", "smoke", "--out", out, *arguments)
         self.assertEqual(result.returncode, 0, result.stdout + result.stderr)
         for line in result.stderr.splitlines():
-            self.assertRegex(line, r"^\[\d/\d\] \S+: \d+ rows? in \S+ s(, \d+ \w+ left)?$", "in a pipe a line a scene")
+            self.assertRegex(line, r"^\[\d/\d\] \S+: \d+ rows? in \S+ s(, about \d+ \w+ left)?$", "in a pipe a line a scene")
         with open(out) as file:
             return result.stdout, json.load(file)
 

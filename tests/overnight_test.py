@@ -343,7 +343,7 @@ class Progress(Overnight):
         self.study(**self.STUDY)
         ran = self.run_study()
         first, second = ran.stderr.splitlines()
-        self.assertRegex(first, r"^\[1/2\] box@4: 2 rows in \S+ s, \d+ (s|min) left$")
+        self.assertRegex(first, r"^\[1/2\] box@4: 2 rows in \S+ s, about \d+ (s|min) left$")
         self.assertRegex(second, r"^\[2/2\] box@5: 1 row in \S+ s$")
         self.assertNotIn("rows in", ran.stdout)
 
@@ -368,7 +368,7 @@ class Progress(Overnight):
         lines = [line.removeprefix("\x1b[K") for line in shown.decode().split("\r")]
         self.assertEqual(lines[-1], "", "it is gone in the end")
         self.assertTrue(all(len(line) < columns for line in lines))
-        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows(?:, \d+ (?:s|min) left)?: (\S+)")
+        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows(?:, about \d+ (?:s|min) left)?: (\S+)")
         found = [form.fullmatch(line) for line in lines if line]
         self.assertNotIn(None, found, lines)
         self.assertEqual({match[6] for match in found}, {"slow/increment/float64", "cpu_reference/increment/float64"})

@@ -177,7 +177,7 @@ TEST(Progress, ExpectsOfLaterScenesWhatIsLeftOfThisOne) {
     EXPECT_THAT(said, ContainsRegex("second 0/10, 1/1 rows, [^\n]*: as the first\n"));
     EXPECT_THAT(said, ContainsRegex("second 0/10, 1/11 rows, [^\n]*: all of it again\n"));
     // The second scene has 40 times the work that was left of the first.
-    const std::string left = said.substr(said.rfind(" rows, ") + 7);
+    const std::string left = said.substr(said.rfind(", about ") + 8);
     const double seconds = std::stod(left) * (left.find("min left") < left.find(':') ? 60 : 1);
     EXPECT_NEAR(seconds, 40 * took.count(), 20 * took.count()) << said;
 }

@@ -154,7 +154,7 @@ std::string Progress::left(double fraction) const {
     const double done = fraction - fraction_at_begin_;
     if (fraction_at_begin_ < 0 || done <= 0) return "";
     const std::chrono::duration<double> took = Clock::now() - begin_;
-    return ", " + duration_text(took.count() * (1 - fraction) / done) + " left";
+    return ", about " + duration_text(took.count() * (1 - fraction) / done) + " left";
 }
 
 void Progress::write_now_and_then(const std::string& line) {

@@ -46,8 +46,8 @@ private:
     std::thread writer_;  ///< last: it uses all of the others
 };
 
-/// Of a study, which elsewhere than on a terminal has a line for each scene too. The time left is what the
-/// work that was done took, for the work that is left.
+/// Of a study, which elsewhere than on a terminal has a line for each scene too. The time left is a guess: it
+/// takes what is left for as fast as what was done, though backends differ.
 class Progress {
 public:
     struct Scene {

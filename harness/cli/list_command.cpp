@@ -1,10 +1,13 @@
+#include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "backends/registry.h"
+#include "harness/base/text.h"
 #include "harness/cli/commands.h"
 #include "harness/scene/scene.h"
 #include "harness/study/study.h"
@@ -65,20 +68,30 @@ std::string alternatives(const nlohmann::json& list) {
     return text;
 }
 
+/// One that is available.
 void print_backend(const nlohmann::json& backend, std::ostream& out) {
     out << "  " << backend["name"].get<std::string>() << "\n";
-    if (backend.contains("summary")) out << "      " << backend["summary"].get<std::string>() << "\n";
-    if (backend["available"].get<bool>()) {
-        out << "      available: " << backend["api"].get<std::string>() << ", "
-            << backend["device"].get<std::string>() << "\n";
-    } else {
-        out << "      unavailable: " << backend["reason"].get<std::string>() << "\n";
-    }
-    if (!backend.contains("precisions")) return;
-    out << "      precision=" << alternatives(backend["precisions"])
+    out << "      " << backend["summary"].get<std::string>() << "\n";
+    out << "      on " << backend["api"].get<std::string>() << ", " << backend["device"].get<std::string>()
+        << "\n"
+        << "      precision=" << alternatives(backend["precisions"])
         << " formulation=" << alternatives(backend["formulations"]);
     for (const auto& [key, list] : backend["tuning"].items()) out << " " << key << "=" << alternatives(list);
     out << "\n";
+}
+
+/// Those that are available, then a line for each reason why others are not.
+void print_backends(const nlohmann::json& backends, std::ostream& out) {
+    std::map<std::string, std::vector<std::string>> absent;
+    for (const auto& backend : backends) {
+        if (backend["available"].get<bool>()) {
+            print_backend(backend, out);
+        } else {
+            absent[backend["reason"]].push_back(backend["name"]);
+        }
+    }
+    for (const auto& [reason, names] : absent)
+        out << "  not available: " << joined(names) << "\n      " << reason << "\n";
 }
 
 }  // namespace
@@ -90,7 +103,7 @@ void list_everything(bool json, std::ostream& out) {
         return;
     }
     out << "Backends\n";
-    for (const auto& backend : all["backends"]) print_backend(backend, out);
+    print_backends(all["backends"], out);
     for (const auto& [heading, key] : {std::pair{"Scenes", "scenes"}, std::pair{"Studies", "studies"}}) {
         out << heading << "\n";
         for (const auto& item : all[key]) {
