@@ -1,4 +1,4 @@
-// What every CUDA backend shares and no kernel is part of: the device, its clock, and the replay of steps.
+// What every CUDA backend shares, whatever its kernels are: the device, its clock, and the replay of steps.
 #pragma once
 
 #include <array>
@@ -33,7 +33,7 @@ public:
 protected:
     const Device& device() const { return device_; }
     const Stream& stream() const { return stream_; }
-    /// What is stepped: that of the latest upload or edit, which set_problem() names.
+    /// What is stepped: the problem of the latest upload or edit, as set_problem() was told.
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
@@ -46,7 +46,7 @@ protected:
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
-    /// Stand at step 0 with x(t) in buffer 0.
+    /// Stands at step 0 with x(t) in buffer 0.
     void rewind();
     /// To be called when what enqueue_step() enqueues has changed.
     void forget_graphs();
@@ -66,15 +66,15 @@ private:
     /// No less than bytes_needed(), where that is quicker to say.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
-    /// Enqueue one step that reads buffer `reading`; not called where enqueue_steps() is overridden.
+    /// Enqueues one step that reads buffer `reading`. Not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
-    /// Which of two kinds of step that is now, 0 or 1.
+    /// Which of two kinds of step the next one is, 0 or 1. Each kind has graphs of its own.
     virtual int kind_of_step() const { return 0; }
 
     /// Empty, or what a kernel that failed has said about it.
     virtual std::string failure_note() const { return {}; }
 
-    /// Enqueue a check of x(t).
+    /// Enqueues a check of x(t).
     virtual void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) = 0;
     void check_divergence();
 
@@ -90,8 +90,8 @@ private:
     DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;                    ///< since upload()
     std::int64_t last_check_ = 0;               ///< after how many of them
-    Buffer<FirstDivergence> first_divergence_;  ///< one
-    /// The longest graph has 2^8 steps: enough that its launch costs nothing beside them.
+    Buffer<FirstDivergence> first_divergence_;  ///< one element
+    /// The longest graph has 2^8 steps, beside which its launch costs nothing.
     static constexpr int graph_lengths = 9;
     /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a
     /// batch of steps that was run once since upload() captures nothing when it is timed.

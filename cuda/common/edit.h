@@ -18,9 +18,8 @@ namespace voxspring::cuda {
 template <class T>
 class Staging {
 public:
-    /// The values on the device, until the next call: both are ordered by `stream`. `values` may change at
-    /// once: they leave from pinned memory, which waits here until the device has fetched what was sent
-    /// before.
+    /// The values on the device, until the next call in the same `stream`. `values` may change at once, since
+    /// they are copied from pinned memory. The call waits until the device has fetched what was sent before.
     const T* send(std::span<const T> values, const Stream& stream) {
         if (values.empty()) return buffer_.data();
         if (pending_) sent_.wait();
@@ -45,7 +44,7 @@ private:
     bool pending_ = false;
 };
 
-/// The lists of some particles on their way to a kernel, all in one copy.
+/// Lists of some particles on their way to a kernel, in one copy.
 template <class Real>
 class StagedRows {
 public:
@@ -83,7 +82,8 @@ private:
     Staging<std::byte> staging_;
 };
 
-/// Each enqueues one kernel.
+// Each of these enqueues one kernel.
+
 template <class Real>
 void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count,
                 const Stream& stream);

@@ -1,4 +1,4 @@
-// Explicit addressing on the device: one thread a particle, with and without a secondary list.
+// Explicit addressing on the device: a thread for each particle, with and without a secondary list.
 #pragma once
 
 #include <memory>

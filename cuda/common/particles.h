@@ -1,5 +1,5 @@
-// What every strategy's backend shares: the buffers of particles, per-particle arrays and the launch of a
-// step.
+// What the backend of every strategy with a kernel of one step shares: the particles' buffers, arrays with an
+// element for each particle, and the launch of a step.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,7 @@
 
 namespace voxspring::cuda {
 
-/// Blocks of `block` threads for `count` of them.
+/// How many blocks of `block` threads have at least `count` threads.
 inline unsigned blocks_for(std::size_t count, unsigned block) {
     return unsigned(units_of(count, std::size_t(block)));
 }
@@ -30,7 +30,7 @@ enum class Fetch : std::uint8_t { past_l1, through_l1, texture };
 /// From the tuning values "cg", "l1" and "texture".
 Fetch fetch_path(const std::string& tuned);
 
-/// A 16-byte texel at least: what a texture fetch gets at once.
+/// Texels of 16 bytes in a word. A texture fetch gets one.
 template <class Real>
 inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16;
 
@@ -49,7 +49,7 @@ struct KernelFamily {
                         std::uint32_t more_terms = 0) const;
 };
 
-/// Registers of a thread in float32 where not all threads run at once: what was fastest on an H200.
+/// Registers of a thread in float32 where not all threads run at once. These were the fastest on an H200.
 struct RegisterChoice {
     int on_positions, displacement, increment, compensated;
     int of(Formulation formulation) const {
@@ -100,7 +100,8 @@ protected:
     const KernelFamily& family() const { return family_; }
     Formulation formulation() const { return family_.formulation; }
 
-    /// Blocks of `threads` that an SM has room for when a thread has `registers`, twice as many in float64.
+    /// How many blocks of `threads` an SM has room for, where a thread has `registers` in float32 and twice
+    /// as many in float64.
     int blocks_with(int registers, int threads) const {
         constexpr int registers_per_sm = 65536;  // of every architecture
         const int at_most = device().threads_per_multiprocessor() / threads;
@@ -113,8 +114,9 @@ protected:
         return threads <= std::size_t(device().multiprocessors()) * std::size_t(block) *
                               std::size_t(blocks_with(registers, block));
     }
-    /// Registers of a thread: `tuned` or, where that is "auto", the first of `plenty` with which all threads
-    /// run at once, for then room for more of them is of no use; else what `choice` says.
+    /// Registers of a thread: `tuned`, unless that is "auto". Then it is the first of `plenty` with which all
+    /// threads run at once, since room for more threads would be of no use; if there is none, what `choice`
+    /// says.
     int registers_for(const std::string& tuned, std::size_t threads, int block,
                       std::initializer_list<int> plenty, const RegisterChoice& choice) const {
         if (tuned != "auto") return std::stoi(tuned);
@@ -124,8 +126,8 @@ protected:
         return choice.of(family_.formulation);
     }
 
-    /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits`: one a particle. Points
-    /// the step's motion at the arrays kept here.
+    /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits` has a word for each
+    /// particle. The step's motion then points at the arrays that are kept here.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
         set_problem(problem);
@@ -150,7 +152,7 @@ protected:
         resume(launch, moved);
     }
 
-    /// Goes on with `launch`, whose motion points where the one before it did.
+    /// Goes on with `launch`, whose motion points where that of the launch before it did.
     void resume(const Launch& launch, bool words_moved = false) {
         const bool changed = words_moved || launch.kernel != launch_.kernel ||
                              !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
@@ -222,7 +224,7 @@ private:
 
     using Pair = std::array<Buffer<ParticleRecord<Real>>, 2>;
 
-    // True if the words moved.
+    // Whether the words are in other memory than before.
     bool upload_words(Pair& pair, std::size_t which, const std::vector<ParticleRecord<Real>>& words) {
         Buffer<ParticleRecord<Real>>& buffer = pair[which];
         const bool moved = buffer.size() != words.size();

@@ -14,10 +14,10 @@
 
 namespace voxspring::cuda {
 
-/// Values of the tuning parameter `rest`: every block is stepped (step); blocks at rest are not, which
-/// changes no bit (skip), or displacements and increments below flushed_below are set to zero besides
-/// (flush). As step or skip, whichever takes less (auto): skip where a start leaves a third of the blocks at
-/// rest, until less than that rest, and again from time to time.
+/// The tuning parameter `rest` (rest_policy.h). With `step` every block is stepped. With `skip` blocks at
+/// rest are left out, which changes no bit. With `flush` displacements and increments below flushed_below are
+/// set to zero besides. With `auto` it is `step` or `skip`, whichever takes less: `skip` where the start
+/// leaves a third of the blocks at rest and for as long as that many rest, and again from time to time.
 class Resting {
 public:
     explicit Resting(const Options& options);
@@ -28,37 +28,37 @@ public:
     std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;
     std::uint64_t bytes_held() const;
 
-    /// The first step is to take all blocks of `problem`, in which `state` is.
+    /// For a run that starts from `state`. Its first step takes all blocks.
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
-    /// The next step, which reads buffer `reading` of the particles, is to take all blocks.
+    /// The next step takes all blocks. It reads buffer `reading` of the particles.
     void wake(int reading, const Stream& stream);
 
-    /// Whether steps leave out blocks at rest: at times, and now.
+    /// Whether steps leave out blocks at rest now or may do so later, and whether the next step does.
     bool may_check() const { return policy_.may_check(); }
     bool checks() const { return policy_.checks(); }
-    /// Terms of the kernel that leaves them out.
+    /// The terms of the kernel that leaves them out.
     std::uint32_t terms() const { return term_resting | (rest_ == Rest::flush ? term_flush : 0); }
     /// For a step that reads buffer `reading`.
     ActiveBlocks active(int reading) const;
 
-    /// Steps until checks() may change: of which at most that many are to be enqueued before stepped().
+    /// How many steps may be enqueued before stepped(), after which checks() may have changed.
     int steps_to_decision() const { return policy_.steps_to_decision(); }
-    /// That many were enqueued; the next one reads buffer `reading`.
+    /// `count` steps were enqueued, and the next one reads buffer `reading`.
     void stepped(int count, int reading, const Stream& stream);
 
     std::size_t blocks() const { return all_.size(); }
-    /// Those that the latest step took.
+    /// How many blocks the latest step took.
     std::size_t blocks_stepped(const Stream& stream) const;
 
 private:
-    /// Blocks from which on it is asked at all: a step of less is as long as its launch.
+    /// With fewer blocks nothing is checked: a step is then as long as its launch.
     static constexpr std::size_t min_blocks = 512;
 
     /// counts_ on the device.
     enum Count : std::uint8_t { listed_for_0, listed_for_1, finished, taken, counts };
     using Counts = std::array<unsigned, counts>;
 
-    /// Whether it is asked in some states of `problem`.
+    /// Whether blocks are checked in some states of `problem`.
     bool could_check(const Problem& problem, BlockShape shape) const;
 
     const Rest rest_;
@@ -67,7 +67,7 @@ private:
     Buffer<BlockOrigin> all_;                     ///< blocks with particles
     Buffer<std::uint32_t> all_marks_, no_marks_;  ///< of all blocks, and of none
     Buffer<Counts> awake_counts_;                 ///< before a step that takes all and reads buffer 0 or 1
-    // For steps that read either buffer.
+    // For the steps that read buffer 0, and for those that read buffer 1.
     std::array<Buffer<BlockOrigin>, 2> lists_;
     std::array<Buffer<std::uint32_t>, 2> marks_;
     Buffer<Counts> counts_;

@@ -1,10 +1,11 @@
 // Explicit addressing by delta-compressed lists. The body of the kernel; cuda/README.md draws the layout.
 //
 // Particles are in canonical order, without their grid. The neighbours of a particle lie in nine rows of
-// voxels, and particles of a row follow one another in that order as well. So a list says how much further
-// on, in particles, each of the other eight rows goes on, and a particle's mask which of the neighbours it
-// has a spring to. The deltas seldom change along a row: all particles of a run share one list, and where the
-// next list begins is a bit a particle. Springs beyond the lattice have lists of their own, by slices.
+// voxels, and the particles of a row follow one another in that order as well. So a list says how many
+// particles lie between the particle and its place in each of the other eight rows. The particle's mask says
+// to which neighbours it has a spring. The deltas seldom change along a row: all particles of a run share one
+// list, and one bit for each particle says whether the next list begins there. Springs beyond the lattice
+// have lists of their own, one for each slice.
 #pragma once
 
 #ifndef __CUDACC_RTC__
@@ -26,7 +27,7 @@ VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
 #endif
 }
 
-/// A list as a particle holds it: what its words are to its own.
+/// A list in registers: distances in words, from the particle's own.
 struct ListedDeltas {
     FourDeltas near, far;
     /// From the particle to the middle of row (dy, dz).
@@ -47,8 +48,9 @@ VOXSPRING_HOST_DEVICE ListedDeltas read_deltas(const RowDeltas* list, const Curr
     return {current.entry(&list->rows[0]), current.entry(&list->rows[1])};
 }
 
-/// Whether the particles of all threads that go this way together, with `bits` here, have all neighbours and
-/// no gap among them: who has springs to both sides of a row, but none to its middle, may well have one.
+/// Whether the particles of all threads that run this together have all neighbours, and no gap among them.
+/// `bits` is this thread's mask. With groups that join both sides of a row but not its middle, a particle
+/// that has all neighbours may still have a gap: the answer is then false.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_full_stencils_without_gaps(std::uint32_t bits) {
     constexpr bool faces = (Terms::groups & FACE_BITS) != 0, edges = (Terms::groups & EDGE_BITS) != 0,
@@ -72,7 +74,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
             [&](int dx, int dy, int dz) { return step.compliance[index + delta(dy, dz) + dx]; });
     }
     const std::uint32_t gaps = current.entry(&list->gaps);
-    // What the neighbour is dx on from: nearer by one who is missing in between.
+    // The word that `dx` counts from. Behind a gap the neighbour is one particle nearer.
     const auto row = [&](int dx, int dy, int dz) {
         const int number = row_number(dy, dz);
         return index + delta(dy, dz) - (dx > 0 && number < row_count ? int(gaps >> number & 1U) : 0);
@@ -82,7 +84,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
         [&](int dx, int dy, int dz) { return step.compliance[row(dx, dy, dz) + dx]; });
 }
 
-/// Adds the forces of its springs beyond the lattice.
+/// `force` with the forces of the particle's springs beyond the lattice added.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE Vector<Real> with_off_lattice_springs(Vector<Real> force, const DeltaStep<Real>& step,
                                                             const Slice& slice, std::uint32_t lane,

@@ -1,5 +1,5 @@
-// What an edit writes on the device: particles' bits, rows of their lists, springs of the spring array. The
-// bodies of the kernels.
+// The bodies of the kernels that write on the device what an edit changed: particles' bits, rows of their
+// lists, springs of the spring array.
 #pragma once
 
 #include <cfloat>
@@ -11,7 +11,7 @@
 
 namespace voxspring::cuda {
 
-/// measured_length(), and 0 for what is no spring: inverse_root() is for normal numbers.
+/// measured_length(), or 0 where there is no spring: inverse_root() takes normal numbers alone.
 template <class Real>
 VOXSPRING_HOST_DEVICE Real measured_or_zero(Real squared) {
     constexpr Real smallest = sizeof(Real) == sizeof(float) ? Real(FLT_MIN) : Real(DBL_MIN);
@@ -53,7 +53,7 @@ VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, Spring
             end = middle;
         }
     }
-    if (edited.begin == edited.end) ends[begin] = edited.ends;  // others have these already
+    if (edited.begin == edited.end) ends[begin] = edited.ends;  // springs of the lattice keep their ends
     constants[begin] = rest_measured(edited.constants, edited.squared);
     if (off_lattice_rest != nullptr) off_lattice_rest[begin] = edited.off_lattice_rest;
 }

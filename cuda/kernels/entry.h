@@ -11,7 +11,8 @@ using Real = REAL;
 using Fetch = FETCH<Real>;
 using Terms = TERMS;
 
-/// BLOCKS, that an SM has to have room for, lets the compiler spend registers on fetches in flight.
+/// An SM has to have room for BLOCKS blocks. The compiler may use the registers that this leaves for fetches
+/// in flight.
 #define KERNEL extern "C" __global__ void __launch_bounds__(THREADS, BLOCKS)
 
 }  // namespace voxspring::cuda

@@ -1,6 +1,6 @@
-// Points on their way from block to block of one launch, through L2: each in a word of 16 bytes whose last
-// four are a tag. Words are read and written whole, so that the tag says whether the point is there and no
-// barrier is needed. Device code alone.
+// Blocks of one launch send points to each other through L2. A point travels in a word of 16 bytes, the last
+// four of which are a tag. A word is read and written whole: where the tag has arrived, so has the point, and
+// no barrier is needed. Device code alone.
 #pragma once
 
 #include "backends/layout/records/resident.h"

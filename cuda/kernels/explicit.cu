@@ -1,4 +1,4 @@
-// With SECONDARY by the secondary list, else by counters a spring group.
+// With SECONDARY the step takes the secondary list, else a counter for each spring group.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/explicit.h"
 

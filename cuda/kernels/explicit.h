@@ -1,9 +1,9 @@
-// Explicit addressing: particles without their grid, and a list of each one's neighbours. The body of the
-// kernels, with the fetch as its parameter: `current.at(i, 0)` is particle i, `current.entry(p)` what a list
-// holds at p.
+// Explicit addressing: particles without their grid, each with a list of its neighbours. The bodies of the
+// kernels take the fetch as a parameter: `current.point(i, 0)` is particle i, `current.entry(p)` the entry of
+// a list at p.
 //
-// Every list has the same number of slots, and an unused slot holds the particle itself, whose pull on itself
-// is zero. So lists are read in whole chunks, ahead of the counters that say where they end.
+// Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
+// zero. So lists can be read in whole chunks, before the counters that say where they end.
 #pragma once
 
 #include "backends/layout/records/explicit.h"
@@ -11,14 +11,16 @@
 
 namespace voxspring::cuda {
 
-/// Slots read at a time of groups in general, of which one has 8.
+/// How many slots are read together where any groups are in use. It divides the size of every group: 6, 12
+/// and 8.
 inline constexpr int short_chunk = 2;
 
-/// The neighbour that a list entry names, and how it lies at rest.
+/// The index of the neighbour that a list entry names.
 template <class Terms>
 VOXSPRING_HOST_DEVICE int listed_index(std::uint32_t entry) {
     return int(Terms::positions ? entry : entry & LISTED_INDEX);
 }
+/// How the spring to that neighbour lies at rest.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE SpringRest<Real> listed_rest(const SpringRest<Real>* rest, std::uint32_t entry) {
     if constexpr (Terms::positions) {
@@ -42,13 +44,13 @@ VOXSPRING_HOST_DEVICE void add_chunk(Vector<Real>& sum, const Point<Real, Terms:
     }
 }
 
-/// Steps particle i by its lists and counters a spring group.
+/// Steps particle i by its list, where a counter for each spring group says how much of it is in use.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i, const Current& current,
                                           const Output<Real>& output) {
     if (i >= step.particles) return;
     const std::uint32_t* list = step.neighbour + step.shape.at(std::uint32_t(i), 0);
-    // Reads `count` slots of a group, the first of which is `from`.
+    // Reads `count` slots of the list from slot `from` on.
     const auto read = [&](std::uint32_t* entry, std::uint32_t from, int count) {
         for (int s = 0; s < count; ++s)
             entry[s] = current.entry(list + std::size_t(from + std::uint32_t(s)) * step.shape.slot_stride);
@@ -58,8 +60,8 @@ VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i,
     const Self<Real, Terms::split> self = current.self(i);
     const PreviousOrVelocity<Real> before = load_before<Terms>(output, i);
     if constexpr (Terms::groups == (FACE_BITS | EDGE_BITS)) {
-        // All indices and the first chunk of each group without a look at the counters: what a fetch does not
-        // wait for, a step does not wait for either.
+        // All indices and the first chunk of each group are fetched before the counters are known, so that
+        // the step does not wait for the counters first.
         std::uint32_t face[6], edge[12];
         read(face, 0, 6);
         read(edge, 6, 12);
@@ -86,7 +88,8 @@ VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i,
     integrate_and_store<Terms>(step.motion, output, i, self, before, force);
 }
 
-/// Steps particle i by its list and the secondary list: springs of any stiffness and rest length.
+/// Steps particle i by its list and the secondary list, which holds the stiffness and rest length of each
+/// spring.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_springs(const ExplicitStep<Real>& step, int i, const Current& current,
                                            const Output<Real>& output) {

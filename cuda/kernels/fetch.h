@@ -1,5 +1,5 @@
-// How kernels read: one type a path, each a handle of 8 bytes that a kernel gets as its argument. Device code
-// alone.
+// How kernels read memory: a type for each path. Each is a handle of 8 bytes that a kernel gets as an
+// argument. Device code alone.
 #pragma once
 
 #include "backends/layout/records/delta.h"
@@ -43,7 +43,7 @@ __device__ inline Slice list_entry_through_l1(const Slice* p) {
     return {int(v.x), v.y, v.z, v.w};
 }
 
-/// Global memory past L1 (ld.global.cg): the nearest thing today to the uncached loads of 2008.
+/// Global memory past L1 (ld.global.cg): today's nearest thing to the uncached loads of 2008.
 template <class Real>
 struct PastL1 {
     const ParticleRecord<Real>* words;
@@ -71,7 +71,8 @@ struct ThroughL1 {
     }
 };
 
-/// Positions through a texture object (tex1Dfetch): float4, or two int4 for float64. Lists as plain loads.
+/// Positions through a texture object (tex1Dfetch): float4, or two int4 for float64. Lists come by plain
+/// loads.
 template <class Real>
 struct ThroughTexture {
     cudaTextureObject_t texture;

@@ -1,5 +1,5 @@
-// Implicit addressing: a particle's neighbours are at fixed offsets in the grid and its mask says which of
-// them exist. The body of the kernels, with the neighbour fetch as its parameter.
+// Implicit addressing: a particle's neighbours are at fixed offsets in the grid, and its mask says which of
+// them exist. The bodies of the kernels take the neighbour fetch as a parameter.
 #pragma once
 
 #include "cuda/kernels/motion.h"
@@ -14,8 +14,8 @@ __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
     return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z), 0};
 }
 
-/// step_block(origin) of each block that this block of threads is to step; it returns whether the thread's
-/// particle changed.
+/// Calls step_block(origin) for each block that this block of threads steps. step_block() returns whether the
+/// thread's particle changed.
 template <class Terms, class Real, class StepBlock>
 __device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_block) {
     if constexpr (Terms::compiled(term_resting)) {
@@ -26,7 +26,7 @@ __device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_bl
 }
 #endif
 
-/// `steps` spacings; of none a zero that the compiler knows.
+/// `steps` spacings, -1 to 1. For 0 it is a zero that the compiler knows.
 template <class Real>
 VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
     return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing;
@@ -44,29 +44,29 @@ VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step, co
     return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
 }
 
-/// Sums of unit pulls, one a spring group; of pulls where springs carry their own stiffness.
+/// The sum of unit pulls of each spring group; of pulls where each spring has its own stiffness.
 template <class Real>
 struct GroupSums {
     Vector<Real> face{0, 0, 0}, edge{0, 0, 0}, corner{0, 0, 0};
 };
 
-/// Neighbours that a sum takes: all.
+/// The neighbours that add_springs() takes: all.
 struct EveryNeighbour {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int, int) { return true; }
 };
 
-/// Adds the springs of `self` to `Chosen` neighbours. `neighbour(dx, dy, dz)` is the point at that offset and
-/// `compliance(dx, dy, dz)` the compliance. Both are called for absent neighbours too, so that a fetch waits
-/// for no mask; what they give is then dropped by selection, and a NaN in an inactive voxel stays there.
-/// `full_stencil`: no neighbour of the groups that are compiled in is to be dropped.
+/// Adds the springs of `self` to its `Chosen` neighbours. `neighbour(dx, dy, dz)` is the point at that offset
+/// and `compliance(dx, dy, dz)` its compliance. Both are called for absent neighbours too, so that no fetch
+/// waits for the mask. A selection then drops what they gave, so that a NaN in an inactive voxel stays there.
+/// `full_stencil`: every neighbour of the groups that are compiled in exists.
 template <class Terms, bool full_stencil, class Chosen, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                        const Self<Real, Terms::split>& self, Neighbour neighbour,
                                        Compliance compliance, GroupSums<Real>& sums) {
     const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
     [[maybe_unused]] const Real own_compliance = materials ? compliance(0, 0, 0) : Real(0);
-    // All fetches of a group come before the first use: with few warps an SM, as on a small lattice, a step
-    // is as long as the memory latencies that a thread waits for one after another.
+    // All fetches of a group come before the first use. An SM with few warps, as on a small lattice, has
+    // nothing else to do: a step then takes as long as the latencies that one thread waits for in turn.
 #define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
     [[maybe_unused]] const auto neighbour##bit = Chosen::has(dx, dy, dz) ? neighbour(dx, dy, dz) : self.point;
 #define ADD_SPRING(group, bit, dx, dy, dz)                                                                 \
@@ -112,7 +112,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> force_of(const ImplicitStep<Real>& step, cons
     return force;
 }
 
-/// Force of all springs of `self`.
+/// The force of all springs of `self`.
 template <class Terms, bool full_stencil, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step,
                                                   const Self<Real, Terms::split>& self, Neighbour neighbour,
@@ -122,7 +122,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
     return force_of<Terms>(step, sums);
 }
 
-/// Whether all threads that go this way together say so.
+/// Whether `yes` holds for all threads that run this together.
 VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
 #ifdef __CUDA_ARCH__
     return __all_sync(__activemask(), int(yes)) != 0;
@@ -131,7 +131,8 @@ VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
 #endif
 }
 
-/// Whether the particles of all threads that go this way together, with `bits` here, have a full stencil.
+/// Whether the particles of all threads that run this together have a full stencil. `bits` is this thread's
+/// mask.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
     if constexpr (!Terms::compiled(term_full_stencil)) {
@@ -141,8 +142,8 @@ VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
     }
 }
 
-/// Steps the particle of element `index`, if there is one. `self` is what the reader has of it. Returns
-/// whether a bit of it changed.
+/// Steps the particle of element `index`, if there is one. `self` is that particle as the reader gives it.
+/// Returns whether a bit of its state changed.
 template <class Terms, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
                                       const Self<Real, Terms::split>& self, const Output<Real>& output,
@@ -175,7 +176,8 @@ struct GridCompliance {
     }
 };
 
-/// One thread of a kernel that fetches neighbours from memory: the voxel (x, y, z), which may lie outside.
+/// What one thread does in a kernel that fetches neighbours from memory. Its voxel (x, y, z) may lie outside
+/// of the lattice.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE bool step_from_memory(const ImplicitStep<Real>& step, int x, int y, int z,
                                             const Current& current, const Output<Real>& output) {
@@ -189,8 +191,8 @@ VOXSPRING_HOST_DEVICE bool step_from_memory(const ImplicitStep<Real>& step, int 
 }
 
 /// Three slices of a tile of W x H particles and a frame of one particle around it, in shared memory: the
-/// paper's Figure 4. An array an axis, so that neighbouring threads read neighbouring banks; three more for
-/// low parts.
+/// paper's Figure 4. Each axis is an array of its own, so that neighbouring threads read neighbouring banks.
+/// Low parts take three more arrays.
 template <class Real, bool split, int W, int H>
 struct Tile {
     Real axis[split ? 6 : 3][3][H + 2][W + 2];
@@ -204,8 +206,8 @@ struct Tile {
         return {axis[first][k][cy][cx], axis[first + 1][k][cy][cx], axis[first + 2][k][cy][cx]};
     }
 
-    /// The three particles above one another at column (cx, cy) of the tile, whose middle one is element
-    /// `index`. Returns that one.
+    /// Loads the three particles of column (cx, cy) of the tile, one above the other. The middle one is
+    /// element `index`, and is returned.
     template <class Current>
     VOXSPRING_HOST_DEVICE Self<Real, split> load(int cx, int cy, int index, int slice,
                                                  const Current& current) {
@@ -219,8 +221,8 @@ struct Tile {
         return middle;
     }
 
-    /// Thread (tx, ty) loads its own column, and those of the frame that it borders. Returns its particle.
-    /// What lies outside of the lattice is left unset and belongs to no spring.
+    /// Thread (tx, ty) loads its own column and the columns of the frame beside it. Returns its particle.
+    /// What lies outside of the lattice stays unset: no spring reads it.
     template <class Current>
     VOXSPRING_HOST_DEVICE Self<Real, split> fill(int tx, int ty, int index, int row, int slice,
                                                  const Current& current) {

@@ -41,7 +41,7 @@ struct Self {
 template <class Real, bool split, class Fetch>
 struct Reader {
     const Fetch& high;
-    const Fetch& low;  ///< of no use unless split
+    const Fetch& low;  ///< read only if split
 
     VOXSPRING_HOST_DEVICE Point<Real, split> point(int index, int dx) const {
         if constexpr (split) {
@@ -81,12 +81,13 @@ VOXSPRING_HOST_DEVICE Real strain_deficit(Vector<Real> relative, Vector<Real> of
                     std::fma(-relative.y, sum.y, std::fma(-relative.z, sum.z, rest.deficit)));
 }
 
-/// `relative`: x_i - x_j or u_i - u_j. `rest_length` as measured_length() gives it or, by increments, as it
-/// is.
+/// `relative`: x_i - x_j or u_i - u_j. `rest_length`: what measured_length() gives or, by increments, the
+/// rest length itself.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRest<Real>& rest,
                                            Real rest_length, Real shortest_squared) {
-    // Less what is zero folds away, which plus zero would not.
+    // The compiler folds away a subtraction of zero. It may not do so with an addition of zero, which turns
+    // -0 into 0.
     const Vector<Real> offset = Terms::positions ? relative : relative - rest.offset;
     const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
     if constexpr (Terms::increments) {
@@ -127,7 +128,7 @@ VOXSPRING_HOST_DEVICE PreviousOrVelocity<Real> load_before(const Output<Real>& o
     }
 }
 
-/// Zero in the place of components that are less than flushed_below.
+/// `v` with zero in place of components that are smaller than flushed_below.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v) {
     const auto far = [](Real a) { return a < Real(flushed_below) && a > -Real(flushed_below) ? Real(0) : a; };
@@ -158,7 +159,8 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
     const Real inverse_mass = Terms::template has<term_materials>(motion.inverse_masses != nullptr)
                                   ? motion.inverse_masses[index]
                                   : motion.inverse_mass;
-    // Constants where the scene lacks the term, neutral to the bit, which the compiler folds away.
+    // Where the scene lacks a term its operand is a constant that changes no bit, and the compiler folds it
+    // away.
     const Real zero = -Real(0);
     const Vector<Real> gravity =
         Terms::compiled(term_gravity) ? motion.gravity : Vector<Real>{zero, zero, zero};
@@ -208,7 +210,7 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
     }
 }
 
-/// Moves the particle of word `index` on by one step under `force`. Returns whether that changed a bit of its
+/// Moves the particle of word `index` by one step under `force`. Returns whether that changed a bit of its
 /// state.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE bool integrate_and_store(const Motion<Real>& motion, const Output<Real>& output,

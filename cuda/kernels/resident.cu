@@ -1,6 +1,6 @@
-// LANES threads of a block have a particle each, POLLERS wait for ROUNDS points of other blocks each. SLOTS:
-// points in shared memory. BORDERS: kinds of border in use, as bits. MASKED: an absent neighbour's spring
-// would pull, since its rest is under stress.
+// LANES threads of a block have a particle each. POLLERS more wait for ROUNDS points of other blocks each.
+// SLOTS: how many points shared memory holds. BORDERS: the kinds of border in use, as bits. MASKED: 1 where
+// the lattice is stressed at rest, so that the spring to an absent neighbour would pull.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/resident.h"
 
@@ -11,7 +11,7 @@ static_assert(!Terms::split && sizeof(Real) == sizeof(float), "a tagged point ha
 constexpr int all_threads = LANES + POLLERS;
 constexpr bool overlaps = BORDERS != 1 << mixed_border;
 
-/// Of every other step: a step reads one half and writes the other.
+/// A step reads one half and writes the other.
 __shared__ float points[2][3][SLOTS];
 
 __device__ void put(int half, int slot, Vector<float> point) {
@@ -20,11 +20,11 @@ __device__ void put(int half, int slot, Vector<float> point) {
     points[half][2][slot] = point.z;
 }
 
-/// Barriers 1 and 2 of the hardware; 0 is that of __syncthreads().
+/// These are the hardware's barriers 1 and 2. __syncthreads() uses 0.
 __device__ void border_is_here() { asm volatile("bar.sync 1, %0;" ::"n"(all_threads) : "memory"); }
 __device__ void own_points_are_here() { asm volatile("bar.sync 2, %0;" ::"n"(LANES) : "memory"); }
 
-/// Ends the launch, all blocks of it, after a wait that nothing ended.
+/// Ends the launch with all of its blocks, after a wait in vain.
 __device__ void give_up(const ResidentStep& step, std::uint32_t number) {
     *static_cast<volatile std::uint64_t*>(step.stall) = ResidentStall{blockIdx.x, number}.packed();
     __threadfence_system();
@@ -36,7 +36,7 @@ __device__ void give_up(const ResidentStep& step, std::uint32_t number) {
 __device__ void wait_until_all_have_started(const ResidentStep& step, std::uint32_t launches,
                                             std::uint32_t number) {
     const std::uint32_t wanted = launches * gridDim.x;
-    std::uint32_t looks_in_vain = 0;
+    std::uint32_t polls_in_vain = 0;
     while (true) {
         std::uint32_t started = 0;
         asm volatile("ld.acquire.gpu.global.u32 %0, [%1];"
@@ -44,22 +44,22 @@ __device__ void wait_until_all_have_started(const ResidentStep& step, std::uint3
                      : "l"(step.started_blocks)
                      : "memory");
         if (int(started - wanted) >= 0) return;
-        if (++looks_in_vain == max_resident_looks) give_up(step, number);
+        if (++polls_in_vain == max_resident_polls) give_up(step, number);
     }
 }
 
 struct Lane {
     Self<float, false> self;
     PreviousOrVelocity<float> before;
-    bool active;  ///< has a particle
+    bool active;  ///< there is a particle
     int word;
     int own_slot;
     int slot[neighbour_bits];
-    Vector<float> spacing;   ///< of the lattice as the warp is mirrored
-    TaggedPoint* published;  ///< null: nobody else's neighbour
+    Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
+    TaggedPoint* published;  ///< null where no other block reaches the particle
 };
 
-/// From shared memory; only the slots of groups that are compiled in are ever used.
+/// Fetches neighbours from shared memory. Only the slots of groups that are compiled in are used.
 struct SlotNeighbours {
     const Lane& lane;
     int half;
@@ -72,7 +72,7 @@ struct NoCompliance {
     __device__ float operator()(int, int, int) const { return 0; }
 };
 
-/// A step that reads half `half`. The springs across the border are added last, once its points are here.
+/// Takes a step that reads half `half`. Springs across the border are added last, once its points have come.
 template <class Border, int half>
 __device__ void step_lane(const ResidentStep& step, Lane& lane, std::uint32_t tag, bool first, bool last) {
     constexpr bool full_stencil = MASKED == 0;
@@ -122,10 +122,10 @@ struct Polls {
     std::uint32_t wanted;  ///< bits
 };
 
-/// Fetches what the others publish with `tag` into half `half`.
+/// Fetches into half `half` the points that other blocks publish with `tag`.
 __device__ void poll(const Polls& polls, const ResidentStep& step, int half, std::uint32_t tag) {
     std::uint32_t missing = polls.wanted;
-    std::uint32_t looks_in_vain = 0;
+    std::uint32_t polls_in_vain = 0;
     while (missing != 0) {
         TaggedPoint found[ROUNDS];
 #pragma unroll
@@ -136,13 +136,14 @@ __device__ void poll(const Polls& polls, const ResidentStep& step, int half, std
             put(half, polls.slot[n], found[n].point);
             missing &= ~(1U << n);
         }
-        if (missing != 0 && ++looks_in_vain == max_resident_looks) give_up(step, tag);
+        if (missing != 0 && ++polls_in_vain == max_resident_polls) give_up(step, tag);
     }
 }
 
-/// `count` steps, at least one, from the points in `words` on, which are then those after them. `before`: x
-/// or u at t - dt; by increments v, an axis every `pitch`. Published points have tags from `tag` + 1 on.
-/// `launches`: of `step.started_blocks`, this one included.
+/// Takes `count` steps, at least one, of the state in `words` and `previous` or, by increments, `increment`,
+/// whose axes are `pitch` elements apart; the state after the last step replaces it. Points are published
+/// with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have counted their blocks in
+/// `step.started_blocks`, this one included.
 extern "C" __global__ void __launch_bounds__(all_threads, 1)
     step(const __grid_constant__ ResidentStep step, ParticleRecord<float>* words,
          ParticleRecord<float>* previous, float* increment, std::size_t pitch, int count, std::uint32_t tag,

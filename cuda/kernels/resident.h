@@ -1,6 +1,6 @@
-// One launch for many steps: a block keeps its particles in registers, and what their springs reach in shared
-// memory; points at borders travel through L2 (exchange.h). The tables are built by
-// backends/layout/resident_layout.h.
+// One launch takes many steps. A block keeps its particles in registers, and the points that their springs
+// reach in shared memory. Points at a block's border travel through L2 (exchange.h).
+// backends/layout/resident_layout.h builds the tables.
 #pragma once
 
 #include "backends/layout/records/resident.h"
@@ -9,8 +9,8 @@
 
 namespace voxspring::cuda {
 
-/// Directions across which a warp's neighbours are other blocks': those with dy == 1 if `y`, and those with
-/// dz == 1 if `z`.
+/// The directions in which a warp's neighbours belong to other blocks: those with dy == 1 if `y`, and those
+/// with dz == 1 if `z`.
 template <bool y, bool z>
 struct Across {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int dy, int dz) {

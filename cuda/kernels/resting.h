@@ -1,9 +1,9 @@
 // Blocks of an implicit kernel that rest.
 //
-// A step of a block depends on its particles and on those around it. Where the latest step changed no bit of
-// them, the next one would change none either, and is left out (term_resting): x(t) and x(t - dt) of such a
-// block are equal, so that what the step would write is there already. A block in which a step changes
-// something lists itself and its neighbours for the next step, which takes no others.
+// A step of a block depends on its particles and on those of the blocks around it. Where the latest step
+// changed no bit of them, the next one would change none either, and is left out (term_resting). x(t) and
+// x(t - dt) of such a block are equal, so that what the step would write is there already. A block in which a
+// step changes something lists itself and its neighbours for the next step, which takes only those.
 #pragma once
 
 #include "backends/layout/records/implicit.h"
@@ -27,7 +27,7 @@ __device__ inline unsigned thread_of_block() {
     return threadIdx.x + blockDim.x * (threadIdx.y + blockDim.y * threadIdx.z);
 }
 
-/// All threads of a block, after its step, each with whether its particle changed.
+/// Called by all threads of a block after its step. `changed`: whether the thread's particle did.
 __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                           bool changed) {
     const unsigned thread = thread_of_block();
@@ -37,7 +37,7 @@ __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const Bloc
         if (thread < blocks_around) {
             other = around(blocks, origin, int(thread), int(blockDim.x), int(blockDim.y), int(blockDim.z));
             std::uint32_t* const mark = blocks.next_marks + other.place;
-            // Most are marked by then, and cost no exchange.
+            // Most are marked already: a read is cheaper than an exchange.
             is_new = __ldcg(mark) == 0 && atomicExch(mark, 1U) == 0;
         }
         const unsigned all_new = __ballot_sync(~0U, int(is_new));
@@ -49,8 +49,9 @@ __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const Bloc
     if (thread == 0) blocks.now_marks[origin.place] = 0;
 }
 
-/// Calls step_block(origin) for each block of the list; it returns whether the thread's particle changed.
-/// Only the device knows how many there are, so a block of threads takes one after another.
+/// Calls step_block(origin) for each block of the list. step_block() returns whether the thread's particle
+/// changed. Only the device knows the length of the list, so each block of threads takes blocks until it
+/// ends.
 template <class StepBlock>
 __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step_block) {
     const unsigned count = *blocks.now_count;
@@ -58,7 +59,8 @@ __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step
         const BlockOrigin origin = blocks.now[b];
         list_for_next_step(blocks, origin, step_block(origin));
     }
-    // The last block of threads to finish empties the list; one that already reads zero had nothing to do.
+    // The last block of threads to finish empties the list. A thread of another block may read the count as
+    // late as that: it reads zero, and had no block to step.
     if (thread_of_block() == 0 && atomicInc(blocks.finished, gridDim.x - 1) == gridDim.x - 1) {
         *blocks.taken = count;
         *blocks.now_count = 0;

@@ -1,4 +1,5 @@
-// With FORCES the kernel that adds them up, one thread a spring; else the one that moves the particles.
+// With FORCES this is the kernel that adds up forces, with a thread for each spring; else the one that moves
+// particles.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/scatter.h"
 

@@ -1,5 +1,5 @@
-// One thread a spring, which adds its force to both of its particles with atomics: what most users write
-// first. The bodies of its two kernels.
+// Each spring has a thread, which adds the spring's force to both of its particles with atomics: what most
+// users write first. The bodies of the two kernels.
 #pragma once
 
 #include "backends/layout/records/scatter.h"
@@ -22,7 +22,7 @@ VOXSPRING_HOST_DEVICE void scatter_spring(const ScatterStep<Real>& step, std::si
                                           const Current& current) {
     if (s >= step.springs) return;
     const SpringConstants<Real> constants = current.entry(step.constants + s);
-    if (constants.stiffness == 0) return;  // a spring that was cut, or room for one to come
+    if (constants.stiffness == 0) return;  // the spring was cut, or the slot is free
     const SpringEnds ends = current.entry(step.ends + s);
     const int other = listed_index<Terms>(ends.second);
     SpringRest<Real> rest = listed_rest<Terms>(step.rest, ends.second);
@@ -42,7 +42,7 @@ VOXSPRING_HOST_DEVICE void scatter_spring(const ScatterStep<Real>& step, std::si
     add_atomically(second + 2 * step.pitch, -force.z);
 }
 
-/// Moves particle i and leaves its force at zero for the next step.
+/// Moves particle i, and sets its force to zero for the next step.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void integrate(const ScatterStep<Real>& step, int i, const Current& current,
                                      const Output<Real>& output) {

@@ -9,8 +9,8 @@
 
 namespace voxspring::cuda {
 
-/// `scene_groups`: mask bits of the spring groups in use. `scene_terms`: those compiled in. `at_run_time`:
-/// ask the step's arguments which of them the scene has, instead of taking all for granted.
+/// `scene_groups`: mask bits of the spring groups in use. `scene_terms`: the terms that are compiled in.
+/// `at_run_time`: the kernel asks the step's arguments which of those the scene has. Otherwise it has all.
 template <Formulation scene_formulation, std::uint32_t scene_groups, std::uint32_t scene_terms,
           bool at_run_time>
 struct KernelTerms {
@@ -25,7 +25,7 @@ struct KernelTerms {
     static VOXSPRING_HOST_DEVICE constexpr bool compiled(std::uint32_t term) {
         return (scene_terms & term) != 0;
     }
-    /// Whether the scene has it: what `asked` says, if that is to be asked.
+    /// Whether the scene has `term`; `asked` is the answer at run time.
     template <std::uint32_t term>
     static VOXSPRING_HOST_DEVICE constexpr bool has(bool asked) {
         return compiled(term) && (!at_run_time || asked);

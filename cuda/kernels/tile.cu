@@ -1,4 +1,4 @@
-// The grid by way of shared memory, in tiles of WIDTH x HEIGHT.
+// Neighbours come through shared memory, which holds tiles of WIDTH x HEIGHT particles.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/implicit.h"
 

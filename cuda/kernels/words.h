@@ -19,9 +19,9 @@ __device__ inline Particle<double> unpacked(double2 a, double2 b) {
 }
 #endif
 
-// A word moves in accesses of 16 bytes. In host code there is one kind of memory.
+// A word moves in accesses of 16 bytes. The host has one kind of memory alone.
 
-/// Global memory past L1: ld.global.cg.
+/// Reads global memory past L1: ld.global.cg.
 template <class Real>
 VOXSPRING_HOST_DEVICE Particle<Real> load_past_l1(const ParticleRecord<Real>* word) {
 #ifdef __CUDA_ARCH__
@@ -49,7 +49,7 @@ VOXSPRING_HOST_DEVICE bool same_bits(Vector<Real> a, Vector<Real> b) {
     return same_bits(a.x, b.x) && same_bits(a.y, b.y) && same_bits(a.z, b.z);
 }
 
-/// Memory that the kernel does not write, through L1: ld.global.nc.
+/// Reads memory that the kernel does not write, through L1: ld.global.nc.
 template <class Real>
 VOXSPRING_HOST_DEVICE Particle<Real> load_through_l1(const ParticleRecord<Real>* word) {
 #ifdef __CUDA_ARCH__

@@ -28,12 +28,12 @@ inline constexpr int neighbour_bits = 26;
 /// A lane or poll without work.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
-/// Looks at what another block is to send, after which a block gives up: on an H200 some ten seconds, where a
-/// step takes microseconds.
-inline constexpr std::uint32_t max_resident_looks = 1U << 24;
+/// A block gives up after so many polls in vain for what another block is to send: some ten seconds on an
+/// H200, where a step takes microseconds.
+inline constexpr std::uint32_t max_resident_polls = 1U << 24;
 
-/// Which block gave up on which step, counted from the first that the tables were made for; in one word, so
-/// that it is written whole.
+/// Which block gave up at which step, counted from the first that the tables were made for. It is one word,
+/// so that it is written whole.
 struct ResidentStall {
     std::uint32_t block, step;
     static constexpr std::uint64_t set = std::uint64_t(1) << 63;
