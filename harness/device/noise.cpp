@@ -1,7 +1,5 @@
 #include "harness/device/noise.h"
 
-#include <dlfcn.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -9,8 +7,6 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
-#include <map>
-#include <stdexcept>
 
 #include "harness/base/statistics.h"
 
@@ -55,84 +51,6 @@ std::optional<double> waited_seconds() {
         if (schedstat >> ran >> waited) sum = sum.value_or(0) + 1e-9 * double(waited);
     }
     return sum;
-}
-
-/// Of NVML, which has no header here: its functions and constants are a stable binary interface.
-struct Card::Library {
-    static constexpr int success = 0, too_small = 7, clock_of_multiprocessors = 1;
-    using Device = void*;
-
-    void* handle = nullptr;
-    Device device = nullptr;
-    int (*shutdown)() = nullptr;
-    int (*clock)(Device, int, unsigned*) = nullptr;
-    /// One entry of what `processes` fills.
-    struct Process {
-        unsigned pid;
-        unsigned long long used_memory;
-        unsigned gpu_instance, compute_instance;
-    };
-    int (*processes)(Device, unsigned*, void* of_type_process) = nullptr;
-
-    template <class Function>
-    void find(Function*& function, const char* name) const {
-        function = reinterpret_cast<Function*>(dlsym(handle, name));
-    }
-};
-
-Card::Card(const std::string& uuid) : library_(std::make_unique<Library>()) {
-    const char* name = "libnvidia-ml.so.1";
-    library_->handle = dlopen(name, RTLD_NOW | RTLD_LOCAL);
-    if (library_->handle == nullptr) throw std::runtime_error(std::string("there is no ") + name);
-    int (*initialize)() = nullptr;
-    int (*by_uuid)(const char*, Library::Device*) = nullptr;
-    library_->find(initialize, "nvmlInit_v2");
-    library_->find(by_uuid, "nvmlDeviceGetHandleByUUID");
-    library_->find(library_->shutdown, "nvmlShutdown");
-    library_->find(library_->clock, "nvmlDeviceGetClockInfo");
-    library_->find(library_->processes, "nvmlDeviceGetComputeRunningProcesses_v3");
-    const bool complete = initialize != nullptr && by_uuid != nullptr && library_->shutdown != nullptr;
-    if (!complete || initialize() != Library::success) {
-        dlclose(library_->handle);
-        throw std::runtime_error(std::string(name) + " does not start");
-    }
-    if (by_uuid(uuid.c_str(), &library_->device) != Library::success) {
-        library_->shutdown();
-        dlclose(library_->handle);
-        throw std::runtime_error(std::string(name) + " knows no card " + uuid);
-    }
-}
-
-Card::~Card() {
-    library_->shutdown();
-    dlclose(library_->handle);
-}
-
-std::optional<unsigned> Card::clock_mhz() const {
-    unsigned mhz = 0;
-    if (library_->clock == nullptr ||
-        library_->clock(library_->device, Library::clock_of_multiprocessors, &mhz) != Library::success)
-        return std::nullopt;
-    return mhz;
-}
-
-std::optional<std::vector<pid_t>> Card::processes() const {
-    if (library_->processes == nullptr) return std::nullopt;
-    // Room for some that begin between two calls.
-    constexpr int max_tries = 3;
-    std::vector<Library::Process> found(64);
-    for (int i = 0; i < max_tries; ++i) {
-        auto count = unsigned(found.size());
-        const int answer = library_->processes(library_->device, &count, found.data());
-        if (answer == Library::success) {
-            std::vector<pid_t> pids;
-            for (unsigned k = 0; k < count; ++k) pids.push_back(pid_t(found[k].pid));
-            return pids;
-        }
-        if (answer != Library::too_small) return std::nullopt;
-        found.resize(2 * std::max<std::size_t>(found.size(), count));
-    }
-    return std::nullopt;
 }
 
 unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& own) {

@@ -3,10 +3,7 @@
 
 #include <sys/types.h>
 
-#include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
-#include <ostream>
 #include <string>
 #include <vector>
 
@@ -19,26 +16,6 @@ double spin_seconds();
 /// Seconds for which the threads of this process that are alive have been ready to run and had no core, so
 /// far; nothing where the system does not tell.
 std::optional<double> waited_seconds();
-
-/// A graphics card as its driver's management library (NVML) sees it from outside of any context. Loading it
-/// touches no device that a program computes on.
-class Card {
-public:
-    /// Throws std::runtime_error, which says why it cannot be watched, for a card of `uuid`.
-    explicit Card(const std::string& uuid);
-    Card(const Card&) = delete;
-    Card& operator=(const Card&) = delete;
-    ~Card();
-
-    /// The clock of its multiprocessors now; nothing where the driver does not tell.
-    std::optional<unsigned> clock_mhz() const;
-    /// The processes that compute on it, as the driver numbers them; nothing where it does not tell.
-    std::optional<std::vector<pid_t>> processes() const;
-
-private:
-    struct Library;
-    std::unique_ptr<Library> library_;
-};
 
 /// Processes of a study, while one of them has just computed on a card.
 struct OwnProcesses {

@@ -11,6 +11,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
+#include "harness/device/noise.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/scene/scene_runner.h"

@@ -156,6 +156,7 @@ void StudyBench::watch_card(const std::string& uuid) {
     try {
         card_ = std::make_unique<Card>(uuid);
         context()["card_watched"] = "yes";
+        context()["card"] = card_->settings();
     } catch (const std::runtime_error& reason) {
         context()["card_watched"] = std::string("not known: ") + reason.what();
     }

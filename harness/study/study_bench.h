@@ -11,8 +11,8 @@
 
 #include "backends/registry.h"
 #include "harness/base/progress.h"
+#include "harness/device/card.h"
 #include "harness/device/limits.h"
-#include "harness/device/noise.h"
 #include "harness/process/case.h"
 #include "harness/process/case_runner.h"
 #include "harness/process/journal.h"

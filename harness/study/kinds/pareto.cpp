@@ -11,6 +11,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/statistics.h"
 #include "harness/device/limits.h"
+#include "harness/device/noise.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/result.h"
 #include "harness/scene/scene_runner.h"
