@@ -35,7 +35,9 @@ from result_files import BadInput
 IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # What tells the rows of one identity apart, by the list they are in.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
-          "stress": ("part", "measurement", "steps", "detail")}
+          "stress": ("part", "measurement", "steps", "detail"), "energy": ()}
+# What a row's time is called, in units of its own: to an end time, or a step.
+CLOCKS = {"energy": "seconds_per_step"}
 # Errors, and the field that says how well float64 knows what they are taken against.
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty"}
 STRESS_ERRORS = ("relative", "spacings")  # units; growth, energies and counts have gates alone
@@ -158,7 +160,7 @@ class Result:
                     entry.floors[key] = self.get(row, at, floor, float, None) if floor else None
         if not self.get(row, at, "passed", bool, True) or self.get(row, at, "diverged", bool, False):
             entry.failure = self.get(row, at, "reason", str, "beyond its gate")
-        key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else "seconds"
+        key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else CLOCKS.get(list_name, "seconds")
         time = self.get(row, at, key, float, None)
         if list_name == "benchmarks":
             if not across and not time:

@@ -1,5 +1,6 @@
-// What harness/device/noise.cpp asks of NVML, answered by what tests/noise_test.cpp sets.
+// What harness/device/card.cpp asks of NVML, answered by what tests/noise_test.cpp sets.
 #include <sys/types.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <cstring>
@@ -38,6 +39,35 @@ struct Process {
 unsigned fake_clocks_mhz[2] = {1980, 1980};  // taken in turns
 unsigned fake_strangers = 0;
 bool fake_lists_children = true;
+
+double fake_watts = 500;  // by the counter
+unsigned fake_sampled_watts = 500;
+
+int nvmlDeviceGetTotalEnergyConsumption(void*, unsigned long long* millijoules) {
+    timespec now{};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    // It leaps every 20 ms.
+    const long long leaps = (now.tv_sec * 1000000000ll + now.tv_nsec) / 20000000ll;
+    *millijoules = static_cast<unsigned long long>(double(leaps) * 20 * fake_watts);
+    return 0;
+}
+int nvmlDeviceGetPowerUsage(void*, unsigned* milliwatts) {
+    *milliwatts = 1000 * fake_sampled_watts;
+    return 0;
+}
+int nvmlDeviceGetEnforcedPowerLimit(void*, unsigned* milliwatts) {
+    *milliwatts = 700000;
+    return 0;
+}
+int nvmlDeviceGetCurrentClocksThrottleReasons(void*, unsigned long long* bits) {
+    *bits = 0x5;  // idle, and its power limit
+    return 0;
+}
+int nvmlDeviceGetEccMode(void*, int* now, int* later) {
+    *now = *later = 1;
+    return 0;
+}
+int nvmlDeviceGetMigMode(void*, unsigned*, unsigned*) { return 3; }  // not supported
 
 int nvmlInit_v2() { return 0; }
 int nvmlShutdown() { return 0; }

@@ -14,6 +14,7 @@
 
 #include "backends/cpu/cpu_backend.h"
 #include "backends/registry.h"
+#include "harness/device/card.h"
 #include "harness/results/result.h"
 #include "harness/study/study.h"
 
@@ -203,6 +204,43 @@ TEST_F(CardInAStudy, IsWatchedWhereTheDriverHasOtherNumbersForProcesses) {
     *strangers_ = 3;
     EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"),
                 HasSubstr("other processes computed on the card (1)"));
+}
+
+/// The one row of an energy study of `on_card`.
+nlohmann::json energy_of_card() {
+    Study study;
+    study.name = "test";
+    study.kind = "energy";
+    study.backends = {"on_card"};
+    study.scenes = {{"box@4", 4, {}}};
+    const nlohmann::json result = run_study(study, {});
+    return result.at("energy").empty() ? result.at("failed").at(0) : result.at("energy").at(0);
+}
+
+TEST_F(CardInAStudy, TellsItsEnergy) {
+    const nlohmann::json row = energy_of_card();
+    ASSERT_TRUE(row.contains("watts")) << row.dump(2);
+    // The counter is asked up to 10 ms after a leap of 20, at either end of ten seconds.
+    EXPECT_NEAR(row.at("watts").get<double>(), 500, 500 * 0.01);
+    EXPECT_EQ(row.at("sampled_watts"), 500);
+    EXPECT_NEAR(row.at("seconds").get<double>(), 10, 1);
+    EXPECT_DOUBLE_EQ(row.at("joules_per_step"),
+                     row.at("watts").get<double>() * row.at("seconds_per_step").get<double>());
+    EXPECT_EQ(row.at("throttled"), nlohmann::json::array({"power limit"}));
+    EXPECT_EQ(row.at("meter"), "NVML");
+}
+
+TEST_F(CardInAStudy, WhoseCounterAndSamplesDisagreeHasNoEnergy) {
+    auto* const sampled = static_cast<unsigned*>(dlsym(library_, "fake_sampled_watts"));
+    *sampled = 400;
+    const nlohmann::json row = energy_of_card();
+    *sampled = 500;
+    EXPECT_THAT(row.value("reason", ""), HasSubstr("its energy is not known: the counter says 50"));
+}
+
+TEST_F(CardInAStudy, TellsItsSettings) {
+    EXPECT_EQ(Card("GPU-fake").settings(), nlohmann::json({{"power_limit_watts", 700.0}, {"ecc", true}}));
+    EXPECT_EQ(result_of_study().at("context").at("voxspring").at("card").at("ecc"), true);
 }
 
 TEST_F(CardInAStudy, ThatIsNotThereIsNotKnown) {

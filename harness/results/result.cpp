@@ -1,10 +1,13 @@
 #include "harness/results/result.h"
 
 #include <fmt/format.h>
+#include <sys/utsname.h>
 
 #include <algorithm>
+#include <fstream>
 #include <map>
 #include <set>
+#include <string_view>
 
 #include "backends/cpu/cpu_backend.h"
 #include "harness/base/text.h"
@@ -99,6 +102,22 @@ std::vector<std::vector<Row>> medians_by_scene(const nlohmann::json& result) {
     return scenes;
 }
 
+/// "Debian GNU/Linux 12 (bookworm), Linux 6.1.0".
+std::string os_name() {
+    std::string name;
+    std::ifstream file("/etc/os-release");
+    constexpr std::string_view key = "PRETTY_NAME=";
+    for (std::string line; std::getline(file, line);) {
+        if (!line.starts_with(key)) continue;
+        name = line.substr(key.size());
+        std::erase(name, '"');
+        name += ", ";
+    }
+    utsname kernel{};
+    if (uname(&kernel) != 0) return name + "unknown kernel";
+    return name + kernel.sysname + " " + kernel.release;
+}
+
 }  // namespace
 
 std::string names_in_short(const std::vector<std::string>& names) {
@@ -157,7 +176,8 @@ nlohmann::json build_context() {
             {"cuda_compiler", or_null(version_cuda_compiler)},
             {"cuda_flags", or_null(version_cuda_flags)},
             {"cuda_architectures", or_null(version_cuda_architectures)},
-            {"cpu", cpu_name()}};
+            {"cpu", cpu_name()},
+            {"os", os_name()}};
 }
 
 void print_table(const nlohmann::json& result, std::ostream& out, TableWidth width) {

@@ -1,0 +1,185 @@
+#include "harness/device/energy.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <stdexcept>
+#include <thread>
+
+#include "harness/base/statistics.h"
+#include "harness/device/card.h"
+
+namespace voxspring {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point begin) {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+class CardMeter final : public EnergyMeter {
+public:
+    explicit CardMeter(const std::string& uuid) : card_(uuid) { (void)joules(); }
+
+    double joules() override {
+        const auto joules = card_.energy_joules();
+        if (!joules) throw std::runtime_error("the driver does not count this card's energy");
+        return *joules;
+    }
+    std::optional<double> watts() override { return card_.power_watts(); }
+    std::optional<unsigned> clock_mhz() override { return card_.clock_mhz(); }
+    std::vector<std::string> throttle_reasons() override { return card_.throttle_reasons(); }
+    std::string name() const override { return "NVML"; }
+
+private:
+    const Card card_;
+};
+
+/// One package's counter, which starts again from zero after its range.
+struct Package {
+    std::filesystem::path counter;
+    std::uint64_t range = 0, last = 0, before = 0;  ///< microjoules; `before`: of all ranges that are over
+};
+
+std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
+    std::ifstream file(path);
+    std::uint64_t number = 0;
+    if (!(file >> number)) return std::nullopt;
+    return number;
+}
+
+class RaplMeter final : public EnergyMeter {
+public:
+    explicit RaplMeter(const std::string& folder) {
+        std::error_code none;
+        bool refused = false;
+        for (const auto& domain : std::filesystem::directory_iterator(folder, none)) {
+            std::ifstream file(domain.path() / "name");
+            std::string name;
+            if (!(file >> name) || !name.starts_with("package")) continue;
+            const auto range = number_in(domain.path() / "max_energy_range_uj");
+            const auto now = number_in(domain.path() / "energy_uj");
+            refused = refused || !now;
+            if (range && now)
+                packages_.push_back({.counter = domain.path() / "energy_uj", .range = *range, .last = *now});
+        }
+        if (refused) throw std::runtime_error("the processor's energy counter is readable by root alone");
+        if (packages_.empty()) throw std::runtime_error("the processor has no energy counter here");
+    }
+
+    double joules() override {
+        double sum = 0;
+        for (Package& package : packages_) {
+            const auto now = number_in(package.counter);
+            if (!now) throw std::runtime_error("cannot read " + package.counter.string());
+            if (*now < package.last) package.before += package.range;
+            package.last = *now;
+            sum += 1e-6 * double(package.before + *now);
+        }
+        return sum;
+    }
+    std::string name() const override { return "RAPL"; }
+
+private:
+    std::vector<Package> packages_;
+};
+
+/// Reads a meter every few milliseconds, on a thread of its own, until it is stopped.
+class Sampling {
+public:
+    explicit Sampling(EnergyMeter& meter) : meter_(meter), begin_(Clock::now()), thread_([this] { run(); }) {}
+    Sampling(const Sampling&) = delete;
+    Sampling& operator=(const Sampling&) = delete;
+    ~Sampling() { stop(); }
+
+    /// What was seen. Throws what the meter did.
+    EnergyUse end() {
+        stop();
+        if (error_) std::rethrow_exception(error_);
+        if (leaps_.size() < 2) throw std::runtime_error("the energy counter did not move");
+        EnergyUse use;
+        use.seconds = leaps_.back().seconds - leaps_.front().seconds;
+        use.watts = (leaps_.back().joules - leaps_.front().joules) / use.seconds;
+        if (!watts_.empty()) use.sampled_watts = mean(watts_);
+        if (!mhz_.empty()) {
+            use.min_mhz = *mhz_.begin();
+            use.max_mhz = *mhz_.rbegin();
+        }
+        use.throttled.assign(throttled_.begin(), throttled_.end());
+        return use;
+    }
+
+private:
+    static constexpr std::chrono::milliseconds interval{10};
+
+    struct Leap {
+        double seconds, joules;
+    };
+
+    void run() {
+        try {
+            double last = meter_.joules();
+            while (!stopped_) {
+                std::this_thread::sleep_for(interval);
+                const double joules = meter_.joules();
+                if (joules != last) leaps_.push_back({seconds_since(begin_), joules});
+                last = joules;
+                if (const auto watts = meter_.watts()) watts_.push_back(*watts);
+                if (const auto mhz = meter_.clock_mhz()) mhz_.insert(*mhz);
+                for (const std::string& reason : meter_.throttle_reasons()) throttled_.insert(reason);
+            }
+        } catch (...) {
+            error_ = std::current_exception();
+        }
+    }
+    void stop() {
+        stopped_ = true;
+        if (thread_.joinable()) thread_.join();
+    }
+
+    EnergyMeter& meter_;
+    const Clock::time_point begin_;
+    std::atomic<bool> stopped_ = false;
+    std::vector<Leap> leaps_;
+    std::vector<double> watts_;
+    std::set<unsigned> mhz_;
+    std::set<std::string> throttled_;
+    std::exception_ptr error_;
+    std::thread thread_;  // the last: it uses all others
+};
+
+}  // namespace
+
+std::unique_ptr<EnergyMeter> rapl_meter(const std::string& folder) {
+    return std::make_unique<RaplMeter>(folder);
+}
+
+std::unique_ptr<EnergyMeter> energy_meter_of(const Capabilities& capabilities) {
+    if (capabilities.uuid.empty()) return rapl_meter();
+    return std::make_unique<CardMeter>(capabilities.uuid);
+}
+
+EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
+                         const std::function<void()>& work) {
+    const auto work_for = [&](double limit) {
+        for (const auto begin = Clock::now(); seconds_since(begin) < limit;) work();
+    };
+    work_for(lead_seconds);
+    Sampling sampling(meter);
+    work_for(seconds);
+    return sampling.end();
+}
+
+bool powers_agree(const EnergyUse& use) {
+    return !use.sampled_watts ||
+           std::abs(*use.sampled_watts - use.watts) <= max_power_disagreement * use.watts;
+}
+
+}  // namespace voxspring

@@ -1,0 +1,116 @@
+// The energy of a device: meters, leaps of their counters, and what is refused.
+#include "harness/device/energy.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+#include <thread>
+
+namespace voxspring {
+namespace {
+
+using ::testing::HasSubstr;
+
+/// A folder as Linux shows counters in.
+class Rapl : public ::testing::Test {
+protected:
+    void SetUp() override {
+        std::string name = "/tmp/voxspring_rapl_XXXXXX";
+        ASSERT_NE(mkdtemp(name.data()), nullptr);
+        folder_ = name;
+        add("intel-rapl:0", "package-0", "1000000");
+        add("intel-rapl:0:0", "core", "1");
+        add("intel-rapl:1", "package-1", "2000000");
+    }
+    void TearDown() override { std::filesystem::remove_all(folder_); }
+
+    void add(const std::string& domain, const std::string& name, const std::string& microjoules) const {
+        std::filesystem::create_directories(folder_ / domain);
+        std::ofstream(folder_ / domain / "name") << name << "\n";
+        std::ofstream(folder_ / domain / "max_energy_range_uj") << "10000000\n";
+        count(domain, microjoules);
+    }
+    void count(const std::string& domain, const std::string& microjoules) const {
+        std::ofstream(folder_ / domain / "energy_uj") << microjoules << "\n";
+    }
+    std::filesystem::path folder_;
+};
+
+TEST_F(Rapl, SumsPackagesAndCountsPastTheirRange) {
+    const auto meter = rapl_meter(folder_);
+    EXPECT_DOUBLE_EQ(meter->joules(), 3);
+    count("intel-rapl:0", "9500000");
+    EXPECT_DOUBLE_EQ(meter->joules(), 11.5);
+    count("intel-rapl:0", "500000");  // past 10 J
+    EXPECT_DOUBLE_EQ(meter->joules(), 12.5);
+    EXPECT_EQ(meter->watts(), std::nullopt);
+    EXPECT_EQ(meter->name(), "RAPL");
+    std::filesystem::remove(folder_ / "intel-rapl:1/energy_uj");
+    EXPECT_THROW((void)meter->joules(), std::runtime_error);
+}
+
+std::string refusal_of(const std::string& folder) {
+    try {
+        (void)rapl_meter(folder);
+    } catch (const std::runtime_error& error) {
+        return error.what();
+    }
+    return "it is there";
+}
+
+TEST_F(Rapl, SaysWhyThereIsNone) {
+    EXPECT_THAT(refusal_of(folder_ / "nosuch"), HasSubstr("has no energy counter"));
+    std::filesystem::remove(folder_ / "intel-rapl:0/energy_uj");
+    EXPECT_THAT(refusal_of(folder_), HasSubstr("readable by root alone"));
+}
+
+/// Uses 200 W, counted in leaps of a twentieth of a second.
+class Leaping : public EnergyMeter {
+public:
+    double joules() override {
+        const auto now = std::chrono::steady_clock::now() - begin_;
+        return 10 * double(now / std::chrono::milliseconds(50));
+    }
+    std::optional<double> watts() override { return sampled; }
+    std::string name() const override { return "test"; }
+    double sampled = 200;
+
+private:
+    const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
+void nap() { std::this_thread::sleep_for(std::chrono::milliseconds(1)); }
+
+TEST(Energy, IsTakenFromLeapToLeap) {
+    Leaping meter;
+    const EnergyUse use = measure_energy(meter, 0.1, 1.03, nap);
+    // A leap is seen one interval of 10 ms late at most, more where the machine is busy: of 0.95 s or more.
+    EXPECT_NEAR(use.watts, 200, 200 * 0.1);
+    EXPECT_LT(use.seconds, 1.1);
+    EXPECT_TRUE(powers_agree(use));
+    EXPECT_FALSE(powers_agree({.watts = 200, .sampled_watts = 211}));
+    EXPECT_TRUE(powers_agree({.watts = 200, .sampled_watts = 209}));
+    EXPECT_TRUE(powers_agree({.watts = 200}));
+}
+
+TEST(Energy, OfACounterThatStandsStillIsNotKnown) {
+    class Still : public Leaping {
+        double joules() override { return 1; }
+    } meter;
+    EXPECT_THROW((void)measure_energy(meter, 0, 0.05, nap), std::runtime_error);
+}
+
+TEST(Energy, OfABrokenMeterIsNotKnown) {
+    class Broken : public Leaping {
+        double joules() override { throw std::runtime_error("it broke"); }
+    } meter;
+    EXPECT_THROW((void)measure_energy(meter, 0, 0.05, nap), std::runtime_error);
+}
+
+}  // namespace
+}  // namespace voxspring
