@@ -1,5 +1,5 @@
 // One invocation a particle whose springs changed: its bits and, with LISTS, its list. With PER_SPRING also
-// what each of its springs is like, with OWN_REST how those beyond the lattice lie at rest.
+// what each of its springs is like, with OFF_LATTICE_REST how those beyond the lattice lie at rest.
 layout(local_size_x = 64) in;
 
 layout(binding = 0, rgba32f) uniform image2D position;
@@ -9,15 +9,15 @@ layout(binding = 1, r32ui) writeonly uniform uimage2DArray neighbour;
 #ifdef PER_SPRING
 layout(binding = 2, rg32f) writeonly uniform image2DArray spring;
 #endif
-#ifdef OWN_REST
-layout(binding = 3, rgba32f) writeonly uniform image2DArray own_rest;
+#ifdef OFF_LATTICE_REST
+layout(binding = 3, rgba32f) writeonly uniform image2DArray off_lattice_rest;
 #endif
 
 // A particle's texel (x in the lower half, y in the upper), its bits, and where its list begins and ends.
 layout(std430, binding = 0) readonly buffer Particles { uvec4 particles[]; };
 layout(std430, binding = 1) readonly buffer Neighbours { uint neighbours[]; };
 layout(std430, binding = 2) readonly buffer Springs { vec2 springs[]; };
-layout(std430, binding = 3) readonly buffer OwnRests { vec4 own_rests[]; };
+layout(std430, binding = 3) readonly buffer OffLatticeRests { vec4 off_lattice_rests[]; };
 
 uniform int particle_count;
 
@@ -36,8 +36,8 @@ void main() {
 #ifdef PER_SPRING
             imageStore(spring, slot, vec4(springs[k], 0, 0));
 #endif
-#ifdef OWN_REST
-            imageStore(own_rest, slot, own_rests[k]);
+#ifdef OFF_LATTICE_REST
+            imageStore(off_lattice_rest, slot, off_lattice_rests[k]);
 #endif
         }
 #endif

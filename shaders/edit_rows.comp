@@ -1,4 +1,4 @@
-// New lists of some particles: one invocation a slot of a row. SECONDARY and OWN_REST as in
+// New lists of some particles: one invocation a slot of a row. SECONDARY and OFF_LATTICE_REST as in
 // gl_compute_explicit.comp; with SQUARED, rest lengths are squares and have to be measured.
 #include "measured.glsl"
 
@@ -8,10 +8,10 @@ layout(local_size_x = 64) in;
 layout(std430, binding = 0) restrict readonly buffer Particles { uint edited[]; };
 layout(std430, binding = 1) restrict readonly buffer NewNeighbours { uint new_neighbours[]; };
 layout(std430, binding = 2) restrict readonly buffer NewConstants { vec2 new_constants[]; };
-layout(std430, binding = 3) restrict readonly buffer NewOwnRests { vec4 new_own_rests[]; };
+layout(std430, binding = 3) restrict readonly buffer NewOffLatticeRests { vec4 new_off_lattice_rests[]; };
 layout(std430, binding = 8) restrict writeonly buffer Neighbours { uint neighbours[]; };
 layout(std430, binding = 9) restrict writeonly buffer Constants { vec2 constants[]; };
-layout(std430, binding = 10) restrict writeonly buffer OwnRests { vec4 own_rests[]; };
+layout(std430, binding = 10) restrict writeonly buffer OffLatticeRests { vec4 off_lattice_rests[]; };
 
 uniform int count;
 uniform int list_slots;  // of a row
@@ -28,8 +28,8 @@ void main() {
 #endif
         constants[at] = spring;
 #endif
-#ifdef OWN_REST
-        own_rests[at] = new_own_rests[n];
+#ifdef OFF_LATTICE_REST
+        off_lattice_rests[at] = new_off_lattice_rests[n];
 #endif
     }
 }

@@ -1,13 +1,14 @@
-// One invocation a particle: its neighbours stand in a list, the lists vertical: slot s of all particles
-// together, `slot_stride` from the next.
+// Each particle is an invocation. A list has its neighbours. Lists are vertical: slot s of all particles lies
+// together, and the next slot `slot_stride` behind it.
 //
-// With SECONDARY each spring has its own stiffness and rest length and a particle's bits count all its
-// springs; without, they count those of each group, and the group has them. FACES, EDGES and CORNERS are
-// defined where the scene has springs of that group, or, with ALL_GROUPS, may have them; OWN_REST where it
-// has springs beyond the lattice and the formulation asks how they lie at rest.
+// With SECONDARY each spring has its own stiffness and rest length, and a particle's bits count all of its
+// springs. Otherwise each group has one of either, and the bits count the springs of each group. FACES, EDGES
+// and CORNERS are defined where the scene has springs of that group or, with ALL_GROUPS, may have them.
+// OFF_LATTICE_REST is defined where the scene has springs beyond the lattice and the formulation asks how they
+// lie at rest.
 //
-// Every list has the same number of slots, and an unused slot holds the particle itself, whose pull on itself
-// is zero. So lists are read in whole chunks, ahead of the counters that say where they end.
+// Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
+// zero. So lists can be read in whole chunks, before the counters that say where they end.
 #include "compute.glsl"
 
 layout(local_size_x = BLOCK) in;
@@ -17,7 +18,7 @@ layout(std430, binding = 8) restrict readonly buffer Neighbours { uint neighbour
 // Stiffness and rest length of each spring.
 layout(std430, binding = 9) restrict readonly buffer Constants { vec2 constants[]; };
 // X_j - X_i and the rest deficit, where an entry says OWN_DIRECTION.
-layout(std430, binding = 10) restrict readonly buffer OwnRests { vec4 own_rests[]; };
+layout(std430, binding = 10) restrict readonly buffer OffLatticeRests { vec4 off_lattice_rests[]; };
 
 uniform int particles;
 uniform int slot_stride;
@@ -41,8 +42,8 @@ vec4 listed_pull(Point here, int at, float spring_length) {
     int index = int(entry & LISTED_INDEX);
     uint direction = entry >> LISTED_INDEX_BITS;
     vec4 at_rest = rest[direction];
-#ifdef OWN_REST
-    if (direction == OWN_DIRECTION) at_rest = own_rests[at];
+#ifdef OFF_LATTICE_REST
+    if (direction == OWN_DIRECTION) at_rest = off_lattice_rests[at];
 #endif
 #endif
     return unit_pull(between(here, point_of(index)), at_rest, spring_length);

@@ -1,9 +1,9 @@
-// One fragment a particle; its neighbours stand in a list, two fetches a neighbour.
+// Each particle is a fragment. A list has its neighbours: two fetches for each.
 //
-// With PER_SPRING each spring has its own stiffness and rest length and w counts all neighbours; without,
-// w counts those of each group, COUNT_BITS bits a group, and the group has them. FACES, EDGES and CORNERS
-// are defined where the scene has springs of that group, OWN_REST where it has springs beyond the lattice and
-// the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
+// With PER_SPRING each spring has its own stiffness and rest length, and w counts all neighbours. Otherwise each
+// group has one of either, and w counts the neighbours of each group in COUNT_BITS bits. FACES, EDGES and CORNERS
+// are defined where the scene has springs of that group, OFF_LATTICE_REST where it has springs beyond the
+// lattice and the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
 #include "measured.glsl"
 #include "particle.glsl"
 
@@ -12,7 +12,7 @@ layout(binding = 6) uniform usampler2DArray neighbour;
 // Layer k: stiffness and rest length of each particle's spring k; the length squared but by increments.
 layout(binding = 7) uniform sampler2DArray spring;
 // Layer k: X_j - X_i and the rest deficit, where entry k says OWN_DIRECTION.
-layout(binding = 8) uniform sampler2DArray own_rest;
+layout(binding = 8) uniform sampler2DArray off_lattice_rest;
 
 uniform float rest_length[3];
 uniform float group_stiffness[3];
@@ -33,9 +33,10 @@ vec4 listed_pull(Particle particle, uint k, float spring_length) {
     uint index = entry & LISTED_INDEX;
     uint direction = entry >> LISTED_INDEX_BITS;
     ivec2 there = ivec2(index & ((1u << WIDTH_BITS) - 1u), index >> WIDTH_BITS);
-#ifdef OWN_REST
+#ifdef OFF_LATTICE_REST
     if (direction == OWN_DIRECTION)
-        return pull_of(particle, there, texelFetch(own_rest, ivec3(particle.texel, k), 0), spring_length);
+        return pull_of(particle, there, texelFetch(off_lattice_rest, ivec3(particle.texel, k), 0),
+                       spring_length);
 #endif
     return pull_of(particle, there, vec4(vec3(offset_of(direction)) * spacing, DEFICIT(direction)),
                    spring_length);

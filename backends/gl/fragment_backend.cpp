@@ -194,7 +194,7 @@ void FragmentBackend::write(const TexelEdit& edit) {
     send(0, edit.particles);
     send(1, edit.neighbour);
     send(2, edit.spring);
-    send(3, edit.own_rest);
+    send(3, edit.off_lattice_rest);
     // A step copies w from the frame that it reads, so that the bits of that one are enough.
     glBindImageTexture(0, frame(0).targets[0].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
     edit_program_.set("particle_count", int(edit.particles.size()));

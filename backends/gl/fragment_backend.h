@@ -56,9 +56,9 @@ protected:
             std::uint32_t begin, end;  ///< its neighbours in `neighbour`
         };
         std::vector<Particle> particles;
-        std::vector<std::uint32_t> neighbour;  ///< list entries (neighbours.h)
-        std::vector<glm::vec2> spring;         ///< as the shader reads them; empty where groups have them
-        std::vector<glm::vec4> own_rest;       ///< the same; empty where no spring leaves the lattice
+        std::vector<std::uint32_t> neighbour;     ///< list entries (neighbours.h)
+        std::vector<glm::vec2> spring;            ///< as the shader reads them; empty where groups have them
+        std::vector<glm::vec4> off_lattice_rest;  ///< the same; empty where no spring leaves the lattice
     };
 
     /// `fragment_shader`: the file in shaders/.

@@ -13,7 +13,7 @@ namespace {
 /// Springs that differ within a group have their stiffness and rest length in a list of their own.
 bool has_secondary(const Problem& problem) { return !cuda::beyond_groups(problem).empty(); }
 
-bool has_own_rests(const Problem& problem, Formulation formulation) {
+bool needs_off_lattice_rest(const Problem& problem, Formulation formulation) {
     return !problem.springs.empty() && !on_positions(formulation);
 }
 
@@ -28,7 +28,7 @@ std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
     return gl::compute_bytes(problem, options, cuda::place_compact(problem)) +
            list_elements(problem) *
                (sizeof(std::uint32_t) + (has_secondary(problem) ? sizeof(cuda::SpringConstants<float>) : 0) +
-                (has_own_rests(problem, options.formulation) ? sizeof(cuda::SpringRest<float>) : 0));
+                (needs_off_lattice_rest(problem, options.formulation) ? sizeof(cuda::SpringRest<float>) : 0));
 }
 
 class GlComputeExplicit final : public gl::ComputeBackend {
@@ -42,7 +42,7 @@ public:
         if (edit.empty()) return;
         const bool secondary = has_secondary(edited);
         if (secondary != secondary_ || cuda::longest_list(edit) > shape_.slots ||
-            (has_own_rests(edited, formulation()) && !own_rests_)) {
+            (needs_off_lattice_rest(edited, formulation()) && !has_off_lattice_rest_)) {
             lay_out_anew();
             return;
         }
@@ -69,7 +69,7 @@ private:
         std::string why = too_large("neighbour lists", elements * sizeof(std::uint32_t));
         if (why.empty() && has_secondary(problem))
             why = too_large("lists of springs' constants", elements * sizeof(cuda::SpringConstants<float>));
-        if (why.empty() && has_own_rests(problem, formulation()))
+        if (why.empty() && needs_off_lattice_rest(problem, formulation()))
             why = too_large("lists of rest offsets", elements * sizeof(cuda::SpringRest<float>));
         return why;
     }
@@ -77,7 +77,7 @@ private:
 
     Layout lay_out(const Problem& problem) override {
         secondary_ = has_secondary(problem);
-        own_rests_ = has_own_rests(problem, formulation());
+        has_off_lattice_rest_ = needs_off_lattice_rest(problem, formulation());
         cuda::NeighbourLists<float> lists =
             secondary_ ? cuda::list_by_springs<float>(problem, cuda::ListLayout::vertical, formulation())
                        : cuda::list_by_groups<float>(problem, cuda::ListLayout::vertical, formulation());
@@ -85,7 +85,7 @@ private:
         step_ = cuda::make_explicit_step<float>(problem, lists, formulation());
         neighbour_.upload(context(), lists.neighbour);
         constants_.upload(context(), lists.constants);
-        own_rest_.upload(context(), lists.off_lattice_rest);
+        off_lattice_rest_.upload(context(), lists.off_lattice_rest);
         if (!by_increments(formulation())) {
             if (secondary_) measure(constants_, lists.constants.size(), 2, 1);
             measure(step_.rest_length);
@@ -97,7 +97,7 @@ private:
     void bind_own() const override {
         neighbour_.bind(first_own_binding);
         constants_.bind(first_own_binding + 1);
-        own_rest_.bind(first_own_binding + 2);
+        off_lattice_rest_.bind(first_own_binding + 2);
     }
 
     gl::Defines specialise(const Problem&) const override {
@@ -110,7 +110,7 @@ private:
     gl::Defines list_defines() const {
         gl::Defines defines;
         if (secondary_) defines["SECONDARY"] = "";
-        if (own_rests_) defines["OWN_REST"] = "";
+        if (has_off_lattice_rest_) defines["OFF_LATTICE_REST"] = "";
         return defines;
     }
 
@@ -141,11 +141,11 @@ private:
         edited_particle_.replace(context(), rows.particle);
         edited_neighbour_.replace(context(), rows.lists.neighbour);
         edited_constants_.replace(context(), rows.lists.constants);
-        edited_own_rest_.replace(context(), rows.lists.off_lattice_rest);
+        edited_off_lattice_rest_.replace(context(), rows.lists.off_lattice_rest);
         edited_particle_.bind(0);
         edited_neighbour_.bind(1);
         edited_constants_.bind(2);
-        edited_own_rest_.bind(3);
+        edited_off_lattice_rest_.bind(3);
         rows_program_.set("count", int(rows.lists.neighbour.size()));
         rows_program_.set("list_slots", int(shape_.slots));
         rows_program_.set("slot_stride", int(shape_.slot_stride));
@@ -153,14 +153,14 @@ private:
     }
 
     const int block_;
-    bool secondary_ = false;  // whether constants_ is there
-    bool own_rests_ = false;  // whether own_rest_ is there
+    bool secondary_ = false;             // whether constants_ is there
+    bool has_off_lattice_rest_ = false;  // whether off_lattice_rest_ is there
     cuda::ListShape shape_;
     cuda::ExplicitStep<float> step_{};
-    gl::StorageBuffer neighbour_, constants_, own_rest_;
+    gl::StorageBuffer neighbour_, constants_, off_lattice_rest_;
     gl::Program rows_program_;
     gl::Defines rows_defines_;  // that rows_program_ was made with
-    gl::StorageBuffer edited_particle_, edited_neighbour_, edited_constants_, edited_own_rest_;
+    gl::StorageBuffer edited_particle_, edited_neighbour_, edited_constants_, edited_off_lattice_rest_;
 };
 
 const Registered entry({

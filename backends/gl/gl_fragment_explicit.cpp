@@ -67,7 +67,7 @@ bool differ_within_a_group(const Problem& problem) {
 bool needs_spring_values(const Problem& problem, bool all_terms) {
     return all_terms || differ_within_a_group(problem);
 }
-bool needs_own_rests(const Problem& problem, Formulation formulation, bool all_terms) {
+bool needs_off_lattice_rest(const Problem& problem, Formulation formulation, bool all_terms) {
     return !on_positions(formulation) && (all_terms || !problem.springs.empty());
 }
 
@@ -77,7 +77,7 @@ std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
     const bool all_terms = options.tuning.at("terms") == "all";
     std::uint64_t bytes_a_spring = gl::r32ui.bytes;
     if (needs_spring_values(problem, all_terms)) bytes_a_spring += gl::rg32f.bytes;
-    if (needs_own_rests(problem, options.formulation, all_terms)) bytes_a_spring += gl::rgba32f.bytes;
+    if (needs_off_lattice_rest(problem, options.formulation, all_terms)) bytes_a_spring += gl::rgba32f.bytes;
     return gl::fragment_bytes(problem, options, texels) +
            texels * std::uint64_t(layer_count(problem)) * bytes_a_spring;
 }
@@ -92,7 +92,8 @@ public:
         const std::uint64_t ends = 2 * count_springs(problem).total();
         work.operations += ends;  // each is scaled by its stiffness
         work.bytes += ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0));
-        if (own_rests(problem)) work.bytes += 2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes);
+        if (has_off_lattice_rest(problem))
+            work.bytes += 2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes);
         return work;
     }
 
@@ -116,7 +117,7 @@ private:
                                context().max_array_texture_layers());
         if (!gl::fits(gl::rgba32f, size) || !gl::fits(gl::r32ui, size, layers) ||
             (per_spring(problem) && !gl::fits(gl::rg32f, size, layers)) ||
-            (own_rests(problem) && !gl::fits(gl::rgba32f, size, layers)))
+            (has_off_lattice_rest(problem) && !gl::fits(gl::rgba32f, size, layers)))
             return fmt::format(
                 "neighbour lists of {} x {} x {} texels take more bytes than the driver allows one "
                 "texture",
@@ -125,29 +126,29 @@ private:
     }
 
     bool per_spring(const Problem& problem) const { return needs_spring_values(problem, all_terms()); }
-    bool own_rests(const Problem& problem) const {
-        return needs_own_rests(problem, formulation(), all_terms());
+    bool has_off_lattice_rest(const Problem& problem) const {
+        return needs_off_lattice_rest(problem, formulation(), all_terms());
     }
 
     Layout lay_out(const Problem& problem) override {
         neighbour_ = {};
         spring_ = {};
-        own_rest_ = {};
+        off_lattice_rest_ = {};
         Layout layout;
         layout.size = compact_size(problem.particle_count(), context().max_texture_size());
-        const bool own_values = per_spring_ = per_spring(problem);
-        own_rests_ = own_rests(problem);
+        const bool has_constants = per_spring_ = per_spring(problem);
+        has_off_lattice_rest_ = has_off_lattice_rest(problem);
         const std::size_t texels = std::size_t(layout.size.x) * std::size_t(layout.size.y);
         const int layers = layers_ = layer_count(problem);
         std::vector<std::uint32_t> neighbour(texels * std::size_t(layers), 0);
-        std::vector<glm::vec2> spring(own_values ? neighbour.size() : 0, glm::vec2(0));
-        std::vector<glm::vec4> own_rest(own_rests_ ? neighbour.size() : 0, glm::vec4(0));
+        std::vector<glm::vec2> spring(has_constants ? neighbour.size() : 0, glm::vec2(0));
+        std::vector<glm::vec4> off_lattice_rest(has_off_lattice_rest_ ? neighbour.size() : 0, glm::vec4(0));
         std::vector<std::uint32_t> degree(problem.particle_count(), 0);
         const auto add = [&](std::size_t i, const ListedSpring& s) {
             const std::size_t slot = degree[i]++ * texels + i;
             neighbour[slot] = list_entry(s.neighbour, s.bit);
-            if (own_values) spring[slot] = constants_of(problem, std::uint32_t(i), s);
-            if (own_rests_) own_rest[slot] = rest_of(problem, std::uint32_t(i), s);
+            if (has_constants) spring[slot] = constants_of(problem, std::uint32_t(i), s);
+            if (has_off_lattice_rest_) off_lattice_rest[slot] = rest_of(problem, std::uint32_t(i), s);
         };
 
         layout.bits.assign(problem.particle_count(), ACTIVE_BIT);
@@ -156,7 +157,7 @@ private:
             springs.all_of(i, [&](std::uint32_t j, const Direction& direction) {
                 add(i, {j, direction.bit, problem.spring_stiffness(i, j, direction),
                         problem.rest_length[std::size_t(direction.bit)]});
-                if (!own_values) layout.bits[i] += 1u << count_bits * int(direction.group);
+                if (!has_constants) layout.bits[i] += 1u << count_bits * int(direction.group);
             });
         }
         for (const Spring& s : problem.springs) {
@@ -165,19 +166,20 @@ private:
         }
         for (std::size_t i = 0; i < problem.particle_count(); ++i) {
             layout.texel.push_back(std::uint32_t(i));
-            if (own_values) layout.bits[i] |= degree[i];
+            if (has_constants) layout.bits[i] |= degree[i];
             if (problem.is_pinned(i)) layout.bits[i] |= PINNED_BIT;
         }
 
         neighbour_ = gl::make_array_texture(context(), gl::r32ui, layout.size, layers, neighbour.data());
         glBindTextureUnit(first_own_unit, neighbour_.get());
-        if (own_values) {
+        if (has_constants) {
             spring_ = gl::make_array_texture(context(), gl::rg32f, layout.size, layers, spring.data());
             glBindTextureUnit(first_own_unit + 1, spring_.get());
         }
-        if (own_rests_) {
-            own_rest_ = gl::make_array_texture(context(), gl::rgba32f, layout.size, layers, own_rest.data());
-            glBindTextureUnit(first_own_unit + 2, own_rest_.get());
+        if (has_off_lattice_rest_) {
+            off_lattice_rest_ =
+                gl::make_array_texture(context(), gl::rgba32f, layout.size, layers, off_lattice_rest.data());
+            glBindTextureUnit(first_own_unit + 2, off_lattice_rest_.get());
         }
         return layout;
     }
@@ -191,7 +193,7 @@ private:
         const Spring spring{i, s.neighbour, s.stiffness, s.rest_length};
         return {float(s.stiffness), cuda::listed_length<float>(spring, formulation())};
     }
-    /// What own_rest_ holds of it.
+    /// What off_lattice_rest_ holds of it.
     static glm::vec4 rest_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) {
         if (s.bit >= 0) return glm::vec4(0);
         const auto rest = cuda::off_lattice_rest_of<float>(problem, i, s.neighbour, s.rest_length);
@@ -203,7 +205,7 @@ private:
         gl::Defines defines{{"COUNT_BITS", std::to_string(count_bits)},
                             {"WIDTH_BITS", std::to_string(std::countr_zero(unsigned(size.x)))}};
         if (per_spring(problem)) defines["PER_SPRING"] = "";
-        if (own_rests(problem)) defines["OWN_REST"] = "";
+        if (has_off_lattice_rest(problem)) defines["OFF_LATTICE_REST"] = "";
         return defines;
     }
 
@@ -221,7 +223,7 @@ private:
     }
 
     bool has_room(const Problem& edited, const SpringEdit& edit) const override {
-        return per_spring(edited) == per_spring_ && own_rests(edited) == own_rests_ &&
+        return per_spring(edited) == per_spring_ && has_off_lattice_rest(edited) == has_off_lattice_rest_ &&
                std::all_of(edit.touched.begin(), edit.touched.end(), [&](const auto& touched) {
                    return edit.springs_of(touched).size() <= std::size_t(layers_);
                });
@@ -235,7 +237,8 @@ private:
                 texels.neighbour.push_back(list_entry(s.neighbour, s.bit));
                 bits += per_spring_ ? 1U : 1U << count_bits * int(directions()[std::size_t(s.bit)].group);
                 if (per_spring_) texels.spring.push_back(constants_of(edited, touched.particle, s));
-                if (own_rests_) texels.own_rest.push_back(rest_of(edited, touched.particle, s));
+                if (has_off_lattice_rest_)
+                    texels.off_lattice_rest.push_back(rest_of(edited, touched.particle, s));
             }
             texels.particles.push_back({texel_of(touched.particle), bits, touched.begin, touched.end});
         }
@@ -249,17 +252,18 @@ private:
             defines["PER_SPRING"] = "";
             glBindImageTexture(2, spring_.get(), 0, GL_TRUE, 0, GL_WRITE_ONLY, gl::rg32f.internal);
         }
-        if (own_rests_) {
-            defines["OWN_REST"] = "";
-            glBindImageTexture(3, own_rest_.get(), 0, GL_TRUE, 0, GL_WRITE_ONLY, gl::rgba32f.internal);
+        if (has_off_lattice_rest_) {
+            defines["OFF_LATTICE_REST"] = "";
+            glBindImageTexture(3, off_lattice_rest_.get(), 0, GL_TRUE, 0, GL_WRITE_ONLY,
+                               gl::rgba32f.internal);
         }
         return defines;
     }
 
-    gl::Texture neighbour_, spring_, own_rest_;
-    int layers_ = 0;           // of each
-    bool per_spring_ = false;  // whether spring_ is there
-    bool own_rests_ = false;   // whether own_rest_ is there
+    gl::Texture neighbour_, spring_, off_lattice_rest_;
+    int layers_ = 0;                     // of each
+    bool per_spring_ = false;            // whether spring_ is there
+    bool has_off_lattice_rest_ = false;  // whether off_lattice_rest_ is there
 };
 
 const Registered entry({
