@@ -309,7 +309,8 @@ class Study(InTemporaryFolder):
 
     def run_smoke(self, *arguments):
         out = self.folder / "smoke.json"
-        result = voxspring("study", "smoke", "--out", out, *arguments)
+        # Without the line every ten seconds, which a slow machine would have in between.
+        result = voxspring("study", "smoke", "--out", out, *arguments, env={**os.environ, "VOXSPRING_PROGRESS_SECONDS": "3600"})
         self.assertEqual(result.returncode, 0, result.stdout + result.stderr)
         for line in result.stderr.splitlines():
             self.assertRegex(line, r"^\[\d/\d\] \S+: \d+ rows? in \S+ s(, about \d+ \w+ left)?$", "in a pipe a line a scene")
