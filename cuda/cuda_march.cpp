@@ -2,13 +2,16 @@
 // windows filled by the tensor copy engine (kernels/march.h).
 #include <cuda.h>
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <limits>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "backends/layout/march_layout.h"
+#include "backends/layout/march_plan.h"
 #include "backends/layout/march_work.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/springs.h"
@@ -23,9 +26,29 @@ namespace {
 
 constexpr int min_architecture = 90;  // has the copy engine
 
-MarchTile tile_of(const std::string& tuned, const Problem& problem, Precision precision,
-                  std::size_t shared_bytes) {
-    return march_tile(tuned == "auto" ? best_march_tile(problem, precision, shared_bytes) : tuned, precision);
+/// Those that the tuning parameter allows; none where a precision has not the one that it names.
+std::vector<MarchTile> tiles_of(const std::string& tuned, Precision precision) {
+    std::vector<MarchTile> tiles = march_tiles(precision);
+    if (tuned != "auto") std::erase_if(tiles, [&](const MarchTile& tile) { return tile.name != tuned; });
+    return tiles;
+}
+
+MarchDevice march_device(const Device& device) {
+    return {.multiprocessors = device.multiprocessors(),
+            .threads = device.threads_per_multiprocessor(),
+            .shared_bytes = device.multiprocessor_shared_bytes(),
+            .reserved_bytes = device.reserved_shared_bytes(),
+            .block_shared_bytes = device.shared_bytes(),
+            .hertz = 1e6 * device.sm_mhz(),
+            .bytes_per_second = device.memory_bytes_per_second(),
+            .cache_bytes = double(device.cache_bytes())};
+}
+
+/// Of the largest of these.
+std::uint64_t max_plan_bytes(const Lattice& lattice, const std::vector<MarchTile>& tiles) {
+    std::uint64_t most = 0;
+    for (const MarchTile& tile : tiles) most = std::max(most, max_plan_bytes(lattice, tile.shape));
+    return most;
 }
 
 std::uint64_t state_bytes(const SoaStrides& axes, Formulation formulation, std::size_t real_bytes) {
@@ -93,13 +116,16 @@ template <class Real>
 class MarchBackend final : public CudaBackend {
 public:
     explicit MarchBackend(const Options& options)
-        : formulation_(options.formulation), tuned_(options.tuning.at("tile")) {}
+        : formulation_(options.formulation),
+          tuned_(options.tuning.at("tile")),
+          tiles_(tiles_of(tuned_, precision)) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->synchronize();
         this->start_compiling();
         this->set_problem(problem);
-        tile_ = tile_for(problem);
+        MarchPlan plan = planned(problem, tiles_);
+        tile_ = plan.tile;
         axes_ = march_strides(problem.lattice, sizeof(Real));
         {
             const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
@@ -129,14 +155,14 @@ public:
                 tensor_map(positions, problem.lattice, axes_, shape.pitch(real), shape.height() + 2);
             launch.befores[b] = tensor_map(before, problem.lattice, axes_, shape.width(), shape.height());
         }
-        resume(problem, launch);
+        resume(plan, launch);
         this->rewind();
     }
 
     /// Masks change in place or give a warp masks that had none, so all of them are made anew.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         this->set_problem(edited);
-        if (!edit.empty()) resume(edited, launch_);
+        if (!edit.empty()) resume(planned(edited, {tile_}), launch_);
     }
 
     State download() override {
@@ -159,13 +185,12 @@ private:
     static constexpr Precision precision =
         sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
 
-    MarchTile tile_for(const Problem& problem) const {
-        return tile_of(tuned_, problem, precision, this->device().shared_bytes());
+    MarchPlan planned(const Problem& problem, const std::vector<MarchTile>& tiles) const {
+        return plan_march(problem, tiles, precision, formulation_, march_device(this->device()));
     }
 
     std::string refused(const Problem& problem) const override {
-        const MarchShape shape = tile_for(problem).shape;
-        if (shape.warps() == 0) return "tiles of " + tuned_ + " are not for " + to_string(precision);
+        if (tiles_.empty()) return "tiles of " + tuned_ + " are not for " + to_string(precision);
         const int architecture = this->device().architecture();
         if (architecture < min_architecture)
             return "compute capability " + std::to_string(architecture / 10) + "." +
@@ -176,7 +201,9 @@ private:
             return "forces in units of rest lengths need some that are not zero";
         if (problem.has_materials()) return "the march is for one material";
         if (!problem.load.empty()) return "the march has no place for loads";
-        const auto needed = std::size_t(shape.shared_bytes(sizeof(Real)));
+        std::size_t needed = std::numeric_limits<std::size_t>::max();
+        for (const MarchTile& tile : tiles_)
+            needed = std::min(needed, std::size_t(tile.shape.shared_bytes(sizeof(Real))));
         if (needed > this->device().shared_bytes())
             return "tiles of " + std::to_string(needed) + " bytes exceed the " +
                    std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
@@ -184,7 +211,7 @@ private:
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return state_bytes(march_strides(problem.lattice, sizeof(Real)), formulation_, sizeof(Real)) +
-               max_plan_bytes(problem.lattice, tile_for(problem).shape);
+               max_plan_bytes(problem.lattice, tiles_);
     }
     std::uint64_t bytes_held() const override {
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes() + items_.bytes() +
@@ -201,9 +228,8 @@ private:
     };
 
     /// Goes on with `launch` and a new plan.
-    void resume(const Problem& problem, Launch launch) {
-        const MarchPlan plan =
-            plan_march(problem, tile_.shape, this->device().multiprocessors() * tile_.blocks);
+    void resume(const MarchPlan& plan, Launch launch) {
+        predicted_seconds_ = plan.seconds;
         this->synchronize();  // with what reads the plan until now
         items_.upload(plan.items, this->stream());
         words_.upload(plan.words, this->stream());
@@ -233,7 +259,9 @@ private:
 
     const Formulation formulation_;
     const std::string tuned_;
+    const std::vector<MarchTile> tiles_;  ///< to choose from
     MarchTile tile_{};
+    double predicted_seconds_ = 0;
     SoaStrides axes_;
     std::array<Buffer<Real>, 2> positions_;
     Buffer<Real> increment_;
@@ -245,11 +273,8 @@ private:
 /// Device memory, at most.
 std::uint64_t march_bytes(const Problem& problem, const Options& options) {
     const std::size_t real = options.precision == Precision::float32 ? sizeof(float) : sizeof(double);
-    // Of a card with room for any tile.
-    const MarchTile tile = tile_of(options.tuning.at("tile"), problem, options.precision,
-                                   std::numeric_limits<std::size_t>::max());
     return state_bytes(march_strides(problem.lattice, real), options.formulation, real) +
-           (tile.shape.warps() == 0 ? 0 : max_plan_bytes(problem.lattice, tile.shape));
+           max_plan_bytes(problem.lattice, tiles_of(options.tuning.at("tile"), options.precision));
 }
 
 std::unique_ptr<Backend> make_march(const Options& options) {
@@ -257,7 +282,7 @@ std::unique_ptr<Backend> make_march(const Options& options) {
     return std::make_unique<MarchBackend<double>>(options);
 }
 
-/// Tiles by their width and height in particles, the default first. auto: best_march_tile().
+/// Tiles by their width and height in particles, the default first. auto: whichever plan_march() takes.
 const TuningValues tiles = {"auto",  "32x20", "64x4",   "64x8",   "64x16", "64x20",
                             "64x24", "128x8", "128x16", "128x20", "128x24"};
 

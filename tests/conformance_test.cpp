@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "backends/layout/march_layout.h"
+#include "backends/layout/march_cost.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"

@@ -13,6 +13,7 @@
 #include <tuple>
 
 #include "backends/layout/march_layout.h"
+#include "backends/layout/march_plan.h"
 #include "backends/layout/springs.h"
 #include "backends/physics/inverse_root.h"
 #include "backends/registry.h"
@@ -28,7 +29,22 @@ using testing::random_grid;
 using testing::random_state;
 using testing::solid;
 
-constexpr int slots = 4;  // of a device that the plans are for
+/// One that runs a block on each of its multiprocessors.
+MarchDevice device_of(int multiprocessors) {
+    return {.multiprocessors = multiprocessors,
+            .threads = 2048,
+            .shared_bytes = 228 << 10U,
+            .reserved_bytes = 1 << 10U,
+            .block_shared_bytes = 227 << 10U,
+            .hertz = 2e9,
+            .bytes_per_second = 5e12,
+            .cache_bytes = 6e7};
+}
+MarchPlan plan_for(const Problem& problem, const MarchShape& shape, int multiprocessors = 4,
+                   Precision precision = Precision::float32,
+                   Formulation formulation = Formulation::position) {
+    return plan_march(problem, {{"", shape, 1}}, precision, formulation, device_of(multiprocessors));
+}
 
 Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
     Problem problem = make_lattice_problem(grid, groups);
@@ -160,10 +176,10 @@ class Simulation {
 public:
     using Real = typename V::Real;
 
-    Simulation(const Problem& problem, const State& start)
+    Simulation(const Problem& problem, const State& start, int multiprocessors = 4)
         : problem_(problem),
           state_(pack_march<Real>(problem, start, V::formulation)),
-          plan_(plan_march(problem, V::shape, slots)),
+          plan_(plan_for(problem, V::shape, multiprocessors, V::precision, V::formulation)),
           step_(make_march_step<Real>(problem, V::formulation)) {
         if (!by_increments(V::formulation)) {
             for (Real& length : step_.rest_length) length = inverse_root(length);
@@ -315,6 +331,29 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
     }
 }
 
+// The card says how runs of planes are cut into items, and must not say what a step gives.
+TYPED_TEST(MarchBody, CutsChangeNoBit) {
+    int shortest = std::numeric_limits<int>::max();
+    std::size_t parted = 0;
+    for (const auto& [name, problem] : lattices()) {
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        Simulation<TypeParam> whole(problem, start, 1);
+        whole.run(3);
+        for (const int multiprocessors : {7, 150}) {
+            Simulation<TypeParam> cut(problem, start, multiprocessors);
+            parted += cut.plan().items.size() - whole.plan().items.size();
+            for (const MarchItem& item : cut.plan().items)
+                shortest = std::min(shortest, item.end - item.begin);
+            cut.run(3);
+            EXPECT_EQ(cut.download().displacement, whole.download().displacement);
+            EXPECT_EQ(cut.download().increment, whole.download().increment);
+        }
+    }
+    EXPECT_LE(shortest, 3);
+    EXPECT_GT(parted, 100U);
+}
+
 // Nothing of a particle that is not finite comes through to those that it has no spring to.
 TYPED_TEST(MarchBody, AStrayParticleStaysAlone) {
     Problem problem = lattice(solid({13, 9, 8}));
@@ -377,20 +416,31 @@ TEST(MarchShape, CoversItsTileOnce) {
     }
 }
 
-// A card of compute capability 9.0 lets a block have 227 KiB, one of 12.0 has 99.
-TEST(MarchShape, TheAutomaticTileIsTheBestThatFits) {
-    const Problem dense = lattice(solid({96, 24, 4})), sparse = lattice(random_grid({96, 24, 4}, 0.2, 1));
-    const auto best = [](const Problem& problem, Precision precision, std::size_t kibibytes) {
-        return best_march_tile(problem, precision, kibibytes << 10U);
-    };
-    EXPECT_EQ(best(dense, Precision::float32, 227), "128x20");
-    EXPECT_EQ(best(dense, Precision::float32, 163), "64x20");
-    EXPECT_EQ(best(dense, Precision::float32, 99), "64x16");
-    EXPECT_EQ(best(dense, Precision::float32, 48), "64x8");
-    EXPECT_EQ(best(sparse, Precision::float32, 227), "64x16");
-    EXPECT_EQ(best(sparse, Precision::float32, 64), "64x8");
-    EXPECT_EQ(best(dense, Precision::float64, 227), "64x8");
-    EXPECT_EQ(best(dense, Precision::float64, 99), "64x4");
+TEST(MarchPlan, TakesTheTileThatIsPredictedToBeTheFastestOfThoseThatFit) {
+    const std::map<std::string, Problem> problems = {{"dense", lattice(solid({96, 24, 40}))},
+                                                     {"sparse", lattice(random_grid({96, 24, 40}, 0.2, 1))},
+                                                     {"narrow", lattice(solid({20, 20, 20}))}};
+    // Compute capability 9.0 lets a block have 227 KiB of shared memory, 8.0 163, 12.0 99, all 48.
+    for (const std::size_t kibibytes : {227, 163, 99, 48}) {
+        for (const Precision precision : {Precision::float32, Precision::float64}) {
+            for (const auto& [name, problem] : problems) {
+                SCOPED_TRACE(name + " " + to_string(precision) + " " + std::to_string(kibibytes));
+                MarchDevice device = device_of(8);
+                device.block_shared_bytes = kibibytes << 10U;
+                device.shared_bytes = device.block_shared_bytes + device.reserved_bytes;
+                const auto planned = [&](const std::vector<MarchTile>& tiles) {
+                    return plan_march(problem, tiles, precision, Formulation::position, device);
+                };
+                const MarchPlan best = planned(march_tiles(precision));
+                EXPECT_GT(resident_blocks(best.tile, precision, device), 0);
+                for (const MarchTile& tile : march_tiles(precision)) {
+                    if (resident_blocks(tile, precision, device) > 0) {
+                        EXPECT_LE(best.seconds, planned({tile}).seconds) << tile.name;
+                    }
+                }
+            }
+        }
+    }
 }
 
 TEST(MarchPlan, HoldsEveryParticleOnce) {
@@ -398,7 +448,7 @@ TEST(MarchPlan, HoldsEveryParticleOnce) {
     for (const auto& [name, problem] : lattices()) {
         SCOPED_TRACE(name);
         std::map<std::tuple<int, int, int>, int> items;
-        const MarchPlan plan = plan_march(problem, shape, slots);
+        const MarchPlan plan = plan_for(problem, shape);
         for (const MarchItem& item : plan.items) {
             EXPECT_LT(item.begin, item.end);
             for (int z = item.begin; z < item.end; ++z) ++items[{item.x, item.y, z}];
@@ -419,15 +469,13 @@ TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {
     // Its first and last rows alone.
     const Problem box = lattice(solid({128, 48, 5}));
     int whole = 0;
-    for (const MarchItem& item : plan_march(box, shape, slots).items)
-        whole += std::popcount(item.full_stencils);
+    for (const MarchItem& item : plan_for(box, shape, 1).items) whole += std::popcount(item.full_stencils);
     EXPECT_EQ(whole, 2 * 3 * 8 - 2 * 2);
     // A spring less takes it from one warp, or two if it ends in another.
     Problem edited = box;
     SpringEditor(edited).cut(Ball{{20.5, 20, 2}, 0.6});
     int left = 0;
-    for (const MarchItem& item : plan_march(edited, shape, slots).items)
-        left += std::popcount(item.full_stencils);
+    for (const MarchItem& item : plan_for(edited, shape, 1).items) left += std::popcount(item.full_stencils);
     EXPECT_EQ(left, whole - 1);
 }
 
@@ -442,22 +490,54 @@ TEST(MarchStep, NeedsRestLengthsButByIncrements) {
 
 TEST(MarchPlan, LeavesMasksToPlanesOfPins) {
     constexpr MarchShape shape{2, 8, 1, 1, 3, 2};  // 16 x 8
-    const Problem box = pinned(lattice(solid({16, 24, 40})));
+    const Problem box = pinned(lattice(solid({16, 24, 100})));
     // The middle one of three tiles: all but the pinned plane.
-    for (const MarchItem& item : plan_march(box, shape, 1).items) {
+    for (const MarchItem& item : plan_for(box, shape, 1).items) {
         if (item.y == shape.height()) {
             EXPECT_EQ(item.full_stencils, item.begin == 0 ? 0U : 1U);
-            EXPECT_EQ(item.end, item.begin == 0 ? 1 : 40);
+            EXPECT_EQ(item.end, item.begin == 0 ? 1 : 100);
         }
     }
 }
 
 TEST(MarchPlan, FillsTheDevice) {
     constexpr MarchShape shape{2, 8, 1, 2, 3, 2};  // 16 x 16
-    // Three tiles on four slots: in four parts each, three rounds of 64 planes, rather than one of 256.
-    EXPECT_EQ(plan_march(lattice(solid({48, 16, 256})), shape, 4).items.size(), 12U);
-    // As many tiles as slots stay whole.
-    EXPECT_EQ(plan_march(lattice(solid({64, 16, 256})), shape, 4).items.size(), 4U);
+    const auto planes_of_each = [](const MarchPlan& plan, std::size_t multiprocessors) {
+        std::vector<int> planes(multiprocessors);
+        for (const MarchItem& item : plan.items)
+            *std::min_element(planes.begin(), planes.end()) += item.end - item.begin;
+        std::sort(planes.begin(), planes.end());
+        return planes;
+    };
+    // Three columns of 256 planes on four multiprocessors: shares go on from column to column.
+    const MarchPlan shares = plan_for(lattice(solid({48, 16, 256})), shape);
+    const std::vector<int> planes = planes_of_each(shares, 4);
+    EXPECT_EQ(planes[0] + planes[1] + planes[2] + planes[3], 3 * 256);
+    // Each item costs what a few planes do: its start, and the planes below and above it.
+    EXPECT_GE(planes.front(), 185);
+    EXPECT_LE(planes.back(), 195);
+    EXPECT_LE(shares.items.size(), 6U);
+    // As many columns as multiprocessors stay whole.
+    EXPECT_EQ(plan_for(lattice(solid({64, 16, 256})), shape).items.size(), 4U);
+    // A card with many times more of them than there are columns: items of few planes.
+    const MarchPlan many = plan_for(lattice(solid({32, 32, 64})), shape, 132);
+    EXPECT_GT(many.items.size(), 64U);
+    for (const MarchItem& item : many.items) EXPECT_LE(item.end - item.begin, 4);
+}
+
+// More bodies and cards of every size are in layout_property_test.
+TEST(MarchPlan, PredictsMoreForMore) {
+    constexpr MarchShape shape{2, 8, 1, 2, 3, 2};
+    const auto seconds = [&](const Problem& problem, int multiprocessors, Formulation formulation) {
+        return plan_for(problem, shape, multiprocessors, Precision::float32, formulation).seconds;
+    };
+    const Problem box = lattice(solid({48, 48, 64}));
+    const double at_first = seconds(box, 8, Formulation::position);
+    EXPECT_GT(at_first, seconds(lattice(solid({48, 48, 32})), 8, Formulation::position)) << "planes";
+    EXPECT_GT(at_first, seconds(box, 16, Formulation::position)) << "multiprocessors";
+    EXPECT_LT(at_first, seconds(box, 8, Formulation::increment)) << "instructions";
+    EXPECT_LT(at_first, seconds(lattice(random_grid({48, 48, 64}, 0.95, 1)), 8, Formulation::position))
+        << "masks";
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <map>
 #include <random>
 #include <set>
@@ -13,7 +14,7 @@
 
 #include "backends/layout/blocks.h"
 #include "backends/layout/delta_lists.h"
-#include "backends/layout/march_layout.h"
+#include "backends/layout/march_plan.h"
 #include "backends/layout/neighbour_lists.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/resident_layout.h"
@@ -248,11 +249,20 @@ void expect_blocks(const Problem& problem, BlockShape shape) {
     ASSERT_TRUE(active.empty() || active == blocks);
 }
 
-void expect_march(const Problem& problem, const std::string& name, Precision precision, const Card& card) {
-    const MarchTile tile = march_tile(name, precision);
-    const MarchShape& shape = tile.shape;
-    if (shape.warps() == 0) return;
-    const MarchPlan plan = plan_march(problem, shape, card.multiprocessors * tile.blocks);
+void expect_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
+                  Formulation formulation, const Card& card) {
+    const MarchDevice device{.multiprocessors = card.multiprocessors,
+                             .threads = 1536,
+                             .shared_bytes = card.shared_bytes + 1024,
+                             .reserved_bytes = 1024,
+                             .block_shared_bytes = card.shared_bytes,
+                             .hertz = 2e9,
+                             .bytes_per_second = 1e12,
+                             .cache_bytes = 1e5};
+    const MarchPlan plan = plan_march(problem, tiles, precision, formulation, device);
+    const MarchShape& shape = plan.tile.shape;
+    ASSERT_TRUE(std::isfinite(plan.seconds) && plan.seconds > 0) << plan.seconds;
+    ASSERT_TRUE(tiles.size() == 1 || resident_blocks(plan.tile, precision, device) > 0);
     std::size_t words = 0;
     std::size_t particles = 0;
     std::set<std::tuple<int, int, int>> planes;
@@ -373,13 +383,10 @@ void expect_all(const Body& body, const Card& card, std::mt19937& generator) {
     expect_blocks(problem, BlockShape::parse(blocks[draw(blocks.size())]));
     if (!problem.springs.empty()) return;
     if ((problem.group_bits & CORNER_BITS) == 0) {
-        for (const Precision precision : {Precision::float32, Precision::float64}) {
-            const std::string best = best_march_tile(problem, precision, card.shared_bytes);
-            ASSERT_GT(march_tile(best, precision).shape.warps(), 0);
-            expect_march(problem, best, precision, card);
-        }
-        const std::vector<const char*> tiles = {"32x20", "64x8", "64x16", "64x24", "128x16"};
-        expect_march(problem, tiles[draw(tiles.size())], Precision::float32, card);
+        for (const Precision precision : {Precision::float32, Precision::float64})
+            expect_march(problem, march_tiles(precision), precision, formulation, card);
+        const MarchTile& tile = march_tiles(Precision::float32)[draw(march_tiles(Precision::float32).size())];
+        expect_march(problem, {tile}, Precision::float32, formulation, card);
     }
     const std::vector<int> pollers = {256, 128, 512};
     expect_resident(problem, card, Partition::automatic, pollers[draw(3)], draw(2) == 0);

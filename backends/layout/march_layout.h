@@ -1,5 +1,5 @@
 // How a lattice lies in device memory for the march along z (kernels/march.h), built on the host and without
-// a device: axes, items of work and the words of those that need masks.
+// a device: axes, state and the kernel's constants. What blocks do is in march_plan.h.
 #pragma once
 
 #include <cstdint>
@@ -12,17 +12,6 @@
 #include "backends/physics/problem.h"
 
 namespace voxspring::cuda {
-
-/// A tile of the march as the tuning parameter `tile` names it.
-struct MarchTile {
-    MarchShape shape;
-    int blocks;  ///< that share an SM
-};
-/// By its width and height in particles, "128x16". Empty shapes (no warps) where a precision has none such.
-MarchTile march_tile(const std::string& name, Precision precision);
-/// The tile for a problem, by the shape of its lattice and how full it is: the best of those that
-/// `shared_bytes` of a block hold, or the smallest.
-std::string best_march_tile(const Problem& problem, Precision precision, std::size_t shared_bytes);
 
 /// Elements of an array of vectors: every x of the lattice, then every y, then every z.
 struct SoaStrides {
@@ -41,18 +30,6 @@ template <class Real>
 MarchState<Real> pack_march(const Problem& problem, const State& state, Formulation formulation);
 template <class Real>
 State unpack_march(const Problem& problem, const MarchState<Real>& packed, Formulation formulation);
-
-/// What blocks do.
-struct MarchPlan {
-    std::vector<MarchItem> items;
-    std::vector<std::uint64_t> words;
-    bool operator==(const MarchPlan&) const = default;
-};
-/// Items for all particles. `slots`: blocks that run at once, for which items are cut to lengths that keep
-/// them all busy to the end.
-MarchPlan plan_march(const Problem& problem, const MarchShape& shape, int slots);
-/// Bytes of a plan, at most.
-std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
 /// Whether no rest length is so short that its inverse, in which forces are unless by increments, is none.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);

@@ -62,6 +62,9 @@ Device::Device() {
     multiprocessors_ = properties.multiProcessorCount;
     threads_per_multiprocessor_ = properties.maxThreadsPerMultiProcessor;
     shared_bytes_ = properties.sharedMemPerBlockOptin;
+    multiprocessor_shared_bytes_ = properties.sharedMemPerMultiprocessor;
+    reserved_shared_bytes_ = properties.reservedSharedMemPerBlock;
+    cache_bytes_ = std::size_t(properties.l2CacheSize);
     architecture_ = 10 * properties.major + properties.minor;
     int cooperative = 0;
     check(cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, 0));
@@ -74,6 +77,8 @@ Device::Device() {
     check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, 0));
     sm_mhz_ = megahertz(cudaDevAttrClockRate);
     memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate);
+    // A bit a pin at either edge of the clock.
+    memory_bytes_per_second_ = 2e6 * memory_mhz_ * properties.memoryBusWidth / 8;
 }
 
 std::size_t Device::free_bytes() const {

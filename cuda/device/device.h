@@ -23,6 +23,13 @@ public:
     int multiprocessors() const { return multiprocessors_; }
     /// Threads that one of them holds.
     int threads_per_multiprocessor() const { return threads_per_multiprocessor_; }
+    /// Bytes a second that the memory's pins carry.
+    double memory_bytes_per_second() const { return memory_bytes_per_second_; }
+    /// Of the cache that all multiprocessors share.
+    std::size_t cache_bytes() const { return cache_bytes_; }
+    /// Shared memory of a multiprocessor, and how much of it each block costs beside its own.
+    std::size_t multiprocessor_shared_bytes() const { return multiprocessor_shared_bytes_; }
+    std::size_t reserved_shared_bytes() const { return reserved_shared_bytes_; }
     /// The most shared memory that a block may have.
     std::size_t shared_bytes() const { return shared_bytes_; }
     /// Whether blocks of a launch may wait for each other (a cooperative launch).
@@ -45,6 +52,10 @@ private:
     int multiprocessors_ = 0;
     int threads_per_multiprocessor_ = 0;
     int architecture_ = 0;
+    double memory_bytes_per_second_ = 0;
+    std::size_t cache_bytes_ = 0;
+    std::size_t multiprocessor_shared_bytes_ = 0;
+    std::size_t reserved_shared_bytes_ = 0;
     std::size_t shared_bytes_ = 0;
     bool launches_together_ = false;
 };

@@ -1,0 +1,72 @@
+// Where a body is, as a plan of the march asks: not voxel by voxel but by the runs of voxels that a warp has.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "backends/layout/records/march.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+/// Cells of `width` voxels of a row, a power of two and at most 128.
+class MarchCells {
+public:
+    MarchCells(const Problem& problem, int width);
+
+    static constexpr std::uint8_t active = 1;  ///< has a particle
+    /// Is all particles that move and have every spring, but for those to beyond the first and last column
+    /// and plane of the lattice.
+    static constexpr std::uint8_t full = 2;
+
+    const Lattice& lattice() const { return *lattice_; }
+    int width() const { return width_; }
+    int count() const { return count_; }  ///< in a row
+    /// Those of a row of the lattice.
+    const std::uint8_t* row(int y, int z) const { return &cells_[row_number(y, z) * std::size_t(count_)]; }
+    /// The first particle of a row or of one after it; rows end where the next begins.
+    std::size_t first_particle(int y, int z) const { return begin_[row_number(y, z)]; }
+    std::size_t end_particle(int y, int z) const { return begin_[row_number(y, z) + 1]; }
+
+private:
+    std::size_t row_number(int y, int z) const {
+        return std::size_t(z) * std::size_t(lattice_->dims.y) + std::size_t(y);
+    }
+    void fill_plane(const Problem& problem, int z);
+
+    const Lattice* lattice_;
+    int width_, count_;
+    std::vector<std::uint8_t> cells_;
+    std::vector<std::uint32_t> begin_;
+};
+
+/// A bit for each warp of a block, of a plane of its tile.
+struct MarchWarps {
+    std::uint32_t active = 0;  ///< has a particle
+    std::uint32_t full = 0;    ///< all of its particles have full stencils (MarchItem::full_stencils)
+};
+
+/// A lattice in columns of one tile.
+class MarchColumns {
+public:
+    /// Cells as wide as a warp, or narrower.
+    MarchColumns(const MarchCells& cells, const MarchShape& shape);
+
+    const MarchShape& shape() const { return shape_; }
+    int count() const { return across_ * down_; }
+    int planes() const { return planes_; }
+    /// The first voxel of column `number`.
+    int x(int number) const { return number % across_ * shape_.width(); }
+    int y(int number) const { return number / across_ * shape_.height(); }
+    const MarchWarps& at(int number, int z) const {
+        return warps_[std::size_t(number) * std::size_t(planes_) + std::size_t(z)];
+    }
+
+private:
+    MarchShape shape_;
+    int across_, down_, planes_;
+    std::vector<MarchWarps> warps_;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,211 @@
+#include "backends/layout/march_cost.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <queue>
+#include <utility>
+
+#include "backends/layout/rounding.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr int quarters = 4;  // of a multiprocessor, each with a scheduler of its own
+
+// The constants of the model, fitted to the times of one NVIDIA H200 that march_cost_test.cpp has beside the
+// predictions. All but the launch are in cycles, so that they hold for a card with other clocks.
+
+/// A launch in a CUDA graph, measured with an empty kernel. The same whatever the plan.
+constexpr double launch_seconds = 0.66e-6;
+/// From the start of a block to its first window: barriers, a copy's way to memory and back.
+constexpr double start_latency = 1200;
+/// Bytes that a multiprocessor gets in a cycle while all of them fill their first windows.
+constexpr double start_bytes_per_cycle = 20;
+/// What a pass over arrays larger than any cache reaches of the pins' rate (4.28 of 4.8 TB/s).
+constexpr double copy_share = 0.89;
+/// Instructions and memory disturb each other where both take about as long: the step takes the power mean of
+/// both times with this exponent. The box of 512^3 spends 1.21 ms on one and 1.13 ms on the other, and 1.30
+/// ms in all.
+constexpr double overlap_exponent = 5;
+
+/// That asking for a plane's copies takes of the quarter whose warp does it.
+constexpr double copy_cycles = 100;
+
+/// Instructions of a warp and plane without masks, counted in the machine code of sm_90: 870 by `position`,
+/// 1370 by `increment`. In float64, whose pipe takes two cycles an instruction, that pipe's share of the time
+/// as the profiler has it. What masks cost and `wait` are what measured times have beyond that.
+MarchRates rates_of(Precision precision, Formulation formulation) {
+    const bool increments = by_increments(formulation);
+    constexpr double idle = 100;
+    MarchRates rates{};
+    if (precision == Precision::float32) {
+        rates = increments ? MarchRates{1650, 1370, 1500, idle} : MarchRates{1180, 870, 950, idle};
+    } else {
+        rates = increments ? MarchRates{3700, 1680, 1840, idle} : MarchRates{2300, 1066, 1170, idle};
+    }
+    // 92 components of rest offsets are subtracted.
+    if (formulation == Formulation::displacement) {
+        rates.full += 92;
+        rates.masked += 92;
+    }
+    return rates;
+}
+
+/// Of a row of 16 lanes the two halves of a warp read rows that share banks.
+constexpr double narrow_share = 1.1;
+/// Of warps that have fewer than the 96 registers that float32 takes, some of whose values are spilled.
+constexpr double spilled_share = 1.35;
+constexpr int registers = 65536, unspilled_registers = 96;  // of a multiprocessor, of a thread
+
+}  // namespace
+
+const std::vector<MarchTile>& march_tiles(Precision precision) {
+    // Two rows a thread evaluate 13.5 springs a particle, one row 15.5: in float64 all that registers have
+    // room for.
+    static const std::vector<MarchTile> of_float32 = {
+        {"32x20", {2, 16, 1, 5, 3, 2}, 4},   {"64x8", {2, 32, 1, 4, 3, 2}, 5},
+        {"64x16", {2, 32, 1, 8, 4, 3}, 2},   {"64x20", {2, 32, 1, 10, 4, 2}, 2},
+        {"64x24", {2, 32, 1, 12, 3, 2}, 2},  {"128x16", {2, 32, 2, 8, 4, 3}, 1},
+        {"128x20", {2, 32, 2, 10, 4, 2}, 1}, {"128x24", {2, 32, 2, 12, 3, 2}, 1}};
+    static const std::vector<MarchTile> of_float64 = {{"64x4", {1, 32, 1, 4, 3, 2}, 4},
+                                                      {"64x8", {1, 32, 1, 8, 4, 3}, 2},
+                                                      {"128x8", {1, 32, 2, 8, 4, 3}, 1}};
+    return precision == Precision::float32 ? of_float32 : of_float64;
+}
+
+MarchTile march_tile(const std::string& name, Precision precision) {
+    const std::vector<MarchTile>& tiles = march_tiles(precision);
+    const auto found =
+        std::find_if(tiles.begin(), tiles.end(), [&](const MarchTile& tile) { return tile.name == name; });
+    return found == tiles.end() ? MarchTile{} : *found;
+}
+
+namespace {
+
+int real_bytes(Precision precision) {
+    return precision == Precision::float32 ? sizeof(float) : sizeof(double);
+}
+
+}  // namespace
+
+int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevice& device) {
+    const auto bytes = std::size_t(tile.shape.shared_bytes(real_bytes(precision)));
+    if (bytes > device.block_shared_bytes) return 0;
+    const auto fit = int(device.shared_bytes / (bytes + device.reserved_bytes));
+    return std::min({tile.blocks, fit, device.threads / tile.shape.threads()});
+}
+
+MarchRates march_rates(const MarchTile& tile, Precision precision, Formulation formulation) {
+    MarchRates rates = rates_of(precision, formulation);
+    double share = tile.shape.lanes < 32 ? narrow_share : 1;
+    if (precision == Precision::float32 &&
+        registers / (tile.blocks * tile.shape.threads()) < unspilled_registers)
+        share *= spilled_share;
+    rates.full *= share;
+    rates.masked *= share;
+    return rates;
+}
+
+MarchCost::MarchCost(const MarchTile& tile, Precision precision, Formulation formulation,
+                     const MarchDevice& device)
+    : rates_(march_rates(tile, precision, formulation)),
+      device_(device),
+      warps_(tile.shape.warps()),
+      resident_(std::max(1, resident_blocks(tile, precision, device))) {
+    const int real = real_bytes(precision);
+    start_bytes_ = (tile.shape.planes - 1) * tile.shape.window_bytes(real) +
+                   (tile.shape.befores - 1) * tile.shape.before_bytes(real);
+}
+
+double MarchCost::start_seconds(std::size_t items) const {
+    const double first = double(std::min(items, std::size_t(slots()))) / device_.multiprocessors;
+    return (start_latency + first * start_bytes_ / start_bytes_per_cycle) / device_.hertz;
+}
+
+double MarchCost::plane_seconds(double cycles, int count) const {
+    // A quarter has a whole number of warps.
+    const int warps = count * warps_;
+    const double uneven = double(units_of(warps, quarters) * quarters) / warps;
+    return (rates_.wait + count * copy_cycles + uneven * cycles / quarters) / device_.hertz;
+}
+
+/// A multiprocessor and the items that share it.
+class MarchCost::Shared {
+public:
+    explicit Shared(const MarchCost& cost, double start) : cost_(&cost), start_(start) {}
+
+    bool empty() const { return items_.empty(); }
+    bool has_room() const { return int(items_.size()) < cost_->resident(); }
+    void add(const MarchLoad& load) { items_.push_back({&load, 1}); }
+    /// When the next of them is done, if these go on together.
+    double next() const {
+        double first = std::numeric_limits<double>::infinity();
+        for (const Item& item : items_) first = std::min(first, item.left * seconds_of(item));
+        return now_ + first;
+    }
+    /// Until then.
+    void advance(double until) {
+        constexpr double none = 1e-9;  // of rounding
+        std::vector<Item> rest;
+        for (const Item& item : items_) {
+            const double left = item.left - (until - now_) / seconds_of(item);
+            if (left > none) rest.push_back({item.load, left});
+        }
+        items_ = std::move(rest);
+        now_ = until;
+    }
+
+private:
+    struct Item {
+        const MarchLoad* load;
+        double left;  ///< of 1
+    };
+    double seconds_of(const Item& item) const {
+        double cycles = 0;
+        for (const Item& other : items_) cycles += other.load->cycles / other.load->planes;
+        return start_ + item.load->planes * cost_->plane_seconds(cycles, int(items_.size()));
+    }
+
+    const MarchCost* cost_;
+    double start_;
+    std::vector<Item> items_;
+    double now_ = 0;
+};
+
+double MarchCost::work_seconds(const std::vector<MarchLoad>& loads) const {
+    std::vector<Shared> all(std::size_t(device_.multiprocessors), Shared(*this, start_seconds(loads.size())));
+    std::size_t given = 0;
+    for (int round = 0; round < resident_; ++round) {
+        for (Shared& one : all) {
+            if (given < loads.size()) one.add(loads[given++]);
+        }
+    }
+    using Event = std::pair<double, std::size_t>;
+    std::priority_queue<Event, std::vector<Event>, std::greater<>> events;
+    for (std::size_t n = 0; n < all.size(); ++n) {
+        if (!all[n].empty()) events.emplace(all[n].next(), n);
+    }
+    double last = 0;
+    while (!events.empty()) {
+        const auto [when, n] = events.top();
+        events.pop();
+        Shared& one = all[n];
+        one.advance(when);
+        last = when;
+        while (given < loads.size() && one.has_room()) one.add(loads[given++]);
+        if (!one.empty()) events.emplace(one.next(), n);
+    }
+    return last;
+}
+
+double MarchCost::step_seconds(const std::vector<MarchLoad>& loads, double bytes, double state_bytes) const {
+    const double work = work_seconds(loads);
+    const bool cached = state_bytes <= device_.cache_bytes;
+    const double memory = cached ? 0 : bytes / (copy_share * device_.bytes_per_second);
+    return launch_seconds + std::pow(std::pow(work, overlap_exponent) + std::pow(memory, overlap_exponent),
+                                     1 / overlap_exponent);
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,33 @@
+// Which block of the march along z does what: tiles and items of work, chosen by what they cost
+// (march_cost.h), and the words of those that need masks. Built on the host and without a device.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "backends/backend.h"
+#include "backends/layout/march_cost.h"
+#include "backends/layout/records/march.h"
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+/// What blocks do.
+struct MarchPlan {
+    MarchTile tile;
+    std::vector<MarchItem> items;  ///< in the order of blocks: the dearest first
+    std::vector<std::uint64_t> words;
+    double seconds = 0;  ///< of a step, as predicted
+    bool operator==(const MarchPlan&) const = default;
+};
+
+/// Items for all particles, in the tile that a step is predicted to be the shortest with: of those of `tiles`
+/// that fit the device, or the first if none does. At least one tile. Particles step to the same bits
+/// whatever the tile and however runs of planes are cut into items.
+MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
+                     Formulation formulation, const MarchDevice& device);
+/// Bytes of a plan, at most.
+std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
+
+}  // namespace voxspring::cuda
