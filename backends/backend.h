@@ -87,6 +87,12 @@ struct Divergence {
 /// lattice's tiles were stepped. The evidence that a skip skips.
 using WorkCount = std::map<std::string, std::uint64_t>;
 
+/// Values of tuning parameters that a backend chose for a problem, and what they were chosen by.
+struct Choice {
+    std::string tuning;       ///< "tile=64x16"
+    double step_seconds = 0;  ///< of a step, as predicted before any ran
+};
+
 /// One simulation on one device. Constructing acquires the device and throws Unavailable where there is
 /// none; destroying gives it back and never throws. Every other member throws DeviceError when the
 /// device fails, after which the object is only good for destruction. Not thread-safe.
@@ -137,6 +143,9 @@ public:
 
     /// What the last upload() spent on compiling code for its problem; 0 where that was compiled before.
     virtual double compile_seconds() const { return 0; }
+
+    /// What the last upload() chose by itself, where it predicts times to choose by.
+    virtual std::optional<Choice> choice() const { return std::nullopt; }
 
     /// Measure what the device can do at best, in about a second. Before the first upload().
     virtual DeviceLimits measure_limits() = 0;

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -176,6 +177,8 @@ public:
         out(packed.before, by_increments(formulation_) ? increment_ : positions_[1 - now]);
         return unpack_march<Real>(this->problem(), packed, formulation_);
     }
+
+    std::optional<Choice> choice() const override { return Choice{"tile=" + tile_.name, predicted_seconds_}; }
 
     StepWork step_work(const Problem& problem) const override {
         return march_work<Real>(problem, formulation_);

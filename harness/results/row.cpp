@@ -73,6 +73,8 @@ void start_fields(Self& part, Fields& fields) {
     fields.required("construct_seconds", part.construct_seconds);
     fields.required("compile_seconds", part.compile_seconds);
     fields.required("upload_seconds", part.upload_seconds);
+    fields.optional("chosen", part.chosen);
+    fields.optional("predicted_seconds", part.predicted_seconds);
 }
 
 template <class Self, class Fields>

@@ -61,6 +61,8 @@ struct LimitPart {
 struct StartPart {
     double construct_seconds = 0, compile_seconds = 0, upload_seconds = 0;
     double ready_seconds = 0;
+    std::optional<std::string> chosen = {};        ///< Choice::tuning
+    std::optional<double> predicted_seconds = {};  ///< Choice::step_seconds
 };
 
 /// What edits between steps cost.

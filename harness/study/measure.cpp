@@ -191,6 +191,10 @@ StartPart TimedCase::start_part() const {
                     .compile_seconds = warm.at("compile_seconds"),
                     .upload_seconds = warm.at("upload_seconds")};
     start.ready_seconds = start.construct_seconds + start.compile_seconds + start.upload_seconds;
+    if (warm.contains("chosen")) {
+        start.chosen = warm.at("chosen");
+        start.predicted_seconds = warm.at("predicted_seconds");
+    }
     return start;
 }
 

@@ -90,7 +90,13 @@ private:
         if (backend.divergence()) (void)read(backend, batches * batch_.steps);
         // Counting takes a step, which only a rewind takes back.
         const WorkCount work = batch_.rewind ? backend.count_work() : WorkCount{};
-        return {{"compile_seconds", compile_seconds}, {"upload_seconds", upload_seconds}, {"work", work}};
+        nlohmann::json answer = {
+            {"compile_seconds", compile_seconds}, {"upload_seconds", upload_seconds}, {"work", work}};
+        if (const auto choice = backend.choice()) {
+            answer["chosen"] = choice->tuning;
+            answer["predicted_seconds"] = choice->step_seconds;
+        }
+        return answer;
     }
 
     /// One timed batch, and the state that it leaves if it is the `last` one or has left its bounds.
