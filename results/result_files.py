@@ -3,6 +3,7 @@
 import gzip
 import json
 import math
+import pathlib
 import re
 import zlib
 
@@ -101,3 +102,27 @@ def named(folder, study):
     """The file of a study in a machine's folder."""
     return next((path for suffix in SUFFIXES[::-1] if (path := folder / (study + suffix)).exists()),
                 folder / (study + SUFFIXES[-1]))
+
+
+# Lists of a result that repeat or judge what others have, or have no measurement.
+NOT_MEASURED = ("failed", "skipped", "verification", "fastest", "auto")
+
+
+def rows(paths):
+    """What files have measured, a dictionary a row: the machine's folder, study, commit and the list it is of, then its fields."""
+    found = []
+    for path in map(pathlib.Path, paths):
+        result = load(path)
+        commit = result.get("context", {}).get("voxspring", {}).get("commit", "")
+        for name, content in result.items():
+            if name in NOT_MEASURED or not isinstance(content, list):
+                continue
+            front = {"machine": path.resolve().parent.name, "study": study_of(path), "commit": commit, "list": name}
+            found += [front | row for row in content if isinstance(row, dict)]
+    return found
+
+
+def frame(paths):
+    """The rows of files as a pandas DataFrame."""
+    import pandas  # pylint: disable=import-outside-toplevel  # only here
+    return pandas.DataFrame(rows(paths))

@@ -1,0 +1,48 @@
+#!/usr/bin/env python3
+"""Writes what results have measured as CSV to standard output.
+
+Usage: to_csv.py RESULT...          (.json or .json.gz)
+
+A line is a row of any list of a result: a repetition or an aggregate of them, a run of `pareto`, a limit of `stability`, a
+measurement of `stress`. The columns are those of all files; a cell is empty where its row has no such field or null. Lists and
+objects are written as JSON.
+
+Exit code: 0 done; 2 bad input.
+"""
+
+import csv
+import json
+import os
+import pathlib
+import sys
+
+import result_files
+
+
+def cell(value):
+    return json.dumps(value) if isinstance(value, (list, dict)) else value
+
+
+def main():
+    paths = sys.argv[1:]
+    if not paths or any(path.startswith("-") for path in paths):
+        print(__doc__.strip(), file=sys.stdout if set(paths) & {"-h", "--help"} else sys.stderr)
+        sys.exit(0 if set(paths) & {"-h", "--help"} else 2)
+    try:
+        rows = result_files.rows(paths)
+    except result_files.BadInput as error:
+        print(f"{pathlib.Path(__file__).name}: {error}", file=sys.stderr)
+        sys.exit(2)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    try:
+        writer = csv.DictWriter(sys.stdout, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read has enough; nothing is left to flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+if __name__ == "__main__":
+    main()
