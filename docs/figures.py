@@ -16,7 +16,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(ROOT / "results"), str(ROOT / "tests")]
 
 import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
-import paper  # noqa: E402  # pylint: disable=wrong-import-position
+from readme import rows as results  # noqa: E402  # pylint: disable=wrong-import-position
 
 # The strategies of the table: of each kind the one that says most.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
@@ -24,19 +24,19 @@ SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "c
 
 
 def heart():
-    """The best row of each shown backend on the heart."""
-    context = paper.result("fastest")["context"]["voxspring"]
-    best = {}
-    for row in paper.medians("fastest"):
-        if row["scene"] == "heart" and row["backend"] in SHOWN:
-            best[row["backend"]] = min(row, best.get(row["backend"], row), key=lambda row: row["real_time"])
-    rows = sorted(best.values(), key=lambda row: row["real_time"])
-    lines = [[f"`{row['backend']}`", "~" * bool(row.get("noisy")) + paper.microseconds(row["real_time"]),
-              f"{row['real_time'] / rows[0]['real_time']:.2f}", paper.three_digits(row["particle_updates_per_second"] * 1e-9),
-              paper.percent(row["fraction_of_limit"]), f"{row['error_max']:.1e}"] for row in rows]
-    return (paper.table(["backend", "us a step", "x fastest", "G particles/s", "% of roofline", "error"], lines) +
-            f"\n\n{rows[0]['particles']:,} particles, {rows[0]['formulation']} in {rows[0]['precision']}, {rows[0]['error_steps']} steps, "
-            f"on {context['gpu']} and {context['cpu']}; commit {context['commit'][:8]}.")
+    """The best row of each shown backend on the heart, and of how many tunings it is the best."""
+    context = results.result("fastest")["context"]["voxspring"]
+    tried = {}
+    for row in results.medians("fastest"):
+        if (row["scene"], row["formulation"], row["precision"]) == ("heart", "position", "float32") and row["backend"] in SHOWN:
+            tried.setdefault(row["backend"], []).append(row)
+    rows = sorted((min(alike, key=lambda row: row["real_time"]) for alike in tried.values()), key=lambda row: row["real_time"])
+    lines = [[f"`{row['backend']}`", results.time_of(row), f"{row['real_time'] / rows[0]['real_time']:.2f}",
+              results.three_digits(row["particle_updates_per_second"] * 1e-9), results.percent(row["fraction_of_limit"]),
+              f"{row['error_max']:.1e}", str(len(tried[row["backend"]]))] for row in rows]
+    return (results.table(["backend", "us a step", "x fastest", "G particles/s", "% of roofline", "error", "best of"], lines) +
+            f"\n\n{rows[0]['particles']:,} particles, {rows[0]['formulation']} in {rows[0]['precision']}, "
+            f"{rows[0]['error_steps']} steps, on {context['gpu']} and {context['cpu']}; commit {context['commit'][:8]}.")
 
 
 def architecture():

@@ -4,6 +4,7 @@ The current directory is the source tree.
 """
 
 import contextlib
+import csv
 import gzip
 import importlib
 import io
@@ -69,22 +70,60 @@ class Committed(InTemporaryFolder):
         """Every indented command and line of Python below "Reading them", each for itself."""
         section = (RESULTS / "README.md").read_text().split("## Reading them\n")[1].split("\n## ")[0]
         lines = re.findall(r"^    (.*?)(?:  +#.*)?$", section, flags=re.MULTILINE)
-        self.assertEqual([line.split()[0] for line in lines], ["zcat", "python3", "rows"])
+        self.assertEqual([line.split()[0] for line in lines], ["zcat", "python3", "python3", "rows"])
         home = self.folder / "tree"
         home.mkdir()
         (home / "results").symlink_to(RESULTS.resolve())
-        unpack, compare, frame = lines
+        unpack, compare, to_csv, frame = lines
         self.assertEqual(run("bash", "-c", unpack, cwd=home).stderr, "")
         done = run("bash", "-c", compare.replace("python3 compare.py", f"/usr/bin/python3 {COMPARE} --no-color"), cwd=home)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertRegex(done.stdout, r"OVERALL_GEOMEAN +-0\.9")
+        self.assertEqual(run("bash", "-c", to_csv, cwd=home).stderr, "")
+        with open(home / "results.csv", encoding="utf-8") as file:
+            written = list(csv.DictReader(file))
+        self.assertEqual({row["study"] for row in written},
+                         {result_files.study_of(path) for path in result_files.within(RESULTS / "nvidia-h200")})
         known = result_files.load(pathlib.Path(re.search(r'"(results/.*?)"', frame)[1]))["benchmarks"]
-        done = run("/usr/bin/python3", "-c", f"import json, gzip, pandas\n{frame}\nprint(len(rows), rows.real_time.sum())",
-                   cwd=home)
+        self.assertEqual([float(row["real_time"]) for row in written if row["study"] == "table1"],
+                         [row["real_time"] for row in known])
+        done = run("/usr/bin/python3", "-c", "import sys\nsys.path.insert(0, 'results')\nimport result_files\n"
+                   f"{frame}\nprint(len(rows), rows.real_time.sum())", cwd=home)
         self.assertEqual(done.returncode, 0, done.stderr)
         count, total = done.stdout.split()
         self.assertEqual(int(count), len(known))
         self.assertAlmostEqual(float(total), sum(row["real_time"] for row in known), places=3)
+
+
+class Rows(InTemporaryFolder):
+    """to_csv.py and result_files.rows()."""
+
+    RESULT = {"context": {"voxspring": {"commit": "abc"}}, "failed": [{"name": "f"}], "verification": [{"name": "v"}],
+              "benchmarks": [{"name": "a", "real_time": 1.5, "noisy": ["x, y"]}, {"name": "b", "more": None}],
+              "pareto": [{"name": "c", "seconds": 2}]}
+
+    def test_rows_say_where_they_are_from(self):
+        (self.folder / "card").mkdir()
+        path = self.write("card/study.json", self.RESULT)
+        front = {"machine": "card", "study": "study", "commit": "abc"}
+        self.assertEqual(result_files.rows([path]), [front | {"list": name} | row for name in ("benchmarks", "pareto")
+                                                     for row in self.RESULT[name]])
+        said = run("/usr/bin/python3", "-W", "error", "results/to_csv.py", path)
+        self.assertEqual(said.stdout.splitlines(), ["machine,study,commit,list,name,real_time,noisy,more,seconds",
+                                                    'card,study,abc,benchmarks,a,1.5,"[""x, y""]",,',
+                                                    "card,study,abc,benchmarks,b,,,,", "card,study,abc,pareto,c,,,,2"])
+
+    def test_what_is_no_result_is_refused(self):
+        path = self.write("a.json", "[1]")
+        for arguments, words in (([path], f"to_csv.py: {path}: "), ([], "Usage: "), (["--sep"], "Usage: ")):
+            said = run("/usr/bin/python3", "results/to_csv.py", *arguments)
+            self.assertEqual((said.returncode, said.stdout), (2, ""))
+            self.assertIn(words, said.stderr)
+
+    def test_a_reader_that_has_enough_ends_it(self):
+        said = run("bash", "-c", "set -o pipefail; /usr/bin/python3 results/to_csv.py results/*/*.json.gz | head -1")
+        self.assertEqual((said.returncode, said.stderr), (0, ""))
+        self.assertTrue(said.stdout.startswith("machine,study,"))
 
 
 class Compact(InTemporaryFolder):

@@ -1,0 +1,93 @@
+"""Explicit against implicit addressing, by size and by sparsity: the paper's first question."""
+
+from readme.rows import PAPER, contender, marked, medians, microseconds, percent, scenes_of, spread_text, table
+
+# Beyond so many particles positions (48 bytes) and lists (72 bytes) are more than the 60 MB of an H200's L2.
+LARGE = 500_000
+# A body that fills less of its grid than this is sparse.
+SPARSE = 0.5
+KINDS = ("small sparse", "small full", "large sparse", "large full")
+# Two times that are nearer to each other than this are called the same.
+ALIKE = 0.03
+
+IMPLICIT = tuple(name for name in PAPER if name.startswith("cuda_implicit"))
+EXPLICIT = tuple(name for name in PAPER if name.startswith("cuda_explicit"))
+
+
+class Dataset:
+    """What the paper's CUDA strategies take on a scene, each with the tuning that suits it best, and later lists."""
+
+    def __init__(self, rows):
+        self.scene, self.particles = rows[0]["scene"], rows[0]["particles"]
+        self.active = rows[0]["particles"] / rows[0]["voxels"]
+        self.implicit = [row for row in rows if row["backend"] in IMPLICIT]
+        self.explicit = [row for row in rows if row["backend"] in EXPLICIT]
+        self.later = [row for row in rows if row["backend"].startswith("cuda_explicit") and row["backend"] not in EXPLICIT]
+
+    @property
+    def ratio(self):
+        """The best explicit time over the best implicit one."""
+        return best(self.explicit)["real_time"] / best(self.implicit)["real_time"]
+
+    @property
+    def kind(self):
+        return ("large" if self.particles > LARGE else "small") + (" sparse" if self.active < SPARSE else " full")
+
+
+def best(rows):
+    return min(rows, key=lambda row: row["real_time"])
+
+
+def datasets(formulation="position"):
+    """The datasets of the study fastest on which both kinds of addressing ran without edits, small ones first."""
+    rows = [row for row in medians("fastest")
+            if row["formulation"] == formulation and row["precision"] == "float32" and not row.get("edits")]
+    found = [Dataset([row for row in rows if row["scene"] == scene]) for scene in scenes_of(rows)]
+    return sorted((one for one in found if one.implicit and one.explicit), key=lambda one: (one.particles, one.active))
+
+
+def winner(ratios):
+    """What ratios of explicit over implicit times say together: "holds" if explicit wins, "inverts" if implicit does."""
+    if all(ratio < 1 - ALIKE for ratio in ratios):
+        return "holds"
+    return "inverts" if all(ratio > 1 + ALIKE for ratio in ratios) else "is undecided"
+
+
+def joined(texts):
+    return texts[0] if len(texts) == 1 else ", ".join(texts[:-1]) + " and " + texts[-1]
+
+
+def verdict_of(by_kind):
+    """`holds for small sparse bodies, inverts for large sparse and large full bodies` of {kind: ratios}."""
+    found = {}
+    for kind in KINDS:
+        if kind in by_kind:
+            found.setdefault(winner(by_kind[kind]), []).append(kind)
+    if len(found) == 1:
+        return next(iter(found))
+    return ", ".join(f"{word} for {joined(found[word])} bodies" for word in ("holds", "is undecided", "inverts") if word in found)
+
+
+def verdict():
+    by_kind = {}
+    for one in datasets():
+        by_kind.setdefault(one.kind, []).append(one.ratio)
+    return verdict_of(by_kind)
+
+
+def best_cell(rows):
+    row = best(rows)
+    text = f"{microseconds(row['real_time'])}{spread_text(row)} ({contender(row).replace('`', '')}, of {len(rows)})"
+    return marked(row, text) if rows else "-"
+
+
+def table_of_datasets():
+    """The paper's best lists against its best implicit kernel on each dataset, and what later lists make of it."""
+    lines = []
+    for one in datasets():
+        later = (f"{microseconds(best(one.later)['real_time'])} "
+                 f"({best(one.later)['real_time'] / best(one.implicit)['real_time']:.2f})") if one.later else "-"
+        lines.append([one.scene, one.kind, str(one.particles), percent(one.active), best_cell(one.implicit),
+                      best_cell(one.explicit), f"{one.ratio:.2f}", later])
+    return table(["dataset", "kind", "particles", "active", "best implicit (us, of so many)", "best explicit (us, of so many)",
+                  "explicit / implicit", "later lists (us, over implicit)"], lines)

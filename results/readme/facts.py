@@ -1,0 +1,306 @@
+"""What a template's sentences may ask of the committed results: a small function a figure or verdict.
+
+A case is named as in the tables: `cuda_implicit_cached fetch=l1`. Formulation and precision are `position` and `float32` unless
+said otherwise.
+"""
+
+from readme import addressing, tables
+from readme.addressing import joined
+from readme.rows import (CPU, GPU, Missing, by_name, figure, is_papers, medians, result, three_digits)
+from readme.tables import slow_down
+
+# A time a particle that stays within this share of that of the largest box grows linearly.
+LINEAR = 0.2
+# Edits that cost a step no more than this are called free of cost in the verdict.
+CHEAP = 0.05
+
+
+def row(study, scene, case, formulation="position", precision="float32", machine=GPU):
+    backend, *tuning = case.split()
+    name = "/".join([scene, backend, formulation, precision, *tuning])
+    found = by_name(result(study, machine)).get(name)
+    if found is None:
+        raise Missing(f"{machine}/{study} has no row {name}")
+    return found
+
+
+def us(study, scene, case, **which):
+    """Microseconds a step."""
+    return row(study, scene, case, **which)["real_time"]
+
+
+def ratio(study, scene, case, over, **which):
+    """The time of a case over that of another."""
+    return us(study, scene, case, **which) / us(study, scene, over, **which)
+
+
+def of_limit(study, scene, case, **which):
+    return whole_percent(row(study, scene, case, **which)["fraction_of_limit"])
+
+
+def commit(study, machine=GPU):
+    return result(study, machine)["context"]["voxspring"]["commit"][:8]
+
+
+def whole_percent(value):
+    return f"{100 * value:.0f}%"
+
+
+def span(values, written=figure):
+    """`1.10 to 1.23`, or one figure where both ends are written alike."""
+    values = list(values)
+    if not values:
+        raise Missing("there is no row to take the range of")
+    ends = [written(min(values)), written(max(values))]
+    return ends[1] if ends[0] == ends[1] else f"{ends[0].removesuffix('%')} to {ends[1]}"
+
+
+def verdict(ratios):
+    """Holds if what the paper prefers is faster on all datasets; ratios are its time over the other's."""
+    ratios = list(ratios)
+    if not ratios:
+        raise Missing("there is no row to judge by")
+    return {"holds": "holds", "inverts": "inverts"}.get(addressing.winner(ratios), "depends on the dataset")
+
+
+# --- Where the files are from -----------------------------------------------------------------------------
+
+def provenance(machine=GPU):
+    """Of how many commits and cards the files of a machine are."""
+    results = tables.results_of(machine)
+    commits = {one["context"]["voxspring"]["commit"][:8] for one in results}
+    cards = {uuid for one in results for uuid in tables.cards_of(one)}
+    of_commits = f"commit {next(iter(commits))}" if len(commits) == 1 else f"{len(commits)} commits"
+    return f"{of_commits} and of {'one card' if len(cards) == 1 else f'{len(cards)} cards'}"
+
+
+def above_limit(study="fastest"):
+    """Which rows are faster than their own measured limit."""
+    rows = [one for one in medians(study) if one["fraction_of_limit"] > 1]
+    if not rows:
+        return "no row is above it"
+    top = max(rows, key=lambda one: one["fraction_of_limit"])
+    return (f"{len(rows)} row{'s are' if len(rows) > 1 else ' is'} above it, at most {tables.contender(top)} on "
+            f"{top['scene']} with {whole_percent(top['fraction_of_limit'])}: one kind of copy is not the ceiling of every mix of "
+            "reading and writing")
+
+
+def fragment_share():
+    """How many times as much arithmetic a compute shader reaches as a fragment shader."""
+    limit = result("table1")["context"]["voxspring"]["limits"]["OpenGL"]
+    return limit["compute_shader_float32_operations_per_second"] / limit["float32_operations_per_second"]
+
+
+# --- The paper's questions ---------------------------------------------------------------------------------
+
+def scaled_ratios(case, over, smallest=0):
+    """Ratios of two cases on every box of Figure 8 of at least so many particles."""
+    rows = medians("figure8")
+    times = {(tables.contender(one).replace("`", ""), one["scene"]): one["real_time"] for one in rows}
+    return [times[case, scene] / times[over, scene]
+            for scene, particles in {one["scene"]: one["particles"] for one in rows}.items()
+            if particles >= smallest and (case, scene) in times and (over, scene) in times]
+
+
+def addressing_ratios(size):
+    """The best explicit time over the best implicit one on the small or the large datasets."""
+    return [one.ratio for one in addressing.datasets() if one.kind.startswith(size)]
+
+
+def concatenated(case, scene="box@256"):
+    """How many times as long concatenated lists take as vertical ones."""
+    return ratio("tuning", scene, case + " layout=concatenated", case)
+
+
+def vertical_verdict():
+    return verdict(1 / concatenated(case) for case in addressing.EXPLICIT)
+
+
+def opengl_verdict():
+    """The paper says that CUDA is faster than OpenGL's fragment shaders, with either addressing."""
+    return verdict(ratio("table1", scene, cuda, gl) for scene in ("box@32", "heart") for cuda, gl in
+                   (("cuda_implicit_cached", "gl_fragment_implicit"), ("cuda_explicit_cached_grid", "gl_fragment_explicit")))
+
+
+# How an implicit strategy fetches a neighbour, in the words of the paper.
+FETCHES = {"cuda_implicit_cached": "texture", "cuda_implicit_shared": "shared memory", "cuda_implicit_device": "loads past L1",
+           "cuda_implicit_cached fetch=l1": "L1-cached loads"}
+
+
+def by_time(study, scene, cases=None):
+    """`texture (2.4), shared memory (2.9)` of {case: its name in the sentence}, fastest first."""
+    cases = cases or FETCHES
+    times = sorted((us(study, scene, case), name) for case, name in cases.items())
+    return ", ".join(f"{name} ({three_digits(time)})" for time, name in times)
+
+
+def l1_wins():
+    """On how many boxes of Figure 8 plain L1-cached loads are the fastest of the implicit strategies."""
+    won, lost = 0, []
+    for scene in tables.scenes_of(medians("figure8")):
+        others = min(us("figure8", scene, case) for case in addressing.IMPLICIT)
+        if us("figure8", scene, "cuda_implicit_cached fetch=l1") < others:
+            won += 1
+        else:
+            lost.append(f"{scene.removeprefix('box@')}^3")
+    return f"all {won} boxes" if not lost else f"{won} of the {won + len(lost)} boxes (all but {joined(lost)})"
+
+
+def papers_cuda(one):
+    return is_papers(one) and one["backend"].startswith("cuda_")
+
+
+def slow_downs(edits, of=papers_cuda):
+    return [slow_down(one) for one in medians("edits") if one["edits"] == edits and of(one)]
+
+
+def edit_verdict():
+    """The most edits in 1000 steps that slow none of the paper's CUDA strategies down by more than CHEAP."""
+    counts = sorted({one["edits"] for one in medians("edits")})
+    cheap = [count for count in counts if max(slow_downs(count)) <= CHEAP]
+    if not cheap:
+        return "does not hold"
+    return "holds" if cheap == counts else f"holds up to {max(cheap)} edits in 1000 steps"
+
+
+def edit_us(case):
+    """Microseconds of one edit, from a device that waits to one that waits again."""
+    scene = max(medians("edits"), key=lambda one: one["edits"])["scene"]
+    return row("edits", scene, case, formulation="increment")["edit_seconds_median"] * 1e6
+
+
+def edit_times(*cases):
+    return [edit_us(case) for case in cases]
+
+
+def nanoseconds(one):
+    """Of a particle."""
+    return one["real_time"] * 1e3 / one["particles"]
+
+
+def growth(cases=papers_cuda, smallest=0):
+    """How far the time a particle of each case is from that on its largest box, over the boxes from a size on."""
+    found = []
+    by_case = {}
+    for one in medians("figure8"):
+        if cases(one) and one["particles"] >= smallest:
+            by_case.setdefault(tables.contender(one), []).append(one)
+    for rows in by_case.values():
+        last = nanoseconds(max(rows, key=lambda one: one["particles"]))
+        found += [nanoseconds(one) / last for one in rows]
+    return max(max(found) - 1, 1 - min(found))
+
+
+def linear_from():
+    """The fewest particles from which on the paper's CUDA strategies are linear."""
+    sizes = sorted({one["particles"] for one in medians("figure8") if papers_cuda(one)})
+    return next(size for size in sizes if growth(smallest=size) <= LINEAR)
+
+
+def linear_verdict():
+    """The paper says linear beyond 50,000 particles."""
+    size = linear_from()
+    if size <= 50_000:
+        return "holds"
+    return f"holds from {size / 1e6:.2g} million on" if size >= 1e6 else f"holds from {size:,} on"
+
+
+def best_of_paper(study, scene):
+    return min(one["real_time"] for one in medians(study)
+               if one["scene"] == scene and papers_cuda(one) and one["formulation"] == "position")
+
+
+def times_as_long(study, scene, case):
+    """A case over the paper's fastest CUDA strategy on a dataset."""
+    return us(study, scene, case) / best_of_paper(study, scene)
+
+
+# --- Between studies, formulations, errors -----------------------------------------------------------------
+
+def shared(first, second):
+    """The rows that two studies share, as ratios of the second's times over the first's."""
+    one, other = by_name(result(first)), by_name(result(second))
+    return [other[name]["real_time"] / one[name]["real_time"] for name in one if name in other]
+
+
+def signed_percent(value):
+    """+6% of a ratio of 1.06."""
+    return f"{100 * (value - 1):+.0f}%"
+
+
+def increments_cost():
+    """The times of increment over those of position, over every case of the study formulations."""
+    known = by_name(result("formulations"))
+    return [one["real_time"] / known[name.replace("/increment/", "/position/")]["real_time"] for name, one in known.items()
+            if "/increment/" in name and name.replace("/increment/", "/position/") in known]
+
+
+def increments_gain(scene, case="cuda_implicit_cached"):
+    """How many times as large the error of position is as that of increment."""
+    return (row("formulations", scene, case)["error_relative_l2"] /
+            row("formulations", scene, case, formulation="increment")["error_relative_l2"])
+
+
+def front(machine=GPU):
+    """The runs on the fronts of a machine's card, or of its processor if it has none."""
+    runs = [one for one in result("pareto", machine)["pareto"] if one.get("on_front")]
+    return [one for one in runs if one["backend"].startswith("cuda_")] or runs
+
+
+def front_of(machine=GPU):
+    """`cuda_resident` 12, ...: how many runs of the fronts each backend has."""
+    counts = {}
+    for one in front(machine):
+        counts[one["backend"]] = counts.get(one["backend"], 0) + 1
+    return ", ".join(f"`{name}` {count}" for name, count in sorted(counts.items(), key=lambda item: -item[1]))
+
+
+def front_float64(machine=GPU):
+    """Below which error a front has float64 runs, over the scenes."""
+    errors = {}
+    for one in front(machine):
+        if one["precision"] == "float64":
+            errors[one["scene"]] = max(errors.get(one["scene"], 0), one["total_error_relative_l2"])
+    return span(errors.values(), lambda error: f"{error:.0e}")
+
+
+def stress_verdict(machine=GPU):
+    rows = result("stress", machine)["stress"]
+    failed = sum(not one["passed"] for one in rows)
+    kept = f"all {len(rows)}" if not failed else f"{len(rows) - failed} of {len(rows)}"
+    return (f"{kept} measurements of {len({one['backend'] for one in rows})} strategies are within their thresholds "
+            f"(commit {commit('stress', machine)})")
+
+
+def worst_small_start():
+    """How far the measured limits of starts of small amplitude are from theory, at most."""
+    rows = [one for one in result("stability")["stability"] if (one["start"]["amplitude"] or one["start"]["stretch"]) <= 0.001]
+    return max(abs(one["ratio"] - 1) for one in rows)
+
+
+def resting_ratio(scene, case, formulation="increment", way="skip"):
+    """A step that leaves out what rests over one of everything."""
+    return (us("skips", scene, f"{case} rest={way}", formulation=formulation) /
+            us("skips", scene, f"{case} rest=step", formulation=formulation))
+
+
+def resting_ratios(scene, cases=addressing.IMPLICIT, formulations=("position", "increment")):
+    return [resting_ratio(scene, case, formulation) for case in cases for formulation in formulations]
+
+
+def noisy(study, machine=GPU):
+    """How many rows of a study its run marked, of how many."""
+    rows = medians(study, machine)
+    return f"{sum(bool(one.get('noisy')) for one in rows)} of {len(rows)}"
+
+
+def best_of(study, scene, backend, formulation="position"):
+    """Microseconds of a backend with the tuning that suits it best."""
+    return min(one["real_time"] for one in medians(study)
+               if (one["scene"], one["backend"], one["formulation"], one["precision"]) == (scene, backend, formulation, "float32"))
+
+
+# What a template may name.
+NAMES = {name: value for name, value in globals().items() if not name.startswith("_")} | {
+    "addressing_verdict": addressing.verdict, "IMPLICIT": addressing.IMPLICIT, "EXPLICIT": addressing.EXPLICIT,
+    "CPU": CPU, "min": min, "max": max, "len": len, "abs": abs}

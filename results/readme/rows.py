@@ -1,0 +1,126 @@
+"""Rows of the committed results, and how their figures are written."""
+
+import functools
+import pathlib
+import statistics
+
+import result_files
+
+RESULTS = pathlib.Path(__file__).resolve().parent.parent
+GPU, CPU = "nvidia-h200", "amd-epyc"
+# The strategies that the paper compares, as harness/study/fastest.cpp has them (a test holds the two together).
+PAPER = ("gl_fragment_implicit", "gl_fragment_explicit", "cuda_implicit_device", "cuda_implicit_shared",
+         "cuda_implicit_cached", "cuda_explicit_device", "cuda_explicit_cached", "cuda_explicit_cached_grid")
+# Half the middle half of the repetitions is written beside a median from this share of it on.
+MIN_SPREAD = 0.03
+
+
+class Missing(Exception):
+    """No committed result has what is asked for."""
+
+
+@functools.lru_cache(maxsize=None)
+def loaded(path):
+    return result_files.load(path)
+
+
+def result(study, machine=GPU):
+    return loaded(result_files.named(RESULTS / machine, study))
+
+
+def machines(study):
+    """The result of a study on every machine that has one."""
+    return [loaded(path) for path in result_files.committed(RESULTS) if result_files.study_of(path) == study]
+
+
+def name_of(row):
+    """scene/backend/formulation/precision, and what of its tuning is not at its default."""
+    return row["name"].split("/iterations:")[0]
+
+
+def spread_of(times):
+    """Half the interquartile range over the median; nothing for fewer than three repetitions."""
+    if len(times) < 3:
+        return None
+    low, middle, high = statistics.quantiles(times, n=4, method="inclusive")
+    return (high - low) / 2 / middle
+
+
+def medians_of(one):
+    """The median row of each case of a result, in the order of the file, with `spread`."""
+    times = {}
+    for row in one["benchmarks"]:
+        if row["run_type"] == "iteration":
+            times.setdefault((row["run_name"], row["steps"]), []).append(row["real_time"])
+    return [row | {"spread": spread_of(times.get((row["run_name"], row["steps"]), []))}
+            for row in one["benchmarks"] if row.get("aggregate_name") == "median"]
+
+
+def medians(study, machine=GPU):
+    return medians_of(result(study, machine))
+
+
+def by_name(one):
+    return {name_of(row): row for row in medians_of(one)}
+
+
+def scenes_of(rows):
+    return list(dict.fromkeys(row["scene"] for row in rows))
+
+
+def tuning_of(row):
+    """What of a row's tuning is not at its default."""
+    return name_of(row).split("/")[4:]
+
+
+def contender(row):
+    """`cuda_implicit_cached fetch=l1`: the backend, its precision unless float32, and what tuning is not at its default."""
+    _, backend, _, precision, *tuning = name_of(row).split("/")
+    return " ".join([f"`{backend}`"] + [precision] * (precision != "float32") + tuning)
+
+
+def is_papers(row):
+    """Whether a row is a strategy as the paper had it; plain L1-cached loads came after 2008."""
+    return row["backend"] in PAPER and "fetch=l1" not in tuning_of(row)
+
+
+def alike(rows, row):
+    """The rows of a row's dataset, formulation and precision: what a best-of row was chosen from."""
+    return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision"))]
+
+
+def three_digits(value):
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def figure(value):
+    """A ratio or a time in a sentence, always with as many digits."""
+    return f"{value:.2f}" if 0.1 <= abs(value) < 10 else three_digits(value)
+
+
+def microseconds(value):
+    return three_digits(value) if value is not None else "-"
+
+
+def percent(value):
+    return f"{100 * value:.0f} %" if value is not None else "-"
+
+
+def marked(row, text):
+    """A figure, with the mark of a row that its run says is not to be trusted."""
+    return "~" * bool(row.get("noisy")) + text
+
+
+def spread_text(row):
+    """` ± 6 %` where the repetitions of a row differ by so much, else nothing."""
+    return f" ± {percent(row['spread'])}" if (row.get("spread") or 0) > MIN_SPREAD else ""
+
+
+def time_of(row):
+    """The median of a row, marked, with its spread."""
+    return marked(row, microseconds(row["real_time"])) + spread_text(row)
+
+
+def table(header, rows):
+    lines = ["| " + " | ".join(header) + " |", "| --- |" + " --: |" * (len(header) - 1)]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
