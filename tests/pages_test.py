@@ -1,0 +1,218 @@
+"""Pages say what the committed results say: the template of results/README.md, its verdicts, and no figure of unknown origin.
+
+The current directory is the source tree.
+"""
+
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+from unittest import mock
+
+sys.path.insert(0, "results")
+from readme import addressing, facts, prose, rows, tables, template  # noqa: E402
+
+# Figures in prose that are no measurement, with what they are: (page, words of the sentence).
+ALLOWED = {
+    ("cuda/README.md", "80% of all voxels at random"): "how the case is defined",
+    ("docs/measure.md", "the middle half of the repetitions spreads over more than 10%"): "a bound of harness/device/noise.h",
+    ("docs/measure.md", "agree with its counter within 5%"): "the bound that fails a row (harness/device)",
+    ("docs/measure.md", "their choice is within 10% of the fastest"): "the bound that fastest_test holds",
+    ("harness/scenes/README.md", "within 2% of the true limit"): "the bound that stability_test holds",
+    ("harness/scenes/README.md", "21% of the grid"): "how the phantom is defined",
+    ("results/README.in.md", "given from 3 % on"): "rows.MIN_SPREAD",
+    ("results/README.in.md", "with the 95% interval"): "a level of confidence",
+    ("results/README.in.md", "only a change beyond 30%"): "comparison.UNKNOWN_NOISE",
+}
+
+
+def pages():
+    """Every page that a person writes: of one that is made, its template."""
+    found = []
+    for path in sorted(pathlib.Path(".").rglob("*.md")):
+        hidden = any(part.startswith(".") or part in ("build", "local") for part in path.parts)
+        if not hidden and not path.with_name(path.name.removesuffix(".md") + ".in.md").exists():
+            found.append(path)
+    return found
+
+
+class Prose(unittest.TestCase):
+    def test_no_figure_is_of_unknown_origin(self):
+        self.assertGreater(len(pages()), 15)
+        used = set()
+        for page in pages():
+            for sentence in prose.unfounded(page.read_text()):
+                reasons = [key for key in ALLOWED if key[0] == str(page) and key[1] in sentence]
+                used.update(reasons)
+                self.assertTrue(reasons, f"{page}: a figure that no template made and no commit stands beside: {sentence}")
+        self.assertEqual(used, set(ALLOWED), "what is allowed is there")
+
+    def test_a_figure_by_hand_is_noticed_in_every_page(self):
+        for page in pages():
+            for figure in ("It takes 1.22 us a step.", "It reaches 43% of it.", "That is 2.5 times as fast.", "It moves 4.1 TB/s.",
+                           "It makes 929 G springs/s.", "A step takes 0.3 J.", "A build takes 12 s.", "An edit takes 9 to 11 ms."):
+                found = prose.unfounded(page.read_text() + "\n# Another\n\n" + figure + "\n")
+                self.assertIn(figure, found, page)
+
+    def test_tables_by_hand_are_noticed_by_their_header(self):
+        table = "| case | us a step |\n| --- | --: |\n| a | 12.5 |\n| b | - |"
+        self.assertEqual(prose.unfounded(table), ["| a | 12.5 |"])
+        self.assertEqual(prose.unfounded(f"Of commit 0b0c168:\n\n{table}"), [])
+        self.assertEqual(prose.unfounded("| bytes |\n| --- |\n| 48 |"), [])
+
+    def test_what_has_an_origin_is_let_through(self):
+        for text in ("Commit 0b0c168 took 2.5 us.", "It takes {{ us() }} us.", "<!-- a -->\n3 us\n<!-- /a -->\n", "Give `--time 5 s`.",
+                     "```\n12 us\n```", "So:\n\n    sleep 5 s\n\nEnd.", "# Trials\n\nUp to commit 0b0c168.\n\nIt took 5 us.\n\n## Part\n\n7 us.",
+                     "A box of 256^3 has 18 springs in 72 bytes."):
+            self.assertEqual(prose.unfounded(text), [], text)
+        self.assertEqual(prose.unfounded("# Trials\n\nUp to commit 0b0c168.\n\n# Now\n\nWords.\n\nIt takes 5 us. Commit 0b0c168 took 6 us."),
+                         ["It takes 5 us."])
+
+
+class Template(unittest.TestCase):
+    def test_fills_in_and_breaks_lines(self):
+        names = {"a": 12.345, "b": lambda text: text.upper(), "c": 1234567}
+        self.assertEqual(template.render("{{ a }}, {{ b('x') }}, {{ c }}\nlines\n\n| {{ a }} |\n", names, "page"),
+                         "12.3, X, 1,234,567 lines\n\n| 12.3 |\n")
+        long = "word " * 40 + "{{ a }}."
+        self.assertTrue(all(len(line) <= template.WIDTH for line in template.render(long, names, "page").split("\n")))
+        untouched = "one\ntwo\n\n    code\n"
+        self.assertEqual(template.render(untouched, names, "page"), untouched)
+
+    def test_a_sentence_that_does_not_hold_is_named(self):
+        text = "# Page\n\nThe first is true. Lists take\nless time than masks{{ holds(times[0] < 1) }}. The last as well."
+        self.assertNotIn("holds", template.render(text, {"times": [0.9]}, "page.md"))
+        with self.assertRaises(template.Stale) as stale:
+            template.render(text, {"times": [1.1]}, "page.md")
+        self.assertRegex(str(stale.exception), r'^page\.md:4: what it claims no longer holds: "Lists take less time than masks\{\{')
+        self.assertNotIn("first", str(stale.exception))
+        with self.assertRaisesRegex(template.Stale, r"page\.md:4: IndexError"):
+            template.render(text, {"times": []}, "page.md")
+        with self.assertRaisesRegex(template.Stale, "None is no figure"):
+            template.render("{{ a }}", {"a": None}, "page.md")
+
+    def test_the_page_is_checked_and_refused(self):
+        with tempfile.TemporaryDirectory() as folder:
+            copy = pathlib.Path(folder) / "results"
+            shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__"))
+
+            def paper(*arguments):
+                return subprocess.run([sys.executable, "-B", copy / "paper.py", *arguments], capture_output=True, text=True, check=False)
+            self.assertEqual(paper("--check").stderr, "")
+            page, source = copy / "README.md", copy / "README.in.md"
+            text, words = page.read_text(), source.read_text()
+            page.write_text(text.replace("on an NVIDIA H200", "on another card"))
+            self.assertIn("README.md is not what the results say", paper("--check").stderr)
+            self.assertEqual(paper().returncode, 0)
+            self.assertEqual(page.read_text(), text)
+            source.write_text(words + '\nThe box takes less{{ holds(us("table1", "box@32", "cuda_march") < 1) }}.\n')
+            done = paper()
+            self.assertEqual(done.returncode, 1)
+            self.assertRegex(done.stderr, r"README\.in\.md:\d+: what it claims no longer holds: \"The box takes less")
+            source.write_text(words + '\nIt takes {{ us("table1", "box@32", "cuda_none") }} us.\n')
+            self.assertIn("nvidia-h200/table1 has no row box@32/cuda_none/position/float32", paper("--check").stderr)
+            self.assertEqual(page.read_text(), text, "nothing is written")
+
+
+def case(scene, backend, microseconds, particles=1000, voxels=1000, tuning="", **more):
+    name = "/".join([scene, backend, "position", "float32"] + [tuning] * bool(tuning))
+    return {"name": f"{name}/iterations:10/repeats:9/manual_time_median", "scene": scene, "backend": backend, "formulation": "position",
+            "precision": "float32", "real_time": microseconds, "particles": particles, "voxels": voxels, "spread": 0.01} | more
+
+
+class Verdicts(unittest.TestCase):
+    def test_the_papers_strategies_are_those_of_the_program(self):
+        source = pathlib.Path("harness/study/fastest.cpp").read_text()
+        listed = re.search(r"paper_backends\(\) \{.*?names = \{(.*?)\}", source, re.DOTALL)[1]
+        self.assertEqual(list(rows.PAPER), re.findall(r'"(\w+)"', listed))
+        self.assertTrue(rows.is_papers(case("a", "cuda_implicit_cached", 1)))
+        self.assertFalse(rows.is_papers(case("a", "cuda_implicit_cached", 1, tuning="fetch=l1")))
+        self.assertFalse(rows.is_papers(case("a", "cuda_march", 1)))
+
+    def test_addressing_by_size_and_sparsity(self):
+        def said(*times):
+            """Of small sparse, small full, large sparse and large full bodies: explicit over implicit."""
+            found = []
+            for scene, share, particles, ratio in zip("abcd", (0.2, 1, 0.2, 1), (1000, 1000, 10**7, 10**7), times):
+                found += [case(scene, "cuda_implicit_shared", 200, particles, particles / share),
+                          case(scene, "cuda_implicit_cached", 100, particles, particles / share),
+                          case(scene, "cuda_explicit_cached", 100 * ratio, particles, particles / share),
+                          case(scene, "cuda_march", 1, particles, particles / share)]
+            with mock.patch.object(addressing, "medians", return_value=found):
+                return addressing.verdict()
+        self.assertEqual(said(0.8, 1.2, 1.4, 1.9), "holds for small sparse bodies, inverts for small full, large sparse and large full "
+                         "bodies")
+        self.assertEqual(said(0.8, 0.9, 0.7, 0.6), "holds")
+        self.assertEqual(said(0.8, 1.01, 0.7, 1.5), "holds for small sparse and large sparse bodies, is undecided for small full bodies, "
+                         "inverts for large full bodies")
+        self.assertEqual(said(2, 2, 2, 2), "inverts")
+
+    def test_verdicts_follow_the_ratios(self):
+        self.assertEqual(facts.verdict([0.5, 0.9]), "holds")
+        self.assertEqual(facts.verdict([0.5, 1.1]), "depends on the dataset")
+        self.assertEqual(facts.verdict([1.5, 1.1]), "inverts")
+        with self.assertRaises(rows.Missing):
+            facts.verdict([])
+
+    def test_edits(self):
+        def said(*slow):
+            found = [case("a", "cuda_implicit_cached", 10 * (1 + one), edits=count, seconds_per_step_without_edits=1e-5)
+                     for count, one in zip((1, 10, 100), slow)]
+            with mock.patch.object(facts, "medians", return_value=found):
+                return facts.edit_verdict()
+        self.assertEqual(said(0.01, 0.04, 0.2), "holds up to 10 edits in 1000 steps")
+        self.assertEqual(said(0.01, 0.02, 0.03), "holds")
+        self.assertEqual(said(0.1, 0.2, 0.3), "does not hold")
+
+    def test_linear_scaling(self):
+        def said(*nanoseconds):
+            found = [case(f"box@{n}", "cuda_implicit_cached", one * n**3 / 1000, n**3, n**3)
+                     for n, one in zip((16, 32, 64, 128), nanoseconds)]
+            with mock.patch.object(facts, "medians", return_value=found):
+                return facts.linear_verdict(), facts.linear_from(), facts.growth(smallest=facts.linear_from())
+        self.assertEqual(said(9, 2, 1.1, 1)[:2], ("holds from 262,144 on", 64**3))
+        self.assertAlmostEqual(said(9, 2, 1.1, 1)[2], 0.1)
+        self.assertEqual(said(1, 1, 1, 1)[0], "holds")
+        self.assertEqual(said(9, 4, 2, 1)[0], "holds from 2.1 million on")
+
+    def test_spans(self):
+        self.assertEqual(facts.span([1.234, 0.5, 20]), "0.50 to 20")
+        self.assertEqual(facts.span([1.001, 1.002]), "1.00")
+        self.assertEqual(facts.span([0.2, 0.31], facts.whole_percent), "20 to 31%")
+        self.assertEqual(facts.span([0.99, 1.06], facts.signed_percent), "-1 to +6%")
+        with self.assertRaises(rows.Missing):
+            facts.span([])
+
+
+class Tables(unittest.TestCase):
+    def test_marks_and_spread(self):
+        row = case("a", "cuda_march", 3.4)
+        self.assertEqual(rows.time_of(row), "3.4")
+        self.assertEqual(rows.time_of(row | {"spread": 0.06}), "3.4 ± 6 %")
+        self.assertEqual(rows.time_of(row | {"spread": 0.06, "noisy": ["a clock moved"]}), "~3.4 ± 6 %")
+        self.assertEqual(rows.spread_of([1, 2]), None)
+        self.assertAlmostEqual(rows.spread_of([8, 9, 10, 11, 12]), 0.1)
+
+    def test_a_best_row_says_of_how_many(self):
+        text = tables.fastest()
+        header = [cell.strip() for cell in text.split("\n")[2].split("|")]
+        fastest = rows.result("fastest", "amd-epyc")
+        block = fastest["fastest"][0]
+        line = next(line for line in text.split("\n") if line.startswith(f"| {block['scene']} {block['formulation']} "))
+        of = [row for row in rows.medians("fastest", "amd-epyc") if row["scene"] == block["scene"]
+              and row["formulation"] == block["formulation"] and row["precision"] == block["precision"]]
+        self.assertEqual(line.split("|")[header.index("of so many")].strip(), str(len(of)))
+
+    def test_the_papers_strategies_are_marked(self):
+        lines = [[cell.strip() for cell in line.split("|")] for line in tables.steps("figure7").split("\n")]
+        whose = {line[1]: line[2] for line in lines}
+        self.assertEqual(whose["`cuda_implicit_shared`"], "paper")
+        self.assertEqual(whose["`cuda_resident`"], "later")
+        self.assertEqual(whose["`cuda_implicit_cached` fetch=l1"], "later")
+
+
+if __name__ == "__main__":
+    unittest.main()
