@@ -76,7 +76,7 @@ def provenance(machine=GPU):
 
 def above_limit(study="fastest"):
     """Which rows are faster than their own measured limit."""
-    rows = [one for one in medians(study) if one["fraction_of_limit"] > 1]
+    rows = [one for one in medians(study) if (one["fraction_of_limit"] or 0) > 1]
     if not rows:
         return "no row is above it"
     top = max(rows, key=lambda one: one["fraction_of_limit"])
@@ -102,9 +102,9 @@ def scaled_ratios(case, over, smallest=0):
             if particles >= smallest and (case, scene) in times and (over, scene) in times]
 
 
-def addressing_ratios(size):
-    """The best explicit time over the best implicit one on the small or the large datasets."""
-    return [one.ratio for one in addressing.datasets() if one.kind.startswith(size)]
+def addressing_ratios(kind):
+    """The best explicit time over the best implicit one on the datasets of a kind."""
+    return [one.ratio for one in addressing.datasets() if one.kind == kind]
 
 
 def concatenated(case, scene="box@256"):

@@ -16,6 +16,11 @@ def papers(row):
     return "paper" if is_papers(row) else "later"
 
 
+def limit_of(row):
+    """What share of its limit a row reaches, and which limit that is."""
+    return f"{percent(row['fraction_of_limit'])} ({row['limited_by']})" if row["fraction_of_limit"] else "-"
+
+
 def by_scene(rows, value):
     """{contender: {scene: value(row)}}, contenders in the order of their first row."""
     found = {}
@@ -47,7 +52,7 @@ def steps(study):
     scenes = scenes_of(rows)
     cells = by_scene(rows, lambda row: [time_of(row),
                                         three_digits(row["spring_updates_per_second"] * 1e-9),
-                                        f"{percent(row['fraction_of_limit'])} ({row['limited_by']})",
+                                        limit_of(row),
                                         f"{row['error_max']:.1e}"])
     whose = {contender(row): papers(row) for row in rows}
     times = by_scene(rows, lambda row: row["real_time"])
@@ -186,7 +191,7 @@ def targets():
                 row = known[target["name"]]
                 lines.append([f"{block['scene']} {block['formulation']} {block['precision']}", quantity(target, target["value"]),
                               marked(row, quantity(target, target["measured"])), contender(row),
-                              f"{percent(row['fraction_of_limit'])} ({row['limited_by']})",
+                              limit_of(row),
                               f"{'met' if target['met'] else 'missed'}, {percent(target['reached'])}"])
         if lines:
             parts.append(titled(one, table(["dataset", "target", "measured", "by", "of limit", "of the target"], lines)))
@@ -211,7 +216,7 @@ def fastest():
             lines.append([f"{block['scene']} {block['formulation']} {block['precision']}", contender(row), str(len(tried)),
                           time_of(row), three_digits(block["particle_updates_per_second"] * 1e-9),
                           three_digits(block["spring_updates_per_second"] * 1e-9),
-                          f"{percent(block['fraction_of_limit'])} ({block['limited_by']})", f"{block['error_max']:.1e}",
+                          limit_of(block), f"{block['error_max']:.1e}",
                           f"{paper['ratio']:.2f} ({contender(paper)}, of {sum(other['backend'] in PAPER for other in tried)})"
                           if paper else "-", f"{times:.2f}" if times else "not measured", ready(row)])
         header = ["dataset", "fastest", "of so many", "us a step", "G particles/s", "G springs/s", "of limit", "error",
