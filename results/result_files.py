@@ -5,12 +5,17 @@ import json
 import math
 import pathlib
 import re
+import statistics
 import zlib
 
 import versions
 
 SUFFIXES = (".json", ".json.gz")
 GZIP = b"\x1f\x8b"
+
+
+# Half the middle half of the repetitions is written beside a median from this share of it on.
+MIN_SPREAD = 0.03
 
 
 class BadInput(Exception):
@@ -102,6 +107,14 @@ def named(folder, study):
     """The file of a study in a machine's folder."""
     return next((path for suffix in SUFFIXES[::-1] if (path := folder / (study + suffix)).exists()),
                 folder / (study + SUFFIXES[-1]))
+
+
+def spread_of(times):
+    """Half the interquartile range over the median; nothing for fewer than three repetitions."""
+    if len(times) < 3:
+        return None
+    low, middle, high = statistics.quantiles(times, n=4, method="inclusive")
+    return (high - low) / 2 / middle if middle else None
 
 
 # Lists of a result that repeat or judge what others have, or have no measurement.

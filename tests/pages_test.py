@@ -13,6 +13,7 @@ import unittest
 from unittest import mock
 
 sys.path.insert(0, "results")
+import result_files  # noqa: E402
 from readme import addressing, facts, prose, rows, tables, template  # noqa: E402
 
 # Figures in prose that are no measurement, with what they are: (page, words of the sentence).
@@ -23,7 +24,7 @@ ALLOWED = {
     ("docs/measure.md", "their choice is within 10% of the fastest"): "the bound that fastest_test holds",
     ("harness/scenes/README.md", "within 2% of the true limit"): "the bound that stability_test holds",
     ("harness/scenes/README.md", "21% of the grid"): "how the phantom is defined",
-    ("results/README.in.md", "given from 3 % on"): "rows.MIN_SPREAD",
+    ("results/README.in.md", "given from 3 % on"): "result_files.MIN_SPREAD",
     ("results/README.in.md", "with the 95% interval"): "a level of confidence",
     ("results/README.in.md", "only a change beyond 30%"): "comparison.UNKNOWN_NOISE",
 }
@@ -193,8 +194,8 @@ class Tables(unittest.TestCase):
         self.assertEqual(rows.time_of(row), "3.4")
         self.assertEqual(rows.time_of(row | {"spread": 0.06}), "3.4 ± 6 %")
         self.assertEqual(rows.time_of(row | {"spread": 0.06, "noisy": ["a clock moved"]}), "~3.4 ± 6 %")
-        self.assertEqual(rows.spread_of([1, 2]), None)
-        self.assertAlmostEqual(rows.spread_of([8, 9, 10, 11, 12]), 0.1)
+        self.assertEqual(result_files.spread_of([1, 2]), None)
+        self.assertAlmostEqual(result_files.spread_of([8, 9, 10, 11, 12]), 0.1)
 
     def test_a_best_row_says_of_how_many(self):
         text = tables.fastest()

@@ -756,10 +756,15 @@ class Parts(InTemporaryFolder):
         result["fastest"] = [{**winner(best), **identity,
                               "paper": {**winner(other), "ratio": 12.34}, "targets": [target, unmeasured]}]
         best["noisy"] = ["its clock moved (by 12%)"]
+        times = [row for row in result["benchmarks"] if row["run_type"] == "iteration" and row["run_name"] == best["run_name"]]
+        self.assertEqual(len(times), 9)
+        for row, share in zip(times, (0.8, 0.9, 0.9, 1, 1, 1, 1.1, 1.1, 1.2)):
+            row["real_time"] = best["real_time"] * share
         made = report(self.write("fastest.json", result), "--out", self.out)
         self.assertEqual(made.returncode, 0, made.stderr)
         text = self.out.read_text()
         self.assertEqual(text.count("uncertain by a tenth or more: its clock moved (by 12%)"), 1)
+        self.assertEqual(len(re.findall(r"repetitions ± 10\W*%", text)), 1)
         self.assertIn("12.34 times as fast as the best of the paper", text)
         self.assertIn("missed", text)
         self.assertIn("1 more target was not measured here.", text)

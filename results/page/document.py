@@ -10,6 +10,8 @@ from html import escape
 
 import vl_convert
 
+import result_files
+
 from . import figures, reading
 
 # No request leaves the page: only what is written in it may run, style it or be shown.
@@ -72,6 +74,12 @@ def remark(text):
     return f'<small class="remark">{escape(text)}</small>'
 
 
+def spread(row):
+    """Half the middle half of a row's repetitions, where it is more than a few per cent."""
+    share = result_files.spread_of(row["repetition_times"]) or 0
+    return remark(f"repetitions ± {figures.percent(share)}") if share > result_files.MIN_SPREAD else ""
+
+
 def winners(rows):
     """By machine, the fastest row of each dataset beside all of its rows, small datasets first."""
     found = {}
@@ -117,7 +125,7 @@ def fastest_table(charts, entries, papers):
             remarks.append(f"{paper:.2f} times as fast as the best of the paper's strategies")
         cells = [strategy(best["contender"]) + "".join(map(remark, remarks)),
                  f"<b>{escape(figures.time_text(best['microseconds']))}</b>"
-                 + small(figures.engineering(best["spring_rate"], "springs/s"))
+                 + small(figures.engineering(best["spring_rate"], "springs/s")) + spread(best)
                  + (remark("uncertain by a tenth or more: " + best["noisy"]) if best["noisy"] else ""),
                  strip(charts, each, (min(times), max(times))), limit]
         if best["rounding"] is None:

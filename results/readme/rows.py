@@ -2,7 +2,6 @@
 
 import functools
 import pathlib
-import statistics
 
 import result_files
 
@@ -11,8 +10,6 @@ GPU, CPU = "nvidia-h200", "amd-epyc"
 # The strategies that the paper compares, as harness/study/fastest.cpp has them (a test holds the two together).
 PAPER = ("gl_fragment_implicit", "gl_fragment_explicit", "cuda_implicit_device", "cuda_implicit_shared",
          "cuda_implicit_cached", "cuda_explicit_device", "cuda_explicit_cached", "cuda_explicit_cached_grid")
-# Half the middle half of the repetitions is written beside a median from this share of it on.
-MIN_SPREAD = 0.03
 
 
 class Missing(Exception):
@@ -38,21 +35,13 @@ def name_of(row):
     return row["name"].split("/iterations:")[0]
 
 
-def spread_of(times):
-    """Half the interquartile range over the median; nothing for fewer than three repetitions."""
-    if len(times) < 3:
-        return None
-    low, middle, high = statistics.quantiles(times, n=4, method="inclusive")
-    return (high - low) / 2 / middle
-
-
 def medians_of(one):
     """The median row of each case of a result, in the order of the file, with `spread`."""
     times = {}
     for row in one["benchmarks"]:
         if row["run_type"] == "iteration":
             times.setdefault((row["run_name"], row["steps"]), []).append(row["real_time"])
-    return [row | {"spread": spread_of(times.get((row["run_name"], row["steps"]), []))}
+    return [row | {"spread": result_files.spread_of(times.get((row["run_name"], row["steps"]), []))}
             for row in one["benchmarks"] if row.get("aggregate_name") == "median"]
 
 
@@ -113,7 +102,7 @@ def marked(row, text):
 
 def spread_text(row):
     """` ± 6 %` where the repetitions of a row differ by so much, else nothing."""
-    return f" ± {percent(row['spread'])}" if (row.get("spread") or 0) > MIN_SPREAD else ""
+    return f" ± {percent(row['spread'])}" if (row.get("spread") or 0) > result_files.MIN_SPREAD else ""
 
 
 def time_of(row):
