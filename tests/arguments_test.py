@@ -50,6 +50,14 @@ class Words(InTemporaryFolder):
                 self.assertNotIn("did you mean", refused.stderr)
         self.assertIn("expected one of list, limits, info, run, study, advise, diff, report, completion", voxspring("nosuch").stderr)
 
+    def test_a_worker_is_not_started_by_hand(self):
+        for arguments in (["worker"], ["worker", "--of-a-study"], ["worker", "--of-a-study", "more"]):
+            refused = voxspring(*arguments)
+            self.assert_refused(refused)
+            self.assertIn("a worker is started by a study", refused.stderr)
+        for text in (voxspring("--help").stdout, voxspring("completion", "bash").stdout):
+            self.assertNotIn("worker", text)
+
     def test_refuses_numbers_with_their_range(self):
         whole = "a whole number from 1 to 1000000000"
         for option, values, accepted in (

@@ -3,17 +3,19 @@
 #include <time.h>
 #include <unistd.h>
 
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <string>
 #include <vector>
 
 namespace {
 
-/// Of this process: the workers of its study.
-std::vector<unsigned> children() {
-    std::vector<unsigned> found;
+/// Of the study that this process runs: those of its launcher.
+std::vector<unsigned> workers() {
+    std::map<long, long> parents;
     std::error_code none;
     for (const auto& folder : std::filesystem::directory_iterator("/proc", none)) {
         std::ifstream file(folder.path() / "stat");
@@ -21,7 +23,13 @@ std::vector<unsigned> children() {
         std::getline(file, stat);
         const auto end = stat.rfind(')');
         if (end == std::string::npos || end + 4 > stat.size()) continue;
-        if (std::stol(stat.substr(end + 4)) == long(getpid())) found.push_back(unsigned(std::stoul(stat)));
+        parents[std::stol(stat)] = std::stol(stat.substr(end + 4));
+    }
+    std::vector<unsigned> found;
+    for (const auto& [process, parent] : parents) {
+        const auto launcher = parents.find(parent);
+        if (launcher != parents.end() && launcher->second == long(getpid()))
+            found.push_back(unsigned(process));
     }
     return found;
 }
@@ -38,10 +46,9 @@ struct Process {
 
 unsigned fake_clocks_mhz[2] = {1980, 1980};  // taken in turns
 unsigned fake_strangers = 0;
-bool fake_lists_children = true;
+bool fake_lists_workers = true;
 
 double fake_watts = 500;  // by the counter
-unsigned fake_sampled_watts = 500;
 
 int nvmlDeviceGetTotalEnergyConsumption(void*, unsigned long long* millijoules) {
     timespec now{};
@@ -52,7 +59,9 @@ int nvmlDeviceGetTotalEnergyConsumption(void*, unsigned long long* millijoules) 
     return 0;
 }
 int nvmlDeviceGetPowerUsage(void*, unsigned* milliwatts) {
-    *milliwatts = 1000 * fake_sampled_watts;
+    // Workers, which ask for it, have the environment of the test.
+    const char* watts = std::getenv("FAKE_SAMPLED_WATTS");
+    *milliwatts = watts != nullptr ? unsigned(1000 * std::atoi(watts)) : 500000;
     return 0;
 }
 int nvmlDeviceGetEnforcedPowerLimit(void*, unsigned* milliwatts) {
@@ -88,7 +97,7 @@ int nvmlDeviceGetComputeRunningProcesses_v3(void*, unsigned* count, void* of_typ
     auto* const processes = static_cast<Process*>(of_type_process);
     // No process has a number as great as these.
     constexpr unsigned beyond = 1u << 30;
-    std::vector<unsigned> all = fake_lists_children ? children() : std::vector<unsigned>();
+    std::vector<unsigned> all = fake_lists_workers ? workers() : std::vector<unsigned>();
     for (unsigned i = 0; i < fake_strangers; ++i) all.push_back(beyond + i);
     const bool fits = *count >= all.size();
     *count = unsigned(all.size());

@@ -97,6 +97,20 @@ class Install(unittest.TestCase):
         self.assertEqual({row["backend"] for row in result["failed"]}, {"my_backend"})
         self.assertEqual({row["backend"] for row in result["benchmarks"]}, {"cpu_reference"})
 
+    def test_a_program_that_serves_no_workers_is_told(self):
+        source = self.project / "main.cpp"
+        right = source.read_text()
+        self.addCleanup(source.write_text, right)
+        without = right.replace("    worker_main(argc, argv);\n", "")
+        self.assertNotEqual(without, right)
+        source.write_text(without)
+        self.call(CMAKE, "--build", self.project / "build")
+        out = self.folder / "none.json"
+        ran = subprocess.run([self.project / "build/example", out], capture_output=True, text=True, timeout=60)
+        self.assertEqual(ran.returncode, 2)
+        self.assertIn("call voxspring::worker_main(argc, argv) first in main()", ran.stderr)
+        self.assertFalse(out.exists())
+
     def test_what_is_measured_is_optimised_without_a_word(self):
         commands = (self.project / "build/build.ninja").read_text()
         self.assertRegex(commands, r"FLAGS = .*-O3")

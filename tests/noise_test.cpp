@@ -156,26 +156,25 @@ std::string reasons_of(const nlohmann::json& result, const std::string& backend)
     return "no row";
 }
 
+/// What has been loaded under its name is what the name means from then on, in the test and in its workers.
+void* const library = dlopen(FAKE_NVML, RTLD_NOW);
+
 class CardInAStudy : public ::testing::Test {
 protected:
     void SetUp() override {
-        // What has been loaded under its name is what the name means from then on.
-        library_ = dlopen(FAKE_NVML, RTLD_NOW);
-        ASSERT_NE(library_, nullptr) << dlerror();
-        clocks_ = static_cast<unsigned*>(dlsym(library_, "fake_clocks_mhz"));
-        strangers_ = static_cast<unsigned*>(dlsym(library_, "fake_strangers"));
-        lists_children_ = static_cast<bool*>(dlsym(library_, "fake_lists_children"));
+        ASSERT_NE(library, nullptr) << FAKE_NVML;
+        clocks_ = static_cast<unsigned*>(dlsym(library, "fake_clocks_mhz"));
+        strangers_ = static_cast<unsigned*>(dlsym(library, "fake_strangers"));
+        lists_workers_ = static_cast<bool*>(dlsym(library, "fake_lists_workers"));
     }
     void TearDown() override {
         clocks_[0] = clocks_[1] = 1980;
         *strangers_ = 0;
-        *lists_children_ = true;
-        dlclose(library_);
+        *lists_workers_ = true;
     }
-    void* library_ = nullptr;
     unsigned* clocks_ = nullptr;
     unsigned* strangers_ = nullptr;
-    bool* lists_children_ = nullptr;
+    bool* lists_workers_ = nullptr;
 };
 
 TEST_F(CardInAStudy, IsWatched) {
@@ -198,7 +197,7 @@ TEST_F(CardInAStudy, IsWatched) {
 }
 
 TEST_F(CardInAStudy, IsWatchedWhereTheDriverHasOtherNumbersForProcesses) {
-    *lists_children_ = false;
+    *lists_workers_ = false;
     *strangers_ = 2;  // as many as the study has there
     EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"), ::testing::Not(HasSubstr("card")));
     *strangers_ = 3;
@@ -231,10 +230,9 @@ TEST_F(CardInAStudy, TellsItsEnergy) {
 }
 
 TEST_F(CardInAStudy, WhoseCounterAndSamplesDisagreeHasNoEnergy) {
-    auto* const sampled = static_cast<unsigned*>(dlsym(library_, "fake_sampled_watts"));
-    *sampled = 400;
+    setenv("FAKE_SAMPLED_WATTS", "400", 1);
     const nlohmann::json row = energy_of_card();
-    *sampled = 500;
+    unsetenv("FAKE_SAMPLED_WATTS");
     EXPECT_THAT(row.value("reason", ""), HasSubstr("its energy is not known: the counter says 50"));
 }
 

@@ -3,19 +3,30 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/mman.h>
+#include <sys/shm.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <array>
+#include <atomic>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <csignal>
+#include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <future>
 #include <limits>
+#include <map>
+#include <mutex>
 #include <new>
 #include <set>
 #include <sstream>
+#include <thread>
 
 #include "backends/cpu/cpu_backend.h"
 #include "backends/registry.h"
@@ -23,7 +34,10 @@
 #include "harness/cli/commands.h"
 #include "harness/process/case.h"
 #include "harness/process/journal.h"
+#include "harness/process/scene_stream.h"
 #include "harness/process/worker.h"
+#include "harness/process/worker_main.h"
+#include "harness/verification/reference.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {
@@ -103,8 +117,18 @@ struct Device {
         if (lost) throw DeviceError("device lost, seen in " + name);
     }
 };
-Device& device =
-    *new (mmap(nullptr, sizeof(Device), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0)) Device;
+/// The test's own, which its environment names to them: System V's shared memory.
+Device& shared_device() {
+    constexpr const char* name = "STUDY_TEST_DEVICE";
+    const char* known = std::getenv(name);
+    const int segment = known != nullptr ? std::atoi(known) : shmget(IPC_PRIVATE, sizeof(Device), 0600);
+    void* memory = shmat(segment, nullptr, 0);
+    if (known != nullptr) return *static_cast<Device*>(memory);
+    shmctl(segment, IPC_RMID, nullptr);
+    setenv(name, std::to_string(segment).c_str(), 1);
+    return *new (memory) Device;
+}
+Device& device = shared_device();
 
 /// cpu_reference on that device.
 class Losing : public MonitoredCpuBackend {
@@ -171,6 +195,38 @@ const Registered test_backends[] = {
     on_card("card_c", "GPU-a"),
     fake("losing_one", [] { return std::make_unique<Losing>(); }),
     fake("losing_two", [] { return std::make_unique<Losing>(); }),
+};
+
+/// What a library of the program locks.
+std::mutex in_use;
+std::FILE* const log_file = std::fopen("/dev/null", "w");
+
+std::unique_ptr<Backend> make_with_locks() {
+    const std::lock_guard lock(in_use);
+    std::fputs("constructing\n", log_file);
+    return std::make_unique<Faulty>(Faulty::Fault::none);
+}
+
+/// The launcher, which forks this backend's process, is killed as the system does where memory runs out.
+class LauncherKilled : public Faulty {
+public:
+    LauncherKilled() : Faulty(Fault::none) {}
+
+private:
+    void integrate(int) override {
+        kill(getppid(), SIGKILL);
+        for (;;) pause();
+    }
+};
+
+const Registered host_backends[] = {
+    fake("with_locks", make_with_locks),
+    fake("launcher_killed", [] { return std::make_unique<LauncherKilled>(); }),
+    fake("launcher_killed_early",
+         []() -> std::unique_ptr<Backend> {
+             kill(getppid(), SIGKILL);
+             for (;;) pause();
+         }),
 };
 
 Study study_of(const std::vector<std::string>& backends) {
@@ -519,14 +575,157 @@ TEST(BuiltinStudies, AllLoad) {
 }
 
 TEST(AWorker, RefusesATimeoutThatIsNoneAndTakesOneOfAges) {
-    const auto make = []() -> std::unique_ptr<Answerer> { return nullptr; };
+    Workers workers;
     for (const double seconds : {std::nan(""), 0.0, -1.0})
-        EXPECT_THROW(Worker(make, std::chrono::duration<double>(seconds)), std::invalid_argument) << seconds;
+        EXPECT_THROW(Worker(workers, {}, std::chrono::duration<double>(seconds)), std::invalid_argument);
     for (const double seconds : {1e10, std::numeric_limits<double>::infinity()}) {
-        const auto look = [](const Backend&) -> nlohmann::json { return 17; };
-        EXPECT_EQ(look_at(BackendSpec::parse("cpu_reference"), look, std::chrono::duration<double>(seconds)),
-                  17);
+        const auto spec = BackendSpec::parse("cpu_reference");
+        EXPECT_EQ(introduce(spec, workers, std::chrono::duration<double>(seconds)).at("unsupported"), "");
     }
+}
+
+/// Threads of the program hold locks, one of which every thread takes sooner or later, while it runs a study.
+class AProgramWithThreads : public ::testing::Test {
+protected:
+    void SetUp() override {
+        std::promise<void> locked;
+        holder_ = std::thread([&] {
+            const std::lock_guard lock(in_use);
+            flockfile(log_file);
+            locked.set_value();
+            while (!ends_) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+            funlockfile(log_file);
+        });
+        locked.get_future().wait();
+        busy_ = std::thread([this] {
+            while (!ends_) {
+                const std::vector<int> taken(1000);
+                std::this_thread::yield();
+            }
+        });
+    }
+    void TearDown() override {
+        ends_ = true;
+        holder_.join();
+        busy_.join();
+    }
+
+private:
+    std::atomic<bool> ends_ = false;
+    std::thread holder_, busy_;
+};
+
+TEST_F(AProgramWithThreads, RunsAStudy) {
+    StudyOptions options;
+    options.timeout = std::chrono::seconds(60);
+    const nlohmann::json result = run_study(study_of({"with_locks", "cpu_parallel"}), options);
+    EXPECT_EQ(result.at("failed"), nlohmann::json::array());
+    EXPECT_EQ(row_of(result.at("verification"), "with_locks").at("passed"), true);
+    EXPECT_EQ(row_of(result.at("verification"), "cpu_parallel").at("passed"), true);
+}
+
+TEST(AStudy, GoesOnWhereALauncherIsKilled) {
+    Study study = study_of({"launcher_killed", "test_sound"});
+    study.scenes.push_back({"box@4", 4, {"launcher_killed_early", "test_sound"}});
+    const nlohmann::json result = run_study(study, {});
+    std::map<std::string, std::string> reasons;
+    for (const auto& row : result.at("failed"))
+        reasons[std::string(row.at("scene")) + "/" + std::string(row.at("backend"))] = row.at("reason");
+    const std::string lost =
+        "went with the process that had started it, which was killed by signal 9 (Killed), as the system "
+        "does "
+        "where memory runs out, while ";
+    // A case that has a process already goes with its launcher; one that has none yet gets another launcher.
+    EXPECT_THAT(reasons, ::testing::UnorderedElementsAre(
+                             ::testing::Pair("box@5/launcher_killed", lost + "warming up"),
+                             ::testing::Pair("box@5/test_sound", lost + "warming up"),
+                             ::testing::Pair("box@4/launcher_killed_early",
+                                             lost + "constructing launcher_killed_early")));
+    ASSERT_EQ(result.at("verification").size(), 1u);
+    EXPECT_EQ(result.at("verification")[0].at("scene"), "box@4");
+}
+
+std::size_t open_files() {
+    const std::filesystem::directory_iterator files("/proc/self/fd");
+    return std::size_t(std::distance(begin(files), end(files)));
+}
+
+TEST(AStudy, LeavesNoProcessAndNoFileOpen) {
+    (void)run_study(study_of({"test_sound"}), {});  // what is opened once and kept
+    const std::size_t before = open_files();
+    (void)run_study(study_of({"test_*", "launcher_killed"}), {});
+    EXPECT_EQ(open_files(), before);
+    EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1);
+    EXPECT_EQ(errno, ECHILD) << "a process, or what is left of one";
+}
+
+/// A copy of this test that is to serve as a worker.
+class AWorkersProgram : public StudyFile {
+protected:
+    std::filesystem::path program_ = folder_.path() / "worker";
+    void SetUp() override { std::filesystem::copy_file("/proc/self/exe", program_); }
+    std::string refusal_of(const std::filesystem::path& program) {
+        StudyOptions options;
+        options.worker = program;
+        try {
+            const nlohmann::json result = run_study(study_of({"test_sound"}), options);
+            return "accepted, " + std::to_string(result.at("failed").size()) + " failed";
+        } catch (const BadInput& error) {
+            return error.what();
+        }
+    }
+};
+
+TEST_F(AWorkersProgram, MayBeAnotherFileOfTheSameBuild) {
+    EXPECT_EQ(refusal_of(program_), "accepted, 0 failed");
+}
+
+TEST_F(AWorkersProgram, OfAnotherBuildIsRefused) {
+    nlohmann::json build = build_of_workers();
+    const std::string commit = build.at("commit");
+    build["commit"] = "another one";
+    const std::vector<std::uint8_t> said = nlohmann::json::to_cbor(build);
+    const std::uint64_t size = said.size();
+    const std::string hello = (folder_.path() / "hello").string();
+    std::ofstream(hello, std::ios::binary)
+        .write(reinterpret_cast<const char*>(&size), sizeof size)
+        .write(reinterpret_cast<const char*>(said.data()), std::streamsize(size));
+    // It says its build as a worker does, and waits for what it is asked.
+    std::ofstream(program_) << "#!/bin/sh\ncat " + hello + " >&3\nexec cat <&3 >/dev/null\n";
+    EXPECT_THAT(refusal_of(program_), ::testing::AllOf(HasSubstr(program_.string()), HasSubstr("another one"),
+                                                       HasSubstr("the same build"), HasSubstr(commit)));
+}
+
+TEST_F(AWorkersProgram, ThatKnowsNothingOfWorkersIsRefused) {
+    EXPECT_THAT(refusal_of("/bin/true"), ::testing::AllOf(HasSubstr("/bin/true"), HasSubstr("worker_main")));
+    EXPECT_THAT(refusal_of(folder_.path() / "none"),
+                ::testing::AllOf(HasSubstr("none"), HasSubstr("No such file")));
+}
+
+TEST(AScene, ArrivesInAnotherProcessAsItIs) {
+    Scene sent = load_scene("incision");
+    sent.source = "somewhere";
+    sent.problem.gravity.y = std::numeric_limits<double>::infinity();
+    const auto arrived = [](const Scene* scene) {
+        int ends[2];
+        if (socketpair(AF_UNIX, SOCK_STREAM, 0, ends) != 0) throw std::runtime_error("no sockets");
+        std::thread sender([&] { send_scene(ends[0], scene); });
+        std::optional<Scene> received = receive_scene(ends[1]);
+        sender.join();
+        for (const int end : ends) close(end);
+        return received;
+    };
+    EXPECT_FALSE(arrived(nullptr));
+    const std::optional<Scene> received = arrived(&sent);
+    ASSERT_TRUE(received);
+    EXPECT_EQ(received->name, sent.name);
+    EXPECT_EQ(received->source, sent.source);
+    EXPECT_EQ(received->description, sent.description);
+    EXPECT_EQ(received->stable_time_step, sent.stable_time_step);
+    ASSERT_FALSE(sent.edits.empty());
+    EXPECT_EQ(received->edits.size(), sent.edits.size());
+    EXPECT_EQ(received->edits.back().edit.listed.size(), sent.edits.back().edit.listed.size());
+    EXPECT_EQ(fingerprint_of(*received), fingerprint_of(sent));
 }
 
 TEST(AStudy, LeavesTheSignalsOfItsProcessAsTheyWere) {

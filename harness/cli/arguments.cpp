@@ -25,6 +25,7 @@
 #include "harness/cli/completion.h"
 #include "harness/cli/scripts.h"
 #include "harness/export/export.h"
+#include "harness/process/worker_main.h"
 #include "harness/scene/scene.h"
 #include "harness/study/study.h"
 
@@ -343,6 +344,9 @@ void check_command(const CLI::App& app, int argc, char** argv) {
     if (argc < 2 || argv[1][0] == '-') return;
     const std::vector<std::string> names = command_names(app);
     const std::string word = argv[1];
+    if (word == worker_word)
+        throw BadInput("command line", "command", word,
+                       std::string("one for people: ") + refusal_of_worker_by_hand);
     if (std::find(names.begin(), names.end(), word) == names.end())
         throw BadInput("command line", "command", word,
                        "one of " + joined(names) + did_you_mean(word, names));

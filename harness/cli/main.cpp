@@ -8,6 +8,7 @@
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/arguments.h"
+#include "harness/process/worker_main.h"
 
 namespace {
 
@@ -33,6 +34,7 @@ int main(int argc, char** argv) {
     // states of a large scene come and go with every row of a study.
     mallopt(M_MMAP_MAX, 0);
     mallopt(M_TRIM_THRESHOLD, -1);  // never
+    voxspring::worker_main(argc, argv);
     const int code = exit_code_of(argc, argv);
     // A full disk shows when what is buffered is written, if not before.
     if (!std::cout.flush()) {

@@ -16,13 +16,15 @@ using Clock = std::chrono::steady_clock;
 /// A case in its process.
 class Host : public Answerer {
 public:
-    Host(const BackendSpec& spec, const Scene& scene, const MakeCaseRunner& make_runner)
-        : spec_(spec), scene_(scene), make_runner_(make_runner) {}
+    Host(const nlohmann::json& description, const Scene* scene)
+        : spec_(BackendSpec::parse(description.at("backend"))),
+          scene_(scene),
+          program_(description.at("program")) {}
 
     nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) override {
         if (question.at("do") == "construct") return construct();
-        if (question.at("do") == "limits") return to_json(spec_.make()->measure_limits());
-        if (runner_ == nullptr) runner_ = make_runner_(spec_);
+        if (question.at("do") == "limits") return voxspring::to_json(spec_.make()->measure_limits());
+        if (runner_ == nullptr) make_runner();
         return runner_->answer(*backend_, question, on_event);
     }
 
@@ -33,45 +35,44 @@ private:
         const std::chrono::duration<double> seconds = Clock::now() - begin;
         return {{"capabilities", voxspring::to_json(backend_->capabilities())},
                 {"construct_seconds", seconds.count()},
-                {"unsupported", SceneRunner(scene_).unsupported(*backend_)}};
+                {"unsupported", scene_ != nullptr ? SceneRunner(*scene_).unsupported(*backend_) : ""}};
+    }
+    void make_runner() {
+        if (!program_.at("shared").is_null()) shared_.emplace(program_.at("shared"));
+        runner_ = make_case_runner(program_, spec_, *scene_, shared_ ? &*shared_ : nullptr);
     }
 
-    const BackendSpec& spec_;
-    const Scene& scene_;
-    const MakeCaseRunner& make_runner_;
+    const BackendSpec spec_;
+    const Scene* const scene_;
+    const nlohmann::json program_;
+    std::optional<SharedState> shared_;
     std::unique_ptr<Backend> backend_;
     std::unique_ptr<CaseRunner> runner_;
 };
 
-/// Says something of a backend.
-class Look : public Answerer {
-public:
-    Look(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look)
-        : spec_(spec), look_(look) {}
-    nlohmann::json answer(const nlohmann::json&, const OnEvent&) override { return look_(*spec_.make()); }
+nlohmann::json description_of(const BackendSpec& spec, const CaseProgram& program) {
+    return {{"backend", spec.text()}, {"program", to_json(program)}};
+}
 
-private:
-    const BackendSpec& spec_;
-    const std::function<nlohmann::json(const Backend&)>& look_;
-};
+nlohmann::json introduction_by(Worker& worker, const BackendSpec& spec) {
+    return worker.ask({{"do", "construct"}}, "constructing " + spec.entry->name);
+}
 
 }  // namespace
 
-Case::Case(BackendSpec spec, const Scene& scene, MakeCaseRunner make_runner, JournalScope scope,
+Case::Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
            std::chrono::duration<double> timeout)
     : spec_(std::move(spec)),
-      scene_(scene),
-      make_runner_(std::move(make_runner)),
+      workers_(&workers),
+      program_(std::move(program)),
       scope_(std::move(scope)),
       timeout_(timeout) {}
 
 void Case::start() {
     if (interrupted()) throw Interrupted();
     if (process_ != nullptr) return;
-    process_ = std::make_unique<Worker>(
-        [this] { return std::make_unique<Host>(spec_, scene_, make_runner_); }, timeout_);
-    const nlohmann::json introduction =
-        process_->ask({{"do", "construct"}}, "constructing " + spec_.entry->name);
+    process_ = std::make_unique<Worker>(*workers_, description_of(spec_, program_), timeout_);
+    const nlohmann::json introduction = introduction_by(*process_, spec_);
     const nlohmann::json* known = scope_.find("introduction");
     if (known == nullptr) {
         scope_.keep("introduction", introduction);
@@ -127,10 +128,13 @@ std::optional<std::string> failure_of(const std::function<void()>& action) {
     return std::nullopt;
 }
 
-nlohmann::json look_at(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look,
-                       std::chrono::duration<double> timeout) {
-    Worker worker([&] { return std::make_unique<Look>(spec, look); }, timeout);
-    return worker.ask({{"do", "look"}}, "constructing " + spec.entry->name);
+nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout) {
+    Worker worker(workers, description_of(spec, {}), timeout);
+    return introduction_by(worker, spec);
+}
+
+std::unique_ptr<Answerer> case_answerer(const nlohmann::json& description, const Scene* scene) {
+    return std::make_unique<Host>(description, scene);
 }
 
 }  // namespace voxspring

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <exception>
 #include <functional>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -12,24 +11,12 @@
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/process/case_runner.h"
 #include "harness/process/journal.h"
 #include "harness/process/worker.h"
 #include "harness/scene/scene.h"
 
 namespace voxspring {
-
-/// What a kind of study does with one backend, in the backend's process.
-class CaseRunner {
-public:
-    CaseRunner() = default;
-    CaseRunner(const CaseRunner&) = delete;
-    CaseRunner& operator=(const CaseRunner&) = delete;
-    virtual ~CaseRunner() = default;
-    virtual nlohmann::json answer(Backend& backend, const nlohmann::json& question,
-                                  const OnEvent& on_event) = 0;
-};
-/// Called in the backend's process.
-using MakeCaseRunner = std::function<std::unique_ptr<CaseRunner>(const BackendSpec&)>;
 
 /// Ctrl-C was pressed: nothing further is begun.
 class Interrupted : public std::exception {
@@ -41,8 +28,8 @@ public:
 /// journal has no answer to.
 class Case {
 public:
-    /// `scene` must outlive it.
-    Case(BackendSpec spec, const Scene& scene, MakeCaseRunner make_runner, JournalScope scope,
+    /// `workers`, which have the scene, must outlive it.
+    Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
          std::chrono::duration<double> timeout);
 
     const BackendSpec& spec() const { return spec_; }
@@ -70,8 +57,8 @@ private:
     void start();
 
     BackendSpec spec_;
-    const Scene& scene_;
-    MakeCaseRunner make_runner_;
+    Workers* workers_;
+    CaseProgram program_;
     JournalScope scope_;
     std::chrono::duration<double> timeout_;
     std::unique_ptr<Worker> process_;
@@ -82,9 +69,11 @@ private:
 /// Unwritten.
 std::optional<std::string> failure_of(const std::function<void()>& action);
 
-/// What `look` says of a backend, which is constructed for that in a process of its own. Throws as
+/// Introduces a backend, as Case::introduce() does, which is constructed for that alone. Throws as
 /// Worker::ask() does.
-nlohmann::json look_at(const BackendSpec& spec, const std::function<nlohmann::json(const Backend&)>& look,
-                       std::chrono::duration<double> timeout);
+nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout);
+
+/// What answers in a case's process.
+std::unique_ptr<Answerer> case_answerer(const nlohmann::json& description, const Scene* scene);
 
 }  // namespace voxspring

@@ -18,12 +18,18 @@ RegisteredCaseRunner::RegisteredCaseRunner(const std::string& name, CaseRunnerFa
     factories().emplace(name, std::move(factory));
 }
 
-MakeCaseRunner maker_of(const CaseProgram& program, const Scene& scene) {
-    const auto found = factories().find(program.runner);
-    if (found == factories().end()) throw std::logic_error("no case runner is called " + program.runner);
-    return [&factory = found->second, program, &scene](const BackendSpec& spec) {
-        return factory(spec, scene, program.parameters, program.shared);
-    };
+nlohmann::json to_json(const CaseProgram& program) {
+    return {{"runner", program.runner},
+            {"parameters", program.parameters},
+            {"shared", program.shared != nullptr ? program.shared->description() : nlohmann::json()}};
+}
+
+std::unique_ptr<CaseRunner> make_case_runner(const nlohmann::json& program, const BackendSpec& spec,
+                                             const Scene& scene, SharedState* shared) {
+    const std::string name = program.at("runner");
+    const auto found = factories().find(name);
+    if (found == factories().end()) throw std::logic_error("no case runner is called " + name);
+    return found->second(spec, scene, program.at("parameters"), shared);
 }
 
 }  // namespace voxspring

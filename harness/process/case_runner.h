@@ -6,10 +6,23 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "harness/process/case.h"
+#include "backends/registry.h"
 #include "harness/process/shared_state.h"
+#include "harness/process/worker.h"
+#include "harness/scene/scene.h"
 
 namespace voxspring {
+
+/// What a kind of study does with one backend, in the backend's process.
+class CaseRunner {
+public:
+    CaseRunner() = default;
+    CaseRunner(const CaseRunner&) = delete;
+    CaseRunner& operator=(const CaseRunner&) = delete;
+    virtual ~CaseRunner() = default;
+    virtual nlohmann::json answer(Backend& backend, const nlohmann::json& question,
+                                  const OnEvent& on_event) = 0;
+};
 
 /// Makes a runner in the case's process. `parameters` is whatever the kind of study gave; `shared`, room for
 /// one state, is null where it asked for none. All references outlive the runner.
@@ -28,8 +41,11 @@ struct CaseProgram {
     SharedState* shared = nullptr;  ///< must outlive the case
 };
 
-/// Makes the runner of `program` for `scene`, which must outlive what it makes. Throws std::logic_error for a
-/// name that is not registered.
-MakeCaseRunner maker_of(const CaseProgram& program, const Scene& scene);
+/// What the case's process is told of its program.
+nlohmann::json to_json(const CaseProgram& program);
+/// In the case's process: makes the runner of `program`, as to_json() has it, in which `shared` is at hand.
+/// Throws std::logic_error for a name that is not registered.
+std::unique_ptr<CaseRunner> make_case_runner(const nlohmann::json& program, const BackendSpec& spec,
+                                             const Scene& scene, SharedState* shared);
 
 }  // namespace voxspring

@@ -1,6 +1,7 @@
 #include "harness/process/shared_state.h"
 
 #include <sys/mman.h>
+#include <sys/shm.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -10,18 +11,47 @@
 
 namespace voxspring {
 
-std::size_t SharedState::bytes() const { return std::max<std::size_t>(1, vectors_.size_bytes()); }
+namespace {
 
-SharedState::SharedState(std::size_t particles) : particles_(particles) {
-    const std::size_t size = std::max<std::size_t>(1, 2 * particles * sizeof(glm::dvec3));
-    void* memory =
-        mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-    if (memory == MAP_FAILED)
-        throw std::system_error(errno, std::generic_category(), "cannot share memory with another process");
-    vectors_ = {static_cast<glm::dvec3*>(memory), 2 * particles};
+[[noreturn]] void refuse() {
+    throw std::system_error(errno, std::generic_category(), "cannot share memory with another process");
 }
 
-SharedState::~SharedState() { munmap(vectors_.data(), bytes()); }
+}  // namespace
+
+std::size_t SharedState::bytes() const {
+    return std::max<std::size_t>(1, 2 * particles_ * sizeof(glm::dvec3));
+}
+
+// A file in memory would meet a limit on the size of files, which this does not.
+SharedState::SharedState(std::size_t particles) : particles_(particles) {
+    segment_ = shmget(IPC_PRIVATE, bytes(), SHM_NORESERVE | 0600);
+    if (segment_ < 0) refuse();
+    try {
+        attach();
+    } catch (...) {
+        shmctl(segment_, IPC_RMID, nullptr);
+        throw;
+    }
+    // It goes with the last process that has it, however that ends; Linux lets further ones attach until
+    // then.
+    shmctl(segment_, IPC_RMID, nullptr);
+}
+
+SharedState::SharedState(const nlohmann::json& description)
+    : particles_(description.at("particles")), segment_(description.at("segment")) {
+    attach();
+}
+
+void SharedState::attach() {
+    void* memory = shmat(segment_, nullptr, 0);
+    if (memory == reinterpret_cast<void*>(-1)) refuse();
+    vectors_ = {static_cast<glm::dvec3*>(memory), 2 * particles_};
+}
+
+SharedState::~SharedState() { shmdt(vectors_.data()); }
+
+nlohmann::json SharedState::description() const { return {{"particles", particles_}, {"segment", segment_}}; }
 
 nlohmann::json SharedState::put(const State& state) {
     if (std::max(state.displacement.size(), state.increment.size()) > particles_)

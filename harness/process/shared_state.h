@@ -1,4 +1,4 @@
-// A state that a process and those it forks hand to each other.
+// A state that processes hand to each other.
 #pragma once
 
 #include <cstddef>
@@ -9,15 +9,19 @@
 
 namespace voxspring {
 
-/// Room for the state of one problem, the same memory in this process and in all that are forked from it. One
-/// state at a time: what is put in is to be taken out before the next.
+/// Room for the state of one problem, the same memory in this process and in all that have its description.
+/// One state at a time: what is put in is to be taken out before the next.
 class SharedState {
 public:
     /// Takes no memory before something is put in. Throws std::system_error.
     explicit SharedState(std::size_t particles);
+    /// The room that another process, which still has it, describes. Throws std::system_error.
+    explicit SharedState(const nlohmann::json& description);
     SharedState(const SharedState&) = delete;
     SharedState& operator=(const SharedState&) = delete;
     ~SharedState();
+
+    nlohmann::json description() const;
 
     /// Returns what take() needs to know: the sizes, which are for the receiver to judge. Throws
     /// std::runtime_error for a state of more particles than there is room for.
@@ -26,9 +30,11 @@ public:
     State take(const nlohmann::json& sizes);
 
 private:
+    void attach();
     std::size_t bytes() const;
 
     std::size_t particles_;
+    int segment_;                    ///< of System V's shared memory
     std::span<glm::dvec3> vectors_;  ///< displacements, then increments
 };
 

@@ -1,93 +1,28 @@
 #include "harness/process/worker.h"
 
 #include <malloc.h>
-#include <omp.h>
-#include <poll.h>
 #include <sys/prctl.h>
 #include <sys/socket.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <csignal>
-#include <cstdint>
-#include <cstring>
 #include <ctime>
 #include <exception>
+#include <functional>
 #include <new>
-#include <optional>
 #include <sstream>
-#include <system_error>
 #include <thread>
 #include <utility>
-#include <vector>
 
 #include "backends/backend.h"
+#include "harness/process/message.h"
 
 namespace voxspring {
 namespace {
 
 using Seconds = std::chrono::duration<double>;
 using Clock = std::chrono::steady_clock;
-
-/// The other end of a socket is closed.
-class Closed : public std::runtime_error {
-public:
-    Closed() : std::runtime_error("the other process is gone") {}
-};
-/// Nothing came until the deadline.
-class Late : public std::runtime_error {
-public:
-    Late() : std::runtime_error("no answer") {}
-};
-
-void send_all(int socket, const void* bytes, std::size_t count) {
-    const auto* from = static_cast<const char*>(bytes);
-    while (count > 0) {
-        const ssize_t sent = ::send(socket, from, count, MSG_NOSIGNAL);
-        if (sent < 0 && errno == EINTR) continue;
-        if (sent <= 0) throw Closed();
-        from += sent;
-        count -= std::size_t(sent);
-    }
-}
-
-/// CBOR holds every double, NaN and infinity included; its length goes first.
-void send(int socket, const nlohmann::json& message) {
-    const std::vector<std::uint8_t> bytes = nlohmann::json::to_cbor(message);
-    const std::uint64_t size = bytes.size();
-    send_all(socket, &size, sizeof size);
-    send_all(socket, bytes.data(), bytes.size());
-}
-
-void receive_all(int socket, void* bytes, std::size_t count, const std::optional<Clock::time_point>& until) {
-    auto* to = static_cast<char*>(bytes);
-    while (count > 0) {
-        int milliseconds = -1;
-        if (until) {
-            const auto left = std::chrono::ceil<std::chrono::milliseconds>(*until - Clock::now()).count();
-            if (left <= 0) throw Late();
-            // poll() takes no more than an int; the loop goes on after that.
-            milliseconds = int(std::min<std::int64_t>(left, 1000000));
-        }
-        pollfd waiting{socket, POLLIN, 0};
-        if (poll(&waiting, 1, milliseconds) <= 0) continue;
-        const ssize_t received = recv(socket, to, count, 0);
-        if (received < 0 && errno == EINTR) continue;
-        if (received <= 0) throw Closed();
-        to += received;
-        count -= std::size_t(received);
-    }
-}
-
-nlohmann::json receive(int socket, const std::optional<Clock::time_point>& until = std::nullopt) {
-    std::uint64_t size = 0;
-    receive_all(socket, &size, sizeof size, until);
-    std::vector<std::uint8_t> bytes(size);
-    receive_all(socket, bytes.data(), bytes.size(), until);
-    return nlohmann::json::from_cbor(bytes);
-}
 
 double cpu_seconds_of_process() {
     timespec time{};
@@ -114,14 +49,12 @@ void come_to_rest() {
 
 const nlohmann::json rest_question = {{"do", "rest"}};
 
-nlohmann::json answer_of(Answerer& answerer, const nlohmann::json& question, const OnEvent& on_event) {
+nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
     const auto refusal = [](const char* kind, const std::string& message) {
         return nlohmann::json{{"threw", kind}, {"message", message}};
     };
     try {
-        if (question != rest_question) return {{"answer", answerer.answer(question, on_event)}};
-        come_to_rest();
-        return {{"answer", nullptr}};
+        return {{"answer", action()}};
     } catch (const Closed&) {
         throw;
     } catch (const Unavailable& absent) {
@@ -133,19 +66,26 @@ nlohmann::json answer_of(Answerer& answerer, const nlohmann::json& question, con
     }
 }
 
-/// The life of the new process. It leaves without running what the parent registered for its own end.
-[[noreturn]] void serve(int socket, pid_t parent, const std::function<std::unique_ptr<Answerer>()>& make) {
+}  // namespace
+
+void serve_as_worker(int socket, pid_t launcher, const std::function<std::unique_ptr<Answerer>()>& make) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (getppid() != parent) _exit(1);  // it died before that
-    // Ctrl-C is for all processes of a terminal: the parent lets this one finish what it is at.
-    std::signal(SIGINT, SIG_IGN);
-    std::signal(SIGTERM, SIG_IGN);
-    // A driver's own cache may meet a limit on the size of files.
-    std::signal(SIGXFSZ, SIG_IGN);
+    if (getppid() != launcher) _exit(1);  // it died before that
+    std::unique_ptr<Answerer> answerer;
+    const OnEvent on_event = [&](const nlohmann::json& event) { send_message(socket, {{"event", event}}); };
+    // It leaves without running what the launcher, or whoever it is part of, registered for its own end.
     try {
-        const auto answerer = make();
-        const OnEvent on_event = [&](const nlohmann::json& event) { send(socket, {{"event", event}}); };
-        for (;;) send(socket, answer_of(*answerer, receive(socket), on_event));
+        for (;;) {
+            const nlohmann::json question = receive_message(socket);
+            send_message(socket, answer_of([&]() -> nlohmann::json {
+                             if (question == rest_question) {
+                                 come_to_rest();
+                                 return nullptr;
+                             }
+                             if (answerer == nullptr) answerer = make();
+                             return answerer->answer(question, on_event);
+                         }));
+        }
     } catch (const Closed&) {
         _exit(0);
     } catch (...) {
@@ -153,73 +93,29 @@ nlohmann::json answer_of(Answerer& answerer, const nlohmann::json& question, con
     }
 }
 
-std::string describe_end(int status) {
-    if (WIFSIGNALED(status)) {
-        const int signal = WTERMSIG(status);
-        return "was killed by signal " + std::to_string(signal) + " (" + strsignal(signal) + ")" +
-               (signal == SIGKILL ? ", as the system does where memory runs out" : "");
-    }
-    return "ended with exit code " + std::to_string(WEXITSTATUS(status));
-}
-
-/// Waits for a child; ``patience` long until it ends by itself, then by force.
-int reap(pid_t process, Seconds patience) {
-    int status = 0;
-    const auto until = Clock::now() + patience;
-    while (waitpid(process, &status, WNOHANG) == 0) {
-        if (Clock::now() > until) {
-            kill(process, SIGKILL);
-            waitpid(process, &status, 0);
-            break;
-        }
-        std::this_thread::sleep_for(Seconds(1e-3));
-    }
-    return status;
-}
-
-}  // namespace
-
-Worker* Worker::last_asked_ = nullptr;
-
-Worker::Worker(const std::function<std::unique_ptr<Answerer>()>& make, Seconds timeout)
-    // What a clock of nanoseconds in 64 bits has room for.
-    : timeout_(std::min(timeout, Seconds(1e8))) {
+Worker::Worker(Workers& workers, const nlohmann::json& description, Seconds timeout)
+    : workers_(workers),
+      // What a clock of nanoseconds in 64 bits has room for.
+      timeout_(std::min(timeout, Seconds(1e8))) {
     if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
-    int ends[2];
-    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0)
-        throw std::system_error(errno, std::generic_category(), "cannot start another process");
-    // No other thread is alive in a forked copy. GCC's OpenMP ends its own for that, to start them again
-    // where they are needed; LLVM's knows that it has been forked, and takes no more than note of this.
-    omp_pause_resource_all(omp_pause_soft);
-    // What is free need not be copied.
-    malloc_trim(0);
-    const pid_t parent = getpid();
-    process_ = fork();
-    if (process_ == 0) {
-        close(ends[0]);
-        serve(ends[1], parent, make);
-    }
-    const int error = errno;
-    close(ends[1]);
-    socket_ = ends[0];
-    if (process_ < 0) {
-        close(socket_);
-        throw std::system_error(error, std::generic_category(), "cannot start another process");
-    }
+    launcher_ = workers_.launcher();
+    const Launcher::Child child = launcher_->start(description);
+    process_ = child.process;
+    socket_ = child.socket;
 }
 
 Worker::~Worker() {
-    if (last_asked_ == this) last_asked_ = nullptr;
+    if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     if (process_ < 0) return;
-    // Other workers have a copy of this end: closing it would not tell.
+    // Where this program was forked meanwhile there is a copy of this end: closing it would not tell.
     shutdown(socket_, SHUT_RDWR);
     constexpr Seconds patience(10);  // of a driver that gives back a device
-    reap(process_, asked_ ? Seconds(0) : std::min(patience, timeout_));
+    (void)launcher_->end(process_, asked_ ? Seconds(0) : std::min(patience, timeout_));
     close(socket_);
 }
 
 void Worker::lose(const std::string& how, const std::string& doing) {
-    if (last_asked_ == this) last_asked_ = nullptr;
+    if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     close(socket_);
     process_ = -1;
     lost_ = how + " while " + doing;
@@ -229,22 +125,21 @@ void Worker::lose(const std::string& how, const std::string& doing) {
 nlohmann::json Worker::receive(const std::string& doing) {
     const auto until = Clock::now() + std::chrono::duration_cast<Clock::duration>(timeout_);
     try {
-        return voxspring::receive(socket_, until);
+        return receive_message(socket_, until);
     } catch (const Late&) {
-        kill(process_, SIGKILL);
-        waitpid(process_, nullptr, 0);
+        (void)launcher_->end(process_, Seconds(0));
         std::ostringstream how;
         how << "did not answer within " << timeout_.count() << " s";
         lose(how.str(), doing);
     } catch (const Closed&) {
         // It has closed its end by ending, or is about to.
-        lose(describe_end(reap(process_, std::min(Seconds(10), timeout_))), doing);
+        lose(launcher_->end(process_, std::min(Seconds(10), timeout_)), doing);
     }
 }
 
 void Worker::rest() {
     try {
-        send(socket_, rest_question);
+        send_message(socket_, rest_question);
         receive("coming to rest");
     } catch (const std::exception&) {
         // Whoever asks it next is told.
@@ -253,12 +148,13 @@ void Worker::rest() {
 
 nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& doing,
                            const OnEvent& on_event) {
-    if (last_asked_ != nullptr && last_asked_ != this) std::exchange(last_asked_, nullptr)->rest();
+    Worker*& last = workers_.last_asked_;
+    if (last != nullptr && last != this) std::exchange(last, nullptr)->rest();
     if (process_ < 0) throw WorkerLost(lost_);
-    last_asked_ = this;
+    last = this;
     asked_ = true;
     try {
-        send(socket_, question);
+        send_message(socket_, question);
     } catch (const Closed&) {
         // receive() finds out how it ended.
     }

@@ -11,6 +11,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "harness/process/launcher.h"
+
 namespace voxspring {
 
 /// The process is gone: the message says how it ended and what it was doing.
@@ -31,17 +33,17 @@ public:
     virtual nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) = 0;
 };
 
-/// A forked copy of this process: it has all that is in memory when it is made. It ends with this object, or
-/// when this process does, however that happens. Numbers travel to the bit, those that are not finite too.
+/// A process that a launcher has forked. It ends with this object, or when this process does, however that
+/// happens. Numbers travel to the bit, those that are not finite too.
 ///
-/// Only one of them works at a time: before another one is asked, the threads of the one before have come to
-/// rest, where they would take the cores that the next one is timed on.
+/// Only one of them works at a time: before another one of the same Workers is asked, the threads of the one
+/// before have come to rest, where they would take the cores that the next one is timed on.
 class Worker {
 public:
-    /// `make` is called in the new process, where it answers until the end. A `timeout` of more than three
-    /// years is one of three years. Throws std::invalid_argument unless it is positive, and std::system_error
-    /// if there can be no further process.
-    Worker(const std::function<std::unique_ptr<Answerer>()>& make, std::chrono::duration<double> timeout);
+    /// `description` says what is to answer (case.h). `workers` must outlive this. A `timeout` of more than
+    /// three years is one of three years. Throws std::invalid_argument unless it is positive, and what
+    /// Launcher throws.
+    Worker(Workers& workers, const nlohmann::json& description, std::chrono::duration<double> timeout);
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
     ~Worker();
@@ -59,7 +61,8 @@ private:
     [[noreturn]] void lose(const std::string& how, const std::string& doing);
     void rest();
 
-    static Worker* last_asked_;
+    Workers& workers_;
+    std::shared_ptr<Launcher> launcher_;  ///< that it is from
     int socket_ = -1;
     pid_t process_ = -1;
     std::chrono::duration<double> timeout_;

@@ -131,7 +131,7 @@ void check_auto(const std::string& text) {
     if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
 }
 
-bool may_be_chosen(const Backend& backend) { return !backend.capabilities().is_software; }
+bool may_be_chosen(const Capabilities& capabilities) { return !capabilities.is_software; }
 
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes) {
@@ -158,7 +158,7 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
     std::unique_ptr<Backend> backend;
     Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();
-        return may_be_chosen(*backend) && accepts(*backend);
+        return may_be_chosen(backend->capabilities()) && accepts(*backend);
     });
     return {std::move(chosen), std::move(backend)};
 }

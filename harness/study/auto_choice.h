@@ -60,8 +60,8 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
 /// be chosen and takes the scene.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes);
-/// Whether the rules may choose what is constructed here: OpenGL in software never is.
-bool may_be_chosen(const Backend& backend);
+/// Whether the rules may choose it: OpenGL in software never.
+bool may_be_chosen(const Capabilities& capabilities);
 /// Checks what follows "auto". Throws BadSpecification.
 void check_auto(const std::string& text);
 

@@ -63,6 +63,10 @@ struct StudyOptions {
     /// measurement; the longest of the built-in studies, a map of stability on OpenGL in software, takes
     /// minutes.
     std::chrono::duration<double> timeout = std::chrono::minutes(30);
+    /// The program whose processes measure. Empty: this one, whose main() has called worker_main()
+    /// (worker_main.h). Where main() is not yours, in a plugin for example: any of the same build that does,
+    /// such as the installed `voxspring`, which has Voxspring's own backends.
+    std::filesystem::path worker;
 };
 
 /// Runs the study and returns the result (results/schema.json). With `out` every finished measurement is in a
@@ -70,7 +74,14 @@ struct StudyOptions {
 /// when the study is finished. The first SIGINT or SIGTERM stops it after what is in flight; its result is
 /// then `unfinished`. A scene of the study's own that this machine has too little memory for is skipped. Two
 /// different scenes of one name are refused: results tell scenes apart by their names.
-/// Throws BadInput before anything has run, Unwritten or std::system_error where the disk takes no more.
+///
+/// Each case is measured in a process of its own, which is `options.worker` started anew. No process of this
+/// program is forked, so it may have threads that hold whatever locks. One study at a time runs in a process:
+/// SIGINT and SIGTERM are caught for it meanwhile.
+///
+/// Throws std::logic_error, before anything else, where there is no such program; BadInput before anything
+/// has run, and for a worker that is not of this build; Unwritten or std::system_error where the disk takes
+/// no more.
 nlohmann::json run_study(Study study, const StudyOptions& options);
 
 /// Whether a result is of a study that was interrupted.

@@ -7,7 +7,6 @@
 #include "backends/disk_cache.h"
 #include "harness/base/interruption.h"
 #include "harness/results/capabilities.h"
-#include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
 #include "harness/study/selection.h"
 
@@ -54,13 +53,15 @@ StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal&
 
 void StudyBench::turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number) {
     item_ = &item;
+    workers_.reset();  // with its copy of the scene before
     scene_ = std::move(scene);
+    workers_ = std::make_unique<Workers>(options_.worker, scene_.get());
     number_ = number;
     specs_ = select(expand_all(with_choices(patterns_of(study_, item))), with_choices(options_.backends));
 }
 
 std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, bool limits) {
-    Case entered(spec, *scene_, maker_of(program, *scene_),
+    Case entered(spec, *workers_, program,
                  JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "),
                  options_.timeout);
     if (const nlohmann::json* failed = entered.scope().find("not entered")) {
@@ -119,12 +120,13 @@ std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patte
     for (std::string& pattern : patterns) {
         if (!asks_for_auto(pattern)) continue;
         const Chosen choice = choose_by_rules(pattern, *scene_, [&](const BackendSpec& spec) {
-            const auto accepts = [&](const Backend& backend) -> nlohmann::json {
-                return may_be_chosen(backend) && SceneRunner(*scene_).unsupported(backend).empty();
-            };
-            nlohmann::json accepted = false;
-            (void)failure_of([&] { accepted = look_at(spec, accepts, options_.timeout); });
-            return accepted.get<bool>();
+            bool accepted = false;
+            (void)failure_of([&] {
+                const nlohmann::json introduction = introduce(spec, *workers_, options_.timeout);
+                accepted = may_be_chosen(capabilities_of(introduction.at("capabilities"))) &&
+                           introduction.at("unsupported") == "";
+            });
+            return accepted;
         });
         Row row = row_of(scene_->name, choice.spec);
         row.pattern = pattern;

@@ -16,6 +16,7 @@
 #include "harness/process/case.h"
 #include "harness/process/case_runner.h"
 #include "harness/process/journal.h"
+#include "harness/process/launcher.h"
 #include "harness/results/row.h"
 #include "harness/scene/scene.h"
 #include "harness/study/study.h"
@@ -79,6 +80,7 @@ private:
     nlohmann::json& result_;
     const StudyScene* item_ = nullptr;
     std::shared_ptr<const Scene> scene_;
+    std::unique_ptr<Workers> workers_;  ///< of the scene
     std::size_t number_ = 0;
     std::vector<BackendSpec> specs_;
     MeasuredLimits limits_;

@@ -226,6 +226,7 @@ void StudyRun::open_journal() {
 void StudyRun::check_devices() {
     std::set<std::string> seen;
     const std::string suffix = " introduction";
+    Workers workers(options_.worker);
     journal_->visit([&](const std::string& name, const nlohmann::json& value) {
         if (!name.ends_with(suffix)) return;
         const nlohmann::json& known = value.at("capabilities");
@@ -233,9 +234,9 @@ void StudyRun::check_devices() {
         const std::size_t begin = name.find(' ') + 1;
         const BackendSpec spec = spec_of_label(name.substr(begin, name.size() - suffix.size() - begin));
         nlohmann::json now;
-        const auto look = [](const Backend& backend) { return to_json(backend.capabilities()); };
-        if (const auto failure = failure_of([&] { now = look_at(spec, look, options_.timeout); }))
-            now = *failure;
+        const auto failure =
+            failure_of([&] { now = introduce(spec, workers, options_.timeout).at("capabilities"); });
+        if (failure) now = *failure;
         if (now == known) return;
         const Difference other = first_difference(known, now);
         throw BadInput(options_.out->string() + ".journal", other.where + " of " + spec.entry->name,
@@ -311,6 +312,7 @@ bool has_measured(const nlohmann::json& result) {
 }
 
 nlohmann::json run_study(Study study, const StudyOptions& options) {
+    const Workers refused_where_there_can_be_none(options.worker);
     return StudyRun(std::move(study), options).run();
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "backends/physics/neighbours.h"
+#include "harness/process/worker_main.h"
 #include "harness/results/result.h"
 #include "harness/scene/scene.h"
 #include "harness/study/study.h"
@@ -42,6 +43,8 @@ Problem make_ball() {
 }  // namespace
 
 int main(int argc, char** argv) {
+    // A study measures in processes of this same program, which begin and end here.
+    worker_main(argc, argv);
     if (argc != 2) {
         std::cerr << "usage: example RESULT.json\n";
         return 2;

@@ -1,0 +1,304 @@
+#include "harness/process/launcher.h"
+
+#include <spawn.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstring>
+#include <exception>
+#include <new>
+#include <optional>
+#include <stdexcept>
+#include <system_error>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "harness/base/bad_input.h"
+#include "harness/process/message.h"
+#include "harness/process/scene_stream.h"
+#include "harness/process/worker.h"
+#include "harness/process/worker_main.h"
+
+namespace voxspring {
+namespace {
+
+using Seconds = std::chrono::duration<double>;
+using Clock = std::chrono::steady_clock;
+
+/// Of a launcher beyond what it was asked to wait for: it computes nothing, but the machine may be busy.
+constexpr Seconds launcher_patience(60);
+
+Deadline after(Seconds patience) {
+    return Clock::now() + std::chrono::duration_cast<Clock::duration>(patience);
+}
+
+[[noreturn]] void refuse_to_start(int error) {
+    throw std::system_error(error, std::generic_category(), "cannot start another process");
+}
+
+// --- The study's side -----------------------------------------------------------------------------------
+
+/// What posix_spawn() takes, given back at the end.
+class SpawnPlan {
+public:
+    /// `socket` becomes launcher_socket; of this program's other files the new process has 0, 1 and 2.
+    explicit SpawnPlan(int socket) {
+        posix_spawn_file_actions_init(&actions_);
+        posix_spawn_file_actions_adddup2(&actions_, socket, launcher_socket);
+        posix_spawn_file_actions_addclosefrom_np(&actions_, launcher_socket + 1);
+        posix_spawnattr_init(&attributes_);
+        // Until the launcher ignores them, Ctrl-C is not to end it.
+        sigset_t blocked, usual;
+        sigemptyset(&blocked);
+        sigaddset(&blocked, SIGINT);
+        sigaddset(&blocked, SIGTERM);
+        posix_spawnattr_setsigmask(&attributes_, &blocked);
+        // It waits for its workers, which a program that ignores its own children would have it not do.
+        sigemptyset(&usual);
+        sigaddset(&usual, SIGCHLD);
+        posix_spawnattr_setsigdefault(&attributes_, &usual);
+        posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
+    }
+    SpawnPlan(const SpawnPlan&) = delete;
+    SpawnPlan& operator=(const SpawnPlan&) = delete;
+    ~SpawnPlan() {
+        posix_spawnattr_destroy(&attributes_);
+        posix_spawn_file_actions_destroy(&actions_);
+    }
+
+    const posix_spawn_file_actions_t* actions() const { return &actions_; }
+    const posix_spawnattr_t* attributes() const { return &attributes_; }
+
+private:
+    posix_spawn_file_actions_t actions_{};
+    posix_spawnattr_t attributes_{};
+};
+
+pid_t spawn(const std::filesystem::path& program, int socket) {
+    std::string name = program_invocation_name, word = worker_word, mark = worker_mark;
+    std::array arguments = {name.data(), word.data(), mark.data(), static_cast<char*>(nullptr)};
+    const SpawnPlan plan(socket);
+    pid_t process = -1;
+    // The file that runs, even where another one has taken its name since.
+    const std::string file = program.empty() ? "/proc/self/exe" : program.string();
+    const int error =
+        posix_spawn(&process, file.c_str(), plan.actions(), plan.attributes(), arguments.data(), environ);
+    if (error != 0 && !program.empty())
+        throw BadInput("run_study()", "worker", program.string(),
+                       std::string("a program that can be started: ") + std::strerror(error));
+    if (error != 0) refuse_to_start(error);
+    return process;
+}
+
+std::string describe_end(int status) {
+    if (WIFSIGNALED(status)) {
+        const int signal = WTERMSIG(status);
+        return "was killed by signal " + std::to_string(signal) + " (" + strsignal(signal) + ")" +
+               (signal == SIGKILL ? ", as the system does where memory runs out" : "");
+    }
+    return "ended with exit code " + std::to_string(WEXITSTATUS(status));
+}
+
+/// Waits for a child; `patience` long until it ends by itself, then by force.
+int reap(pid_t process, Seconds patience) {
+    int status = 0;
+    const auto until = Clock::now() + patience;
+    while (waitpid(process, &status, WNOHANG) == 0) {
+        if (Clock::now() > until) {
+            kill(process, SIGKILL);
+            waitpid(process, &status, 0);
+            break;
+        }
+        std::this_thread::sleep_for(Seconds(1e-3));
+    }
+    return status;
+}
+
+}  // namespace
+
+Launcher::Launcher(const std::filesystem::path& program, const Scene* scene) {
+    int ends[2];
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) refuse_to_start(errno);
+    socket_ = ends[0];
+    try {
+        process_ = spawn(program, ends[1]);
+    } catch (...) {
+        close(ends[0]);
+        close(ends[1]);
+        throw;
+    }
+    close(ends[1]);
+    try {
+        check_build(program);
+        send_scene(socket_, scene);
+        const nlohmann::json ready = receive_message(socket_, after(launcher_patience));
+        if (ready.contains("error")) throw std::runtime_error(ready.at("error").get<std::string>());
+    } catch (const Closed&) {
+        lose(launcher_patience);
+        throw std::runtime_error("the process that starts others " + lost_ + " before it had the scene");
+    } catch (...) {
+        lose(Seconds(0));
+        throw;
+    }
+}
+
+/// The first that it says is what it was built from.
+void Launcher::check_build(const std::filesystem::path& program) {
+    nlohmann::json theirs;
+    try {
+        theirs = receive_message(socket_, after(launcher_patience));
+    } catch (const std::exception&) {
+        if (program.empty()) throw;
+        throw BadInput("run_study()", "worker", program.string(),
+                       "a program that calls voxspring::worker_main() first in its main()");
+    }
+    if (theirs != build_of_workers())
+        throw BadInput("run_study()", "worker", program.string() + ", built from " + theirs.dump(),
+                       "a program of the same build as this one, " + build_of_workers().dump());
+}
+
+Launcher::~Launcher() {
+    if (!is_lost()) lose(launcher_patience);
+}
+
+void Launcher::lose(Seconds patience) {
+    // Where this program was forked meanwhile, by a thread of its own, there is a copy of the socket: closing
+    // it would not tell.
+    shutdown(socket_, SHUT_RDWR);
+    lost_ = describe_end(reap(process_, patience));
+    close(socket_);
+}
+
+nlohmann::json Launcher::call(const nlohmann::json& request, Seconds patience) {
+    if (is_lost()) throw Closed();
+    try {
+        send_message(socket_, request);
+        return receive_message(socket_, after(patience + launcher_patience));
+    } catch (const Closed&) {
+        lose(launcher_patience);
+        throw;
+    } catch (const Late&) {
+        lose(Seconds(0));
+        throw Closed();
+    }
+}
+
+Launcher::Child Launcher::start(const nlohmann::json& description) {
+    try {
+        const nlohmann::json started = call({{"do", "start"}, {"worker", description}}, Seconds(0));
+        if (started.contains("errno")) refuse_to_start(started.at("errno"));
+        const pid_t process = started.at("process");
+        return {process, receive_descriptor(socket_, after(launcher_patience))};
+    } catch (const Closed&) {
+        if (!is_lost()) lose(Seconds(0));
+        throw std::runtime_error("the process that starts others " + lost_);
+    }
+}
+
+std::string Launcher::end(pid_t process, Seconds patience) {
+    try {
+        return describe_end(
+            call({{"do", "end"}, {"process", process}, {"patience", patience.count()}}, patience)
+                .at("status"));
+    } catch (const Closed&) {
+        return "went with the process that had started it, which " + lost_ + ",";
+    }
+}
+
+Workers::Workers(std::filesystem::path program, const Scene* scene)
+    : program_(std::move(program)), scene_(scene) {
+    if (program_.empty() && !has_worker_main())
+        throw std::logic_error(
+            "a study measures in processes of its own, and this program cannot be started as one: call "
+            "voxspring::worker_main(argc, argv) first in main(), or name a program in StudyOptions::worker");
+}
+
+std::shared_ptr<Launcher> Workers::launcher() {
+    if (launcher_ == nullptr || launcher_->is_lost())
+        launcher_ = std::make_shared<Launcher>(program_, scene_);
+    return launcher_;
+}
+
+// --- In the launcher's process ---------------------------------------------------------------------------
+
+namespace {
+
+void start_worker(int socket, const nlohmann::json& description, const Scene* scene,
+                  const MakeAnswerer& make) {
+    int ends[2];
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) {
+        send_message(socket, {{"errno", errno}});
+        return;
+    }
+    const pid_t launcher = getpid();
+    const pid_t process = fork();
+    if (process == 0) {
+        close(socket);
+        close(ends[0]);
+        serve_as_worker(ends[1], launcher, [&] { return make(description, scene); });
+    }
+    const int error = errno;
+    close(ends[1]);
+    if (process < 0) {
+        send_message(socket, {{"errno", error}});
+    } else {
+        send_message(socket, {{"process", process}});
+        send_descriptor(socket, ends[0]);
+    }
+    close(ends[0]);
+}
+
+/// Says whether it has the scene.
+std::optional<Scene> take_scene(int socket) {
+    try {
+        std::optional<Scene> scene = receive_scene(socket);
+        send_message(socket, {{"ready", true}});
+        return scene;
+    } catch (const std::bad_alloc&) {
+        send_message(socket, {{"error", "out of memory on the host for a second copy of the scene"}});
+        throw;
+    }
+}
+
+}  // namespace
+
+void serve_as_launcher(int socket, const MakeAnswerer& make) {
+    // Before the study can have died unseen: then the socket is closed.
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    // Otherwise `exe`, after /proc/self/exe.
+    prctl(PR_SET_NAME, program_invocation_short_name);
+    // Ctrl-C is for all processes of a terminal: the study lets this one and its workers finish what they are
+    // at.
+    std::signal(SIGINT, SIG_IGN);
+    std::signal(SIGTERM, SIG_IGN);
+    // A driver's own cache may meet a limit on the size of files.
+    std::signal(SIGXFSZ, SIG_IGN);
+    sigset_t none;
+    sigemptyset(&none);
+    sigprocmask(SIG_SETMASK, &none, nullptr);
+    try {
+        send_message(socket, build_of_workers());
+        const std::optional<Scene> scene = take_scene(socket);
+        for (;;) {
+            const nlohmann::json request = receive_message(socket);
+            if (request.at("do") == "start") {
+                start_worker(socket, request.at("worker"), scene ? &*scene : nullptr, make);
+            } else {
+                const int status = reap(request.at("process"), Seconds(request.at("patience").get<double>()));
+                send_message(socket, {{"status", status}});
+            }
+        }
+    } catch (const Closed&) {
+        _exit(0);
+    } catch (...) {
+        _exit(1);
+    }
+}
+
+}  // namespace voxspring

@@ -1,0 +1,112 @@
+#include "harness/process/scene_stream.h"
+
+#include <cstdint>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "harness/process/message.h"
+
+namespace voxspring {
+namespace {
+
+struct Sender {
+    int socket;
+    void bytes(const void* from, std::size_t count) const { send_bytes(socket, from, count); }
+    template <class Sequence>
+    void size(const Sequence& sequence) const {
+        const std::uint64_t count = sequence.size();
+        bytes(&count, sizeof count);
+    }
+};
+
+struct Receiver {
+    int socket;
+    void bytes(void* to, std::size_t count) const { receive_bytes(socket, to, count); }
+    template <class Sequence>
+    void size(Sequence& sequence) const {
+        std::uint64_t count = 0;
+        bytes(&count, sizeof count);
+        sequence.resize(count);
+    }
+};
+
+template <class Stream, class Value>
+void pass(const Stream& stream, Value& value);
+
+template <class Stream, class... Values>
+void pass_all(const Stream& stream, Values&... values) {
+    (pass(stream, values), ...);
+}
+
+/// The members of what is not a plain run of bytes. Each structure is taken apart as a whole, so that one
+/// with a further member does not compile before that is here.
+template <class Stream, class Value>
+void pass_members(const Stream& stream, Value& value) {
+    using Plain = std::remove_const_t<Value>;
+    if constexpr (std::is_same_v<Plain, Scene>) {
+        auto& [name, source, description, problem, state, edits, stable_time_step] = value;
+        pass_all(stream, name, source, description, problem, state, edits, stable_time_step);
+    } else if constexpr (std::is_same_v<Plain, Problem>) {
+        auto& [rest_position, materials, material, pinned, load, lattice, rest_length, group_stiffness,
+               group_bits, springs, gravity, damping, time_step] = value;
+        pass_all(stream, rest_position, materials, material, pinned, load, lattice, rest_length,
+                 group_stiffness, group_bits, springs, gravity, damping, time_step);
+    } else if constexpr (std::is_same_v<Plain, Lattice>) {
+        auto& [dims, spacing, voxel, mask] = value;
+        pass_all(stream, dims, spacing, voxel, mask);
+    } else if constexpr (std::is_same_v<Plain, State>) {
+        auto& [displacement, increment] = value;
+        pass_all(stream, displacement, increment);
+    } else if constexpr (std::is_same_v<Plain, ScheduledEdit>) {
+        auto& [step, edit] = value;
+        pass_all(stream, step, edit);
+    } else {
+        static_assert(std::is_same_v<Plain, SpringEdit>);
+        auto& [removed, added, touched, listed] = value;
+        pass_all(stream, removed, added, touched, listed);
+    }
+}
+
+template <class Value>
+concept Sequence = requires(Value value) {
+    value.data();
+    value.size();
+    typename Value::allocator_type;
+};
+
+template <class Stream, class Value>
+void pass(const Stream& stream, Value& value) {
+    if constexpr (Sequence<Value>) {
+        stream.size(value);
+        if constexpr (std::is_trivially_copyable_v<typename Value::value_type>) {
+            stream.bytes(value.data(), value.size() * sizeof(typename Value::value_type));
+        } else {
+            for (auto& element : value) pass(stream, element);
+        }
+    } else if constexpr (std::is_trivially_copyable_v<Value>) {
+        static_assert(!std::is_pointer_v<Value>);
+        stream.bytes(&value, sizeof value);
+    } else {
+        pass_members(stream, value);
+    }
+}
+
+}  // namespace
+
+void send_scene(int socket, const Scene* scene) {
+    const bool there = scene != nullptr;
+    pass(Sender{socket}, there);
+    if (there) pass(Sender{socket}, *scene);
+}
+
+std::optional<Scene> receive_scene(int socket) {
+    bool there = false;
+    pass(Receiver{socket}, there);
+    if (!there) return std::nullopt;
+    Scene scene;
+    pass(Receiver{socket}, scene);
+    return scene;
+}
+
+}  // namespace voxspring
