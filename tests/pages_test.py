@@ -188,6 +188,48 @@ class Verdicts(unittest.TestCase):
             facts.span([])
 
 
+class Accuracy(unittest.TestCase):
+    """The rules of docs/accuracy.md, against the committed results of pareto."""
+
+    @staticmethod
+    def errors(machine, formulation, precision="float32"):
+        """By scene, the error against the converged solution, of the largest time step first."""
+        found = {}
+        for (scene, *kind, fraction), run in sorted(facts.runs(machine).items(), key=lambda item: -item[0][3]):
+            if kind == [formulation, precision] and run["total_error_relative_l2"] is not None:
+                found.setdefault(scene, []).append(run["total_error_relative_l2"])
+        return found
+
+    def on_both(self, words, holds):
+        text = " ".join(pathlib.Path("docs/accuracy.md").read_text().split())
+        self.assertIn(words, text)
+        for machine in (rows.GPU, rows.CPU):
+            self.assertTrue(holds(machine), f"docs/accuracy.md: \"{words}\" is not what pareto of {machine} says")
+
+    def test_refining_position_makes_it_worse(self):
+        def grows(machine):
+            found = [one for name in ("position", "paper") for one in self.errors(machine, name).values()]
+            return len(found) >= 4 and all(min(one[1:]) > one[0] for one in found)
+        self.on_both("Never refine the time step of `position` or `paper` in float32: with a smaller one the error is larger.", grows)
+
+    def test_displacement(self):
+        def between(machine):
+            displacement, position = self.errors(machine, "displacement"), self.errors(machine, "position")
+            return all(1e-6 < min(displacement[scene]) < min(1e-4, min(position[scene])) for scene in displacement)
+        self.on_both("`displacement` is about as fast as `position` and more accurate, to about 1e-5 and no further.", between)
+
+    def test_compensated_serves_small_time_steps(self):
+        def better(machine):
+            compensated, increment = self.errors(machine, "compensated"), self.errors(machine, "increment")
+            return all(compensated[scene][-1] < increment[scene][-1] / 2 for scene in increment)
+        self.on_both("`compensated` keeps low parts as well. It serves small time steps", better)
+
+    def test_float64_on_a_processor(self):
+        # "About": a fifth.
+        self.on_both("On a processor float64 takes at most about twice the time of float32",
+                     lambda machine: 1 < facts.float64_cost(machine) < 2.4)
+
+
 class Tables(unittest.TestCase):
     def test_marks_and_spread(self):
         row = case("a", "cuda_march", 3.4)

@@ -4,6 +4,8 @@ A case is named as in the tables: `cuda_implicit_cached fetch=l1`. Formulation a
 said otherwise.
 """
 
+import statistics
+
 from readme import addressing, tables
 from readme.addressing import joined
 from readme.rows import (CPU, GPU, Missing, by_name, figure, is_papers, medians, result, three_digits)
@@ -262,6 +264,20 @@ def front_float64(machine=GPU):
         if one["precision"] == "float64":
             errors[one["scene"]] = max(errors.get(one["scene"], 0), one["total_error_relative_l2"])
     return span(errors.values(), lambda error: f"{error:.0e}")
+
+
+def runs(machine, backend="cpu_parallel"):
+    """The runs of the study pareto of a backend by scene, formulation, precision and share of the stable time step."""
+    return {(one["scene"], one["formulation"], one["precision"], one["fraction_of_stable"]): one
+            for one in result("pareto", machine)["pareto"] if one["backend"] == backend}
+
+
+def float64_cost(machine=CPU, backend="cpu_parallel"):
+    """How many times as long float64 takes as float32, the median over the study pareto."""
+    found = runs(machine, backend)
+    return statistics.median(one["seconds"] / found[scene, formulation, "float32", fraction]["seconds"]
+                             for (scene, formulation, precision, fraction), one in found.items()
+                             if precision == "float64" and (scene, formulation, "float32", fraction) in found)
 
 
 def stress_verdict(machine=GPU):
