@@ -264,7 +264,7 @@ def figure7(charts, results, rows):
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
                                    alt.layer(bars, spread, names), alternative, step=("label", 36)))
     return Figure("figure7", sentence("; ".join(findings)), "The paper's Figure 7 with today's bars: the median time a "
-                  "step of every CUDA strategy through each of its fetch paths; the line across a bar's end spans the "
+                  "step of every strategy through each of its fetch paths; the line across a bar's end spans the "
                   "repetitions.", STEP, rows, panels, used(results, "figure7"))
 
 
