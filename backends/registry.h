@@ -40,6 +40,9 @@ struct BackendEntry {
     /// How far a particle may fall behind in a step because the options ask for it, in spacings. Empty: not
     /// at all.
     std::function<double(const Options&)> admitted_spacings_per_step = {};
+    /// By how much its roots and divisions are off, relatively, because the options ask for approximations.
+    /// Empty: by no more than its precision.
+    std::function<double(const Options&)> root_error = {};
     /// Empty, or why these values do not go together ("rest=flush is for increment and compensated"). Empty
     /// function: all do.
     std::function<std::string(const Options&)> refused_options = {};
@@ -76,6 +79,7 @@ struct BackendSpec {
     double admitted_spacings_per_step() const {
         return entry->admitted_spacings_per_step ? entry->admitted_spacings_per_step(options) : 0;
     }
+    double root_error() const { return entry->root_error ? entry->root_error(options) : 0; }
     /// "mask=stencil,threads=2": all tuning parameters, empty if there are none.
     std::string tuning() const;
     /// What parse() takes: "NAME:formulation=...,precision=...[,key=value...]".

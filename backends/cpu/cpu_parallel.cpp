@@ -409,6 +409,7 @@ const Registered entry({
         },
     // What sleeps stands still where it would have moved by less than that.
     .admitted_spacings_per_step = sleep_threshold,
+    .root_error = root_error,
     .refused_options = refused_options,
 });
 

@@ -37,6 +37,18 @@ Root root_of(const Options& options) {
     return root == "refined" ? Root::refined : Root::raw;
 }
 
+double root_error(const Options& options) {
+    switch (root_of(options)) {
+        case Root::exact:
+            return 0;
+        case Root::refined:
+            return 0x1p-22;
+        case Root::raw:
+            return 0x1p-11;  // a reciprocal and a root of 12 bits each
+    }
+    return 0;
+}
+
 std::string refused_options(const Options& options) {
     const std::string& root = options.tuning.at("root");
     if (root != "exact" && options.precision == Precision::float64) return "root=" + root + " is for float32";

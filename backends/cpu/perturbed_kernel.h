@@ -1,0 +1,64 @@
+// A step of the perturbed reference, compiled for every SIMD target.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::perturbed {
+
+/// Numbers a block: a register of the widest target.
+constexpr std::ptrdiff_t block_size = 8;
+
+/// One direction of the stencil.
+struct Pull {
+    std::ptrdiff_t stride;  ///< elements to the neighbour
+    std::uint64_t bit;
+    std::array<double, 3> rest_offset;  ///< X - X_neighbour
+    double rest_length, rest_deficit, stiffness;
+};
+
+/// How numbers are rounded: `random` bits are added below the last one kept, and what is below is cut off.
+struct RoundingBits {
+    std::uint64_t kept = ~std::uint64_t(0);
+    std::uint64_t random = 0;       ///< of a random number, those that are added
+    std::uint64_t also_random = 0;  ///< of its other half, those that are added as well
+    std::uint64_t constant = 0;     ///< added to all
+    double unit = 0;                ///< of the errors of forces; 0: none
+    double root_error = 0;
+    std::uint64_t key = 0;  ///< of the step
+
+    bool any() const { return kept != ~std::uint64_t(0) || random != 0 || unit != 0 || root_error != 0; }
+};
+
+/// A step of the blocks [begin, end); arrays are over the padded grid.
+struct Task {
+    std::array<const double*, 3> at;
+    std::array<double*, 3> next;              ///< holds the previous place until it is overwritten
+    std::array<double*, 3> increment;         ///< null unless the formulation has it
+    std::array<const double*, 3> load;        ///< constant forces; null: none
+    std::array<const double*, 3> extra;       ///< forces of springs beyond the lattice; null: none
+    std::array<const double*, 3> extra_size;  ///< what those are relative to
+    const std::uint64_t* mask;
+    const double* inverse_mass;
+    const double* compliance;  ///< null: a stiffness a direction
+    const std::ptrdiff_t *begin, *end;
+    const Pull* pulls;
+    std::size_t pull_count;
+    double shortest_squared;
+    std::array<double, 3> gravity;
+    double damping, retained, doubled, time_step_squared;
+    RoundingBits rounding;
+};
+
+void step(const Task& task, Formulation formulation);
+
+/// `value` rounded as the kernel rounds the number that a particle's element and `which` name.
+double rounded(double value, const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
+/// A number of [-1, 1) from the same source.
+double random_number(const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
+
+}  // namespace voxspring::perturbed

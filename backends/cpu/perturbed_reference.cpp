@@ -1,0 +1,322 @@
+#include "backends/cpu/perturbed_reference.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <vector>
+
+#include "backends/cpu/barrier.h"
+#include "backends/cpu/cpu_backend.h"
+#include "backends/cpu/perturbed_kernel.h"
+#include "backends/physics/neighbours.h"
+#include "backends/physics/spring.h"
+
+namespace voxspring {
+namespace {
+
+using namespace perturbed;
+using Kind = Perturbation::Kind;
+
+/// SplitMix64.
+std::uint64_t mixed(std::uint64_t a) {
+    a += 0x9E3779B97F4A7C15u;
+    a = (a ^ a >> 30) * 0xBF58476D1CE4E5B9u;
+    a = (a ^ a >> 27) * 0x94D049BB133111EBu;
+    return a ^ a >> 31;
+}
+
+RoundingBits rounding_of(const Perturbation& perturbation) {
+    RoundingBits bits;
+    if (perturbation.kind == Kind::none) return bits;
+    const bool random = perturbation.kind == Kind::random;
+    if (perturbation.precision == Precision::float32) {
+        // Of the 52 bits of a fraction 23 are kept. The exponent's range is that of float64.
+        constexpr int cut = 52 - 23;
+        bits.kept = ~std::uint64_t(0) << cut;
+        bits.random = random ? ~bits.kept : 0;
+        bits.constant = random ? 0 : std::uint64_t(1) << (cut - 1);
+    } else if (random) {
+        // One up, one down, or neither, as two random bits say.
+        bits.random = bits.also_random = 1;
+        bits.constant = ~std::uint64_t(0);
+    }
+    if (random) {
+        bits.unit = perturbation.precision == Precision::float32 ? 0x1p-24 : 0x1p-53;
+        bits.root_error = perturbation.root_error;
+    }
+    return bits;
+}
+
+using Array = std::vector<double>;
+using Arrays = std::array<Array, 3>;
+
+template <class Pointer = double*>
+std::array<Pointer, 3> pointers(Arrays& arrays) {
+    const auto of = [](Array& array) -> Pointer { return array.empty() ? nullptr : array.data(); };
+    return {of(arrays[0]), of(arrays[1]), of(arrays[2])};
+}
+
+class PerturbedReference final : public CpuBackend {
+public:
+    explicit PerturbedReference(const Perturbation& perturbation)
+        : formulation_(perturbation.kind == Kind::none ? Formulation::increment : perturbation.formulation),
+          perturbation_(perturbation),
+          rounding_(rounding_of(perturbation)) {}
+
+    Capabilities capabilities() const override { return cpu_capabilities("float64", omp_get_max_threads()); }
+
+    void upload(const Problem& problem, const State& state) override {
+        problem_ = &problem;
+        step_ = 0;
+        lay_out();
+        fill(state);
+        follow_springs();
+    }
+
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        problem_ = &edited;
+        for (const SpringEdit::Touched& touched : edit.touched)
+            mask_[std::size_t(element_[touched.particle])] = touched.mask;
+        follow_springs();
+    }
+
+    void step(int count) override {
+        const auto threads = int(std::clamp<std::ptrdiff_t>(std::ptrdiff_t(blocks_.size()) / min_blocks, 1,
+                                                            omp_get_max_threads()));
+        cpu_parallel::Barrier barrier;
+#pragma omp parallel num_threads(threads)
+        {
+            const auto team = std::size_t(omp_get_num_threads()), thread = std::size_t(omp_get_thread_num());
+#pragma omp single
+            barrier.expect(int(team));
+            for (std::int64_t n = step_; n < step_ + count; ++n) {
+                if (!springs_.empty()) {
+                    if (thread == 0) pull_beyond(std::size_t(n % 2));
+                    barrier.wait();
+                }
+                perturbed::step(share(n, thread, team), formulation_);
+                barrier.wait();
+            }
+        }
+        step_ += count;
+    }
+
+    State download() override {
+        State state = state_at_rest(*problem_);
+        const auto now = std::size_t(step_ % 2);
+        for (std::size_t i = 0; i < element_.size(); ++i) {
+            const auto e = std::size_t(element_[i]);
+            for (int c = 0; c < 3; ++c) {
+                const double rest = on_positions(formulation_) ? problem_->rest_position[i][c] : 0;
+                const double at = place_[now][std::size_t(c)][e];
+                state.displacement[i][c] = at - rest;
+                state.increment[i][c] = by_increments(formulation_) ? increment_[std::size_t(c)][e]
+                                                                    : at - place_[1 - now][std::size_t(c)][e];
+            }
+        }
+        return state;
+    }
+
+    StepWork step_work(const Problem&) const override { return {}; }
+
+private:
+    /// Blocks from which on a step is worth another thread.
+    static constexpr std::ptrdiff_t min_blocks = 256;
+
+    bool random() const { return perturbation_.kind == Kind::random; }
+
+    /// A number that all particles share, as the backend's precision has it.
+    double parameter(double value, std::uint64_t which) const {
+        if (!random()) return stored_parameter(value);
+        RoundingBits bits = rounding_;
+        bits.key = mixed(perturbation_.seed);
+        return value * (1 + (bits.unit + bits.root_error) * random_number(bits, which, 0));
+    }
+    /// One that every backend rounds alike.
+    double stored_parameter(double value) const {
+        const bool single = perturbation_.kind != Kind::none && perturbation_.precision == Precision::float32;
+        return single ? double(float(value)) : value;
+    }
+    /// A rest length. At rest it is the length that a backend finds, however that is rounded.
+    double length_parameter(double value, std::uint64_t which) const {
+        return random() ? parameter(value, which) : value;
+    }
+
+    void lay_out() {
+        const Problem& problem = *problem_;
+        const Lattice& lattice = problem.lattice;
+        const bool has_lattice = !lattice.mask.empty();
+        const glm::ivec3 dims = has_lattice ? lattice.dims : glm::ivec3(int(problem.particle_count()), 1, 1);
+        row_ = (dims.x + block_size) / block_size * block_size;  // a column of nothing at its end
+        slice_ = row_ * (dims.y + 1);
+        const std::ptrdiff_t guard = slice_ + row_ + block_size;
+        const auto size = std::size_t(guard + slice_ * dims.z + guard);
+        element_.resize(problem.particle_count());
+        mask_.assign(size, 0);
+        blocks_.clear();
+        for (std::size_t i = 0; i < element_.size(); ++i) {
+            const glm::ivec3 at =
+                has_lattice ? lattice.coordinates(lattice.voxel[i]) : glm::ivec3(int(i), 0, 0);
+            element_[i] = guard + slice_ * at.z + row_ * at.y + at.x;
+            const std::uint32_t alone = ACTIVE_BIT | (problem.is_pinned(i) ? PINNED_BIT : 0);
+            mask_[std::size_t(element_[i])] = has_lattice ? lattice.mask[i] : alone;
+            const std::ptrdiff_t block = element_[i] - (element_[i] - guard) % block_size;
+            if (blocks_.empty() || blocks_.back() != block) blocks_.push_back(block);
+        }
+    }
+
+    void fill(const State& state) {
+        const Problem& problem = *problem_;
+        const std::size_t size = mask_.size();
+        const auto assign = [&](Arrays& arrays, bool wanted) {
+            for (Array& array : arrays) array.assign(wanted ? size : 0, 0);
+        };
+        assign(place_[0], true);
+        assign(place_[1], true);
+        assign(increment_, by_increments(formulation_));
+        assign(load_, !problem.load.empty());
+        inverse_mass_.assign(size, parameter(1 / problem.materials[0].mass, 0));
+        compliance_.assign(problem.has_materials() ? size : 0, 1);
+        const bool stores = formulation_ != Formulation::compensated;
+        const auto stored = [&](double value, std::size_t i, std::uint64_t which) {
+            RoundingBits bits = rounding_;
+            bits.key = mixed(perturbation_.seed + 1);
+            return stores ? rounded(value, bits, i, which) : value;
+        };
+        for (std::size_t i = 0; i < element_.size(); ++i) {
+            const auto e = std::size_t(element_[i]);
+            for (std::uint64_t c = 0; c < 3; ++c) {
+                const int axis = int(c);
+                const double u = state.displacement[i][axis], v = state.increment[i][axis];
+                const double rest = on_positions(formulation_) ? problem.rest_position[i][axis] : 0;
+                place_[0][c][e] = stored(rest + u, i, c);
+                place_[1][c][e] = problem.is_pinned(i) ? place_[0][c][e] : stored(rest + u - v, i, 3 + c);
+                if (by_increments(formulation_) && !problem.is_pinned(i))
+                    increment_[c][e] = stored(v, i, 3 + c);
+                if (!problem.load.empty()) load_[c][e] = problem.load[i][axis];
+            }
+            if (!problem.has_materials()) continue;
+            inverse_mass_[e] = parameter(1 / problem.material_of(i).mass, problem.material[i]);
+            compliance_[e] = 1 / problem.material_of(i).stiffness;
+        }
+    }
+
+    /// The directions in use and the springs beyond the lattice, as an upload or an edit has left them.
+    void follow_springs() {
+        std::uint64_t bits = 0;
+        for (const std::uint64_t mask : mask_) bits |= mask;
+        pulls_.clear();
+        for (const Direction& direction : directions()) {
+            if ((bits >> direction.bit & 1u) == 0) continue;
+            const glm::ivec3 o = direction.offset;
+            const RestSpring rest = rest_spring(*problem_, direction);
+            // Both ends see a spring alike, and what is rounded is its length.
+            const auto which = std::uint64_t(direction.bit / 2) + 1000;
+            pulls_.push_back({.stride = o.z * slice_ + o.y * row_ + o.x,
+                              .bit = std::uint64_t(1) << direction.bit,
+                              .rest_offset = {rest.offset.x, rest.offset.y, rest.offset.z},
+                              .rest_length = length_parameter(rest.length, which),
+                              .rest_deficit = rest.deficit,
+                              .stiffness = parameter(problem_->group_stiffness[std::size_t(direction.group)],
+                                                     which + 100)});
+        }
+        springs_ = problem_->springs;
+        rest_springs_.clear();
+        for (const Spring& spring : springs_) rest_springs_.push_back(rest_spring(*problem_, spring));
+        for (Arrays* arrays : {&extra_, &extra_size_}) {
+            for (Array& array : *arrays) array.assign(springs_.empty() ? 0 : mask_.size(), 0);
+        }
+    }
+
+    /// What springs beyond the lattice pull, from the places `now`.
+    void pull_beyond(std::size_t now) {
+        for (const Spring& spring : springs_) {
+            for (const std::uint32_t i : {spring.first, spring.second}) {
+                for (std::size_t c = 0; c < 3; ++c) {
+                    extra_[c][std::size_t(element_[i])] = 0;
+                    extra_size_[c][std::size_t(element_[i])] = 0;
+                }
+            }
+        }
+        const double shortest_squared = problem_->shortest_squared();
+        for (std::size_t s = 0; s < springs_.size(); ++s) {
+            const Spring& spring = springs_[s];
+            const RestSpring& rest = rest_springs_[s];
+            const auto a = std::size_t(element_[spring.first]), b = std::size_t(element_[spring.second]);
+            const auto& at = place_[now];
+            const glm::dvec3 relative(at[0][a] - at[0][b], at[1][a] - at[1][b], at[2][a] - at[2][b]);
+            const glm::dvec3 offset = on_positions(formulation_) ? relative : rest.offset + relative;
+            const glm::dvec3 force =
+                by_increments(formulation_)
+                    ? strain_force(relative, rest.offset, rest.length, rest.deficit, spring.stiffness,
+                                   shortest_squared)
+                    : spring_force(offset, rest.length, spring.stiffness, shortest_squared);
+            for (std::size_t c = 0; c < 3; ++c) {
+                const int axis = int(c);
+                const double size =
+                    std::abs(force[axis]) +
+                    (by_increments(formulation_) ? 0 : spring.stiffness * std::abs(offset[axis]));
+                extra_[c][a] += force[axis];
+                extra_[c][b] -= force[axis];
+                extra_size_[c][a] += size;
+                extra_size_[c][b] += size;
+            }
+        }
+    }
+
+    Task share(std::int64_t n, std::size_t thread, std::size_t team) {
+        const Problem& problem = *problem_;
+        const auto now = std::size_t(n % 2);
+        const std::ptrdiff_t* const first = blocks_.data();
+        Task task{};
+        task.at = pointers<const double*>(place_[now]);
+        task.next = pointers(place_[1 - now]);
+        task.increment = pointers(increment_);
+        task.load = pointers<const double*>(load_);
+        task.extra = pointers<const double*>(extra_);
+        task.extra_size = pointers<const double*>(extra_size_);
+        task.mask = mask_.data();
+        task.inverse_mass = inverse_mass_.data();
+        task.compliance = compliance_.empty() ? nullptr : compliance_.data();
+        task.begin = first + blocks_.size() * thread / team;
+        task.end = first + blocks_.size() * (thread + 1) / team;
+        task.pulls = pulls_.data();
+        task.pull_count = pulls_.size();
+        task.shortest_squared = problem.shortest_squared();
+        for (std::size_t c = 0; c < 3; ++c) task.gravity[c] = parameter(problem.gravity[int(c)], 2000 + c);
+        task.damping = stored_parameter(problem.damping);
+        task.retained = stored_parameter(1 - problem.damping);
+        task.doubled = stored_parameter(2 - problem.damping);
+        task.time_step_squared = parameter(problem.time_step * problem.time_step, 2013);
+        task.rounding = rounding_;
+        task.rounding.key = mixed(mixed(perturbation_.seed) + std::uint64_t(n));
+        return task;
+    }
+
+    const Formulation formulation_;
+    const Perturbation perturbation_;
+    const RoundingBits rounding_;
+    const Problem* problem_ = nullptr;
+    std::int64_t step_ = 0;
+    std::ptrdiff_t row_ = 0, slice_ = 0;
+    std::vector<std::ptrdiff_t> element_;  ///< of each particle
+    std::vector<std::ptrdiff_t> blocks_;   ///< first elements of those with a particle, ascending
+    std::vector<std::uint64_t> mask_;
+    std::array<Arrays, 2> place_;  ///< x or u of even and of odd steps
+    Arrays increment_, load_, extra_, extra_size_;
+    Array inverse_mass_, compliance_;
+    std::vector<Pull> pulls_;
+    std::vector<Spring> springs_;
+    std::vector<RestSpring> rest_springs_;
+};
+
+}  // namespace
+
+std::unique_ptr<Backend> make_perturbed_reference(const Perturbation& perturbation) {
+    return std::make_unique<PerturbedReference>(perturbation);
+}
+
+}  // namespace voxspring
