@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fills the table of README.md from a committed result, and the picture in docs/architecture.md from the sources' includes.
+"""Fills the tables of README.md and accuracy.md from committed results, and the picture in docs/architecture.md from the sources' includes.
 
 Usage: figures.py [--check]
 
@@ -7,6 +7,7 @@ A figure stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes no
 result or the sources say.
 """
 
+import json
 import pathlib
 import re
 import sys
@@ -63,7 +64,20 @@ def architecture():
     return "\n".join(lines + ["```"])
 
 
-PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture}}
+def gates():
+    """What tests/gate_test.cpp recorded of honest runs and of wrong ones."""
+    rows = json.loads((HERE / "gates.json").read_text())
+    lines = []
+    for row in rows:
+        name, least = min(row["wrong_in_gates"].items(), key=lambda item: item[1])
+        lines.append([row["scene"], f"{row['steps']:,}", f"`{row['formulation']}`", f"{row['spread_share']:.1e}",
+                      f"{row['gate_share']:.1e}", f"{row['honest_in_spreads']:.2f}", f"{least:.3g} ({name})"])
+    return results.table(["scene", "steps", "formulation", "spread / motion", "threshold / motion", "honest error / spread",
+                        "least wrong error / threshold"], lines)
+
+
+PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture},
+         HERE / "accuracy.md": {"gates": gates}}
 
 
 def main():

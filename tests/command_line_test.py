@@ -354,7 +354,7 @@ class Study(InTemporaryFolder):
                 self.assertAlmostEqual(row["fraction_of_limit"], 1e6 * row["limit_seconds"] / row["real_time"])
             self.assertTrue(row["name"].startswith(f"{row['scene']}/{row['backend']}/"), row["name"])
             for error in ("error_relative_l2", "error_max", "momentum_error", "total_error_relative_l2",
-                          "total_error_max", "divergence"):
+                          "total_error_max", "spread"):
                 self.assertGreaterEqual(row[error], 0, error)
             self.assertIsNotNone(row["energy_error"])
             self.assertIsNone(row["total_error_reason"])

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <string>
 
+#include "backends/cpu/perturbed_reference.h"
 #include "backends/disk_cache.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
@@ -137,32 +138,61 @@ TEST(Refined, GivesReasonsWhereThereIsNone) {
 
 // --- Chaos -----------------------------------------------------------------------------------------------
 
-TEST(Chaos, IsFoundWhereTwoOrdersOfSummationPart) {
+TEST(Chaos, IsFoundWhereRoundingNearsTheMotion) {
     References references{no_cache()};
     Scene scene;
     scene.problem = make_lattice_problem(solid({5, 4, 6}), FACE_BITS | EDGE_BITS);
     scene.problem.time_step = 0.25;
     scene.state = random_state(scene.problem, 0.01, 1);
-    const Chaos calm = references.chaos(scene, 20);
-    ASSERT_TRUE(calm.divergence);
-    EXPECT_LT(*calm.divergence, 1e-12);
-    EXPECT_FALSE(calm.chaotic());
-    scene.state = random_state(scene.problem, 0.9, 1);
-    const Chaos wild = references.chaos(scene, 2000);
-    ASSERT_TRUE(wild.divergence);
-    EXPECT_TRUE(wild.chaotic()) << *wild.divergence;
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:formulation=position");
+    const RoundingModel model = rounding_model_of(spec);
+    const auto solution_after = [&](int steps) {
+        ReferenceSolution solution{scene.problem, steps, references.after(scene, steps), {}, scene.state};
+        solution.spreads = {{model, references.spread(scene, steps, solution.same_step, model)}};
+        return solution;
+    };
+    const ReferenceSolution calm = solution_after(20);
+    EXPECT_FALSE(is_chaotic(calm.spreads[0].second));
+    EXPECT_FALSE(errors_of(calm, calm.same_step, judge(calm, calm.same_step, spec), spec).chaotic);
+    State state = calm.same_step;
+    state.displacement[3].x += 1e-3;
+    EXPECT_THAT(judge(calm, state, spec).reason, HasSubstr("particle 3 is off by 0.001"));
+    // Everybody off by a little, nobody by much.
+    state = calm.same_step;
+    const double rms_gate = judge(calm, state, spec).tolerance_rms;
+    ASSERT_LT(1.1 * rms_gate, judge(calm, state, spec).tolerance);
+    for (glm::dvec3& u : state.displacement) u.y += 1.1 * rms_gate;
+    EXPECT_THAT(judge(calm, state, spec).reason, HasSubstr("root mean square"));
 
-    // Nothing fails for an error there, but for a state that is not finite.
-    ReferenceSolution solution{scene.problem, 2000, scene.state, {}, wild};
-    const BackendSpec spec = BackendSpec::parse("cpu_parallel:precision=float64");
-    State state = scene.state;
-    state.displacement[3].x += 1;
-    EXPECT_TRUE(judge(solution, state, spec).passed());
-    EXPECT_TRUE(errors_of(solution, state, judge(solution, state, spec)).chaotic);
+    scene.state = random_state(scene.problem, 0.9, 1);
+    const ReferenceSolution wild = solution_after(2000);
+    EXPECT_TRUE(is_chaotic(wild.spreads[0].second));
+    state = wild.same_step;
+    const Comparison itself = judge(wild, state, spec);
+    EXPECT_TRUE(itself.passed()) << itself.reason;
+    EXPECT_TRUE(std::isinf(itself.tolerance));
+    EXPECT_TRUE(errors_of(wild, state, itself, spec).chaotic);
+    // No particle fails alone; a state that is another body's does, and one that is not finite.
+    state.displacement[3].x += 0.1;
+    EXPECT_TRUE(judge(wild, state, spec).passed());
+    EXPECT_THAT(judge(wild, state_at_rest(scene.problem), spec).reason, HasSubstr("chaotic, and its"));
+    State faster = state;
+    for (glm::dvec3& v : faster.increment) v *= 3;
+    EXPECT_THAT(judge(wild, faster, spec).reason, HasSubstr("kinetic energy"));
+    for (glm::dvec3& u : state.displacement) u.x += 50;
+    EXPECT_THAT(judge(wild, state, spec).reason, HasSubstr("centre of mass"));
     state.displacement[3].x = NAN;
-    EXPECT_FALSE(judge(solution, state, spec).passed());
-    solution.chaos = calm;
-    state.displacement[3].x = 1;
+    EXPECT_THAT(judge(wild, state, spec).reason, HasSubstr("not finite"));
+}
+
+TEST(Judge, HoldsAModelWithoutASpreadToBeFinite) {
+    const Scene scene = Oscillator{0.1, -0.02, 0.1, 0.03, 0.2}.scene();
+    const ReferenceSolution solution{scene.problem, 40, scene.state, {}, scene.state};
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel");
+    State state = scene.state;
+    state.displacement[1].x += 9;
+    EXPECT_TRUE(judge(solution, state, spec).passed());
+    state.displacement[1].x = INFINITY;
     EXPECT_FALSE(judge(solution, state, spec).passed());
 }
 
@@ -173,7 +203,10 @@ TEST(Judge, AdmitsTheErrorThatSleepAsksFor) {
     scene.problem = make_lattice_problem(solid({5, 4, 6}), FACE_BITS | EDGE_BITS);
     scene.problem.lattice.spacing = {2, 0.5, 1};
     scene.state = state_at_rest(scene.problem);
-    const ReferenceSolution solution{scene.problem, 40, scene.state, {}, {}};
+    ReferenceSolution solution{scene.problem, 40, scene.state, {}, scene.state};
+    Spread spread;
+    spread.max = spread.rms = 1e-6;
+    solution.spreads = {{rounding_model_of(BackendSpec::parse("cpu_parallel")), spread}};
     const auto tolerance = [&](const std::string& spec) {
         return judge(solution, scene.state, BackendSpec::parse(spec)).tolerance;
     };
@@ -181,6 +214,41 @@ TEST(Judge, AdmitsTheErrorThatSleepAsksFor) {
     EXPECT_DOUBLE_EQ(tolerance("cpu_parallel:sleep=1e-4"), rounding + 40 * 1e-4 * 0.5);
     EXPECT_EQ(tolerance("cpu_parallel:sleep=off"), rounding);
     EXPECT_EQ(tolerance("cpu_parallel:rest=flush"), rounding);
+}
+
+TEST(Spread, IsWiderWhereRootsAreApproximate) {
+    References references{no_cache()};
+    const Scene scene = load_scene("box@6");
+    const State end = references.after(scene, 100);
+    const auto spread = [&](const std::string& spec) {
+        return references.spread(scene, 100, end, rounding_model_of(BackendSpec::parse(spec))).rms;
+    };
+    EXPECT_GT(spread("cpu_parallel:root=raw"), 100 * spread("cpu_parallel"));
+    EXPECT_GT(spread("cpu_parallel:formulation=position"), 100 * spread("cpu_parallel"));
+    EXPECT_LT(spread("cpu_parallel:precision=float64"), 1e-6 * spread("cpu_parallel"));
+    EXPECT_EQ(spread("cpu_parallel"), spread("cpu_parallel")) << "the same numbers every time";
+}
+
+TEST(Refined, IsLeftOutWhereItTakesTooLong) {
+    References references{no_cache()};
+    const Scene scene = load_scene("box@100");
+    const Refined refined = references.refined(scene, {scene.problem.time_step, 1000}, {1000});
+    EXPECT_TRUE(refined.displacement.empty());
+    EXPECT_THAT(refined.reason, HasSubstr("more than 5000000000"));
+    EXPECT_EQ(references.computed(), 0);
+}
+
+TEST(Reference, OfALongRunIsTheParallelOne) {
+    const Scene small = load_scene("box@6"), large = load_scene("box@32");
+    EXPECT_EQ(References::name_of_backend(small, 1000), reference_backend);
+    EXPECT_EQ(References::name_of_backend(large, 1000), parallel_reference_name);
+    References references{no_cache()};
+    // 361 steps of it are the first that are too many.
+    const State end = references.after(large, 361);
+    const auto plain = BackendSpec::parse("cpu_reference:formulation=increment").make();
+    plain->upload(large.problem, large.state);
+    plain->step(361);
+    EXPECT_LT(relative_difference(end.displacement, plain->download().displacement), 1e-13);
 }
 
 // --- The cache -------------------------------------------------------------------------------------------

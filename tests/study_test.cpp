@@ -296,7 +296,16 @@ TEST(Study, EveryRowHasItsErrors) {
         EXPECT_LT(row.at("momentum_error").get<double>(), 1e-4);
         EXPECT_LT(std::abs(row.at("energy_error").get<double>()), 1e-3);
         EXPECT_EQ(row.at("chaotic"), false);
-        EXPECT_LT(row.at("divergence").get<double>(), 1e-9);
+        EXPECT_LT(row.at("spread").get<double>(), 1e-4);
+        EXPECT_GT(row.at("spread").get<double>(), 0);
+    }
+    for (const auto& row : result.at("verification")) {
+        EXPECT_LE(row.at("error_max"), row.at("tolerance"));
+        EXPECT_LE(row.at("error_rms"), row.at("tolerance_rms"));
+        EXPECT_LE(row.at("tolerance").get<double>(), 4 * row.at("spread_max").get<double>());
+        EXPECT_LE(row.at("tolerance").get<double>(), 0.1 * row.at("motion_max").get<double>());
+        EXPECT_LE(row.at("spread_rms"), row.at("spread_max"));
+        EXPECT_LE(row.at("motion_rms"), row.at("motion_max"));
     }
     study.settings = {{"total_error", false}};
     const auto without = run_study(study, {});

@@ -17,8 +17,8 @@ std::vector<SurfaceVertex> surface_of(const Snapshot& snapshot, const std::vecto
 
 }  // namespace
 
-Pictures::Reference::Reference(const Scene& scene)
-    : backend(BackendSpec::parse(References::specification(scene)).make()), runner(scene) {
+Pictures::Reference::Reference(const Scene& scene, int steps)
+    : backend(References::backend_of(scene, steps)), runner(scene) {
     runner.rewind(*backend);
 }
 
@@ -27,7 +27,8 @@ Pictures::Pictures(Colouring colouring, glm::ivec2 size) : colouring_(colouring)
 std::vector<double> Pictures::values_of(const Snapshot& snapshot) {
     std::vector<glm::dvec3> difference = snapshot.state.displacement;
     if (colouring_ == Colouring::error) {
-        if (!reference_ || reference_->step > snapshot.step) reference_.emplace(snapshot.scene);
+        if (!reference_ || reference_->step > snapshot.step)
+            reference_.emplace(snapshot.scene, int(snapshot.step));
         reference_->runner.run(*reference_->backend, int(snapshot.step - reference_->step));
         reference_->step = snapshot.step;
         const State state = reference_->backend->download();

@@ -36,7 +36,7 @@ public:
 private:
     /// float64 beside the run.
     struct Reference {
-        Reference(const Scene& scene);
+        Reference(const Scene& scene, int steps);
         std::unique_ptr<Backend> backend;
         SceneRunner runner;
         std::int64_t step = 0;

@@ -188,20 +188,23 @@ void print_table(const nlohmann::json& result, std::ostream& out, TableWidth wid
                                          {"x fastest", 1},   {"% of roofline", 3}};
     std::vector<std::vector<std::string>> table;
     std::vector<Row> all;
-    std::vector<std::string> chaotic;
+    std::set<std::string> chaotic;
     for (const std::vector<Row>& rows : medians_by_scene(result)) {
         const Row& fastest = rows.front();
-        if (fastest.errors && fastest.errors->chaotic) {
-            chaotic.push_back(fastest.identity.scene + ": two float64 runs differ by " +
-                              error_cell(fastest.errors->divergence) + " after " +
-                              std::to_string(fastest.workpiece->steps) + " steps");
+        for (const Row& row : rows) {
+            table.push_back(cells_of(row, fastest));
+            if (!row.errors || !row.errors->chaotic) continue;
+            chaotic.insert(row.identity.scene + " in " + row.identity.formulation + " " +
+                           row.identity.precision + ": rounding alone carries it by " +
+                           error_cell(row.errors->spread) + " of its motion in " +
+                           std::to_string(row.workpiece->steps) + " steps");
         }
-        for (const Row& row : rows) table.push_back(cells_of(row, fastest));
         all.insert(all.end(), rows.begin(), rows.end());
     }
     print_columns(columns, table, width, out);
     print_noise(all, out);
-    for (const std::string& scene : chaotic) out << "chaotic, errors say nothing: " << scene << "\n";
+    for (const std::string& scene : chaotic)
+        out << "chaotic, judged by mass, energy and spectrum: " << scene << "\n";
     print_edits(all, out, width);
     print_limits(result.at("context").at("voxspring").at("limits"), out);
     print_unmeasured(result, out);

@@ -37,7 +37,7 @@ void error_fields_of(Self& part, Fields& fields) {
     fields.nullable("momentum_error", part.momentum);
     fields.nullable("energy_error", part.energy);
     fields.required("chaotic", part.chaotic);
-    fields.nullable("divergence", part.divergence);
+    fields.nullable("spread", part.spread);
 }
 
 template <class Self, class Fields>
@@ -98,6 +98,11 @@ void verdict_fields(Self& part, Fields& fields) {
     fields.required("finite", part.finite);
     fields.nullable("error_rms", part.error_rms);
     fields.nullable("tolerance", part.tolerance);
+    fields.nullable("tolerance_rms", part.tolerance_rms);
+    fields.nullable("spread_max", part.spread_max);
+    fields.nullable("spread_rms", part.spread_rms);
+    fields.nullable("motion_max", part.motion_max);
+    fields.nullable("motion_rms", part.motion_rms);
     fields.optional("work", part.work);
 }
 

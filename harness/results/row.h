@@ -82,7 +82,9 @@ struct ReferencePart {
 /// Whether a state agrees with the reference.
 struct VerdictPart {
     bool passed = false, finite = false;
-    std::optional<double> error_rms = {}, tolerance = {};
+    std::optional<double> error_rms = {}, tolerance = {}, tolerance_rms = {};
+    /// Of the perturbed reference; nothing where none was run.
+    std::optional<double> spread_max = {}, spread_rms = {}, motion_max = {}, motion_rms = {};
     std::optional<WorkCount> work = {};
 };
 

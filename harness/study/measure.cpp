@@ -150,11 +150,18 @@ void TimedCase::verify(nlohmann::json& answer) {
     answer.erase("state");
     const Comparison comparison = judge(context_.solution, left, case_.spec());
     Row verified;
-    verified.errors = errors_of(context_.solution, left, comparison);
+    verified.errors = errors_of(context_.solution, left, comparison, case_.spec());
     verified.verdict = VerdictPart{.passed = comparison.passed(),
                                    .finite = comparison.finite,
                                    .error_rms = comparison.rms,
-                                   .tolerance = comparison.tolerance};
+                                   .tolerance = comparison.tolerance,
+                                   .tolerance_rms = comparison.tolerance_rms};
+    if (const Spread* const spread = spread_of(context_.solution, rounding_model_of(case_.spec()))) {
+        verified.verdict->spread_max = spread->max;
+        verified.verdict->spread_rms = spread->rms;
+        verified.verdict->motion_max = spread->motion_max;
+        verified.verdict->motion_rms = spread->motion_rms;
+    }
     if (!comparison.passed()) verified.reason = comparison.reason;
     answer["verified"] = to_json(verified);
 }
@@ -228,10 +235,9 @@ Row TimedCase::common_row() const {
     row.workpiece = Workpiece{.steps = context_.batch.steps,
                               .particles = scene.problem.particle_count(),
                               .springs = context_.springs};
-    row.reference =
-        ReferencePart{.voxels = std::uint64_t(scene.problem.lattice.voxel_count()),
-                      .error_steps = context_.solution.steps,
-                      .reference = References::is_large(scene) ? "cpu_parallel" : reference_backend};
+    row.reference = ReferencePart{.voxels = std::uint64_t(scene.problem.lattice.voxel_count()),
+                                  .error_steps = context_.solution.steps,
+                                  .reference = References::name_of_backend(scene, context_.solution.steps)};
     return row;
 }
 
@@ -292,13 +298,18 @@ void repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     }
 }
 
-/// What the states after all steps are held against.
-ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch) {
+/// What the states after all steps are held against. Before anything is timed, as it takes all cores.
+ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
+                              const std::vector<Case>& cases) {
     const Scene& scene = bench.scene();
     const int steps = steps_in_all(batch);
     References& references = bench.references();
-    ReferenceSolution solution{last, steps, references.after(scene, steps), {}, {}};
-    solution.chaos = references.chaos(scene, steps);
+    ReferenceSolution solution{last, steps, references.after(scene, steps), {}, scene.state};
+    for (const Case& one : cases) {
+        const RoundingModel model = rounding_model_of(one.spec());
+        if (spread_of(solution, model) != nullptr) continue;
+        solution.spreads.emplace_back(model, references.spread(scene, steps, solution.same_step, model));
+    }
     solution.conserved = conserved(last, solution.same_step);
     if (batch.total_error) {
         solution.refined = references.refined(scene, {scene.problem.time_step, steps}, {steps});
@@ -329,7 +340,7 @@ void measure(StudyBench& bench, const Batch& batch) {
     if (entered.empty()) return;
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = problem_after(scene, steps_in_all(batch));
-    const ReferenceSolution solution = solution_of(bench, edited ? *edited : scene.problem, batch);
+    const ReferenceSolution solution = solution_of(bench, edited ? *edited : scene.problem, batch, entered);
     const MeasurementContext context{scene,
                                      batch,
                                      solution,

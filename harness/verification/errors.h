@@ -4,11 +4,14 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "backends/registry.h"
 #include "harness/scene/scene.h"
 #include "harness/verification/conserved.h"
 #include "harness/verification/reference.h"
+#include "harness/verification/spread.h"
 #include "harness/verification/verify.h"
 
 namespace voxspring {
@@ -17,14 +20,22 @@ namespace voxspring {
 struct ReferenceSolution {
     const Problem& problem;  ///< as the edits until then leave it
     int steps = 0;
-    State same_step;  ///< float64 at the same time step: the rounding error is the difference from it
-    Refined refined;  ///< float64 without a time step: the total error is
-    Chaos chaos;
+    State same_step;   ///< float64 at the same time step: the rounding error is the difference from it
+    Refined refined;   ///< float64 without a time step: the total error is
+    State start = {};  ///< where the runs began
     Conserved conserved = {};  ///< of same_step
+    /// Of what backends' runs round; where a model is missing they are only held to be finite.
+    std::vector<std::pair<RoundingModel, Spread>> spreads = {};
 };
+/// Null where there is none.
+const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
-/// compare() with the truth, admitting the error that a tuning asks for (`sleep`); where float64 itself
-/// diverges no error fails, unless the state is not finite.
+/// Whether rounding of that kind carries the scene so far that no displacement can be judged.
+bool is_chaotic(const Spread& spread);
+
+/// The differences from the reference, each against its gate() (spread.h), which admits the error that a
+/// tuning asks for (`sleep`): the largest and the root mean square. Of a chaotic scene neither is judged, and
+/// the state fails only where it is not finite or one of its statistics exceeds statistic_gate().
 Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
 
 /// What a row says of its accuracy; nothing where that is not known. results/schema.json defines each.
@@ -36,11 +47,12 @@ struct Errors {
     std::optional<std::string> total_reason;  ///< why there are none of these
     std::optional<double> momentum, energy;
     bool chaotic = false;
-    std::optional<double> divergence;
+    std::optional<double> spread;  ///< of the row's rounding model, rms, as a share of the motion
 };
-Errors errors_of(const ReferenceSolution& solution, const State& state, const Comparison& comparison);
+Errors errors_of(const ReferenceSolution& solution, const State& state, const Comparison& comparison,
+                 const BackendSpec& spec);
 
 /// Of a run that has none.
-Errors no_errors(const ReferenceSolution& solution);
+Errors no_errors(const ReferenceSolution& solution, const BackendSpec& spec);
 
 }  // namespace voxspring

@@ -7,17 +7,36 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <sstream>
+#include <stdexcept>
+#include <type_traits>
 #include <utility>
 
+#include "backends/cpu/perturbed_reference.h"
 #include "backends/registry.h"
 #include "harness/base/executable.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/verification/verify.h"
 
 namespace voxspring {
 namespace {
 
 const std::string reference = reference_backend + ":formulation=increment";
-const std::string reference_without_lists = "cpu_parallel:precision=float64,formulation=increment";
+
+/// From here on no list of springs is made.
+constexpr std::size_t most_listed_particles = std::size_t(1) << 22;
+/// Particles times steps that cpu_reference takes about a second for.
+constexpr double most_plain_updates = 1e7;
+/// Those of all refined runs together: about a minute on two cores. Beyond it there is no total error.
+constexpr double most_refined_updates = 5e9;
+/// Of a run on all cores, the first steps that cpu_reference repeats: beyond them two orders of a sum may
+/// part.
+constexpr int most_checked_steps = 100;
+
+/// Whether references of the scene are too large for lists, and for the cache.
+bool is_large(const Scene& scene) { return scene.problem.particle_count() > most_listed_particles; }
+bool is_plain(const Scene& scene, int steps) {
+    return double(scene.problem.particle_count()) * std::max(steps, 1) <= most_plain_updates;
+}
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
 
@@ -50,11 +69,8 @@ void add(Hash& hash, const Spring& spring) {
     hash.add_number(spring.rest_length);
 }
 
-/// All that determines a trajectory: the program that computes it, and what it is given.
-std::string name_of(const Scene& scene, int steps, const std::string& specification) {
-    Hash hash;
-    hash.add(fingerprint_of_executable());
-    hash.add(specification);
+/// All that a trajectory is computed from.
+void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(steps);
     const Problem& problem = scene.problem;
     hash.add_numbers(problem.rest_position);
@@ -90,7 +106,33 @@ std::string name_of(const Scene& scene, int steps, const std::string& specificat
             }
         }
     }
+}
+
+/// All that determines it: the program as well, and what of it.
+std::string name_of(const Scene& scene, int steps, const std::string& what) {
+    Hash hash;
+    hash.add(fingerprint_of_executable());
+    hash.add(what);
+    add(hash, scene, steps);
     return hash.text();
+}
+
+/// The same on every machine and of every build.
+std::uint64_t seed_of(const Scene& scene, int steps, const RoundingModel& model) {
+    Hash hash;
+    hash.add(to_string(model));
+    add(hash, scene, steps);
+    return std::stoull(hash.text().substr(0, 16), nullptr, 16);
+}
+
+/// How many of the runs of a scene in `counts` steps take most_refined_updates together.
+std::size_t affordable_runs(const Scene& scene, const std::vector<int>& counts) {
+    double updates = 0;
+    for (std::size_t k = 0; k < counts.size(); ++k) {
+        updates += double(scene.problem.particle_count()) * counts[k];
+        if (updates > most_refined_updates) return k;
+    }
+    return counts.size();
 }
 
 /// One step of Neville's scheme: to dt = 0 from two values whose squared steps have the given ratio of roots.
@@ -127,7 +169,7 @@ Scene at_time_step(const Scene& scene, double time_step) {
     const double g = problem.damping / (2 - problem.damping) * ratio;
     const double refined_scale = 1 / (1 + g);
 
-    const auto backend = BackendSpec::parse(reference).make();
+    const auto backend = References::backend_of(scene, 1);
     backend->upload(scene.problem, scene.state);
     backend->step(1);
     const State next = backend->download();
@@ -153,10 +195,12 @@ Scene in_steps(const Scene& scene, const Span& span, int steps) {
     return at_time_step(scene, span.time_step * (double(span.steps) / steps));
 }
 
-bool References::is_large(const Scene& scene) {
-    constexpr std::size_t most_particles = std::size_t(1) << 22;
-    return scene.problem.particle_count() > most_particles &&
-           SceneRunner(scene).unsupported(*BackendSpec::parse(reference_without_lists).make()).empty();
+std::unique_ptr<Backend> References::backend_of(const Scene& scene, int steps) {
+    return is_plain(scene, steps) ? BackendSpec::parse(reference).make() : make_perturbed_reference({});
+}
+
+std::string References::name_of_backend(const Scene& scene, int steps) {
+    return is_plain(scene, steps) ? reference_backend : parallel_reference_name;
 }
 
 void References::play(SceneRunner& runner, Backend& backend, int steps) const {
@@ -176,40 +220,88 @@ void References::play(SceneRunner& runner, Backend& backend, int steps) const {
     }
 }
 
-State References::computed(const Scene& scene, int steps, const std::string& specification) {
-    const auto backend = BackendSpec::parse(specification).make();
+State References::computed(const Scene& scene, int steps, Backend& backend) const {
     SceneRunner runner(scene);
-    runner.rewind(*backend);
+    runner.rewind(backend);
     if (on_progress_) {
-        play(runner, *backend, steps);
+        play(runner, backend, steps);
     } else {
-        runner.run(*backend, steps);
+        runner.run(backend, steps);
     }
-    ++computed_;
-    return backend->download();
+    return backend.download();
 }
 
-const State& References::run(const Scene& scene, int steps, const std::string& specification) {
-    const std::string name = name_of(scene, steps, specification);
-    if (const auto known = latest_.find(name); known != latest_.end()) return known->second;
-    std::optional<State> state = unpacked(cache_.find(name), scene.problem.particle_count());
-    if (!state) {
-        state = computed(scene, steps, specification);
-        cache_.keep(name, packed(*state));
-    }
-    constexpr std::size_t most_bytes = std::size_t(1) << 30;
-    if ((latest_.size() + 1) * sizeof(glm::dvec3) * 2 * state->displacement.size() > most_bytes)
-        latest_.clear();
-    return latest_[name] = *std::move(state);
+void References::check_first_steps(const Scene& scene, int steps) const {
+    if (is_large(scene)) return;
+    const double affordable = most_plain_updates / double(scene.problem.particle_count());
+    const int first = std::clamp(int(affordable), 1, std::min(steps, most_checked_steps));
+    const auto plain = BackendSpec::parse(reference).make();
+    const auto parallel = make_perturbed_reference({});
+    const State one = computed(scene, first, *plain), other = computed(scene, first, *parallel);
+    // Both round in float64 and add forces in different orders; in so few steps that is no more.
+    constexpr double agreement = 1e-9;
+    const double apart = relative_difference(other.displacement, one.displacement);
+    if (apart <= agreement) return;
+    std::ostringstream text;
+    text << "after " << first << " steps " << parallel_reference_name << " differs from " << reference_backend
+         << " by " << apart << " (relative L2): neither is a reference";
+    throw std::logic_error(text.str());
 }
 
 State References::after(const Scene& scene, int steps) {
-    const std::string of = specification(scene);
-    return is_large(scene) ? computed(scene, steps, of) : run(scene, steps, of);
+    const std::string backend = name_of_backend(scene, steps);
+    const bool keeps = !is_large(scene);
+    const std::string name = keeps ? name_of(scene, steps, backend) : std::string();
+    if (const auto known = latest_.find(name); keeps && known != latest_.end()) return known->second;
+    std::optional<State> state;
+    if (keeps) state = unpacked(cache_.find(name), scene.problem.particle_count());
+    if (state) return latest(name, *std::move(state));
+    if (!is_plain(scene, steps)) check_first_steps(scene, steps);
+    state = computed(scene, steps, *backend_of(scene, steps));
+    ++computed_;
+    if (!keeps) return *std::move(state);
+    cache_.keep(name, packed(*state));
+    return latest(name, *std::move(state));
 }
 
-std::string References::specification(const Scene& scene) {
-    return is_large(scene) ? reference_without_lists : reference;
+const State& References::latest(const std::string& name, State state) {
+    constexpr std::size_t most_bytes = std::size_t(1) << 30;
+    if ((latest_.size() + 1) * sizeof(glm::dvec3) * 2 * state.displacement.size() > most_bytes)
+        latest_.clear();
+    return latest_[name] = std::move(state);
+}
+
+Spread References::spread(const Scene& scene, int steps, const State& expected, const RoundingModel& model) {
+    static_assert(std::is_trivially_copyable_v<Spread>);
+    const std::string name = name_of(scene, steps, "spread of " + to_string(model));
+    Spread spread;
+    if (const auto known = cache_.find(name); known && known->size() == sizeof spread) {
+        std::memcpy(&spread, known->data(), sizeof spread);
+        return spread;
+    }
+    const Problem last = problem_after(scene, steps);
+    const Comparison motion = differences(expected, scene.state);
+    spread.motion_max = motion.max;
+    spread.motion_rms = motion.rms;
+    const std::uint64_t seed = seed_of(scene, steps, model);
+    const int random = random_runs(scene.problem.particle_count());
+    for (int run = 0; run <= random; ++run) {
+        const auto backend = make_perturbed_reference(
+            {run == 0 ? Perturbation::Kind::nearest : Perturbation::Kind::random, model.formulation,
+             model.precision, model.root_error, seed + std::uint64_t(run)});
+        const State state = computed(scene, steps, *backend);
+        const Comparison apart = differences(state, expected);
+        // Not finite: infinite, which is chaotic.
+        spread.max = std::max(spread.max, apart.max);
+        spread.rms = std::max(spread.rms, apart.rms);
+        ++spread.runs;
+        if (!apart.finite) continue;
+        const Statistics found = statistics(last, scene.state, state, expected);
+        for (std::size_t kind = 0; kind < found.size(); ++kind)
+            spread.statistic[kind] = std::max(spread.statistic[kind], found[kind].difference);
+    }
+    cache_.keep(name, {reinterpret_cast<const char*>(&spread), sizeof spread});
+    return spread;
 }
 
 Refined References::refined(const Scene& scene, const Span& span, std::vector<int> counts) {
@@ -225,9 +317,18 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     while (counts.size() < asked + doublings && counts.back() <= std::numeric_limits<int>::max() / 2)
         counts.push_back(2 * counts.back());
 
+    // Without three runs there is no estimate, so that they are all or none.
+    std::size_t affordable = affordable_runs(scene, counts);
+    if (affordable < std::min(counts.size(), std::max<std::size_t>(asked, 3))) affordable = 0;
     std::vector<std::vector<glm::dvec3>> row;  // of Neville's tableau, the run itself first
     std::vector<glm::dvec3> finest_asked;
     for (std::size_t k = 0; k < counts.size(); ++k) {
+        if (k == affordable) {
+            result.reason =
+                "to refine the time step of float64 takes too many updates of particles: more than " +
+                std::to_string(std::int64_t(most_refined_updates));
+            return result;
+        }
         std::vector<std::vector<glm::dvec3>> next;
         next.push_back(after(in_steps(scene, span, counts[k]), counts[k]).displacement);
         if (k + 1 == asked) finest_asked = next.front();
@@ -254,15 +355,6 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
            << result.uncertainty;
     result.reason = reason.str();
     return result;
-}
-
-Chaos References::chaos(const Scene& scene, int steps) {
-    if (is_large(scene)) return {};
-    const std::string other = "cpu_parallel:precision=float64";
-    const Formulation formulation = BackendSpec::parse(other).options.formulation;
-    if (!SceneRunner(scene).unsupported(*BackendSpec::parse(other).make()).empty()) return {};
-    const State one = run(scene, steps, "cpu_reference:formulation=" + to_string(formulation));
-    return {relative_difference(run(scene, steps, other).displacement, one.displacement)};
 }
 
 }  // namespace voxspring

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -12,6 +13,7 @@
 #include "backends/disk_cache.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/verification/spread.h"
 
 namespace voxspring {
 
@@ -51,19 +53,15 @@ struct Refined {
     std::string reason;      ///< why there is none
 };
 
-/// How far apart float64 is from float64.
-struct Chaos {
-    std::optional<double> divergence;  ///< relative L2 of displacement; nothing: no second float64 runs this
-    bool chaotic() const { return divergence.has_value() && !(*divergence <= 1e-9); }
-};
-
 /// Computes references, each once: the latest are kept in memory, up to 1 GiB, and all on disk.
 ///
-/// All are of cpu_reference, which shares no code with what is compared with it but the physics: an error of
-/// cpu_parallel cannot hide in its own reference. It is slower, which the cache makes up for. Beyond four
-/// million particles its lists of springs take more memory than the state a hundred times over, and reading a
-/// reference takes longer than computing the few steps that such scenes are timed for: there references are
-/// of cpu_parallel in float64, which smaller scenes compare with cpu_reference, and nothing is kept.
+/// Short runs of small bodies are of cpu_reference: one thread and a plain loop over a list of springs, which
+/// shares no code with what is compared with it but the functions of spring.h. Others are of
+/// perturbed_reference.h, on all cores and with SIMD, after its first steps have been found to be those of
+/// cpu_reference on the very scene. Neither shares code with a backend that it judges, cpu_parallel included,
+/// beyond those functions. Beyond four million particles, whose list of springs no memory may hold, those
+/// first steps are left out, and nothing is kept: reading takes longer than computing the few steps that such
+/// scenes are timed for.
 class References {
 public:
     /// Told, about ten times a second, how many of a trajectory's steps are done. What it throws ends the
@@ -84,23 +82,21 @@ public:
     /// of counts.back() steps, and of 1, or by less than 1e-11; given up after four doublings.
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
-    /// Whether rounding errors mean anything after `steps` steps: the difference between cpu_reference and
-    /// cpu_parallel in float64, which sum forces in different orders. Beyond 1e-9 they do not. Not known of
-    /// large scenes.
-    Chaos chaos(const Scene& scene, int steps);
+    /// How far rounding of that kind carries the scene in `steps` steps, whose reference is `reference`.
+    Spread spread(const Scene& scene, int steps, const State& reference, const RoundingModel& model);
 
     /// Trajectories computed so far rather than found.
     int computed() const { return computed_; }
 
-    /// The backend that references of the scene are of.
-    static std::string specification(const Scene& scene);
-    /// Whether references of the scene are of cpu_parallel.
-    static bool is_large(const Scene& scene);
+    /// The backend that a reference of so many steps is of, and what result rows call it.
+    static std::unique_ptr<Backend> backend_of(const Scene& scene, int steps);
+    static std::string name_of_backend(const Scene& scene, int steps);
 
 private:
     void play(SceneRunner& runner, Backend& backend, int steps) const;
-    State computed(const Scene& scene, int steps, const std::string& specification);
-    const State& run(const Scene& scene, int steps, const std::string& specification);
+    State computed(const Scene& scene, int steps, Backend& backend) const;
+    void check_first_steps(const Scene& scene, int steps) const;
+    const State& latest(const std::string& name, State state);
 
     DiskCache cache_;
     OnProgress on_progress_;
@@ -112,7 +108,7 @@ private:
 /// The same of two scenes that are the same in every number, whatever they are called.
 std::string fingerprint_of(const Scene& scene);
 
-/// The backend that References::after() takes float64 from.
+/// The plain one.
 inline const std::string reference_backend = "cpu_reference";
 
 /// ||a - b|| / ||b|| of two lists of vectors; 0 if both vanish, infinite if only b does.

@@ -79,8 +79,7 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
     return 0;
 }
 
-Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
-                   int steps, Formulation formulation, double admitted) {
+Comparison differences(const State& state, const State& reference) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Comparison result;
     result.relative_l2 = result.max = result.rms = infinity;  // until every component has been compared
@@ -121,8 +120,16 @@ Comparison compare(const Problem& problem, const State& state, const State& refe
         result.relative_l2 = infinity;
     }
 
-    result.tolerance = rounding_tolerance(problem, reference, precision, steps, formulation) + admitted;
+    return result;
+}
+
+Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
+                   int steps, Formulation formulation) {
+    Comparison result = differences(state, reference);
+    if (!result.passed()) return result;
+    result.tolerance = rounding_tolerance(problem, reference, precision, steps, formulation);
     if (!(result.max <= result.tolerance)) {
+        std::ostringstream reason;
         reason << "particle " << result.worst << " is off by " << result.max << ", tolerance "
                << result.tolerance;
         result.reason = reason.str();

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <string>
 
 #include "backends/backend.h"
@@ -16,8 +17,9 @@ struct Comparison {
     double max = 0;          ///< largest |u_i - u_ref_i|
     double rms = 0;          ///< root mean square of |u_i - u_ref_i|
     std::size_t worst = 0;   ///< particle with the largest difference, or the first that is not finite
-    double tolerance = 0;    ///< on `max`: for rounding, and what was admitted
-    std::string reason;      ///< empty: passed; otherwise why not
+    double tolerance = 0;    ///< on `max`; infinite: it is not judged by that
+    double tolerance_rms = std::numeric_limits<double>::infinity();  ///< likewise on `rms`
+    std::string reason;                                              ///< empty: passed; otherwise why not
     bool passed() const { return reason.empty(); }
 };
 
@@ -31,7 +33,8 @@ SpringLengths spring_lengths(const Problem& problem);
 /// The most that gravity and loads together accelerate a particle by.
 double forced_acceleration(const Problem& problem);
 
-/// Bound on the largest rounding error of any particle after `steps` steps.
+/// Bound on the largest rounding error of any particle after the few `steps` of a test, from the number of
+/// steps and the precision alone: quick, and far too wide for a long run, which judge() (errors.h) measures.
 ///
 /// Rounding errors of independent sign, d a step, drive a free mode as a doubly summed random walk, d
 /// sqrt(n^3 / 3) / sqrt(3) in the mean; three times that, d n^1.5, is the tolerance. n is two more than
@@ -64,9 +67,11 @@ double forced_acceleration(const Problem& problem);
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position);
 
-/// Finiteness first, then sizes, then every component, against rounding_tolerance() and what is `admitted` on
-/// top of it, a length.
+/// Finiteness first, then sizes, then every component; against no tolerance.
+Comparison differences(const State& state, const State& reference);
+
+/// The same against rounding_tolerance().
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
-                   int steps, Formulation formulation = Formulation::position, double admitted = 0);
+                   int steps, Formulation formulation = Formulation::position);
 
 }  // namespace voxspring

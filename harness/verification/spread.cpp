@@ -1,0 +1,39 @@
+#include "harness/verification/spread.h"
+
+#include <algorithm>
+#include <limits>
+#include <sstream>
+
+namespace voxspring {
+
+RoundingModel rounding_model_of(const BackendSpec& spec) {
+    return {spec.options.formulation, spec.options.precision, spec.root_error()};
+}
+
+std::string to_string(const RoundingModel& model) {
+    std::ostringstream text;
+    text << to_string(model.formulation) << "/" << to_string(model.precision);
+    if (model.root_error > 0) text << " with roots off by " << model.root_error;
+    return text.str();
+}
+
+int random_runs(std::size_t particles) {
+    if (particles <= 1 << 12) return 15;
+    return particles > 1 << 18 ? 1 : 3;
+}
+
+double gate(double spread, double motion, double admitted) {
+    // Where nothing moves, standing still is right: the spread alone decides.
+    if (motion == 0) return gate_in_spreads * spread + admitted;
+    const double bound = std::min(gate_in_spreads * spread, max_share_of_motion * motion);
+    if (!(bound >= least_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
+    return bound + admitted;
+}
+
+double statistic_gate(double spread, double size) {
+    const double bound =
+        std::clamp(gate_in_spreads * spread, min_statistics_share * size, max_statistics_share * size);
+    return bound >= least_gate_in_spreads * spread ? bound : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace voxspring
