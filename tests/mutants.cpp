@@ -1,0 +1,185 @@
+// What mutation_test.py builds from mutated sources: cpu_parallel against states that the unmutated program
+// wrote.
+//
+//     mutants write FILE     references and spreads, of the plain reference
+//     mutants check FILE     prints how often a run departs from them: after 20 steps, held to the bound of
+//     the
+//                            conformance test, and after as many as `table1` and `figure7` take, to the gate
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "backends/cpu/perturbed_reference.h"
+#include "backends/registry.h"
+#include "harness/verification/spread.h"
+#include "harness/verification/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+constexpr int brief = 20, full = 1000;
+
+struct Body {
+    std::string name;
+    Problem problem;
+    State start;
+    std::vector<SpringEdit> edits;  ///< one every three steps
+};
+
+/// Wide enough for blocks of particles with a full stencil.
+std::vector<Body> bodies() {
+    std::vector<Body> all;
+    const auto add = [&](const std::string& name, Problem problem) {
+        problem.gravity = {8e-4, 0, -2e-3};
+        problem.time_step = 0.25;
+        Body body{name, std::move(problem), {}, {}};
+        body.start = random_state(body.problem, 0.05, 7);
+        all.push_back(std::move(body));
+    };
+    Problem pinned = make_lattice_problem(solid({37, 5, 6}), FACE_BITS | EDGE_BITS);
+    pin_base(pinned);
+    pinned.group_stiffness = {1, 0.7, 0.5};
+    pinned.damping = 0.002;
+    add("pinned", pinned);
+    Problem labels = make_lattice_problem(random_grid({9, 8, 7}, 0.9, 4, 3), NEIGHBOUR_BITS);
+    pin_base(labels);
+    labels.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+    labels.load.assign(labels.particle_count(), glm::dvec3(0.002, -0.001, 0));
+    add("labels", labels);
+    Problem cut = make_lattice_problem(solid({37, 6, 6}), FACE_BITS | EDGE_BITS);
+    pin_base(cut);
+    add("cut", cut);
+    Problem edited = cut;
+    SpringEditor editor(edited);
+    const glm::dvec3 middle(20.1, 3.2, 3.3);  // where blocks are full
+    all.back().edits.push_back(editor.cut(Plane{middle, {1, 0.2, -0.1}}));
+    all.back().edits.push_back(editor.suture(Ball{middle, 2.5}, 1.5));
+    return all;
+}
+
+State play(Backend& backend, const Body& body, int steps) {
+    Problem now = body.problem;
+    backend.upload(body.problem, body.start);
+    int done = 0;
+    for (const SpringEdit& edit : body.edits) {
+        backend.step(3);
+        done += 3;
+        apply(now, edit);
+        backend.edit(now, edit);
+    }
+    backend.step(steps - done);
+    return backend.download();
+}
+
+// --- What is written -------------------------------------------------------------------------------------
+
+/// Of a body in a formulation.
+struct Expected {
+    State after_brief, after_full;
+    Spread spread;
+};
+
+Spread spread_of(const Body& body, const State& expected, Formulation formulation) {
+    Spread spread;
+    const Comparison motion = differences(expected, body.start);
+    spread.motion_max = motion.max;
+    spread.motion_rms = motion.rms;
+    for (const std::uint64_t run : {0, 1, 2, 3}) {
+        const auto backend =
+            make_perturbed_reference({run == 0 ? Perturbation::Kind::nearest : Perturbation::Kind::random,
+                                      formulation, Precision::float32, 0, run});
+        const Comparison apart = differences(play(*backend, body, full), expected);
+        spread.max = std::max(spread.max, apart.max);
+        spread.rms = std::max(spread.rms, apart.rms);
+    }
+    return spread;
+}
+
+Expected expected_of(const Body& body, Formulation formulation) {
+    const auto oracle = BackendSpec::parse("cpu_reference:formulation=increment").make();
+    Expected expected{play(*oracle, body, brief), play(*oracle, body, full), {}};
+    expected.spread = spread_of(body, expected.after_full, formulation);
+    return expected;
+}
+
+void write(std::ostream& out, const State& state) {
+    const std::uint64_t count = state.displacement.size();
+    out.write(reinterpret_cast<const char*>(&count), sizeof count);
+    for (const auto* vectors : {&state.displacement, &state.increment})
+        out.write(reinterpret_cast<const char*>(vectors->data()),
+                  std::streamsize(count * sizeof(glm::dvec3)));
+}
+State read_state(std::istream& in) {
+    std::uint64_t count = 0;
+    in.read(reinterpret_cast<char*>(&count), sizeof count);
+    State state{std::vector<glm::dvec3>(count), std::vector<glm::dvec3>(count)};
+    for (auto* vectors : {&state.displacement, &state.increment})
+        in.read(reinterpret_cast<char*>(vectors->data()), std::streamsize(count * sizeof(glm::dvec3)));
+    return state;
+}
+
+// --- What is checked -------------------------------------------------------------------------------------
+
+struct Caught {
+    int conformance = 0, gate = 0;
+};
+
+void check(const Body& body, Formulation formulation, const Expected& expected, Caught& caught) {
+    const auto backend = BackendSpec::parse("cpu_parallel:formulation=" + to_string(formulation)).make();
+    const Comparison early = compare(body.problem, play(*backend, body, brief), expected.after_brief,
+                                     Precision::float32, brief, formulation);
+    if (!early.passed())
+        std::cerr << body.name << " " << to_string(formulation) << ": " << early.reason << "\n";
+    caught.conformance += early.passed() ? 0 : 1;
+    const Comparison late = differences(play(*backend, body, full), expected.after_full);
+    const bool passed = late.passed() &&
+                        late.max <= gate(expected.spread.max, expected.spread.motion_max, 0) &&
+                        late.rms <= gate(expected.spread.rms, expected.spread.motion_rms, 0);
+    caught.gate += passed ? 0 : 1;
+}
+
+int run(const std::string& what, const char* path) {
+    const std::vector<Formulation> formulations = {Formulation::increment, Formulation::position};
+    if (what == "write") {
+        std::ofstream out(path, std::ios::binary);
+        for (const Body& body : bodies()) {
+            for (const Formulation formulation : formulations) {
+                const Expected expected = expected_of(body, formulation);
+                write(out, expected.after_brief);
+                write(out, expected.after_full);
+                out.write(reinterpret_cast<const char*>(&expected.spread), sizeof expected.spread);
+            }
+        }
+        return out ? 0 : 2;
+    }
+    std::ifstream in(path, std::ios::binary);
+    Caught caught;
+    for (const Body& body : bodies()) {
+        for (const Formulation formulation : formulations) {
+            Expected expected{read_state(in), read_state(in), {}};
+            in.read(reinterpret_cast<char*>(&expected.spread), sizeof expected.spread);
+            check(body, formulation, expected, caught);
+        }
+    }
+    if (!in) throw std::runtime_error(std::string(path) + " is too short");
+    std::cout << caught.conformance << " " << caught.gate << "\n";
+    return 0;
+}
+
+}  // namespace
+}  // namespace voxspring::testing
+
+int main(int argc, char** argv) {
+    try {
+        return argc == 3 ? voxspring::testing::run(argv[1], argv[2]) : 2;
+    } catch (const std::exception& error) {
+        std::cerr << error.what() << "\n";
+        return 2;
+    }
+}
