@@ -58,10 +58,10 @@ struct Refined {
 /// Short runs of small bodies are of cpu_reference: one thread and a plain loop over a list of springs, which
 /// shares no code with what is compared with it but the functions of spring.h. Others are of
 /// perturbed_reference.h, on all cores and with SIMD, after its first steps have been found to be those of
-/// cpu_reference on the very scene. Neither shares code with a backend that it judges, cpu_parallel included,
-/// beyond those functions. Beyond four million particles, whose list of springs no memory may hold, those
-/// first steps are left out, and nothing is kept: reading takes longer than computing the few steps that such
-/// scenes are timed for.
+/// cpu_reference on the very scene. With cpu_parallel it shares how SIMD registers are filled
+/// (simd/lanes-inl.h), with other backends nothing but those functions. Beyond four million particles, whose
+/// list of springs no memory may hold, those first steps are left out, and nothing is kept: reading takes
+/// longer than computing the few steps that such scenes are timed for.
 class References {
 public:
     /// Told, about ten times a second, how many of a trajectory's steps are done. What it throws ends the
