@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstring>
 #include <span>
@@ -19,29 +20,39 @@ template <class T>
 class Staging {
 public:
     /// The values on the device, until the next call in the same `stream`. `values` may change at once, since
-    /// they are copied from pinned memory. The call waits until the device has fetched what was sent before.
+    /// they are copied from pinned memory. The call waits until the device has fetched what was sent some
+    /// calls before, so that the host may be that many edits ahead of it.
     const T* send(std::span<const T> values, const Stream& stream) {
         if (values.empty()) return buffer_.data();
-        if (pending_) sent_.wait();
-        if (values.size() > buffer_.size()) {
-            const std::size_t size = std::max(values.size(), 2 * buffer_.size());
-            buffer_.resize(size);
-            pinned_.resize(size);
-        }
-        std::copy(values.begin(), values.end(), pinned_.data());
-        check(cudaMemcpyAsync(buffer_.data(), pinned_.data(), values.size_bytes(), cudaMemcpyHostToDevice,
+        Slot& slot = slots_[next_];
+        next_ = (next_ + 1) % slots_.size();
+        if (slot.pending) slot.sent.wait();
+        grow(buffer_, values.size());
+        grow(slot.pinned, values.size());
+        std::copy(values.begin(), values.end(), slot.pinned.data());
+        check(cudaMemcpyAsync(buffer_.data(), slot.pinned.data(), values.size_bytes(), cudaMemcpyHostToDevice,
                               stream.get()));
-        sent_.record(stream);
-        pending_ = true;
+        slot.sent.record(stream);
+        slot.pending = true;
         return buffer_.data();
     }
     std::size_t bytes() const { return buffer_.bytes(); }
 
 private:
+    struct Slot {
+        Pinned<T> pinned;
+        Event sent;  ///< the latest values have left `pinned`
+        bool pending = false;
+    };
+
+    template <class Memory>
+    static void grow(Memory& memory, std::size_t size) {
+        if (size > memory.size()) memory.resize(std::max(size, 2 * memory.size()));
+    }
+
     Buffer<T> buffer_;
-    Pinned<T> pinned_;
-    Event sent_;  ///< the latest values have left `pinned_`
-    bool pending_ = false;
+    std::array<Slot, 8> slots_;  ///< in turns
+    std::size_t next_ = 0;
 };
 
 /// Lists of some particles on their way to a kernel, in one copy.
