@@ -65,12 +65,12 @@ const std::vector<MarchTile>& march_tiles(Precision precision) {
     // Two rows a thread evaluate 13.5 springs a particle, one row 15.5: in float64 all that registers have
     // room for.
     static const std::vector<MarchTile> of_float32 = {
-        {"32x20", {2, 16, 1, 5, 3, 2}, 4},   {"64x8", {2, 32, 1, 4, 3, 2}, 5},
-        {"64x16", {2, 32, 1, 8, 4, 3}, 2},   {"64x20", {2, 32, 1, 10, 4, 2}, 2},
-        {"64x24", {2, 32, 1, 12, 3, 2}, 2},  {"128x16", {2, 32, 2, 8, 4, 3}, 1},
-        {"128x20", {2, 32, 2, 10, 4, 2}, 1}, {"128x24", {2, 32, 2, 12, 3, 2}, 1}};
-    static const std::vector<MarchTile> of_float64 = {{"64x4", {1, 32, 1, 4, 3, 2}, 4},
-                                                      {"64x8", {1, 32, 1, 8, 4, 3}, 2},
+        {"128x20", {2, 32, 2, 10, 4, 2}, 1}, {"64x16", {2, 32, 1, 8, 4, 3}, 2},
+        {"64x8", {2, 32, 1, 4, 3, 2}, 5},    {"32x20", {2, 16, 1, 5, 3, 2}, 4},
+        {"64x20", {2, 32, 1, 10, 4, 2}, 2},  {"128x16", {2, 32, 2, 8, 4, 3}, 1},
+        {"64x24", {2, 32, 1, 12, 3, 2}, 2},  {"128x24", {2, 32, 2, 12, 3, 2}, 1}};
+    static const std::vector<MarchTile> of_float64 = {{"64x8", {1, 32, 1, 8, 4, 3}, 2},
+                                                      {"64x4", {1, 32, 1, 4, 3, 2}, 4},
                                                       {"128x8", {1, 32, 2, 8, 4, 3}, 1}};
     return precision == Precision::float32 ? of_float32 : of_float64;
 }

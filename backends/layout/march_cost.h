@@ -1,5 +1,5 @@
 // What a step of the march along z takes, predicted from counts of the device and of the plan: what
-// plan_march() chooses tiles and items by.
+// plan_march() chooses tiles by.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,8 @@ struct MarchTile {
     int blocks;  ///< that share an SM, at most: registers are for as many
     bool operator==(const MarchTile&) const = default;
 };
-/// All that a precision has.
+/// All that a precision has. Those that were measured to be the fastest for some body are first, those of the
+/// largest bodies before others.
 const std::vector<MarchTile>& march_tiles(Precision precision);
 /// By its name. An empty shape (no warps) where the precision has none such.
 MarchTile march_tile(const std::string& name, Precision precision);
@@ -64,10 +65,6 @@ public:
     double start_seconds(std::size_t items) const;
     /// Of a plane of each of `count` blocks that share a multiprocessor, whose warps take `cycles` together.
     double plane_seconds(double cycles, int count) const;
-    /// Of an item that has a multiprocessor to itself, its start aside.
-    double alone_seconds(const MarchLoad& load) const {
-        return load.planes == 0 ? 0 : load.planes * plane_seconds(load.cycles / load.planes, 1);
-    }
     /// Seconds from the first to the last instruction of a launch of `loads` in that order: a block goes to
     /// the emptiest multiprocessor as soon as one has room.
     double work_seconds(const std::vector<MarchLoad>& loads) const;

@@ -4,8 +4,10 @@
 #include <array>
 #include <bit>
 #include <cstddef>
+#include <functional>
 #include <limits>
-#include <optional>
+#include <queue>
+#include <set>
 #include <utility>
 
 #include "backends/layout/march_columns.h"
@@ -16,9 +18,9 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr int max_rows = 2;
-/// A plan has at most so many items more than there are runs of planes: a few times the blocks that the
-/// largest cards run at once.
-constexpr std::size_t max_cuts = 4096;
+/// The longest run of planes is not cut into parts shorter than this: an item costs three planes' time beside
+/// its planes.
+constexpr int shortest_part = 3;
 
 /// Which bits of a thread's word stand for the springs of its particles in the plane that arrived (1) and the
 /// one before (0), by row, column and mask.
@@ -135,155 +137,104 @@ std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::ve
     return cut;
 }
 
-/// A way to cut a body into items of one tile, and its cost.
-class Candidates {
+/// How many items there are of each length, which is the index.
+using LengthCounts = std::vector<int>;
+
+/// When the last of `slots` has nothing left to do, each of which takes the longest item that is left. A
+/// block takes three planes' time more than its item has: two that it shares with others, and the first, for
+/// which it waits.
+int finished_at(const LengthCounts& counts, int slots) {
+    constexpr int extra = 3;
+    std::priority_queue<int, std::vector<int>, std::greater<>> ends;
+    for (int slot = 0; slot < slots; ++slot) ends.push(0);
+    int last = 0;
+    for (int length = int(counts.size()) - 1; length > 0; --length) {
+        for (int n = 0; n < counts[std::size_t(length)]; ++n) {
+            const int end = ends.top() + length + extra;
+            ends.pop();
+            ends.push(end);
+            last = std::max(last, end);
+        }
+    }
+    return last;
+}
+
+/// `run` in parts of the same length but for one plane, none longer than `most`.
+template <class Visit>
+void visit_parts(const Run& run, int most, Visit visit) {
+    const int count = units_of(run.length(), most);
+    for (int part = 0; part < count; ++part)
+        visit(Run{run.column, run.begin + run.length() * part / count,
+                  run.begin + run.length() * (part + 1) / count});
+}
+
+/// How many planes an item should have at most.
+int best_length(const std::vector<Run>& runs, int slots) {
+    int longest = 1;
+    for (const Run& run : runs) longest = std::max(longest, run.length());
+    int best = longest, least = std::numeric_limits<int>::max();
+    for (int parts = 1, before = 0; parts == 1 || units_of(longest, parts) >= shortest_part; ++parts) {
+        const int length = units_of(longest, parts);
+        if (length == before) continue;
+        before = length;
+        LengthCounts counts(std::size_t(length) + 1);
+        for (const Run& run : runs)
+            visit_parts(run, length, [&](const Run& part) { ++counts[std::size_t(part.length())]; });
+        const int finished = finished_at(counts, slots);
+        if (finished < least) {
+            least = finished;
+            best = length;
+        }
+    }
+    return best;
+}
+
+/// A body in items of one tile, and what a step of it costs.
+class Candidate {
 public:
-    Candidates(const MarchCells& cells, const MarchTile& tile, Precision precision, Formulation formulation,
-               const MarchDevice& device)
-        : columns_(cells, tile.shape),
+    Candidate(const MarchCells& cells, const MarchTile& tile, Precision precision, Formulation formulation,
+              const MarchDevice& device)
+        : tile_(tile),
+          columns_(cells, tile.shape),
           cost_(tile, precision, formulation, device),
-          multiprocessors_(std::size_t(device.multiprocessors)),
           lattice_(&cells.lattice()),
           increments_(by_increments(formulation)),
-          real_(precision == Precision::float32 ? sizeof(float) : sizeof(double)),
-          cycles_(std::size_t(columns_.count()) * std::size_t(columns_.planes())) {
-        const auto count = std::ptrdiff_t(columns_.count());
-#pragma omp parallel for
-        for (std::ptrdiff_t column = 0; column < count; ++column) {
-            for (int z = 0; z < columns_.planes(); ++z)
-                cycles_[index(int(column), z)] =
-                    float(count_cycles(int(column), z, columns_.at(int(column), z).full));
-        }
+          real_(precision == Precision::float32 ? sizeof(float) : sizeof(double)) {
+        cut();
+        predict();
     }
 
+    const MarchTile& tile() const { return tile_; }
     const MarchColumns& columns() const { return columns_; }
     double seconds() const { return seconds_; }
-    const std::vector<Run>& best() const { return best_; }
-
-    /// Tries them all.
-    void search() {
-        const std::vector<Run> runs = runs_of(columns_);
-        try_runs(runs);
-        const std::vector<Run> cut = cut_by_full_stencils(columns_, runs);
-        if (cut.size() > runs.size()) try_runs(cut);
-    }
+    /// In the order of blocks.
+    const std::vector<Run>& items() const { return items_; }
 
 private:
-    /// What items cost a block, beside others of the mean cost.
-    struct Sharing {
-        std::size_t slots;            ///< blocks that run at once
-        double start, wait, a_cycle;  ///< seconds of an item, of a plane, of a cycle of its warps
-    };
-
-    void try_runs(const std::vector<Run>& runs) {
-        try_equal_parts(runs);
-        for (int count = 1; count <= cost_.resident(); ++count) try_equal_shares(runs, count);
+    /// Parts of the same length, of the height of neighbours' parts: those find each other's frames in the
+    /// cache.
+    void cut() {
+        const std::vector<Run> runs = cut_by_full_stencils(columns_, runs_of(columns_));
+        const int length = best_length(runs, cost_.slots());
+        for (const Run& run : runs)
+            visit_parts(run, length, [&](const Run& part) { items_.push_back(part); });
+        // The longest first, so that what is left at the end is short; else tile by tile at the same height.
+        std::stable_sort(items_.begin(), items_.end(), [](const Run& a, const Run& b) {
+            return a.length() != b.length() ? a.length() > b.length() : a.begin < b.begin;
+        });
     }
-
-    /// Parts of the same length, which march over their columns at the same height: neighbours find each
-    /// other's frames in the cache.
-    void try_equal_parts(const std::vector<Run>& runs) {
-        const std::size_t most = runs.size() + std::min(max_cuts, 4 * std::size_t(cost_.slots()));
-        int longest = 1;
-        for (const Run& run : runs) longest = std::max(longest, run.length());
-        for (int parts = 1, before = 0; parts <= longest; ++parts) {
-            const int length = units_of(longest, parts);
-            if (length == before) continue;
-            before = length;
-            std::vector<Run> items;
-            for (const Run& run : runs) {
-                const int count = units_of(run.length(), length);
-                for (int part = 0; part < count; ++part)
-                    items.push_back({run.column, run.begin + run.length() * part / count,
-                                     run.begin + run.length() * (part + 1) / count});
-            }
-            if (parts > 1 && items.size() > most) return;
-            consider(std::move(items), true);
+    void predict() {
+        std::vector<MarchLoad> loads;
+        double bytes = 0;
+        for (const Run& item : items_) starts_.emplace(item.column, item.begin);
+        for (const Run& item : items_) {
+            loads.push_back(load_of(item));
+            bytes += bytes_of(item);
         }
+        const double state = double(lattice_->voxel_count()) * 3 * real_ * (increments_ ? 3 : 2);
+        seconds_ = cost_.step_seconds(loads, bytes, state);
     }
 
-    /// Spans of equal cost that go on from column to column, for `count` blocks a multiprocessor. The longest
-    /// parts are first, so that the device gives the rest of each span to the block that ends first.
-    void try_equal_shares(const std::vector<Run>& runs, int count) {
-        constexpr int trials = 8;
-        const Sharing sharing = sharing_of(runs, count);
-        // If cuts cost nothing.
-        double least = 0;
-        for (const Run& run : runs) least += seconds_of(run, sharing);
-        least /= double(sharing.slots);
-        double most = least;
-        std::optional<std::vector<Run>> items;
-        while (!items) items = deal_out(runs, most *= 2, sharing);
-        for (int trial = 0; trial < trials; ++trial) {
-            const double share = (least + most) / 2;
-            if (auto fitting = deal_out(runs, share, sharing)) {
-                most = share;
-                items = std::move(fitting);
-            } else {
-                least = share;
-            }
-        }
-        if (items->size() <= runs.size() + max_cuts) consider(std::move(*items), false);
-    }
-
-    /// Items such that those of each slot take `share` seconds at most, or nothing.
-    std::optional<std::vector<Run>> deal_out(const std::vector<Run>& runs, double share,
-                                             const Sharing& sharing) const {
-        std::vector<Run> items;
-        std::size_t used = 1;
-        double left = share;
-        for (const Run& run : runs) {
-            int z = run.begin;
-            while (z < run.end) {
-                // The plane above an item arrives as well.
-                double taken = sharing.start + plane_seconds(run.column, z, sharing);
-                int end = z;
-                while (end < run.end) {
-                    const double more = plane_seconds(run.column, end + 1, sharing);
-                    if (taken + more > left) break;
-                    taken += more;
-                    ++end;
-                }
-                if (end > z) {
-                    items.push_back({run.column, z, end});
-                    left -= taken;
-                    z = end;
-                } else if (left == share) {
-                    return std::nullopt;
-                }
-                if (z == run.end) break;
-                if (++used > sharing.slots) return std::nullopt;
-                left = share;
-            }
-        }
-        return items;
-    }
-
-    Sharing sharing_of(const std::vector<Run>& runs, int count) const {
-        double cycles = 0, planes = 0;
-        for (const Run& run : runs) {
-            const MarchLoad load = load_of(run);
-            cycles += load.cycles;
-            planes += load.planes;
-        }
-        const std::size_t slots = multiprocessors_ * std::size_t(count);
-        const double others = planes == 0 ? 0 : (count - 1) * cycles / planes;
-        const double wait = cost_.plane_seconds(others, count);
-        return {slots, cost_.start_seconds(slots), wait, cost_.plane_seconds(others + 1, count) - wait};
-    }
-    double plane_seconds(int column, int z, const Sharing& sharing) const {
-        if (z >= columns_.planes()) return 0;
-        return springs_of(z) * (sharing.wait + sharing.a_cycle * double(cycles_[index(column, z)]));
-    }
-    double seconds_of(const Run& run, const Sharing& sharing) const {
-        double seconds = sharing.start;
-        for (int z = run.begin; z <= run.end; ++z) seconds += plane_seconds(run.column, z, sharing);
-        return seconds;
-    }
-
-    std::size_t index(int column, int z) const {
-        return std::size_t(column) * std::size_t(columns_.planes()) + std::size_t(z);
-    }
     /// Of the springs of a plane: the first of the lattice has those within it alone.
     static double springs_of(int z) { return z == 0 ? 0.5 : 1; }
     /// Cycles of all warps as plane z arrives, those of `full` without masks.
@@ -295,25 +246,36 @@ private:
         const int without = std::popcount(active & full);
         return without * rates.full + (at_work - without) * rates.masked + (all - at_work) * rates.idle;
     }
-    MarchLoad load_of(const Run& run) const {
+    MarchLoad load_of(const Run& item) const {
         std::uint32_t full = ~0U;
-        for (int z = run.begin; z < run.end; ++z) full &= columns_.at(run.column, z).full;
+        for (int z = item.begin; z < item.end; ++z) full &= columns_.at(item.column, z).full;
         MarchLoad load;
-        for (int z = run.begin; z <= std::min(run.end, columns_.planes() - 1); ++z) {
-            const bool same = columns_.at(run.column, z).full == full;
+        // The plane above arrives as well.
+        for (int z = item.begin; z <= std::min(item.end, columns_.planes() - 1); ++z) {
             load.planes += springs_of(z);
-            load.cycles += springs_of(z) *
-                           (same ? double(cycles_[index(run.column, z)]) : count_cycles(run.column, z, full));
+            load.cycles += springs_of(z) * count_cycles(item.column, z, full);
         }
         return load;
     }
 
-    /// Bytes of a plane's window and of what it overwrites. Half of a frame is still in the cache if the
-    /// tiles around it march at the same height.
-    double bytes_at(int column, int z, bool in_step) const {
+    /// Of the columns to the left and right, in front and behind, those with an item at this one's height.
+    int neighbours_in_step(const Run& item) const {
+        const int across = units_of(lattice_->dims.x, columns_.shape().width());
+        const int x = item.column % across;
+        int found = 0;
+        for (const int step : {-1, 1, -across, across}) {
+            const bool beside = step != -1 && step != 1;
+            if (!beside && (x + step < 0 || x + step >= across)) continue;
+            found += int(starts_.count({item.column + step, item.begin}));
+        }
+        return found;
+    }
+    /// Bytes of a plane's window and of what it overwrites, of a frame `fetched_frame`.
+    double bytes_at(int column, int z, double fetched_frame) const {
+        // An access to HBM, which gives no less.
+        constexpr int fetched_bytes = 64;
         const MarchShape& shape = columns_.shape();
-        const int margin = MarchShape::margin(real_);
-        const double frame = in_step ? 0.5 : 1;
+        const int margin = fetched_bytes / real_;
         const auto within = [](int begin, int end, int size) {
             return std::min(end, size) - std::max(begin, 0);
         };
@@ -323,47 +285,32 @@ private:
         const double own = double(within(x, x + shape.width(), lattice_->dims.x)) *
                            within(y, y + shape.height(), lattice_->dims.y);
         const double stored = double(std::popcount(columns_.at(column, z).active)) / shape.warps();
-        return 3 * real_ * (own + frame * (window - own) + own * (1 + stored * (increments_ ? 2 : 1)));
+        return 3 * real_ *
+               (own + fetched_frame * (window - own) + own * (1 + stored * (increments_ ? 2 : 1)));
     }
-    double bytes_of(const Run& run, bool in_step) const {
+    /// Half of a frame is still in the cache where tiles on all sides march at the same height, and none of
+    /// it where none does. On an H200 at commit 46c228e the heart of 480x408x368, whose runs begin at all
+    /// heights, took 410 us in 64x8 and 482 in 32x20: with half frames the narrower would be taken. The time
+    /// itself is predicted a fifth too short.
+    double bytes_of(const Run& item) const {
+        constexpr int sides = 4;
+        const double fetched_frame = 1 - 0.5 * neighbours_in_step(item) / sides;
         double bytes = 0;
-        for (int z = run.begin; z < run.end; ++z) bytes += bytes_at(run.column, z, in_step);
+        for (int z = item.begin; z < item.end; ++z) bytes += bytes_at(item.column, z, fetched_frame);
         // The planes below and above, of which windows alone are fetched: a third or a quarter.
-        const double window = bytes_at(run.column, run.begin, in_step) / (increments_ ? 4 : 3);
-        return bytes + window * ((run.begin > 0 ? 1 : 0) + (run.end < columns_.planes() ? 1 : 0));
+        const double window = bytes_at(item.column, item.begin, fetched_frame) / (increments_ ? 4 : 3);
+        return bytes + window * ((item.begin > 0 ? 1 : 0) + (item.end < columns_.planes() ? 1 : 0));
     }
 
-    void consider(std::vector<Run> items, bool in_step) {
-        std::vector<std::pair<MarchLoad, std::size_t>> order;
-        double bytes = 0;
-        for (std::size_t n = 0; n < items.size(); ++n) {
-            order.emplace_back(load_of(items[n]), n);
-            bytes += bytes_of(items[n], in_step);
-        }
-        // The dearest first, so that what is left at the end is short; else at the same height.
-        std::stable_sort(order.begin(), order.end(), [&](const auto& a, const auto& b) {
-            const double one = cost_.alone_seconds(a.first), other = cost_.alone_seconds(b.first);
-            return one != other ? one > other : items[a.second].begin < items[b.second].begin;
-        });
-        std::vector<MarchLoad> loads;
-        for (const auto& [load, n] : order) loads.push_back(load);
-        const double state = double(lattice_->voxel_count()) * 3 * real_ * (increments_ ? 3 : 2);
-        const double seconds = cost_.step_seconds(loads, bytes, state);
-        if (!best_.empty() && seconds >= seconds_) return;
-        seconds_ = seconds;
-        best_.clear();
-        for (const auto& [load, n] : order) best_.push_back(items[n]);
-    }
-
+    MarchTile tile_;
     MarchColumns columns_;
     MarchCost cost_;
-    std::size_t multiprocessors_;
     const Lattice* lattice_;
     bool increments_;
     int real_;
-    std::vector<float> cycles_;  ///< of each plane of each column
-    std::vector<Run> best_;
-    double seconds_ = std::numeric_limits<double>::infinity();
+    std::vector<Run> items_;
+    std::set<std::pair<int, int>> starts_;  ///< columns and first planes of items
+    double seconds_ = 0;
 };
 
 /// Sets items and words of a plan.
@@ -445,18 +392,20 @@ MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles
     const MarchCells cells(problem, narrowest);
     const auto fits = [&](const MarchTile& tile) { return resident_blocks(tile, precision, device) > 0; };
     const bool any_fits = std::any_of(tiles.begin(), tiles.end(), fits);
-    std::optional<Candidates> best;
-    MarchPlan plan;
+    std::vector<Candidate> candidates;
+    double least = std::numeric_limits<double>::infinity();
     for (const MarchTile& tile : tiles) {
-        if (any_fits ? !fits(tile) : best.has_value()) continue;
-        Candidates candidates(cells, tile, precision, formulation, device);
-        candidates.search();
-        if (best && candidates.seconds() >= best->seconds()) continue;
-        plan.tile = tile;
-        best.emplace(std::move(candidates));
+        if (any_fits ? !fits(tile) : !candidates.empty()) continue;
+        candidates.emplace_back(cells, tile, precision, formulation, device);
+        least = std::min(least, candidates.back().seconds());
     }
+    const auto best = std::find_if(candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
+        return candidate.seconds() <= max_alike * least;
+    });
+    MarchPlan plan;
+    plan.tile = best->tile();
     plan.seconds = best->seconds();
-    Writer(cells, plan.tile.shape).write(best->columns(), best->best(), plan);
+    Writer(cells, plan.tile.shape).write(best->columns(), best->items(), plan);
     return plan;
 }
 
@@ -464,9 +413,9 @@ std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
     const std::uint64_t tiles = std::uint64_t(units_of(lattice.dims.x, shape.width())) *
                                 std::uint64_t(units_of(lattice.dims.y, shape.height()));
     const std::uint64_t planes = tiles * std::uint64_t(lattice.dims.z);
-    // There is an empty plane between two runs.
-    const std::uint64_t runs = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
-    const std::uint64_t items = std::min(planes, runs + max_cuts);
+    // There is an empty plane between two runs, and parts of a longer run have two planes or more.
+    static_assert(shortest_part == 3);
+    const std::uint64_t items = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
     // An item has one plane of words more than planes.
     return items * sizeof(MarchItem) +
            (planes + items) * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);

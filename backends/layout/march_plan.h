@@ -1,5 +1,6 @@
-// Which block of the march along z does what: tiles and items of work, chosen by what they cost
-// (march_cost.h), and the words of those that need masks. Built on the host and without a device.
+// Which block of the march along z does what: the tile, chosen by what a step costs with it
+// (march_cost.h), items of work, and the words of those that need masks. Built on the host and without a
+// device.
 #pragma once
 
 #include <cstdint>
@@ -16,15 +17,17 @@ namespace voxspring::cuda {
 /// What blocks do.
 struct MarchPlan {
     MarchTile tile;
-    std::vector<MarchItem> items;  ///< in the order of blocks: the dearest first
+    std::vector<MarchItem> items;  ///< in the order of blocks: the longest first
     std::vector<std::uint64_t> words;
     double seconds = 0;  ///< of a step, as predicted
     bool operator==(const MarchPlan&) const = default;
 };
 
+/// Times up to so many times the shortest are alike: less than predictions are off (march_cost_test).
+constexpr double max_alike = 1.03;
 /// Items for all particles, in the tile that a step is predicted to be the shortest with: of those of `tiles`
-/// that fit the device, or the first if none does. At least one tile. Particles step to the same bits
-/// whatever the tile and however runs of planes are cut into items.
+/// that fit the device, or the first if none does. Of tiles that are alike the first. At least one tile.
+/// Particles step to the same bits whatever the tile and however runs of planes are cut into items.
 MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
                      Formulation formulation, const MarchDevice& device);
 /// Bytes of a plan, at most.
