@@ -4,8 +4,8 @@
 // With SECONDARY each spring has its own stiffness and rest length, and a particle's bits count all of its
 // springs. Otherwise each group has one of either, and the bits count the springs of each group. FACES, EDGES
 // and CORNERS are defined where the scene has springs of that group or, with ALL_GROUPS, may have them.
-// OFF_LATTICE_REST is defined where the scene has springs beyond the lattice and the formulation asks how they
-// lie at rest.
+// OFF_LATTICE_REST is defined where the scene has springs beyond the lattice and the formulation asks how
+// they lie at rest.
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
 // zero. So lists can be read in whole chunks, before the counters that say where they end.

@@ -1,9 +1,10 @@
 // Each particle is a fragment. A list has its neighbours: two fetches for each.
 //
-// With PER_SPRING each spring has its own stiffness and rest length, and w counts all neighbours. Otherwise each
-// group has one of either, and w counts the neighbours of each group in COUNT_BITS bits. FACES, EDGES and CORNERS
-// are defined where the scene has springs of that group, OFF_LATTICE_REST where it has springs beyond the
-// lattice and the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
+// With PER_SPRING each spring has its own stiffness and rest length, and w counts all neighbours. Otherwise
+// each group has one of either, and w counts the neighbours of each group in COUNT_BITS bits. FACES, EDGES
+// and CORNERS are defined where the scene has springs of that group, OFF_LATTICE_REST where it has springs
+// beyond the lattice and the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS
+// particles.
 #include "measured.glsl"
 #include "particle.glsl"
 

@@ -36,6 +36,16 @@ public:
     ~Unfinished() { unfinished_file_is_known = 0; }
 };
 
+/// Of a file that is not there: no other process takes this one's number.
+std::string unused_name_beside(const std::filesystem::path& path) {
+    std::error_code error;
+    const std::string stem = path.string() + "." + std::to_string(getpid()) + "-";
+    int number = 0;
+    while (std::filesystem::exists(std::filesystem::symlink_status(stem + std::to_string(number), error)))
+        ++number;
+    return stem + std::to_string(number);
+}
+
 /// What is written in place: nothing there could be replaced by a file.
 bool is_pipe_or_device(const std::filesystem::path& path) {
     struct stat status {};
@@ -86,12 +96,13 @@ void write_atomically(const std::filesystem::path& asked, const std::string& tex
         return;
     }
     const std::filesystem::path path = behind_links(asked);
-    std::string temporary = path.string() + ".XXXXXX";
-    const int file = mkstemp(temporary.data());
-    if (file < 0) fail("cannot write");
+    const std::string temporary = unused_name_beside(path);
+    // Before there is one: a signal may come right after.
     const Unfinished unfinished(temporary);
+    const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    if (file < 0) fail("cannot write");
     const bool written = write_all(file, text);
-    // mkstemp makes the file private; a result is as readable as any file its user writes.
+    // Private so far; a result is as readable as any file its user writes.
     const mode_t mask = umask(0);
     umask(mask);
     const bool done = written && fchmod(file, 0666 & ~mask) == 0 && fsync(file) == 0;
