@@ -41,14 +41,19 @@ class Study(unittest.TestCase):
         self.local = self.tree / "results/local"
         self.local.mkdir(parents=True)
         shutil.copy(ROOT / "run", self.tree)
-        (self.tree / "tests").mkdir()
+        # Python packages are there already.
+        for of, environment in (("results", "report-venv"), ("tests", "test-venv")):
+            (self.tree / "build" / environment).mkdir(parents=True)
+            (self.tree / of).mkdir(exist_ok=True)
+            for path in (self.tree / of, self.tree / "build" / environment):
+                (path / "requirements.txt").write_text("numpy\n")
         shutil.copy(ROOT / "tests/count.py", self.tree / "tests")
         shutil.copy(ROOT / "CMakePresets.json", self.tree)
         # The script goes where there is no tool but these.
         self.tools = pathlib.Path(folder.name) / "tools"
         self.tools.mkdir()
-        for tool in ("bash", "cat", "cp", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "nproc", "rm", "sed", "sleep",
-                     "sort", "tail", "touch", "tr", "uniq"):
+        for tool in ("bash", "cat", "cmp", "cp", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "nproc", "rm", "sed",
+                     "sleep", "sort", "tail", "touch", "tr", "uniq"):
             (self.tools / tool).symlink_to(shutil.which(tool))
         self.write(self.tools / "dpkg-query", DPKG_QUERY)
         self.write(self.tools / "cmake", "#!/bin/bash\n")
