@@ -428,8 +428,8 @@ TEST(MarchPlan, TakesTheTileThatIsPredictedToBeTheFastestOfThoseThatFit) {
                 MarchDevice device = device_of(8);
                 device.block_shared_bytes = kibibytes << 10U;
                 device.shared_bytes = device.block_shared_bytes + device.reserved_bytes;
-                const auto planned = [&](const std::vector<MarchTile>& tiles) {
-                    return plan_march(problem, tiles, precision, Formulation::position, device);
+                const auto planned = [&, &of = problem](const std::vector<MarchTile>& tiles) {
+                    return plan_march(of, tiles, precision, Formulation::position, device);
                 };
                 const MarchPlan best = planned(march_tiles(precision));
                 EXPECT_GT(resident_blocks(best.tile, precision, device), 0);

@@ -322,8 +322,8 @@ public:
           table_(shape.rows),
           thread_of_(std::size_t(shape.width() / 2 * rows())) {
         for (int thread = 0; thread < shape.threads(); ++thread)
-            thread_of_[std::size_t(shape.row(thread) / shape.rows * (shape.width() / 2) +
-                                   shape.column(thread) / 2)] = thread;
+            thread_of_[std::size_t(shape.row(thread) / shape.rows) * std::size_t(shape.width() / 2) +
+                       std::size_t(shape.column(thread) / 2)] = thread;
     }
 
     void write(const MarchColumns& columns, const std::vector<Run>& runs, MarchPlan& plan) const {
@@ -367,7 +367,7 @@ private:
         const auto last = lattice.voxel.begin() + std::ptrdiff_t(cells_.end_particle(y, z));
         const int r = (y - item.y) % shape_.rows;
         const int* const threads =
-            &thread_of_[std::size_t((y - item.y) / shape_.rows * (shape_.width() / 2))];
+            &thread_of_[std::size_t((y - item.y) / shape_.rows) * std::size_t(shape_.width() / 2)];
         for (auto voxel = std::lower_bound(first, last, row + std::size_t(item.x)); voxel != last; ++voxel) {
             const int x = int(*voxel - row) - item.x;
             if (x >= shape_.width()) break;

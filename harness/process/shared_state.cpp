@@ -4,7 +4,9 @@
 #include <sys/shm.h>
 
 #include <algorithm>
+#include <bit>
 #include <cerrno>
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <system_error>
@@ -45,7 +47,7 @@ SharedState::SharedState(const nlohmann::json& description)
 
 void SharedState::attach() {
     void* memory = shmat(segment_, nullptr, 0);
-    if (memory == reinterpret_cast<void*>(-1)) refuse();
+    if (std::bit_cast<std::intptr_t>(memory) == -1) refuse();
     vectors_ = {static_cast<glm::dvec3*>(memory), 2 * particles_};
 }
 
