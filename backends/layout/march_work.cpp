@@ -9,16 +9,12 @@
 namespace voxspring::cuda {
 namespace {
 
-template <class Real>
-constexpr bool is_single = sizeof(Real) == sizeof(float);
-
 /// A spring of the march: as pull_operations() counts, but that what follows the root is 1 on positions and
 /// displacements, and by increments in float32 3 with the root's and the reciprocal's own. Face springs are
 /// scaled.
 template <class Real>
 std::uint64_t march_pull_operations(const Direction& direction, Formulation formulation) {
-    const glm::ivec3 o = direction.offset;
-    const auto axes = std::uint64_t((o.x != 0) + (o.y != 0) + (o.z != 0));
+    const std::uint64_t axes = axes_of(direction);
     std::uint64_t operations = 3 + (is_single<Real> ? 3 : 4) + (direction.group == SpringGroup::face ? 1 : 0);
     if (!on_positions(formulation)) operations += axes;
     if (by_increments(formulation)) return operations + 3 + axes + (is_single<Real> ? 4 : 6 + 1 + 5 + 2);

@@ -4,13 +4,9 @@
 
 #include "backends/layout/records/particle.h"
 #include "backends/layout/records/springs.h"
-#include "backends/physics/neighbours.h"
 
 namespace voxspring::cuda {
 namespace {
-
-template <class Real>
-constexpr bool single = sizeof(Real) == sizeof(float);
 
 /// unit_pull() of a relative position or displacement, the 3 subtractions that it takes included:
 /// squared_length() 3 in float32 and 4 in float64, inverse_root() 1 and 6, fast_reciprocal() 1 and 5, the
@@ -18,11 +14,10 @@ constexpr bool single = sizeof(Real) == sizeof(float);
 /// lies, by increments the deficit 3 and as many again; low parts are 6.
 template <class Real>
 std::uint64_t pull_operations(const Direction& direction, Formulation formulation) {
-    const glm::ivec3 o = direction.offset;
-    const auto axes = std::uint64_t((o.x != 0) + (o.y != 0) + (o.z != 0));
-    std::uint64_t operations = single<Real> ? 3 + 3 + 1 + 3 : 3 + 4 + 6 + 3;
+    const std::uint64_t axes = axes_of(direction);
+    std::uint64_t operations = is_single<Real> ? 3 + 3 + 1 + 3 : 3 + 4 + 6 + 3;
     if (!on_positions(formulation)) operations += axes;
-    if (by_increments(formulation)) operations += 3 + axes + (single<Real> ? 1 : 5);
+    if (by_increments(formulation)) operations += 3 + axes + (is_single<Real> ? 1 : 5);
     if (formulation == Formulation::compensated) operations += 6;
     return operations;
 }
@@ -32,7 +27,7 @@ const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::cor
 
 /// fast_series_stiffness(), the sum of its arguments included, and the density's multiplication by it.
 template <class Real>
-constexpr std::uint64_t material_operations = single<Real> ? 1 + 1 + 1 : 1 + 5 + 1;
+constexpr std::uint64_t material_operations = is_single<Real> ? 1 + 1 + 1 : 1 + 5 + 1;
 
 /// Sums of groups into the force.
 std::uint64_t group_operations(const Problem& problem) {

@@ -7,9 +7,18 @@
 
 #include "backends/limits.h"
 #include "backends/physics/formulation.h"
+#include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
 
 namespace voxspring::cuda {
+
+template <class Real>
+constexpr bool is_single = sizeof(Real) == sizeof(float);
+/// Along how many axes the neighbour in that direction lies.
+inline std::uint64_t axes_of(const Direction& direction) {
+    const glm::ivec3 o = direction.offset;
+    return std::uint64_t((o.x != 0) + (o.y != 0) + (o.z != 0));
+}
 
 /// Operations of a vector times a scalar, added to a sum or not.
 inline constexpr std::uint64_t vector_operations = 3;
