@@ -114,6 +114,13 @@ public:
     /// upload() or destruction.
     virtual void upload(const Problem& problem, const State& state) = 0;
 
+    /// Keep a copy of the state on the device, for rewind(): right after upload(), until the next. False
+    /// where this backend keeps none, or has no room for it.
+    virtual bool keep_start() { return false; }
+    /// Stand at step 0 as upload() left it, whose state keep_start() kept; no edit may have been made since.
+    /// Every step gives the bits that it would give after another upload().
+    virtual void rewind() {}
+
     /// Enqueue a change of springs between the steps before and the steps after; may return before it is
     /// made. `edited` is the uploaded problem with this and all earlier edits since, which unsupported()
     /// accepts; it must outlive its use as `problem` does, changed by nothing but the next edit. From here on

@@ -122,8 +122,7 @@ public:
           tiles_(tiles_of(tuned_, precision)) {}
 
     void upload(const Problem& problem, const State& state) override {
-        this->synchronize();
-        this->start_compiling();
+        this->begin_upload();
         this->set_problem(problem);
         MarchPlan plan = planned(problem, tiles_);
         tile_ = plan.tile;
@@ -157,7 +156,7 @@ public:
             launch.befores[b] = tensor_map(before, problem.lattice, axes_, shape.width(), shape.height());
         }
         resume(plan, launch);
-        this->rewind();
+        this->stand_at_start();
     }
 
     /// Masks change in place or give a warp masks that had none, so all of them are made anew.
@@ -219,6 +218,10 @@ private:
     std::uint64_t bytes_held() const override {
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes() + items_.bytes() +
                words_.bytes();
+    }
+
+    std::vector<StateArray> state_arrays() const override {
+        return {state_array(positions_[0]), state_array(positions_[1]), state_array(increment_)};
     }
 
     /// What a launch is made of, besides x(t) and what is overwritten.

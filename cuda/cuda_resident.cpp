@@ -84,8 +84,7 @@ public:
           pollers_(std::stoi(options.tuning.at("pollers"))) {}
 
     void upload(const Problem& problem, const State& state) override {
-        synchronize();
-        start_compiling();
+        begin_upload();
         tag_ = launches_ = 0;
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }

@@ -217,6 +217,30 @@ TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
     }
 }
 
+TEST_P(Conformance, RewindsToTheStartThatItKeptToTheBit) {
+    const Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 9));
+    if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
+    // Most of it at rest, which backends that leave out what rests must find again.
+    State start = random_state(problem, 0.05, 8);
+    std::fill(start.displacement.begin() + 50, start.displacement.end(), glm::dvec3(0));
+    std::fill(start.increment.begin() + 50, start.increment.end(), glm::dvec3(0));
+    backend->upload(problem, start);
+    if (!backend->keep_start()) GTEST_SKIP() << "keeps none";
+    // Odd and even numbers of steps end in different buffers.
+    for (const int steps : {7, 10}) {
+        backend->rewind();
+        backend->step(steps);
+        const State rewound = backend->download();
+        const auto fresh = spec.make();
+        fresh->upload(problem, start);
+        fresh->step(steps);
+        const State uploaded = fresh->download();
+        if (!backend->capabilities().deterministic) continue;
+        EXPECT_EQ(rewound.displacement, uploaded.displacement) << steps << " steps";
+        EXPECT_EQ(rewound.increment, uploaded.increment) << steps << " steps";
+    }
+}
+
 // OpenGL leaves the rounding of its root to the driver, and the paper's formula drifts.
 TEST_P(Conformance, RestStaysRestToTheBit) {
     // It rounds 2 - lambda and 1 - lambda apart: a force in proportion to the absolute position.

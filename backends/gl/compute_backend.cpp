@@ -78,6 +78,7 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
     context().make_current();
     problem_ = &problem;
     compile_seconds_ = 0;
+    start_ = {};
     layout_ = lay_out(problem);
     const cuda::Placement& placement = layout_.placement;
     {
@@ -103,11 +104,31 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
                                                needs_materials(problem, all_terms()), placement.words,
                                                float(1 / problem.materials[0].mass)));
     make_program(problem);
-    rewind({{"STORAGE_BUFFERS", ""}});
+    stand_at_start();
     bind();
     hold(bytes_needed(problem));
     glFinish();
     context().check("uploading");
+}
+
+bool ComputeBackend::keep_start() {
+    context().make_current();
+    const auto buffers = state_buffers();
+    std::uint64_t bytes = 0;
+    for (const StorageBuffer* const buffer : buffers) bytes += buffer->bytes();
+    if (!has_room_for(bytes)) return false;
+    for (std::size_t n = 0; n < buffers.size(); ++n) start_[n].copy(context(), *buffers[n]);
+    context().check("keeping the start");
+    return true;
+}
+
+void ComputeBackend::restore_start() {
+    // What shaders wrote, they do so before copies of other commands.
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    const auto buffers = state_buffers();
+    for (std::size_t n = 0; n < buffers.size(); ++n) buffers[n]->copy(context(), start_[n]);
+    glMemoryBarrier(barrier_);
+    current_ = 0;
 }
 
 void ComputeBackend::make_program(const Problem& problem) {

@@ -21,6 +21,7 @@ class ComputeBackend : public GlBackend {
 public:
     Capabilities capabilities() const final;
     void upload(const Problem& problem, const State& state) final;
+    bool keep_start() final;
     State download() final;
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
@@ -67,6 +68,12 @@ protected:
 private:
     std::string refused(const Problem& problem) const final;
     void enqueue_step() final;
+    void restore_start() final;
+    Defines divergence_defines() const final { return {{"STORAGE_BUFFERS", ""}}; }
+    /// What steps write and later steps read.
+    std::array<StorageBuffer*, 6> state_buffers() {
+        return {&words_[0], &words_[1], &low_[0], &low_[1], &increment_, &increment_low_};
+    }
     void enqueue_divergence_check() final;
 
     void make_program(const Problem& problem);
@@ -81,6 +88,7 @@ private:
     std::array<StorageBuffer, 2> words_, low_;
     std::array<Texture, 2> word_texture_, low_texture_;
     StorageBuffer increment_, increment_low_, load_, inverse_mass_;
+    std::array<StorageBuffer, 6> start_;       ///< copies of state_buffers()
     std::map<std::string, Program> programs_;  // by their text: an edit may go back to the one before
     const Program* program_ = nullptr;
     double compile_seconds_ = 0;

@@ -66,6 +66,7 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     problem_ = &problem;
     // The old textures go before the new ones come: a large problem fits once, not twice.
     frames_.clear();
+    start_.clear();
     stencil_ = {};
     load_ = {};
     material_ = {};
@@ -76,7 +77,7 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     make_particle_textures(problem, layout);
     make_program(problem);
     texel_ = std::move(layout.texel);
-    rewind();
+    stand_at_start();
 
     glViewport(0, 0, size_.x, size_.y);
     hold(bytes_needed(problem));
@@ -88,7 +89,7 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
     if (masked_) make_stencil(layout);
     frames_.resize(frame_count_of(formulation()));
     // The last frame is all guard; its particles' texels are written before they are read.
-    current_ = frames_.size() - 2;
+    current_ = start_frames() - 1;
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y), guard);
     for (std::size_t f = frames_.size(); f-- > 0;) {
         Frame& frame = frames_[f];
@@ -113,6 +114,29 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
             throw DeviceError("framebuffer incomplete: status " + std::to_string(status));
         }
     }
+}
+
+bool FragmentBackend::keep_start() {
+    context().make_current();
+    start_.clear();
+    const std::uint64_t texels = std::uint64_t(size_.x) * std::uint64_t(size_.y);
+    if (!has_room_for(texels * start_frames() * target_count() * std::uint64_t(rgba32f.bytes))) return false;
+    for (std::size_t f = 0; f < start_frames(); ++f) {
+        for (const Texture& target : frames_[f].targets) {
+            start_.push_back(make_texture(context(), rgba32f, size_, nullptr));
+            copy_texture(target, start_.back(), size_);
+        }
+    }
+    context().check("keeping the start");
+    return true;
+}
+
+void FragmentBackend::restore_start() {
+    auto kept = start_.begin();
+    for (std::size_t f = 0; f < start_frames(); ++f) {
+        for (const Texture& target : frames_[f].targets) copy_texture(*kept++, target, size_);
+    }
+    current_ = start_frames() - 1;
 }
 
 void FragmentBackend::make_stencil(const Layout& layout) {

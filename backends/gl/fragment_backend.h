@@ -29,6 +29,7 @@ public:
     Capabilities capabilities() const final { return context().capabilities(); }
     void upload(const Problem& problem, const State& state) final;
     void edit(const Problem& edited, const SpringEdit& edit) final;
+    bool keep_start() final;
     State download() final;
     /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
@@ -90,6 +91,7 @@ protected:
 
 private:
     void enqueue_step() final;
+    void restore_start() final;
     void enqueue_divergence_check() final;
 
     struct Frame {
@@ -97,6 +99,8 @@ private:
         Framebuffer framebuffer;
     };
 
+    /// The frames that hold the state at step 0.
+    std::size_t start_frames() const { return frames_.size() - 1; }
     void make_frames(const Problem& problem, const State& state, const Layout& layout);
     void make_stencil(const Layout& layout);
     void make_particle_textures(const Problem& problem, const Layout& layout);
@@ -113,6 +117,7 @@ private:
 
     VertexArray no_vertices_;  // core profile draws nothing without one, even where it is empty
     std::vector<Frame> frames_;
+    std::vector<Texture> start_;  ///< copies of the start frames' targets
     Texture stencil_;
     Texture load_, material_;
     Program program_;

@@ -43,13 +43,24 @@ std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::option
            std::to_string(*free + held) + " are free";
 }
 
-void GlBackend::rewind(const Defines& more) {
+void GlBackend::rewind() {
+    context_.make_current();
+    restore_start();
+    stand_at_start();
+}
+
+bool GlBackend::has_room_for(std::uint64_t bytes) const {
+    const auto free = context_.free_memory_bytes();
+    return !free || bytes <= *free / 2;
+}
+
+void GlBackend::stand_at_start() {
     steps_ = 0;
     monitor_ = next_monitor_;
     if (monitor_.every == 0) return;
     if (monitor_program_.get() == 0) {
         Defines defines = formulation_defines(formulation_);
-        defines.insert(more.begin(), more.end());
+        defines.merge(divergence_defines());
         monitor_program_ = Program(context_, load_source("divergence_check.comp", defines));
         found_ = make_buffer(context_);
         glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);

@@ -18,6 +18,7 @@ namespace voxspring::gl {
 class GlBackend : public Backend {
 public:
     std::string unsupported(const Problem& problem) const final;
+    void rewind() final;
     void step(int count) final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
@@ -32,14 +33,16 @@ protected:
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return all_terms_; }
 
-    /// Stands at step 0, checked from here on as monitor() last said. `more`: what specialises
-    /// shaders/divergence_check.comp beyond the formulation.
-    void rewind(const Defines& more = {});
+    /// Stands at step 0, checked from here on as monitor() last said.
+    void stand_at_start();
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     /// upload() took that many, which the next one gives back first.
     void hold(std::uint64_t bytes) { held_bytes_ = bytes; }
+
+    /// Whether a copy of so many bytes leaves others half of what is free.
+    bool has_room_for(std::uint64_t bytes) const;
 
     /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h).
     void measure(std::span<float> squares);
@@ -51,6 +54,10 @@ private:
     virtual std::string refused(const Problem& problem) const = 0;
     /// Enqueues one step.
     virtual void enqueue_step() = 0;
+    /// Copies back what keep_start() kept.
+    virtual void restore_start() = 0;
+    /// What specialises shaders/divergence_check.comp beyond the formulation.
+    virtual Defines divergence_defines() const { return {}; }
     /// Binds the state for shaders/divergence_check.comp, which is in use, and dispatches it.
     virtual void enqueue_divergence_check() = 0;
 

@@ -23,6 +23,22 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
     glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
 }
 
+void StorageBuffer::copy(const Context& context, const StorageBuffer& from) {
+    if (bytes_ != from.bytes_) {
+        *this = {};
+        if (from.bytes_ == 0) return;
+        buffer_ = make_buffer(context);
+        bytes_ = from.bytes_;
+        glNamedBufferStorage(get(), GLsizeiptr(bytes_), nullptr, GL_DYNAMIC_STORAGE_BIT);
+        context.check("allocating a storage buffer");
+    }
+    if (bytes_ == 0) return;
+    // As in upload().
+    glFinish();
+    glCopyNamedBufferSubData(from.get(), get(), 0, 0, GLsizeiptr(bytes_));
+    glFinish();
+}
+
 void StorageBuffer::download(std::span<std::byte> values) const {
     glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     if (!values.empty()) glGetNamedBufferSubData(get(), 0, GLsizeiptr(values.size()), values.data());

@@ -29,6 +29,8 @@ public:
     void download(std::vector<T>& values) const {
         download(std::as_writable_bytes(std::span(values)));
     }
+    /// Holds what `from` holds, in new storage unless it was of that size.
+    void copy(const Context& context, const StorageBuffer& from);
     GLuint get() const { return buffer_.get(); }
     std::size_t bytes() const { return bytes_; }
     void bind(GLuint binding) const { glBindBufferBase(GL_SHADER_STORAGE_BUFFER, binding, get()); }

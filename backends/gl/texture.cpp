@@ -72,6 +72,11 @@ void read_texture(const Texture& texture, const TexelFormat& format, glm::ivec2 
     }
 }
 
+void copy_texture(const Texture& from, const Texture& to, glm::ivec2 size) {
+    glCopyImageSubData(from.get(), GL_TEXTURE_2D, 0, 0, 0, 0, to.get(), GL_TEXTURE_2D, 0, 0, 0, 0, size.x,
+                       size.y, 1);
+}
+
 Texture make_buffer_texture(const Context& context, const TexelFormat& format, GLuint buffer) {
     GLuint name = 0;
     glCreateTextures(GL_TEXTURE_BUFFER, 1, &name);

@@ -38,6 +38,9 @@ int rows_of_a_read(const TexelFormat& format, int width);
 void read_texture(const Texture& texture, const TexelFormat& format, glm::ivec2 size, void* texels,
                   int max_rows);
 
+/// All texels of a 2D texture to another of the same format and size.
+void copy_texture(const Texture& from, const Texture& to, glm::ivec2 size);
+
 /// What a shader reads of `buffer` by index, as texels.
 Texture make_buffer_texture(const Context& context, const TexelFormat& format, GLuint buffer);
 

@@ -13,6 +13,10 @@ std::string gibibytes(std::uint64_t bytes) {
     return fmt::format("{:.2f} GiB", double(bytes) / double(1 << 30));
 }
 
+void copy(void* to, const void* from, std::size_t bytes, const Stream& stream) {
+    if (bytes != 0) check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream.get()));
+}
+
 }  // namespace
 
 Capabilities CudaBackend::capabilities() const {
@@ -30,7 +34,8 @@ Capabilities CudaBackend::capabilities() const {
 std::string CudaBackend::unsupported(const Problem& problem) const {
     if (std::string why = refused(problem); !why.empty()) return why;
     // What the last upload took is given back, or taken over, by the next.
-    const std::uint64_t available = device_.free_bytes() + bytes_held();
+    std::uint64_t available = device_.free_bytes() + bytes_held();
+    for (const Buffer<std::byte>& copy : start_) available += copy.bytes();
     if (max_bytes_needed(problem) <= available) return {};
     const std::uint64_t needed = bytes_needed(problem);
     if (needed <= available) return {};
@@ -52,7 +57,35 @@ void CudaBackend::forget_graphs() {
     graphs_ = {};
 }
 
+void CudaBackend::begin_upload() {
+    synchronize();
+    start_.clear();
+    compile_seconds_ = 0;
+}
+
+bool CudaBackend::keep_start() {
+    const std::vector<StateArray> arrays = state_arrays();
+    std::uint64_t needed = 0;
+    for (const StateArray& array : arrays) needed += array.bytes;
+    start_.clear();
+    // Half of what is free is left to those who allocate later.
+    if (needed > device_.free_bytes() / 2) return false;
+    for (const StateArray& array : arrays) {
+        start_.emplace_back().resize(array.bytes);
+        copy(start_.back().data(), array.data, array.bytes, stream_);
+    }
+    return true;
+}
+
 void CudaBackend::rewind() {
+    const std::vector<StateArray> arrays = state_arrays();
+    for (std::size_t n = 0; n < arrays.size(); ++n)
+        copy(arrays[n].data, start_[n].data(), arrays[n].bytes, stream_);
+    stand_at_start();
+    rewound();
+}
+
+void CudaBackend::stand_at_start() {
     current_ = 0;
     monitor_ = next_monitor_;
     steps_ = last_check_ = 0;

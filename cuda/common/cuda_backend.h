@@ -2,10 +2,12 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "backends/backend.h"
 #include "cuda/common/divergence_check.h"
@@ -18,11 +20,23 @@
 
 namespace voxspring::cuda {
 
+/// An array that steps write.
+struct StateArray {
+    void* data;
+    std::size_t bytes;
+};
+template <class T>
+StateArray state_array(const Buffer<T>& buffer) {
+    return {buffer.data(), buffer.bytes()};
+}
+
 /// A backend whose two position buffers take turns: a step reads one and overwrites x(t - dt) in the other.
 class CudaBackend : public Backend {
 public:
     Capabilities capabilities() const override;
     std::string unsupported(const Problem& problem) const final;
+    bool keep_start() final;
+    void rewind() final;
     void step(int count) final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
@@ -37,8 +51,8 @@ protected:
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
-    /// To be called first in upload().
-    void start_compiling() { compile_seconds_ = 0; }
+    /// To be called first in upload(): waits, and gives back what the last one is not asked for any more.
+    void begin_upload();
     std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
         return Kernel::get(source, device_, compile_seconds_);
     }
@@ -47,7 +61,7 @@ protected:
     int current() const { return current_; }
 
     /// Stands at step 0 with x(t) in buffer 0.
-    void rewind();
+    void stand_at_start();
     /// To be called when what enqueue_step() enqueues has changed.
     void forget_graphs();
 
@@ -66,6 +80,10 @@ private:
     /// No less than bytes_needed(), where that is quicker to say.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
+    /// All that steps write and a later step reads, but what rewound() sees to.
+    virtual std::vector<StateArray> state_arrays() const = 0;
+    /// The state arrays are those of step 0 again.
+    virtual void rewound() {}
     /// Enqueues one step that reads buffer `reading`. Not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
     /// Which of two kinds of step the next one is, 0 or 1. Each kind has graphs of its own.
@@ -91,6 +109,7 @@ private:
     std::int64_t steps_ = 0;                    ///< since upload()
     std::int64_t last_check_ = 0;               ///< after how many of them
     Buffer<FirstDivergence> first_divergence_;  ///< one element
+    std::vector<Buffer<std::byte>> start_;      ///< copies of the state arrays, for rewind()
     /// The longest graph has 2^8 steps, beside which its launch costs nothing.
     static constexpr int graph_lengths = 9;
     /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a

@@ -47,8 +47,7 @@ public:
         : ParticleBackend<Real, ExplicitStep<Real>>(family), options_(options) {}
 
     void upload(const Problem& problem, const State& state) override {
-        this->synchronize();
-        this->start_compiling();
+        this->begin_upload();
         const auto [launch, bits] = lay_out(problem);
         this->start(problem, state, place_compact(problem), bits, launch);
     }

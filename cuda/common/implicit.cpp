@@ -35,8 +35,7 @@ public:
           resting_(options) {}
 
     void upload(const Problem& problem, const State& state) override {
-        this->synchronize();
-        this->start_compiling();
+        this->begin_upload();
         const Lattice& lattice = problem.lattice;
         const Placement placement = place_on_grid(lattice);
         const std::vector<BlockOrigin> origins = occupied_blocks(lattice, shape_);
@@ -110,6 +109,7 @@ private:
         return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes() + resting_.bytes_held();
     }
 
+    void rewound() override { resting_.rewind(this->stream()); }
     int kind_of_step() const override { return resting_.checks() ? 1 : 0; }
     void enqueue_step(int reading) override {
         if (!resting_.checks()) {

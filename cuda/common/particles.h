@@ -148,7 +148,7 @@ protected:
         inverse_masses_.upload(pack_inverse_masses<Real>(problem, placement), stream());
         launch.step.motion.load = load_.data();
         launch.step.motion.inverse_masses = inverse_masses_.data();
-        rewind();
+        stand_at_start();
         resume(launch, moved);
     }
 
@@ -246,6 +246,11 @@ private:
     std::uint64_t source(const Buffer<ParticleRecord<Real>>& buffer, const Texture& texture) const {
         return family_.fetch == Fetch::texture ? texture.get()
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
+    }
+
+    std::vector<StateArray> state_arrays() const final {
+        return {state_array(words_[0]), state_array(words_[1]),  state_array(low_[0]),
+                state_array(low_[1]),   state_array(increment_), state_array(increment_low_)};
     }
 
     void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) override {

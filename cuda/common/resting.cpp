@@ -67,7 +67,7 @@ std::uint64_t Resting::bytes_held() const {
 
 void Resting::upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream) {
     policy_.start(false, false);
-    asked_ = false;
+    asked_ = starts_checking_ = false;
     if (!could_check(problem, shape)) return;
     const BlockGrid grid(problem.lattice, shape);
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
@@ -75,7 +75,7 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     if (rest_ == Rest::choose &&
         (count < min_blocks || !policy_.pays(count_moved(problem, state, shape, count), count)))
         return;
-    policy_.start(true, rest_ == Rest::choose);
+    starts_checking_ = true;
     row_ = int(grid.row());
     slice_ = int(grid.slice());
     std::vector<std::uint32_t> marks(grid.places(), 1);
@@ -90,6 +90,12 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     const std::array<Counts, 2> awake{Counts{unsigned(count), 0, 0, 0}, Counts{0, unsigned(count), 0, 0}};
     awake_counts_.upload(awake, stream);
     counts_.resize(1);
+    rewind(stream);
+}
+
+void Resting::rewind(const Stream& stream) {
+    policy_.start(starts_checking_, starts_checking_ && rest_ == Rest::choose);
+    asked_ = false;
     wake(0, stream);
 }
 

@@ -30,6 +30,8 @@ public:
 
     /// For a run that starts from `state`. Its first step takes all blocks.
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
+    /// For a run that starts from the same state as the last.
+    void rewind(const Stream& stream);
     /// The next step takes all blocks. It reads buffer `reading` of the particles.
     void wake(int reading, const Stream& stream);
 
@@ -63,6 +65,7 @@ private:
 
     const Rest rest_;
     RestPolicy policy_;
+    bool starts_checking_ = false;  ///< what upload() decided
     int row_ = 0, slice_ = 0;
     Buffer<BlockOrigin> all_;                     ///< blocks with particles
     Buffer<std::uint32_t> all_marks_, no_marks_;  ///< of all blocks, and of none

@@ -33,6 +33,7 @@ std::string SceneRunner::unsupported(const Backend& backend) {
 void SceneRunner::start_from(int step, const State& state) {
     first_ = step;
     start_ = &state;
+    keeps_start_ = nullptr;
     uploaded_.reset();
     if (edited_) uploaded_ = problem_after(scene_, step);
 }
@@ -42,9 +43,17 @@ void SceneRunner::rewind(Backend& backend) {
     for (; next_ < scene_.edits.size() && scene_.edits[next_].step < first_; ++next_)
         apply(*edited_, scene_.edits[next_].edit);
     step_ = first_;
+    if (keeps_start_ == &backend) {
+        backend.rewind();
+        return;
+    }
     // Not edited_, which the edits to come change: backends read the problem that was uploaded until the
     // next.
     backend.upload(uploaded_ ? *uploaded_ : scene_.problem, start_ != nullptr ? *start_ : scene_.state);
+}
+
+void SceneRunner::keep_start(Backend& backend) {
+    if (scene_.edits.empty() && backend.keep_start()) keeps_start_ = &backend;
 }
 
 void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {

@@ -23,8 +23,12 @@ public:
     /// From the next rewind() on the scene starts from `state`, which it reached after `step` steps, instead
     /// of from its own at step 0. `state` must outlive this.
     void start_from(int step, const State& state);
-    /// Uploads the state that the scene starts from, with the edits made before it.
+    /// Stands at the state that the scene starts from, with the edits made before it: uploads it, or has the
+    /// backend go back to what keep_start() kept.
     void rewind(Backend& backend);
+    /// For those who rewind often, right after the first rewind(): later ones of this backend copy the state
+    /// on the device where it can and the scene has no edits.
+    void keep_start(Backend& backend);
     /// Goes on from the last rewind() by `steps` steps and the edits due before them. Asynchronous, as step()
     /// is. `edit` takes the place of Backend::edit() where somebody has to watch.
     using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;
@@ -41,10 +45,11 @@ private:
 
     const Scene& scene_;
     std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty where a scene has none
-    std::optional<Problem> uploaded_;  ///< the problem at a start other than the scene's own; else empty
-    const State* start_ = nullptr;     ///< null: the scene's own
-    int first_ = 0;                    ///< step of the start
-    std::size_t next_ = 0;             ///< edit
+    std::optional<Problem> uploaded_;       ///< the problem at a start other than the scene's own; else empty
+    const State* start_ = nullptr;          ///< null: the scene's own
+    int first_ = 0;                         ///< step of the start
+    const Backend* keeps_start_ = nullptr;  ///< null: none
+    std::size_t next_ = 0;                  ///< edit
     int step_ = 0;
 };
 

@@ -85,6 +85,7 @@ private:
         runner_.rewind(backend);
         const double compile_seconds = backend.compile_seconds();
         const double upload_seconds = std::max(0.0, seconds_since(begin) - compile_seconds);
+        if (batch_.rewind) runner_.keep_start(backend);
         for (int i = 0; i < batches; ++i) runner_.run(backend, batch_.steps);
         backend.synchronize();
         if (backend.divergence()) (void)read(backend, batches * batch_.steps);
