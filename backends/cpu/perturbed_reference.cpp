@@ -8,6 +8,7 @@
 #include <glm/geometric.hpp>
 #include <vector>
 
+#include "backends/cpu/array.h"
 #include "backends/cpu/barrier.h"
 #include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/perturbed_kernel.h"
@@ -50,13 +51,14 @@ RoundingBits rounding_of(const Perturbation& perturbation) {
     return bits;
 }
 
-using Array = std::vector<double>;
+using cpu_parallel::filled;
+using cpu_parallel::worth_threads;
+using Array = cpu_parallel::Array<double>;
 using Arrays = std::array<Array, 3>;
 
 template <class Pointer = double*>
 std::array<Pointer, 3> pointers(Arrays& arrays) {
-    const auto of = [](Array& array) -> Pointer { return array.empty() ? nullptr : array.data(); };
-    return {of(arrays[0]), of(arrays[1]), of(arrays[2])};
+    return {arrays[0].get(), arrays[1].get(), arrays[2].get()};
 }
 
 class PerturbedReference final : public CpuBackend {
@@ -107,7 +109,7 @@ public:
     State download() override {
         State state = state_at_rest(*problem_);
         const auto now = std::size_t(step_ % 2);
-        for (std::size_t i = 0; i < element_.size(); ++i) {
+        each_particle([&](std::size_t i) {
             const auto e = std::size_t(element_[i]);
             for (int c = 0; c < 3; ++c) {
                 const double rest = on_positions(formulation_) ? problem_->rest_position[i][c] : 0;
@@ -116,7 +118,7 @@ public:
                 state.increment[i][c] = by_increments(formulation_) ? increment_[std::size_t(c)][e]
                                                                     : at - place_[1 - now][std::size_t(c)][e];
             }
-        }
+        });
         return state;
     }
 
@@ -125,6 +127,13 @@ public:
 private:
     /// Blocks from which on a step is worth another thread.
     static constexpr std::ptrdiff_t min_blocks = 256;
+
+    template <class Do>
+    void each_particle(const Do& act) const {
+        const auto particles = std::ptrdiff_t(element_.size());
+#pragma omp parallel for schedule(static) if (particles >= worth_threads)
+        for (std::ptrdiff_t i = 0; i < particles; ++i) act(std::size_t(i));
+    }
 
     bool random() const { return perturbation_.kind == Kind::random; }
 
@@ -153,40 +162,38 @@ private:
         row_ = (dims.x + block_size) / block_size * block_size;  // a column of nothing at its end
         slice_ = row_ * (dims.y + 1);
         const std::ptrdiff_t guard = slice_ + row_ + block_size;
-        const auto size = std::size_t(guard + slice_ * dims.z + guard);
+        size_ = guard + slice_ * dims.z + guard;
         element_.resize(problem.particle_count());
-        mask_.assign(size, 0);
-        blocks_.clear();
-        for (std::size_t i = 0; i < element_.size(); ++i) {
+        mask_ = filled(size_, std::uint64_t(0));
+        each_particle([&](std::size_t i) {
             const glm::ivec3 at =
                 has_lattice ? lattice.coordinates(lattice.voxel[i]) : glm::ivec3(int(i), 0, 0);
             element_[i] = guard + slice_ * at.z + row_ * at.y + at.x;
             const std::uint32_t alone = ACTIVE_BIT | (problem.is_pinned(i) ? PINNED_BIT : 0);
             mask_[std::size_t(element_[i])] = has_lattice ? lattice.mask[i] : alone;
-            const std::ptrdiff_t block = element_[i] - (element_[i] - guard) % block_size;
+        });
+        blocks_.clear();
+        for (const std::ptrdiff_t element : element_) {
+            const std::ptrdiff_t block = element - (element - guard) % block_size;
             if (blocks_.empty() || blocks_.back() != block) blocks_.push_back(block);
         }
     }
 
     void fill(const State& state) {
         const Problem& problem = *problem_;
-        const std::size_t size = mask_.size();
-        const auto assign = [&](Arrays& arrays, bool wanted) {
-            for (Array& array : arrays) array.assign(wanted ? size : 0, 0);
-        };
-        assign(place_[0], true);
-        assign(place_[1], true);
-        assign(increment_, by_increments(formulation_));
-        assign(load_, !problem.load.empty());
-        inverse_mass_.assign(size, parameter(1 / problem.materials[0].mass, 0));
-        compliance_.assign(problem.has_materials() ? size : 0, 1);
+        fill_with_zeros(place_[0], true);
+        fill_with_zeros(place_[1], true);
+        fill_with_zeros(increment_, by_increments(formulation_));
+        fill_with_zeros(load_, !problem.load.empty());
+        inverse_mass_ = filled(size_, parameter(1 / problem.materials[0].mass, 0));
+        compliance_ = problem.has_materials() ? filled(size_, 1.0) : nullptr;
         const bool stores = formulation_ != Formulation::compensated;
         const auto stored = [&](double value, std::size_t i, std::uint64_t which) {
             RoundingBits bits = rounding_;
             bits.key = mixed(perturbation_.seed + 1);
             return stores ? rounded(value, bits, i, which) : value;
         };
-        for (std::size_t i = 0; i < element_.size(); ++i) {
+        each_particle([&](std::size_t i) {
             const auto e = std::size_t(element_[i]);
             for (std::uint64_t c = 0; c < 3; ++c) {
                 const int axis = int(c);
@@ -198,16 +205,20 @@ private:
                     increment_[c][e] = stored(v, i, 3 + c);
                 if (!problem.load.empty()) load_[c][e] = problem.load[i][axis];
             }
-            if (!problem.has_materials()) continue;
+            if (!problem.has_materials()) return;
             inverse_mass_[e] = parameter(1 / problem.material_of(i).mass, problem.material[i]);
             compliance_[e] = 1 / problem.material_of(i).stiffness;
-        }
+        });
+    }
+    void fill_with_zeros(Arrays& arrays, bool wanted) const {
+        for (Array& array : arrays) array = wanted ? filled(size_, 0.0) : nullptr;
     }
 
     /// The directions in use and the springs beyond the lattice, as an upload or an edit has left them.
     void follow_springs() {
         std::uint64_t bits = 0;
-        for (const std::uint64_t mask : mask_) bits |= mask;
+#pragma omp parallel for schedule(static) reduction(| : bits) if (size_ >= worth_threads)
+        for (std::ptrdiff_t e = 0; e < size_; ++e) bits |= mask_[std::size_t(e)];
         pulls_.clear();
         for (const Direction& direction : directions()) {
             if ((bits >> direction.bit & 1u) == 0) continue;
@@ -226,9 +237,8 @@ private:
         springs_ = problem_->springs;
         rest_springs_.clear();
         for (const Spring& spring : springs_) rest_springs_.push_back(rest_spring(*problem_, spring));
-        for (Arrays* arrays : {&extra_, &extra_size_}) {
-            for (Array& array : *arrays) array.assign(springs_.empty() ? 0 : mask_.size(), 0);
-        }
+        fill_with_zeros(extra_, !springs_.empty());
+        fill_with_zeros(extra_size_, !springs_.empty());
     }
 
     /// What springs beyond the lattice pull, from the places `now`.
@@ -278,9 +288,9 @@ private:
         task.load = pointers<const double*>(load_);
         task.extra = pointers<const double*>(extra_);
         task.extra_size = pointers<const double*>(extra_size_);
-        task.mask = mask_.data();
-        task.inverse_mass = inverse_mass_.data();
-        task.compliance = compliance_.empty() ? nullptr : compliance_.data();
+        task.mask = mask_.get();
+        task.inverse_mass = inverse_mass_.get();
+        task.compliance = compliance_.get();
         task.begin = first + blocks_.size() * thread / team;
         task.end = first + blocks_.size() * (thread + 1) / team;
         task.pulls = pulls_.data();
@@ -304,7 +314,8 @@ private:
     std::ptrdiff_t row_ = 0, slice_ = 0;
     std::vector<std::ptrdiff_t> element_;  ///< of each particle
     std::vector<std::ptrdiff_t> blocks_;   ///< first elements of those with a particle, ascending
-    std::vector<std::uint64_t> mask_;
+    std::ptrdiff_t size_ = 0;              ///< of each array
+    cpu_parallel::Array<std::uint64_t> mask_;
     std::array<Arrays, 2> place_;  ///< x or u of even and of odd steps
     Arrays increment_, load_, extra_, extra_size_;
     Array inverse_mass_, compliance_;

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <glm/geometric.hpp>
 #include <limits>
-#include <vector>
+
+#include "harness/verification/sum.h"
 
 namespace voxspring {
 namespace {
@@ -14,39 +14,6 @@ namespace {
 double quotient(double difference, double size) {
     if (difference == 0) return 0;
     return size > 0 ? difference / size : std::copysign(std::numeric_limits<double>::infinity(), difference);
-}
-
-}  // namespace
-
-namespace {
-
-Momentum& operator+=(Momentum& sum, const Momentum& part) {
-    sum.sum += part.sum;
-    sum.size += part.size;
-    return sum;
-}
-
-Energy& operator+=(Energy& sum, const Energy& part) {
-    sum.kinetic += part.kinetic;
-    sum.springs += part.springs;
-    sum.field += part.field;
-    sum.field_size += part.field_size;
-    return sum;
-}
-
-/// The sum of add(part, i) over all i < count, in an order that does not depend on the number of threads.
-template <class Sum, class Add>
-Sum sum_of(std::size_t count, Add add) {
-    constexpr std::size_t chunk = 65536;
-    std::vector<Sum> parts((count + chunk - 1) / chunk);
-#pragma omp parallel for
-    for (std::ptrdiff_t c = 0; c < std::ptrdiff_t(parts.size()); ++c) {
-        const std::size_t begin = std::size_t(c) * chunk;
-        for (std::size_t i = begin; i < std::min(begin + chunk, count); ++i) add(parts[std::size_t(c)], i);
-    }
-    Sum sum;
-    for (const Sum& part : parts) sum += part;
-    return sum;
 }
 
 /// Of a spring of stiffness 1. `rest`: as particle i sees it. `relative`: u_i - u_j.
@@ -60,6 +27,20 @@ double spring_energy(const RestSpring& rest, const glm::dvec3& relative) {
 }
 
 }  // namespace
+
+Momentum& Momentum::operator+=(const Momentum& other) {
+    sum += other.sum;
+    size += other.size;
+    return *this;
+}
+
+Energy& Energy::operator+=(const Energy& other) {
+    kinetic += other.kinetic;
+    springs += other.springs;
+    field += other.field;
+    field_size += other.field_size;
+    return *this;
+}
 
 Momentum momentum(const Problem& problem, const State& state) {
     return sum_of<Momentum>(problem.particle_count(), [&](Momentum& part, std::size_t i) {

@@ -12,6 +12,7 @@ namespace voxspring {
 struct Momentum {
     glm::dvec3 sum{0};  ///< m v, v = increment / time step: the velocity half a step ago
     double size = 0;    ///< sum of |m v|
+    Momentum& operator+=(const Momentum& other);
 };
 Momentum momentum(const Problem& problem, const State& state);
 
@@ -23,6 +24,7 @@ struct Energy {
     double field_size = 0;  ///< sum of |(m g + load).u|
     double total() const { return kinetic + springs + field; }
     double size() const { return kinetic + springs + field_size; }
+    Energy& operator+=(const Energy& other);
 };
 Energy energy(const Problem& problem, const State& state);
 

@@ -51,11 +51,6 @@ const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& 
     return nullptr;
 }
 
-bool is_chaotic(const Spread& spread) {
-    return std::isinf(gate(spread.max, spread.motion_max, 0)) &&
-           std::isinf(gate(spread.rms, spread.motion_rms, 0));
-}
-
 Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec) {
     Comparison comparison = differences(state, solution.same_step);
     comparison.tolerance = std::numeric_limits<double>::infinity();

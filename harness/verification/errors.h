@@ -30,9 +30,6 @@ struct ReferenceSolution {
 /// Null where there is none.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
-/// Whether rounding of that kind carries the scene so far that no displacement can be judged.
-bool is_chaotic(const Spread& spread);
-
 /// The differences from the reference, each against its gate() (spread.h), which admits the error that a
 /// tuning asks for (`sleep`): the largest and the root mean square. Of a chaotic scene neither is judged, and
 /// the state fails only where it is not finite or one of its statistics exceeds statistic_gate().

@@ -285,17 +285,23 @@ Spread References::spread(const Scene& scene, int steps, const State& expected, 
     spread.motion_rms = motion.rms;
     const std::uint64_t seed = seed_of(scene, steps, model);
     const int random = random_runs(scene.problem.particle_count());
-    for (int run = 0; run <= random; ++run) {
+    const auto rounded = [&](int run) {
         const auto backend = make_perturbed_reference(
             {run == 0 ? Perturbation::Kind::nearest : Perturbation::Kind::random, model.formulation,
              model.precision, model.root_error, seed + std::uint64_t(run)});
-        const State state = computed(scene, steps, *backend);
-        const Comparison apart = differences(state, expected);
+        return computed(scene, steps, *backend);
+    };
+    for (int run = 0; run <= random; ++run) {
+        const Comparison apart = differences(rounded(run), expected);
         // Not finite: infinite, which is chaotic.
         spread.max = std::max(spread.max, apart.max);
         spread.rms = std::max(spread.rms, apart.rms);
         ++spread.runs;
-        if (!apart.finite) continue;
+    }
+    // Nothing else is judged by them. The same runs again cost chaotic scenes alone.
+    for (int run = 0; is_chaotic(spread) && run <= random; ++run) {
+        const State state = rounded(run);
+        if (!differences(state, expected).finite) continue;
         const Statistics found = statistics(last, scene.state, state, expected);
         for (std::size_t kind = 0; kind < found.size(); ++kind)
             spread.statistic[kind] = std::max(spread.statistic[kind], found[kind].difference);

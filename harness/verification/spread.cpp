@@ -1,6 +1,7 @@
 #include "harness/verification/spread.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <sstream>
 
@@ -28,6 +29,11 @@ double gate(double spread, double motion, double admitted) {
     const double bound = std::min(gate_in_spreads * spread, max_share_of_motion * motion);
     if (!(bound >= least_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
     return bound + admitted;
+}
+
+bool is_chaotic(const Spread& spread) {
+    return std::isinf(gate(spread.max, spread.motion_max, 0)) &&
+           std::isinf(gate(spread.rms, spread.motion_rms, 0));
 }
 
 double statistic_gate(double spread, double size) {

@@ -31,7 +31,7 @@ struct Spread {
     double motion_max =
         0;  ///< what they are a share of: how far a particle of the reference ends from its start
     double motion_rms = 0;
-    std::array<double, Statistic::count> statistic{};  ///< differences of statistics()
+    std::array<double, Statistic::count> statistic{};  ///< differences of statistics(), of a chaotic scene
     int runs = 0;
 };
 
@@ -56,6 +56,8 @@ constexpr double max_statistics_share = 0.75;
 /// The bound on an error whose spread and motion are given; `admitted`, a length, is allowed on top.
 /// Infinite where rounding alone carries the scene so far that no bound would say anything.
 double gate(double spread, double motion, double admitted);
+/// Whether rounding of that kind carries the scene so far that no displacement can be judged.
+bool is_chaotic(const Spread& spread);
 /// The bound on a statistic of a chaotic scene. Infinite where it is as chaotic as the particles.
 double statistic_gate(double spread, double size);
 

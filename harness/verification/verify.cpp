@@ -6,6 +6,8 @@
 #include <limits>
 #include <sstream>
 
+#include "harness/verification/sum.h"
+
 namespace voxspring {
 namespace {
 
@@ -14,6 +16,31 @@ bool finite(const glm::dvec3& v) { return std::isfinite(v.x) && std::isfinite(v.
 double largest_component(const glm::dvec3& v) {
     return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
 }
+
+/// The first particle that is not finite.
+struct FirstInfinite {
+    std::size_t particle = std::numeric_limits<std::size_t>::max();
+    FirstInfinite& operator+=(const FirstInfinite& other) {
+        particle = std::min(particle, other.particle);
+        return *this;
+    }
+};
+
+/// How far particles are apart, and the first of those that are farthest.
+struct Apart {
+    double squared_error = 0, squared_reference = 0;
+    double max = 0;
+    std::size_t worst = 0;
+    Apart& operator+=(const Apart& other) {
+        squared_error += other.squared_error;
+        squared_reference += other.squared_reference;
+        if (other.max > max) {
+            max = other.max;
+            worst = other.worst;
+        }
+        return *this;
+    }
+};
 
 }  // namespace
 
@@ -84,13 +111,14 @@ Comparison differences(const State& state, const State& reference) {
     Comparison result;
     result.relative_l2 = result.max = result.rms = infinity;  // until every component has been compared
     std::ostringstream reason;
-    for (std::size_t i = 0; i < state.displacement.size(); ++i) {
-        if (!finite(state.displacement[i])) {
-            reason << "particle " << i << " is not finite";
-            result.worst = i;
-            result.reason = reason.str();
-            return result;
-        }
+    const auto infinite = sum_of<FirstInfinite>(state.displacement.size(), [&](auto& part, std::size_t i) {
+        if (!finite(state.displacement[i])) part.particle = std::min(part.particle, i);
+    });
+    if (infinite.particle != FirstInfinite{}.particle) {
+        reason << "particle " << infinite.particle << " is not finite";
+        result.worst = infinite.particle;
+        result.reason = reason.str();
+        return result;
     }
     result.finite = true;
     if (state.displacement.size() != reference.displacement.size()) {
@@ -99,27 +127,21 @@ Comparison differences(const State& state, const State& reference) {
         return result;
     }
 
-    result.relative_l2 = result.max = 0;
-    double squared_error = 0;
-    double squared_reference = 0;
-    for (std::size_t i = 0; i < state.displacement.size(); ++i) {
+    const auto apart = sum_of<Apart>(state.displacement.size(), [&](Apart& part, std::size_t i) {
         const glm::dvec3 difference = state.displacement[i] - reference.displacement[i];
         const double error = glm::length(difference);
-        squared_error += error * error;
-        squared_reference += glm::dot(reference.displacement[i], reference.displacement[i]);
-        if (error > result.max) {
-            result.max = error;
-            result.worst = i;
-        }
-    }
+        part += {error * error, glm::dot(reference.displacement[i], reference.displacement[i]), error, i};
+    });
+    result.max = apart.max;
+    result.worst = apart.worst;
+    result.relative_l2 = 0;
     if (!state.displacement.empty())
-        result.rms = std::sqrt(squared_error / double(state.displacement.size()));
-    if (squared_reference > 0) {
-        result.relative_l2 = std::sqrt(squared_error / squared_reference);
-    } else if (squared_error > 0) {
+        result.rms = std::sqrt(apart.squared_error / double(state.displacement.size()));
+    if (apart.squared_reference > 0) {
+        result.relative_l2 = std::sqrt(apart.squared_error / apart.squared_reference);
+    } else if (apart.squared_error > 0) {
         result.relative_l2 = infinity;
     }
-
     return result;
 }
 

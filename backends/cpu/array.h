@@ -1,0 +1,32 @@
+// Large arrays of what particles have, first touched by the threads that will step them.
+#pragma once
+
+#include <hwy/aligned_allocator.h>
+
+#include <cstddef>
+#include <string>
+
+#include "backends/backend.h"
+
+namespace voxspring::cpu_parallel {
+
+template <class T>
+using Array = hwy::AlignedFreeUniquePtr<T[]>;
+
+/// Elements or particles from which on copying them is worth starting threads.
+constexpr std::ptrdiff_t worth_threads = 1 << 16;
+
+template <class T>
+Array<T> filled(std::ptrdiff_t size, T value) {
+    Array<T> array = hwy::AllocateAligned<T>(std::size_t(size));
+    if (array == nullptr) {
+        throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
+    }
+    // Each thread is the first to touch, and so has in its own memory, about what it will step.
+    T* const begin = array.get();
+#pragma omp parallel for schedule(static) if (size >= worth_threads)
+    for (std::ptrdiff_t i = 0; i < size; ++i) begin[i] = value;
+    return array;
+}
+
+}  // namespace voxspring::cpu_parallel

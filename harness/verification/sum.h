@@ -1,0 +1,25 @@
+// Sums over all particles, on all cores.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+namespace voxspring {
+
+/// The sum of add(part, i) over all i < count, in an order that does not depend on the number of threads.
+template <class Sum, class Add>
+Sum sum_of(std::size_t count, Add add) {
+    constexpr std::size_t chunk = 65536;
+    std::vector<Sum> parts((count + chunk - 1) / chunk);
+#pragma omp parallel for
+    for (std::ptrdiff_t c = 0; c < std::ptrdiff_t(parts.size()); ++c) {
+        const std::size_t begin = std::size_t(c) * chunk;
+        for (std::size_t i = begin; i < std::min(begin + chunk, count); ++i) add(parts[std::size_t(c)], i);
+    }
+    Sum sum;
+    for (const Sum& part : parts) sum += part;
+    return sum;
+}
+
+}  // namespace voxspring
