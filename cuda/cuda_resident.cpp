@@ -8,7 +8,6 @@
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
-#include "backends/physics/addressing.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/tuning.h"
@@ -166,16 +165,10 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
-        if (!device().launches_together()) return "the device has no cooperative launches";
-        if (problem.particle_count() == 0) return "there is no particle to reside";
-        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
-        if (problem.has_materials())
-            return "resident blocks have one stiffness a spring group, and the scene has several materials";
-        const auto max_particles = std::size_t(device().multiprocessors()) * max_resident_lanes;
-        if (problem.particle_count() > max_particles)
-            return std::to_string(problem.particle_count()) + " particles exceed the " +
-                   std::to_string(max_particles) + " that " + std::to_string(device().multiprocessors()) +
-                   " multiprocessors hold";
+        if (std::string why =
+                resident_refusal(problem, device().multiprocessors(), device().launches_together());
+            !why.empty())
+            return why;
         return too_much_for_a_block(layout_of(
             problem,
             is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation()))));

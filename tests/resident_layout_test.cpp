@@ -281,5 +281,27 @@ TEST(ResidentLayout, SaysWhatIsTooMuch) {
         << too_much_for_a_block(few);
 }
 
+// Blocks wait for each other. On a card that does not start all of them at once they would wait for ever.
+TEST(ResidentRefusal, IsOfCardsWithoutCooperativeLaunches) {
+    const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
+    EXPECT_EQ(resident_refusal(problem, 132, true), "");
+    EXPECT_EQ(resident_refusal(problem, 132, false), "the device has no cooperative launches");
+}
+
+TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
+    Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
+    EXPECT_EQ(resident_refusal(problem, 4, true), "");
+    EXPECT_EQ(resident_refusal(problem, 3, true),
+              "2048 particles exceed the 1536 that 3 multiprocessors hold");
+    EXPECT_EQ(resident_refusal(Problem{}, 132, true), "there is no particle to reside");
+
+    Problem several = problem;
+    several.material.assign(several.particle_count(), 0);
+    EXPECT_NE(resident_refusal(several, 132, true).find("several materials"), std::string::npos);
+
+    problem.springs.push_back({0, 2000, 1, 1});
+    EXPECT_EQ(resident_refusal(problem, 132, true), "implicit addressing has no springs beyond the lattice");
+}
+
 }  // namespace
 }  // namespace voxspring::cuda

@@ -9,6 +9,7 @@
 
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
+#include "backends/physics/addressing.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -338,6 +339,21 @@ ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers,
         if (too_much_for_a_block(layout).empty()) return layout;
     }
     return lay_out(partition == Partition::rows);
+}
+
+std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together) {
+    // First, since blocks that do not all run at once would wait for each other for ever.
+    if (!launches_together) return "the device has no cooperative launches";
+    if (problem.particle_count() == 0) return "there is no particle to reside";
+    if (std::string why = implicit_refusal(problem); !why.empty()) return why;
+    if (problem.has_materials())
+        return "resident blocks have one stiffness a spring group, and the scene has several materials";
+    const auto max_particles = std::size_t(multiprocessors) * max_resident_lanes;
+    if (problem.particle_count() > max_particles)
+        return std::to_string(problem.particle_count()) + " particles exceed the " +
+               std::to_string(max_particles) + " that " + std::to_string(multiprocessors) +
+               " multiprocessors hold";
+    return {};
 }
 
 std::string too_much_for_a_block(const ResidentLayout& layout) {

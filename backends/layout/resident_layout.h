@@ -44,6 +44,10 @@ struct ResidentLayout {
 ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
                                 bool overlap);
 
+/// Empty, or why no layout of `problem` serves a card of so many multiprocessors, whose blocks may or may not
+/// wait for each other (`launches_together`).
+std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together);
+
 /// Empty, or what of the layout exceeds what the kernel is made for.
 std::string too_much_for_a_block(const ResidentLayout& layout);
 
