@@ -159,10 +159,11 @@ TEST(Json, MessagesAreOnePrintableLine) {
 TEST(Json, FilesAreReadWhole) {
     const TemporaryFolder folder;
     EXPECT_EQ(read_json(folder.write("good.json", "{\"a\": 5}")).require("a").number(), 5);
-    EXPECT_EQ(refusal([&] { read_json(folder.path() / "absent.json"); }),
-              (folder.path() / "absent.json").string() + ": no file is not accepted; expected a JSON file");
+    EXPECT_EQ(
+        refusal([&] { read_json(folder.path() / "absent.json"); }),
+        (folder.path() / "absent.json").string() + ": a missing file is not accepted; expected a JSON file");
     EXPECT_EQ(refusal([&] { read_json(folder.path()); }),
-              folder.path().string() + ": no file is not accepted; expected a JSON file");
+              folder.path().string() + ": a folder is not accepted; expected a JSON file");
     const std::string large = folder.write("large.json", "{}");
     std::filesystem::resize_file(large, (std::uintmax_t{16} << 20) + 1);
     EXPECT_EQ(refusal([&] { read_json(large); }),

@@ -482,8 +482,8 @@ TEST(Scene, BadArgumentsAreRefused) {
               "machine, not 103823");
     EXPECT_EQ(refused("box@30"),
               "box@30: dataset: 27000 active voxels is not accepted; expected at most 10000 on this machine");
-    EXPECT_EQ(refused("absent.json"), "absent.json: no file is not accepted; expected a JSON file");
-    EXPECT_EQ(refused("absent.nrrd"), "absent.nrrd: no file is not accepted; expected a volume file");
+    EXPECT_EQ(refused("absent.json"), "absent.json: a missing file is not accepted; expected a JSON file");
+    EXPECT_EQ(refused("absent.nrrd"), "absent.nrrd: a missing file is not accepted; expected a volume file");
     EXPECT_EQ(refused(folder.write("v.json", R"({"dataset": {"type": "volume", "file": "v.nrrd"}})") + "@4")
                   .substr(folder.path().string().size()),
               "/v.json@4: dims: @4 is not accepted; expected no dims: a volume keeps its own");

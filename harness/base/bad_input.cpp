@@ -42,4 +42,14 @@ BadInput::BadInput(std::string_view file, std::string_view key, std::string_view
                    std::string_view accepted)
     : std::runtime_error(line(file, key, value, accepted)) {}
 
+void require_regular_file(const std::filesystem::path& file, std::string_view accepted) {
+    std::error_code error;
+    const std::filesystem::file_status status = std::filesystem::status(file, error);
+    if (std::filesystem::is_regular_file(status)) return;
+    const char* const what = std::filesystem::is_directory(status) ? "a folder"
+                             : std::filesystem::exists(status)     ? "a pipe or a device"
+                                                                   : "a missing file";
+    throw BadInput(file.string(), "", what, accepted);
+}
+
 }  // namespace voxspring

@@ -1,6 +1,7 @@
 // What a user wrote cannot be used: the one exception that becomes exit code 2.
 #pragma once
 
+#include <filesystem>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -20,5 +21,8 @@ public:
 class TooLarge : public BadInput {
     using BadInput::BadInput;
 };
+
+/// Throws BadInput unless `file` is a regular file. A pipe or a device might never end.
+void require_regular_file(const std::filesystem::path& file, std::string_view accepted);
 
 }  // namespace voxspring

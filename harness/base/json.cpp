@@ -287,9 +287,9 @@ JsonObject read_json(const std::filesystem::path& file) {
     const auto refuse = [&](const std::string& value, const std::string& accepted) {
         throw BadInput(file.string(), "", value, accepted);
     };
+    require_regular_file(file, "a JSON file");
     const std::string small_enough = "a file of at most " + std::to_string(max_file_bytes) + " bytes";
     std::error_code error;
-    if (!std::filesystem::is_regular_file(file, error)) refuse("no file", "a JSON file");
     if (const auto size = std::filesystem::file_size(file, error); error || size > max_file_bytes)
         refuse(std::to_string(size) + " bytes", small_enough);
     // gzread() reads what is not compressed as it is.

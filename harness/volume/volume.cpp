@@ -154,11 +154,7 @@ Volume read_volume(const std::filesystem::path& file, const SceneSizeLimits& lim
                        "a volume file, whose name ends in " + volume_endings());
     }
     const std::string header = format->is_image ? header_of_image(name) : name;
-    std::error_code error;
-    if (std::filesystem::is_directory(header, error)) throw BadInput(header, "", "a folder", "a volume file");
-    // A device or a pipe might never end.
-    if (!std::filesystem::is_regular_file(header, error))
-        throw BadInput(header, "", "no file", format->is_image ? "the header of " + name : "a volume file");
+    require_regular_file(header, format->is_image ? "the header of " + name : "a volume file");
     std::ifstream stream(header, std::ios::binary);
     if (!stream) throw BadInput(header, "", "an unreadable file", "a file that can be read");
     return format->read(stream, header, limits);
