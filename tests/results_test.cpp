@@ -135,6 +135,21 @@ TEST(Table, DropsColumnsAndShortensNamesWhereThereIsNoRoom) {
     EXPECT_EQ(shortened("abcdefghij", 7), "ab...ij");
 }
 
+// At 80 columns these two were the same text once.
+TEST(Table, NamesThatDifferStayApart) {
+    const std::vector<Column> columns = {{"scene", 0, true}, {"backend", 0, true}, {"time"}, {"error", 1}};
+    const std::vector<std::vector<std::string>> rows = {
+        {"a heart", "cuda_implicit_device increment float32", "1.2 us", "1e-7"},
+        {"a heart", "cuda_implicit_cached increment float32", "1.1 us", "1e-7"}};
+    for (const TableWidth width : {20u, 50u, 55u, 80u}) {
+        std::ostringstream out;
+        print_columns(columns, rows, width, out);
+        EXPECT_NE(out.str().find("cuda_implicit_d"), std::string::npos) << width << "\n" << out.str();
+        EXPECT_NE(out.str().find("cuda_implicit_c"), std::string::npos) << width << "\n" << out.str();
+        EXPECT_EQ(out.str().find("error") != std::string::npos, width == 80) << out.str();
+    }
+}
+
 TEST(Unmeasured, TakesOneLineAReason) {
     nlohmann::json result = {{"skipped", nlohmann::json::array()}, {"failed", nlohmann::json::array()}};
     for (const char* scene : {"a", "b", "c", "d"}) {

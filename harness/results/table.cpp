@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <map>
 #include <numeric>
 
 #include "harness/base/text.h"
@@ -48,6 +49,40 @@ void narrow_names(Laid& laid, const std::vector<Column>& columns, std::size_t wi
     }
 }
 
+using Rows = std::vector<std::vector<std::string>>;
+
+/// Whether what is left of the names in column `c` still tells them apart.
+bool tells_apart(const Rows& rows, std::size_t c, std::size_t width) {
+    std::map<std::string, std::string> whole;
+    return std::all_of(rows.begin(), rows.end(), [&](const auto& row) {
+        return whole.emplace(shortened(row[c], width), row[c]).first->second == row[c];
+    });
+}
+
+/// Whether all columns fit, with names that say something: each of twice its least length, and no two alike.
+bool serves(Laid laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
+    Laid least = laid;
+    for (const std::size_t c : least.columns) {
+        if (columns[c].is_name) least.widths[c] = std::min(least.widths[c], 2 * min_name);
+    }
+    if (least.total() > width) return false;
+    narrow_names(laid, columns, width);
+    return std::all_of(laid.columns.begin(), laid.columns.end(), [&](std::size_t c) {
+        return !columns[c].is_name || tells_apart(rows, c, laid.widths[c]);
+    });
+}
+
+/// Names that say something are worth more than expendable figures, and names that differ more than the
+/// width.
+void fit_into(Laid& laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
+    while (!serves(laid, columns, rows, width) && drop_one(laid, columns)) {
+    }
+    narrow_names(laid, columns, width);
+    for (const std::size_t c : laid.columns) {
+        while (columns[c].is_name && !tells_apart(rows, c, laid.widths[c])) ++laid.widths[c];
+    }
+}
+
 }  // namespace
 
 TableWidth terminal_width(int descriptor) {
@@ -74,20 +109,7 @@ void print_columns(const std::vector<Column>& columns, const std::vector<std::ve
         laid.widths.push_back(columns[c].heading.size());
         for (const auto& row : rows) laid.widths[c] = std::max(laid.widths[c], row[c].size());
     }
-    if (width > 0) {
-        // A name of twice its least length says more than an expendable figure.
-        Laid names = laid;
-        const auto fits = [&] {
-            names = laid;
-            for (const std::size_t c : names.columns) {
-                if (columns[c].is_name) names.widths[c] = std::min(names.widths[c], 2 * min_name);
-            }
-            return names.total() <= width;
-        };
-        while (!fits() && drop_one(laid, columns)) {
-        }
-        narrow_names(laid, columns, width);
-    }
+    if (width > 0) fit_into(laid, columns, rows, width);
     const auto print = [&](const auto& cell_of) {
         std::string line;
         for (const std::size_t c : laid.columns) {

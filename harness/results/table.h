@@ -23,7 +23,8 @@ struct Column {
     bool is_name = false;
 };
 
-/// Prints rows of as many cells as there are columns.
+/// Prints rows of as many cells as there are columns. A line is longer than `width` where two names would be
+/// one otherwise.
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
                    TableWidth width, std::ostream& out);
 
