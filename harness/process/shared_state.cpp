@@ -65,14 +65,11 @@ nlohmann::json SharedState::put(const State& state) {
     return {state.displacement.size(), state.increment.size()};
 }
 
-State SharedState::take(const nlohmann::json& sizes) {
+void SharedState::take(const nlohmann::json& sizes, State& state) const {
     const auto displacements = vectors_.first(sizes.at(0).get<std::size_t>());
     const auto increments = vectors_.subspan(particles_, sizes.at(1).get<std::size_t>());
-    State state;
     state.displacement.assign(displacements.begin(), displacements.end());
     state.increment.assign(increments.begin(), increments.end());
-    madvise(vectors_.data(), bytes(), MADV_REMOVE);
-    return state;
 }
 
 }  // namespace voxspring

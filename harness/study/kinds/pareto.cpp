@@ -127,7 +127,8 @@ ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& de
     const int steps = step.solution.steps;
     const nlohmann::json timed =
         benchmark_case.ask({{"do", "run"}, {"steps", steps}}, "running " + std::to_string(steps) + " steps");
-    const State last = step.state.take(timed.at("state"));
+    State last;
+    step.state.take(timed.at("state"), last);
     const Comparison comparison = judge(step.solution, last, benchmark_case.spec());
     ParetoRow one{.row = row_of(scene.name, benchmark_case.spec()),
                   .device = device,
