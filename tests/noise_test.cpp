@@ -34,6 +34,16 @@ TEST(Noise, IsInTheSpreadOfRepetitions) {
     EXPECT_THAT(reasons_of_noise({}), IsEmpty()) << "nothing is known";
 }
 
+TEST(Noise, IsInRepetitionsOfTwoKinds) {
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.06, 1.001, 1.061, 1, 1.002, 1.06, 1, 1.001}}),
+                ElementsAre("its repetitions are of two kinds (6% apart)"));
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.02, 1.001, 1.021, 1, 1.002, 1.02, 1, 1.001}}), IsEmpty())
+        << "near enough to say the same";
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.01, 1.02, 1.03, 1.04, 1.05, 1.06, 1.07, 1.08}}), IsEmpty())
+        << "no gap";
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1, 1, 1, 1.06, 1, 1, 1, 1}}), IsEmpty()) << "one is no kind";
+}
+
 TEST(Noise, IsInClocksThatMoved) {
     EXPECT_THAT(reasons_of_noise({.spins = {1.0e-5, 1.05e-5}}), IsEmpty());
     EXPECT_THAT(reasons_of_noise({.spins = {1.0e-5, 1.2e-5, 1.1e-5}}),

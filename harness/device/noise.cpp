@@ -22,6 +22,21 @@ double quantile(std::vector<double> values, double fraction) {
     return values[below] + (place - double(below)) * (values[above] - values[below]);
 }
 
+/// By what share of their median values part into two groups of a quarter of them each or more, with nothing
+/// between: the widest gap inside, if it is several times as wide as either group. Otherwise 0.
+double parting(std::vector<double> values) {
+    std::sort(values.begin(), values.end());
+    const std::size_t fewest = std::max<std::size_t>(2, (values.size() + 3) / 4);
+    double widest = 0;
+    for (std::size_t n = fewest; n + fewest <= values.size(); ++n) {
+        const double gap = values[n] - values[n - 1];
+        const double wider = std::max(values[n - 1] - values.front(), values.back() - values[n]);
+        constexpr double times_as_wide = 3;
+        if (gap > times_as_wide * wider) widest = std::max(widest, gap);
+    }
+    return widest / values[values.size() / 2];
+}
+
 std::string percent(double fraction) { return std::to_string(std::lround(100 * fraction)) + "%"; }
 
 }  // namespace
@@ -74,6 +89,9 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
         const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
         if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
+        // Their median is then the time of one of two states, whichever came more often.
+        if (const double apart = parting(observed.seconds); apart > max_parting)
+            add("its repetitions are of two kinds", percent(apart) + " apart");
     }
     if (!observed.spins.empty()) {
         const auto [least, most] = std::minmax_element(observed.spins.begin(), observed.spins.end());

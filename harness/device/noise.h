@@ -42,6 +42,8 @@ std::vector<std::string> reasons_of_noise(const Observed& observed);
 /// Half of the repetitions lie within that part of their median. Two builds that differ by a tenth, which is
 /// what results/diff.py is to find, cannot be told apart where they spread over more.
 constexpr double max_spread = 0.1;
+/// Two kinds of repetitions that are nearer to each other say the same.
+constexpr double max_parting = 0.03;
 /// A clock that moved by more moves times by as much.
 constexpr double max_clock_change = 0.1;
 /// Of a repetition's time, in the median. More is time that another process had.
