@@ -15,6 +15,7 @@ const Registered entry({
                       {"fetch", {"texture", "l1"}},
                       {"registers", implicit_registers},
                       {"interior", implicit_interior},
+                      {"launched", implicit_launched},
                       {"rest", implicit_rest}}),
     .make = make_implicit,
     .bytes = implicit_bytes,

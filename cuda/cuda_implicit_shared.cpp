@@ -16,6 +16,7 @@ const Registered entry({
     .tuning = tuning({{"block", {"64x4", "32x8", "32x4", "16x16"}},
                       {"registers", implicit_registers},
                       {"interior", implicit_interior},
+                      {"launched", implicit_launched},
                       {"rest", implicit_rest}}),
     .make = make_tiled,
     .bytes = implicit_bytes,

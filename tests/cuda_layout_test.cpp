@@ -1017,6 +1017,8 @@ TEST(ActiveBlocks, AreListedOnlyWhereTheyDoNotCoverTheLattice) {
         occupied_blocks(lattice(solid({1, 1, 70000})).lattice, BlockShape::parse("32x8"));
     ASSERT_EQ(tall.size(), 70000U);
     EXPECT_EQ(tall.back(), (BlockOrigin{0, 0, 69999, 1 + 3 + 70000 * 9}));
+    EXPECT_FALSE(fits_launch(lattice(solid({1, 1, 70000})).lattice, BlockShape::parse("32x8")));
+    EXPECT_TRUE(fits_launch(lattice(solid({1, 1, 70000})).lattice, BlockShape::parse("32x4x2")));
 }
 
 TEST(ActiveBlocks, ShapesAreParsed) {

@@ -44,11 +44,15 @@ std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape) {
 
 std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape) {
     std::vector<BlockOrigin> origins = list_blocks(lattice, shape);
-    const std::int64_t x = units_of(lattice.dims.x, shape.x), y = units_of(lattice.dims.y, shape.y),
-                       z = units_of(lattice.dims.z, shape.z);
-    constexpr int max_blocks = 65535;  // along y and z
-    if (std::int64_t(origins.size()) == x * y * z && y <= max_blocks && z <= max_blocks) return {};
+    const std::int64_t all = std::int64_t(units_of(lattice.dims.x, shape.x)) *
+                             units_of(lattice.dims.y, shape.y) * units_of(lattice.dims.z, shape.z);
+    if (std::int64_t(origins.size()) == all && fits_launch(lattice, shape)) return {};
     return origins;
+}
+
+bool fits_launch(const Lattice& lattice, BlockShape shape) {
+    constexpr int max_blocks = 65535;  // along y and z
+    return units_of(lattice.dims.y, shape.y) <= max_blocks && units_of(lattice.dims.z, shape.z) <= max_blocks;
 }
 
 template <class Real>

@@ -47,6 +47,8 @@ std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
 /// list_blocks(), or nothing where every block of the lattice holds an active voxel: the block's own
 /// coordinates, which CUDA limits along y and z, then give its origin.
 std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape);
+/// Whether a launch can have all blocks, a thread a voxel, without a list.
+bool fits_launch(const Lattice& lattice, BlockShape shape);
 
 /// The kernels' argument, rest lengths squared and pointers null: what is on the device is the caller's to
 /// fill in.

@@ -31,6 +31,7 @@ public:
           shape_(BlockShape::parse(options.tuning.at("block"))),
           registers_(options.tuning.at("registers")),
           interior_(options.tuning.at("interior")),
+          launches_all_(options.tuning.at("launched") == "all"),
           tiled_(tiled),
           resting_(options) {}
 
@@ -38,7 +39,8 @@ public:
         this->begin_upload();
         const Lattice& lattice = problem.lattice;
         const Placement placement = place_on_grid(lattice);
-        const std::vector<BlockOrigin> origins = occupied_blocks(lattice, shape_);
+        const std::vector<BlockOrigin> origins =
+            launches_all_ ? std::vector<BlockOrigin>{} : occupied_blocks(lattice, shape_);
         origins_.upload(origins, this->stream());
         compliance_.upload(pack_compliance<Real>(problem, placement), this->stream());
 
@@ -97,6 +99,9 @@ private:
         if (tiled_ && tile_bytes() > this->device().shared_bytes())
             return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
                    std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
+        if (launches_all_ && !fits_launch(problem.lattice, shape_))
+            return "more blocks lie along y or z than one launch has: those with a particle have to be "
+                   "listed";
         if (std::string why = resting_.refused(problem.lattice, shape_); !why.empty()) return why;
         return too_many_words<Real>(place_on_grid(problem.lattice).words, this->device(),
                                     this->family().fetch);
@@ -174,6 +179,7 @@ private:
     const BlockShape shape_;
     const std::string registers_;
     const std::string interior_;
+    const bool launches_all_;
     const bool tiled_;
     Resting resting_;
     std::shared_ptr<const Kernel> resting_kernel_;

@@ -31,4 +31,8 @@ inline const TuningValues implicit_rest = {"auto", "step", "skip", "flush"};
 /// the lattice's size.
 inline const TuningValues implicit_interior = {"auto", "mask", "vote"};
 
+/// Which blocks of voxels are launched: those with a particle, or all, a thread a voxel, active or not, as in
+/// the paper.
+inline const TuningValues implicit_launched = {"occupied", "all"};
+
 }  // namespace voxspring::cuda
