@@ -93,6 +93,17 @@ struct Choice {
     double step_seconds = 0;  ///< of a step, as predicted before any ran
 };
 
+/// Seconds of compiling code for a problem.
+struct CompileTime {
+    double spent = 0;  ///< by the upload; 0 of what was compiled before
+    double cold = 0;   ///< where nothing is kept on disk; that what was found there took when it was compiled
+    CompileTime& operator+=(const CompileTime& other) {
+        spent += other.spent;
+        cold += other.cold;
+        return *this;
+    }
+};
+
 /// One simulation on one device. Constructing acquires the device and throws Unavailable where there is
 /// none; destroying gives it back and never throws. Every other member throws DeviceError when the
 /// device fails, after which the object is only good for destruction. Not thread-safe.
@@ -148,8 +159,8 @@ public:
     /// Advance one step and count what it did, where there is something to count.
     virtual WorkCount count_work() { return {}; }
 
-    /// What the last upload() spent on compiling code for its problem; 0 where that was compiled before.
-    virtual double compile_seconds() const { return 0; }
+    /// What compiling code for the problem of the last upload() takes.
+    virtual CompileTime compile_time() const { return {}; }
 
     /// What the last upload() chose by itself, where it predicts times to choose by.
     virtual std::optional<Choice> choice() const { return std::nullopt; }

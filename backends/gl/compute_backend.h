@@ -26,7 +26,8 @@ public:
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
     DeviceLimits measure_limits() final;
-    double compile_seconds() const final { return compile_seconds_; }
+    /// Of what the driver itself keeps on disk nothing is known.
+    CompileTime compile_time() const final { return {compile_seconds_, compile_seconds_}; }
 
 protected:
     /// Where the particles of a problem go, and what a step dispatches.

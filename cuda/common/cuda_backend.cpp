@@ -60,7 +60,7 @@ void CudaBackend::forget_graphs() {
 void CudaBackend::begin_upload() {
     synchronize();
     start_.clear();
-    compile_seconds_ = 0;
+    compile_time_ = {};
 }
 
 bool CudaBackend::keep_start() {

@@ -41,7 +41,7 @@ public:
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
     void synchronize() final;
-    double compile_seconds() const final { return compile_seconds_; }
+    CompileTime compile_time() const final { return compile_time_; }
     DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
 
 protected:
@@ -54,7 +54,7 @@ protected:
     /// To be called first in upload(): waits, and gives back what the last one is not asked for any more.
     void begin_upload();
     std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
-        return Kernel::get(source, device_, compile_seconds_);
+        return Kernel::get(source, device_, compile_time_);
     }
 
     /// The buffer that holds x(t), 0 or 1.
@@ -103,7 +103,7 @@ private:
     Stream stream_;
     Event begin_, end_;
     const Problem* problem_ = nullptr;
-    double compile_seconds_ = 0;
+    CompileTime compile_time_;
     int current_ = 0;
     DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;                    ///< since upload()

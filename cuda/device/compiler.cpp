@@ -168,6 +168,7 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
 
     static const auto all_headers = headers();
     Hash inputs;
+    inputs.add("seconds and code");
     inputs.add(compiler_build());
     inputs.add(name);
     for (const auto& [header, content] : all_headers) {
@@ -180,7 +181,14 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
     constexpr std::uint64_t max_bytes = std::uint64_t(256) << 20;
     const DiskCache cache(user.empty() ? user : user / "kernels", max_bytes);
     const std::string key = inputs.text();
-    if (auto found = cache.find(key)) return {std::move(*found), 0};
+    CompiledKernel compiled;
+    constexpr std::size_t head = sizeof compiled.seconds;  // what is kept begins with it
+    if (const auto kept = cache.find(key); kept && kept->size() > head) {
+        std::memcpy(&compiled.seconds, kept->data(), head);
+        compiled.code = kept->substr(head);
+        compiled.found = true;
+        return compiled;
+    }
 
     using Clock = std::chrono::steady_clock;
     const auto begin = Clock::now();
@@ -189,11 +197,12 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
     for (const std::string& option : options) arguments.push_back(option.c_str());
     if (nvrtcCompileProgram(program.get(), int(arguments.size()), arguments.data()) != NVRTC_SUCCESS)
         throw DeviceError("NVRTC: " + program.take(nvrtcGetProgramLogSize, nvrtcGetProgramLog));
-    CompiledKernel compiled;
     compiled.code =
         exact ? program.take(nvrtcGetCUBINSize, nvrtcGetCUBIN) : program.take(nvrtcGetPTXSize, nvrtcGetPTX);
     compiled.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
-    cache.keep(key, compiled.code);
+    std::string kept(head, '\0');
+    std::memcpy(kept.data(), &compiled.seconds, head);
+    cache.keep(key, kept + compiled.code);
     return compiled;
 }
 

@@ -15,7 +15,8 @@ struct KernelSource {
 
 struct CompiledKernel {
     std::string code;    ///< machine code, or PTX where NVRTC knows no such card
-    double seconds = 0;  ///< that compiling took; 0: it was found on disk
+    double seconds = 0;  ///< that compiling took, whenever that was
+    bool found = false;  ///< on disk, where it is kept with that time
 };
 
 /// `architecture`: compute capability, 90 for 9.0. Throws DeviceError with NVRTC's log if the source is

@@ -5,13 +5,14 @@
 
 namespace voxspring::cuda {
 
-std::shared_ptr<const Kernel> Kernel::get(const KernelSource& source, const Device& device, double& seconds) {
+std::shared_ptr<const Kernel> Kernel::get(const KernelSource& source, const Device& device,
+                                          CompileTime& time) {
     static std::vector<std::pair<KernelSource, std::shared_ptr<const Kernel>>> loaded;
     for (const auto& [known, kernel] : loaded) {
         if (known == source) return kernel;
     }
     const CompiledKernel compiled = compile(source, device.architecture());
-    seconds += compiled.seconds;
+    time += {compiled.found ? 0 : compiled.seconds, compiled.seconds};
     return loaded.emplace_back(source, std::make_shared<const Kernel>(compiled)).second;
 }
 

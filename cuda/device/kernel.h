@@ -4,6 +4,7 @@
 #include <array>
 #include <memory>
 
+#include "backends/backend.h"
 #include "cuda/device/compiler.h"
 #include "cuda/device/device.h"
 #include "cuda/device/stream.h"
@@ -15,9 +16,9 @@ using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 /// Shared by all that launch it.
 class Kernel {
 public:
-    /// Compiles and loads what this process has not loaded yet. `seconds` grows by what compiling took.
+    /// Compiles and loads what this process has not loaded yet. `time` grows by what compiling took.
     static std::shared_ptr<const Kernel> get(const KernelSource& source, const Device& device,
-                                             double& seconds);
+                                             CompileTime& time);
 
     explicit Kernel(const CompiledKernel& compiled);
 

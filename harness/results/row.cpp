@@ -70,6 +70,7 @@ void limit_fields_of(Self& part, Fields& fields) {
 template <class Self, class Fields>
 void start_fields(Self& part, Fields& fields) {
     fields.required("ready_seconds", part.ready_seconds);
+    fields.optional("warm_ready_seconds", part.warm_ready_seconds);
     fields.required("construct_seconds", part.construct_seconds);
     fields.required("compile_seconds", part.compile_seconds);
     fields.required("upload_seconds", part.upload_seconds);

@@ -60,9 +60,10 @@ struct LimitPart {
 /// From nothing to the first step.
 struct StartPart {
     double construct_seconds = 0, compile_seconds = 0, upload_seconds = 0;
-    double ready_seconds = 0;
-    std::optional<std::string> chosen = {};        ///< Choice::tuning
-    std::optional<double> predicted_seconds = {};  ///< Choice::step_seconds
+    double ready_seconds = 0;                       ///< all three: with no kernel on disk
+    std::optional<double> warm_ready_seconds = {};  ///< with all of them there; not in older files
+    std::optional<std::string> chosen = {};         ///< Choice::tuning
+    std::optional<double> predicted_seconds = {};   ///< Choice::step_seconds
 };
 
 /// What edits between steps cost.

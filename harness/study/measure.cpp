@@ -33,6 +33,7 @@ struct MeasurementContext {
     const Batch& batch;
     const ReferenceSolution& solution;
     SharedState& state;
+    State& left;  ///< room for what a case leaves
     std::uint64_t springs;
     int edits;                       ///< within a batch
     const Card* card;                ///< null: not watched
@@ -146,7 +147,8 @@ nlohmann::json TimedCase::timed(const std::string& name, bool last) {
 
 /// Judges the state at once: of a large scene the states of all cases would not fit into memory.
 void TimedCase::verify(nlohmann::json& answer) {
-    const State left = context_.state.take(answer.at("state"));
+    State& left = context_.left;
+    context_.state.take(answer.at("state"), left);
     answer.erase("state");
     const Comparison comparison = judge(context_.solution, left, case_.spec());
     Row verified;
@@ -197,7 +199,9 @@ StartPart TimedCase::start_part() const {
     StartPart start{.construct_seconds = kept("introduction").at("construct_seconds"),
                     .compile_seconds = warm.at("compile_seconds"),
                     .upload_seconds = warm.at("upload_seconds")};
-    start.ready_seconds = start.construct_seconds + start.compile_seconds + start.upload_seconds;
+    const double without_compiling = start.construct_seconds + start.upload_seconds;
+    start.warm_ready_seconds = without_compiling;
+    start.ready_seconds = without_compiling + start.compile_seconds;
     if (warm.contains("chosen")) {
         start.chosen = warm.at("chosen");
         start.predicted_seconds = warm.at("predicted_seconds");
@@ -341,10 +345,12 @@ void measure(StudyBench& bench, const Batch& batch) {
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = problem_after(scene, steps_in_all(batch));
     const ReferenceSolution solution = solution_of(bench, edited ? *edited : scene.problem, batch, entered);
+    State left;
     const MeasurementContext context{scene,
                                      batch,
                                      solution,
                                      state,
+                                     left,
                                      count_springs(scene.problem).total(),
                                      SceneRunner(scene).edits_within(batch.steps),
                                      bench.card(),

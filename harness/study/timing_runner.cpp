@@ -83,8 +83,8 @@ private:
         backend.monitor(monitor_);
         const auto begin = Clock::now();
         runner_.rewind(backend);
-        const double compile_seconds = backend.compile_seconds();
-        const double upload_seconds = std::max(0.0, seconds_since(begin) - compile_seconds);
+        const CompileTime compiling = backend.compile_time();
+        const double upload_seconds = std::max(0.0, seconds_since(begin) - compiling.spent);
         if (batch_.rewind) runner_.keep_start(backend);
         for (int i = 0; i < batches; ++i) runner_.run(backend, batch_.steps);
         backend.synchronize();
@@ -92,7 +92,7 @@ private:
         // Counting takes a step, which only a rewind takes back.
         const WorkCount work = batch_.rewind ? backend.count_work() : WorkCount{};
         nlohmann::json answer = {
-            {"compile_seconds", compile_seconds}, {"upload_seconds", upload_seconds}, {"work", work}};
+            {"compile_seconds", compiling.cold}, {"upload_seconds", upload_seconds}, {"work", work}};
         if (const auto choice = backend.choice()) {
             answer["chosen"] = choice->tuning;
             answer["predicted_seconds"] = choice->step_seconds;
