@@ -9,7 +9,8 @@ threshold t a row is slower if Mann-Whitney's U tells the two files apart, at a 
 rows, the ratio is beyond 1 + t, and its interval is beyond 1. Where the noise n exceeds 0.8 t, the interval has to be
 beyond 1 + 3n; where n exceeds 20%, no row is slower. The noise of a row is its spread, the larger relative
 interquartile range of the two files, or the upper quartile of the spreads on its device if that is more: load comes
-and goes, and spares some rows. Faster likewise. A row that is neither, but whose interval reaches beyond the
+and goes, and spares some rows. Of rows that their run marked the device's spread is not: what disturbed those is known,
+and did not disturb the others. Faster likewise. A row that is neither, but whose interval reaches beyond the
 threshold, is too noisy to tell; the rest is the same.
 
 Of a row that its run marked (`noisy`), and of one with fewer than 9 repetitions, the noise counts as 10% at least:
@@ -243,9 +244,10 @@ def complete_times(rows, device, marked):
     spreads = collections.defaultdict(list)
     rows = [row for row in rows if row["time"] and row["time"]["spread"] is not None]
     for row in rows:
-        spreads[device(row)].append(row["time"]["spread"])
+        if not marked(row):
+            spreads[device(row)].append(row["time"]["spread"])
     for row in rows:
-        of_device = float(numpy.quantile(spreads[device(row)], 0.75))
+        of_device = float(numpy.quantile(spreads[device(row)] or [0], 0.75))
         unknown = marked(row) or min(row["repetitions"]) < MINIMUM_REPETITIONS
         row["time"]["noise"] = max(row["time"]["spread"], of_device, UNKNOWN_NOISE if unknown else 0)
     times = [row["time"] for row in rows if row["time"]["p"] is not None]
