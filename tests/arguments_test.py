@@ -7,6 +7,7 @@ import json
 import os
 import pathlib
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -185,6 +186,21 @@ class Output(InTemporaryFolder):
         reader.join()
         self.assertTrue(pipe.is_fifo())
         self.assertEqual(read[0], target.read_text())
+
+    def test_a_full_disk_leaves_what_was_there(self):
+        """A limit on the size of files stands for it: the same error from the same call."""
+        full = {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))}
+        for ending in ("csv", "npz", "vtu"):
+            out = self.folder / f"state.{ending}"
+            for before in (None, b"of a run before"):
+                if before:
+                    out.write_bytes(before)
+                ran = voxspring("run", "box@16", "--backend", "cpu_reference", "--steps", 2, "--out", out, **full)
+                self.assertEqual(ran.returncode, 1, ran.stderr)
+                self.assertRegex(ran.stderr, rf"cannot write .*state\.{ending}: File too large")
+                self.assertEqual(out.read_bytes() if out.exists() else None, before)
+                self.assertEqual([p.name for p in self.folder.iterdir()], [out.name] if before else [], "a temporary file")
+            out.unlink()
 
     def test_a_folder_is_no_file(self):
         folder = self.folder / "d.csv"
