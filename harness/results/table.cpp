@@ -96,8 +96,8 @@ TableWidth terminal_width(int descriptor) {
 std::string shortened(const std::string& text, std::size_t length) {
     const std::string dots = "...";
     if (text.size() <= length || length <= dots.size()) return text.substr(0, length);
-    const std::size_t kept = length - dots.size(), front = kept - kept / 2;
-    return text.substr(0, front) + dots + text.substr(text.size() - kept / 2);
+    const std::size_t kept = length - dots.size(), back = kept / 3;
+    return text.substr(0, kept - back) + dots + text.substr(text.size() - back);
 }
 
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,

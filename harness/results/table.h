@@ -28,7 +28,8 @@ struct Column {
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
                    TableWidth width, std::ostream& out);
 
-/// `text` in at most `length` characters: the middle gives way to "...".
+/// `text` in at most `length` characters: "..." is behind two thirds of what is left, since the names of
+/// strategies differ late.
 std::string shortened(const std::string& text, std::size_t length);
 
 /// "1.2e-05" and "12%", or "-" for what is not known.
