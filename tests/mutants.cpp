@@ -1,10 +1,12 @@
-// What mutation_test.py builds from mutated sources: cpu_parallel against states that the unmutated program
-// wrote.
+// What mutation_test.py builds from mutated sources: cpu_parallel, and the bodies of CUDA's kernels on the
+// host, against states that the unmutated program wrote.
 //
-//     mutants write FILE     references and spreads, of the plain reference
-//     mutants check FILE     prints how often a run departs from them: after 20 steps, held to the bound of
-//     the
-//                            conformance test, and after as many as `table1` and `figure7` take, to the gate
+//     mutants write FILE                references and spreads, of the plain reference
+//     mutants check FILE STRATEGY...    prints how often a run departs from them, after 20 steps, held to the
+//                                       bound of the conformance test, and after as many as `table1` and
+//                                       `figure7` take, to the gate; and how many runs there were
+//
+// STRATEGY: cpu_parallel, implicit, tile, groups, springs, delta or scatter.
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -18,6 +20,7 @@
 #include "backends/registry.h"
 #include "harness/verification/spread.h"
 #include "harness/verification/verify.h"
+#include "tests/host_kernels.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -47,6 +50,11 @@ std::vector<Body> bodies() {
     pinned.group_stiffness = {1, 0.7, 0.5};
     pinned.damping = 0.002;
     add("pinned", pinned);
+    // What the kernels of the paper's two groups take that have nothing else compiled in.
+    Problem plain = pinned;
+    plain.pinned.clear();
+    for (std::uint32_t& mask : plain.lattice.mask) mask &= ~PINNED_BIT;
+    add("plain", plain);
     Problem labels = make_lattice_problem(random_grid({9, 8, 7}, 0.9, 4, 3), NEIGHBOUR_BITS);
     pin_base(labels);
     labels.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
@@ -75,6 +83,46 @@ State play(Backend& backend, const Body& body, int steps) {
     }
     backend.step(steps - done);
     return backend.download();
+}
+
+/// `steps` steps of kernel bodies on the host.
+template <Formulation formulation>
+State play_kernel(const std::string& strategy, const Body& body, int steps) {
+    using V = cuda::Variant<float, formulation>;
+    const Problem& problem = body.problem;
+    const auto played = [&](cuda::Simulation<V>&& simulation) {
+        simulation.step(steps);
+        return simulation.download();
+    };
+    constexpr cuda::ListLayout layout = cuda::ListLayout::vertical;
+    if (strategy == "implicit")
+        return played(cuda::ImplicitSimulation<V>(problem, body.start, cuda::BlockShape{32, 4, 2}));
+    if (strategy == "tile") return played(cuda::TileSimulation<V, 32, 4>(problem, body.start));
+    if (strategy == "groups")
+        return played(cuda::ExplicitSimulation<V>(problem, body.start,
+                                                  cuda::list_by_groups<float>(problem, layout, formulation)));
+    if (strategy == "springs")
+        return played(cuda::ExplicitSimulation<V>(
+            problem, body.start, cuda::list_by_springs<float>(problem, layout, formulation)));
+    if (strategy == "delta") return played(cuda::DeltaSimulation<V>(problem, body.start, true));
+    if (strategy == "scatter") return played(cuda::ScatterSimulation<V>(problem, body.start));
+    throw std::invalid_argument("no strategy " + strategy);
+}
+
+/// Whether the strategy takes the body. Kernels are tried without edits.
+bool takes(const std::string& strategy, const Body& body) {
+    if (strategy == "cpu_parallel") return true;
+    return body.edits.empty() && (strategy != "groups" || cuda::beyond_groups(body.problem).empty());
+}
+
+State play(const std::string& strategy, Formulation formulation, const Body& body, int steps) {
+    if (strategy != "cpu_parallel") {
+        return formulation == Formulation::position
+                   ? play_kernel<Formulation::position>(strategy, body, steps)
+                   : play_kernel<Formulation::increment>(strategy, body, steps);
+    }
+    const auto backend = BackendSpec::parse("cpu_parallel:formulation=" + to_string(formulation)).make();
+    return play(*backend, body, steps);
 }
 
 // --- What is written -------------------------------------------------------------------------------------
@@ -127,24 +175,27 @@ State read_state(std::istream& in) {
 // --- What is checked -------------------------------------------------------------------------------------
 
 struct Caught {
-    int conformance = 0, gate = 0;
+    int conformance = 0, gate = 0, runs = 0;
 };
 
-void check(const Body& body, Formulation formulation, const Expected& expected, Caught& caught) {
-    const auto backend = BackendSpec::parse("cpu_parallel:formulation=" + to_string(formulation)).make();
-    const Comparison early = compare(body.problem, play(*backend, body, brief), expected.after_brief,
-                                     Precision::float32, brief, formulation);
+void check(const std::string& strategy, const Body& body, Formulation formulation, const Expected& expected,
+           Caught& caught) {
+    if (!takes(strategy, body)) return;
+    ++caught.runs;
+    const Comparison early = compare(body.problem, play(strategy, formulation, body, brief),
+                                     expected.after_brief, Precision::float32, brief, formulation);
     if (!early.passed())
-        std::cerr << body.name << " " << to_string(formulation) << ": " << early.reason << "\n";
+        std::cerr << strategy << " " << body.name << " " << to_string(formulation) << ": " << early.reason
+                  << "\n";
     caught.conformance += early.passed() ? 0 : 1;
-    const Comparison late = differences(play(*backend, body, full), expected.after_full);
+    const Comparison late = differences(play(strategy, formulation, body, full), expected.after_full);
     const bool passed = late.passed() &&
                         late.max <= gate(expected.spread.max, expected.spread.motion_max, 0) &&
                         late.rms <= gate(expected.spread.rms, expected.spread.motion_rms, 0);
     caught.gate += passed ? 0 : 1;
 }
 
-int run(const std::string& what, const char* path) {
+int run(const std::string& what, const char* path, const std::vector<std::string>& strategies) {
     const std::vector<Formulation> formulations = {Formulation::increment, Formulation::position};
     if (what == "write") {
         std::ofstream out(path, std::ios::binary);
@@ -164,11 +215,12 @@ int run(const std::string& what, const char* path) {
         for (const Formulation formulation : formulations) {
             Expected expected{read_state(in), read_state(in), {}};
             in.read(reinterpret_cast<char*>(&expected.spread), sizeof expected.spread);
-            check(body, formulation, expected, caught);
+            for (const std::string& strategy : strategies)
+                check(strategy, body, formulation, expected, caught);
         }
     }
     if (!in) throw std::runtime_error(std::string(path) + " is too short");
-    std::cout << caught.conformance << " " << caught.gate << "\n";
+    std::cout << caught.conformance << " " << caught.gate << " " << caught.runs << "\n";
     return 0;
 }
 
@@ -177,7 +229,7 @@ int run(const std::string& what, const char* path) {
 
 int main(int argc, char** argv) {
     try {
-        return argc == 3 ? voxspring::testing::run(argv[1], argv[2]) : 2;
+        return argc >= 3 ? voxspring::testing::run(argv[1], argv[2], {argv + 3, argv + argc}) : 2;
     } catch (const std::exception& error) {
         std::cerr << error.what() << "\n";
         return 2;

@@ -1,0 +1,477 @@
+// The bodies of CUDA kernels run on the host: every block, thread, list and mask of a step as the device
+// would see it, with each access checked against its array.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "backends/layout/blocks.h"
+#include "backends/layout/delta_lists.h"
+#include "backends/layout/neighbour_lists.h"
+#include "backends/layout/particles.h"
+#include "backends/layout/spring_array.h"
+#include "backends/layout/springs.h"
+#include "cuda/kernels/delta.h"
+#include "cuda/kernels/explicit.h"
+#include "cuda/kernels/implicit.h"
+#include "cuda/kernels/scatter.h"
+
+namespace voxspring::cuda {
+
+/// Element `index` of `values`, which a kernel reads through a pointer on the device.
+template <class T>
+const T& checked(const std::vector<T>& values, std::ptrdiff_t index) {
+    if (index < 0 || std::size_t(index) >= values.size()) throw std::out_of_range("read outside of an array");
+    return values[std::size_t(index)];
+}
+
+template <class Real>
+struct HostFetch {
+    const std::vector<ParticleRecord<Real>>* words;
+    const NeighbourLists<Real>* lists = nullptr;
+
+    Particle<Real> at(int index, int dx) const {
+        const ParticleRecord<Real>& word = checked(*words, std::ptrdiff_t(index) + dx);
+        return {word.position, std::uint32_t(word.bits)};
+    }
+    std::uint32_t entry(const std::uint32_t* p) const {
+        return lists == nullptr ? *p : checked(lists->neighbour, p - lists->neighbour.data());
+    }
+    FourDeltas entry(const FourDeltas* p) const { return *p; }
+    Slice entry(const Slice* p) const { return *p; }
+    SpringConstants<Real> entry(const SpringConstants<Real>* p) const {
+        return lists == nullptr ? *p : checked(lists->constants, p - lists->constants.data());
+    }
+    SpringEnds entry(const SpringEnds* p) const { return *p; }
+};
+
+/// A precision and a formulation.
+template <class Scalar, Formulation f>
+struct Variant {
+    using Real = Scalar;
+    static constexpr Formulation formulation = f;
+    static constexpr bool split = f == Formulation::compensated;
+    /// Everything compiled in and asked for.
+    using AllTerms =
+        KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_off_lattice_rests | term_off_lattice_springs, true>;
+    /// What a scene of the paper's two groups needs: `terms`.
+    template <std::uint32_t terms>
+    using Needed = KernelTerms<f, FACE_BITS | EDGE_BITS, terms, false>;
+    /// AllTerms with blocks at rest left out, and `terms`.
+    template <std::uint32_t terms>
+    using Resting = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_resting | terms, true>;
+};
+
+template <class Real>
+void measure(std::span<Real> lengths, Formulation formulation) {
+    if (by_increments(formulation)) return;
+    for (Real& length : lengths) length = length > 0 ? measured_length(length) : 0;
+}
+
+template <class Real>
+void measure(std::vector<SpringConstants<Real>>& springs, Formulation formulation) {
+    if (by_increments(formulation)) return;
+    for (auto& spring : springs)
+        spring.rest_length = spring.rest_length > 0 ? measured_length(spring.rest_length) : 0;
+}
+
+/// What the backends share: words, loads and masses, and the turns of the two buffers.
+template <class V>
+class Simulation {
+public:
+    using Real = typename V::Real;
+    using Current = Reader<Real, V::split, HostFetch<Real>>;
+
+    Simulation(const Problem& problem, const State& start, const Placement& placement,
+               std::span<const std::uint32_t> bits)
+        : problem_(&problem),
+          placement_(placement),
+          packed_(pack<Real>(problem, start, placement, bits, V::formulation)),
+          load_(pack_load<Real>(problem, placement)),
+          inverse_masses_(pack_inverse_masses<Real>(problem, placement)) {
+        if (packed_.previous.empty()) packed_.previous.resize(placement.words);
+        next_low_.resize(packed_.current_low.size());
+    }
+    virtual ~Simulation() = default;
+
+    void step(int count) {
+        for (int n = 0; n < count; ++n) {
+            const HostFetch<Real> high{&packed_.current, lists()}, low{&packed_.current_low, lists()};
+            step_once(Current{high, low},
+                      {packed_.previous.data(), next_low_.data(), packed_.increment.data(),
+                       packed_.increment_low.data(), increment_pitch(placement_)});
+            std::swap(packed_.current, packed_.previous);
+            std::swap(packed_.current_low, next_low_);
+        }
+    }
+    State download() const { return unpack<Real>(*problem_, packed_, placement_, V::formulation); }
+
+    /// Words that are no particle's hold NaN.
+    void poison() {
+        for (auto* buffer : {&packed_.current, &packed_.previous, &packed_.current_low, &next_low_}) {
+            for (std::size_t i = 0; i < buffer->size(); ++i) {
+                const Real nan = std::numeric_limits<Real>::quiet_NaN();
+                if (packed_.current[i].bits == 0) (*buffer)[i].position = {nan, nan, nan};
+            }
+        }
+    }
+
+protected:
+    void write_bits(std::uint32_t particle, std::uint32_t bits) {
+        packed_.current[placement_.at(particle)].bits = bits;
+    }
+    void attach(Motion<Real>& motion) const {
+        motion.load = load_.empty() ? nullptr : load_.data();
+        motion.inverse_masses = inverse_masses_.empty() ? nullptr : inverse_masses_.data();
+    }
+    const Problem& problem() const { return *problem_; }
+    virtual const NeighbourLists<Real>* lists() const { return nullptr; }
+    virtual void step_once(const Current& current, const Output<Real>& output) = 0;
+
+private:
+    const Problem* problem_;
+    Placement placement_;
+    PackedState<Real> packed_;
+    std::vector<ParticleRecord<Real>> next_low_;
+    std::vector<Vector<Real>> load_;
+    std::vector<Real> inverse_masses_;
+};
+
+/// Calls step(Terms) with what is compiled for a problem: `needed` if it has damping, gravity and the paper's
+/// two groups and nothing else, as most do here; `interior` with a way without masks.
+template <class V, class Step>
+void with_terms(bool needed, bool interior, Step step) {
+    if (needed && interior) {
+        step(typename V::template Needed<term_damping | term_gravity | term_full_stencil>{});
+    } else if (needed) {
+        step(typename V::template Needed<term_damping | term_gravity>{});
+    } else {
+        step(typename V::AllTerms{});
+    }
+}
+
+inline bool has_common_terms(const Problem& problem) {
+    return problem.group_bits == (FACE_BITS | EDGE_BITS) &&
+           terms_of(problem) == (term_damping | term_gravity) && problem.springs.empty();
+}
+
+/// All blocks of an implicit kernel.
+template <class V>
+class ImplicitSimulation : public Simulation<V> {
+public:
+    using typename Simulation<V>::Real;
+    using typename Simulation<V>::Current;
+
+    ImplicitSimulation(const Problem& problem, const State& start, BlockShape shape)
+        : Simulation<V>(problem, start, place_on_grid(problem.lattice), problem.lattice.mask),
+          shape_(shape),
+          needed_(has_common_terms(problem)),
+          compliance_(pack_compliance<Real>(problem, place_on_grid(problem.lattice))),
+          step_(make_implicit_step<Real>(problem, place_on_grid(problem.lattice), V::formulation)),
+          block_grid_(problem.lattice, shape),
+          origins_(occupied_blocks(problem.lattice, shape)) {
+        measure<Real>(step_.rest_length, V::formulation);
+        step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
+        this->attach(step_.motion);
+        if (origins_.empty()) cover_the_lattice();
+    }
+
+    /// Every block of the lattice, active voxels or not.
+    void cover_the_lattice() {
+        origins_.clear();
+        for (int z = 0; z < step_.nz; z += shape_.z) {
+            for (int y = 0; y < step_.ny; y += shape_.y) {
+                for (int x = 0; x < step_.nx; x += shape_.x) origins_.push_back({x, y, z, 0});
+            }
+        }
+    }
+
+    /// The kernel that asks for everything at run time.
+    void use_general_kernel() { needed_ = false; }
+
+    /// The kernel that does without masks where no neighbour is missing.
+    void use_interior() { interior_ = true; }
+    /// The kernel that leaves out blocks at rest, with a flush or without.
+    void leave_out_resting(bool flush) {
+        resting_ = flush ? Rests::flushed : Rests::yes;
+        const std::vector<BlockOrigin> all = list_blocks(this->problem().lattice, shape_);
+        // The last word of each list stands behind what it has room for.
+        for (auto& list : lists_) list.assign(all.size() + 1, {-1, -1, -1, -1});
+        for (auto& marks : marks_) {
+            marks.assign(block_grid_.places(), 1);
+            for (const BlockOrigin& block : all) marks[std::size_t(block.place)] = 0;
+        }
+        std::copy(all.begin(), all.end(), lists_[0].begin());
+        for (const BlockOrigin& block : all) marks_[0][std::size_t(block.place)] = 1;
+        counts_ = {unsigned(all.size()), 0};
+        blocks_ = all.size();
+    }
+    /// In the latest step.
+    std::size_t blocks_stepped() const { return taken_; }
+    std::size_t blocks() const { return blocks_; }
+
+protected:
+    template <class Terms>
+    void step_blocks(const Current& current, const Output<Real>& output) {
+        for (const BlockOrigin& o : origins_) {
+            for (int z = 0; z < shape_.z; ++z) {
+                for (int y = 0; y < shape_.y; ++y) {
+                    for (int x = 0; x < shape_.x; ++x)
+                        step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output);
+                }
+            }
+        }
+    }
+
+    template <class Terms>
+    void step_active_blocks(const Current& current, const Output<Real>& output) {
+        const ActiveBlocks active{int(block_grid_.row()),
+                                  int(block_grid_.slice()),
+                                  lists_[0].data(),
+                                  lists_[1].data(),
+                                  &counts_[0],
+                                  &counts_[1],
+                                  marks_[0].data(),
+                                  marks_[1].data(),
+                                  nullptr,
+                                  nullptr};
+        taken_ = counts_[0];
+        for (std::size_t b = 0; b < taken_; ++b) {
+            const BlockOrigin& o = lists_[0][b];
+            bool changed = false;
+            for (int thread = 0; thread < shape_.x * shape_.y * shape_.z; ++thread) {
+                const int x = thread % shape_.x, y = thread / shape_.x % shape_.y,
+                          z = thread / shape_.x / shape_.y;
+                changed =
+                    step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output) || changed;
+            }
+            list_for_next_step(active, o, shape_.x, shape_.y, shape_.z, changed);
+        }
+        counts_[0] = 0;
+        for (const auto& list : lists_) {
+            if (list.back().place != -1) throw std::out_of_range("more blocks are listed than there are");
+        }
+        std::swap(lists_[0], lists_[1]);
+        std::swap(marks_[0], marks_[1]);
+        std::swap(counts_[0], counts_[1]);
+    }
+
+    void step_once(const Current& current, const Output<Real>& output) override {
+        if (resting_ != Rests::no) {
+            if (resting_ == Rests::yes) {
+                step_active_blocks<typename V::template Resting<0>>(current, output);
+            } else {
+                step_active_blocks<typename V::template Resting<term_flush>>(current, output);
+            }
+            return;
+        }
+
+        with_terms<V>(needed_, interior_, [&]<class Terms>(Terms) { step_blocks<Terms>(current, output); });
+    }
+
+    BlockShape shape_;
+    bool needed_;
+    bool interior_ = false;
+
+    enum class Rests : std::uint8_t { no, yes, flushed } resting_ = Rests::no;
+    std::vector<Real> compliance_;
+    ImplicitStep<Real> step_;
+    BlockGrid block_grid_;
+    std::vector<BlockOrigin> origins_;
+    // Of the step at hand and of the next.
+    std::array<std::vector<BlockOrigin>, 2> lists_;
+    std::array<std::vector<std::uint32_t>, 2> marks_;
+    std::array<unsigned, 2> counts_{};
+    std::size_t taken_ = 0, blocks_ = 0;
+};
+
+/// The same by way of a tile, which starts as NaN: what a thread needs, some thread has loaded.
+template <class V, int W, int H>
+class TileSimulation final : public ImplicitSimulation<V> {
+public:
+    using typename Simulation<V>::Real;
+    using typename Simulation<V>::Current;
+
+    TileSimulation(const Problem& problem, const State& start)
+        : ImplicitSimulation<V>(problem, start, BlockShape{W, H, 1}) {}
+
+private:
+    void step_once(const Current& current, const Output<Real>& output) override {
+        const ImplicitStep<Real>& step = this->step_;
+        const int row = step.nx, slice = step.nx * step.ny;
+        using TileOfBlock = Tile<Real, V::split, W, H>;
+        auto tile = std::make_unique<TileOfBlock>();
+        for (const BlockOrigin& o : this->origins_) {
+            std::fill_n(&tile->axis[0][0][0][0], sizeof(TileOfBlock) / sizeof(Real),
+                        std::numeric_limits<Real>::quiet_NaN());
+            std::array<Self<Real, V::split>, std::size_t(W) * H> selves{};
+            const auto for_each_thread = [&](auto visit) {
+                for (int ty = 0; ty < H; ++ty) {
+                    for (int tx = 0; tx < W; ++tx) {
+                        const int x = o.x + tx, y = o.y + ty;
+                        if (x < step.nx && y < step.ny)
+                            visit(tx, ty, step.first + x + row * y + slice * o.z,
+                                  selves[std::size_t(ty * W + tx)]);
+                    }
+                }
+            };
+            for_each_thread([&](int tx, int ty, int index, auto& self) {
+                self = tile->fill(tx, ty, index, row, slice, current);
+            });
+            for_each_thread([&](int tx, int ty, int index, const auto& self) {
+                step_voxel<typename V::AllTerms>(step, index, self, output,
+                                                 TileNeighbours<Real, V::split, W, H>{*tile, tx, ty},
+                                                 GridCompliance<Real>{step.compliance, index, row, slice});
+            });
+        }
+    }
+};
+
+/// All threads of an explicit kernel.
+template <class V>
+class ExplicitSimulation final : public Simulation<V> {
+public:
+    using typename Simulation<V>::Real;
+    using typename Simulation<V>::Current;
+
+    ExplicitSimulation(const Problem& problem, const State& start, NeighbourLists<Real> lists)
+        : Simulation<V>(problem, start, place_compact(problem), lists.bits),
+          needed_(has_common_terms(problem)),
+          lists_(std::move(lists)),
+          step_(make_explicit_step<Real>(problem, lists_, V::formulation)) {
+        measure<Real>(step_.rest_length, V::formulation);
+        measure(lists_.constants, V::formulation);
+        step_.neighbour = lists_.neighbour.data();
+        step_.constants = lists_.constants.data();
+        step_.off_lattice_rest = lists_.off_lattice_rest.empty() ? nullptr : lists_.off_lattice_rest.data();
+        this->attach(step_.motion);
+    }
+
+    /// The kernel that asks for everything at run time.
+    void use_general_kernel() { needed_ = false; }
+
+private:
+    const NeighbourLists<Real>* lists() const override { return &lists_; }
+
+    void step_once(const Current& current, const Output<Real>& output) override {
+        with_terms<V>(needed_, false, [&]<class Terms>(Terms) {
+            // Some threads of the last block have no particle.
+            for (int i = 0; i < step_.particles + 7; ++i) {
+                if (!lists_.constants.empty()) {
+                    step_by_springs<Terms>(step_, i, current, output);
+                } else {
+                    step_by_groups<Terms>(step_, i, current, output);
+                }
+            }
+        });
+    }
+
+    bool needed_;
+    NeighbourLists<Real> lists_;
+    ExplicitStep<Real> step_;
+};
+
+/// All threads of a kernel by delta-compressed list.
+template <class V>
+class DeltaSimulation final : public Simulation<V> {
+public:
+    using typename Simulation<V>::Real;
+    using typename Simulation<V>::Current;
+
+    /// `interior`: with a way without masks.
+    DeltaSimulation(const Problem& problem, const State& start, bool interior = false)
+        : Simulation<V>(problem, start, place_guarded(problem),
+                        problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
+          needed_(has_common_terms(problem)),
+          interior_(interior && problem.springs.empty()),
+          compliance_(pack_compliance<Real>(problem, place_guarded(problem))),
+          lists_(compress_lists(problem)),
+          own_(problem, place_guarded(problem), V::formulation, lists_.slices),
+          step_(make_delta_step<Real>(problem, place_guarded(problem), V::formulation)) {
+        measure<Real>(step_.rest_length, V::formulation);
+        step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
+        step_.slices = lists_.slices.data();
+        step_.lists = lists_.lists.data();
+        this->attach(step_.motion);
+        this->poison();
+    }
+
+    /// As the backend does it, between steps.
+    void edit(const Problem& edited, const SpringEdit& edit) {
+        for (const SpringEdit::Touched& touched : edit.touched)
+            this->write_bits(touched.particle, touched.mask);
+        own_.change(edited, edit, lists_.slices);
+        needed_ = needed_ && own_.empty();
+        interior_ = interior_ && own_.empty();
+    }
+
+private:
+    void step_once(const Current& current, const Output<Real>& output) override {
+        std::vector<SpringConstants<Real>> constants(own_.constants().begin(), own_.constants().end());
+        measure(constants, V::formulation);
+        step_.off_lattice_neighbour = own_.empty() ? nullptr : own_.neighbour().data();
+        step_.off_lattice_constants = constants.data();
+        step_.off_lattice_rest = own_.off_lattice_rest().data();
+        const auto step_all = [&]<class Terms>(Terms) {
+            // Some threads of the last block have no particle.
+            for (int i = 0; i < step_.particles + 7; ++i) step_by_deltas<Terms>(step_, i, current, output);
+        };
+        constexpr std::uint32_t terms = term_damping | term_gravity | term_full_stencil;
+        if (interior_ && step_.group_bits == EDGE_BITS) {
+            step_all(KernelTerms<V::formulation, EDGE_BITS, terms, false>{});
+        } else if (interior_ && step_.group_bits == CORNER_BITS) {
+            step_all(KernelTerms<V::formulation, CORNER_BITS, terms, false>{});
+        } else {
+            with_terms<V>(needed_, interior_, step_all);
+        }
+    }
+
+    bool needed_, interior_;
+    std::vector<Real> compliance_;
+    DeltaLists lists_;
+    OffLatticeLists<Real> own_;
+    DeltaStep<Real> step_;
+};
+
+/// All threads of both scatter kernels.
+template <class V>
+class ScatterSimulation final : public Simulation<V> {
+public:
+    using typename Simulation<V>::Real;
+    using typename Simulation<V>::Current;
+
+    ScatterSimulation(const Problem& problem, const State& start)
+        : Simulation<V>(problem, start, place_compact(problem), state_bits(problem)),
+          springs_(list_every_spring<Real>(problem, V::formulation)),
+          force_(3 * problem.particle_count()),
+          step_(make_scatter_step<Real>(problem, springs_)) {
+        measure(springs_.constants, V::formulation);
+        step_.ends = springs_.ends.data();
+        step_.constants = springs_.constants.data();
+        step_.off_lattice_rest =
+            springs_.off_lattice_rest.empty() ? nullptr : springs_.off_lattice_rest.data();
+        step_.force = force_.data();
+        step_.pitch = problem.particle_count();
+        this->attach(step_.motion);
+    }
+
+private:
+    void step_once(const Current& current, const Output<Real>& output) override {
+        using Terms = typename V::AllTerms;
+        for (std::size_t s = 0; s < step_.springs + 7; ++s) scatter_spring<Terms>(step_, s, current);
+        for (int i = 0; i < step_.particles + 7; ++i) integrate<Terms>(step_, i, current, output);
+    }
+
+    SpringArrays<Real> springs_;
+    std::vector<Real> force_;
+    ScatterStep<Real> step_{};
+};
+
+}  // namespace voxspring::cuda
