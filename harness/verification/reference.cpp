@@ -23,19 +23,19 @@ namespace {
 const std::string reference = reference_backend + ":formulation=increment";
 
 /// From here on no list of springs is made.
-constexpr std::size_t most_listed_particles = std::size_t(1) << 22;
+constexpr std::size_t max_listed_particles = std::size_t(1) << 22;
 /// Particles times steps that cpu_reference takes about a second for.
-constexpr double most_plain_updates = 1e7;
+constexpr double max_plain_updates = 1e7;
 /// Those of all refined runs together: about a minute on two cores. Beyond it there is no total error.
-constexpr double most_refined_updates = 5e9;
+constexpr double max_refined_updates = 5e9;
 /// Of a run on all cores, the first steps that cpu_reference repeats: beyond them two orders of a sum may
 /// part.
-constexpr int most_checked_steps = 100;
+constexpr int max_checked_steps = 100;
 
 /// Whether references of the scene are too large for lists, and for the cache.
-bool is_large(const Scene& scene) { return scene.problem.particle_count() > most_listed_particles; }
+bool is_large(const Scene& scene) { return scene.problem.particle_count() > max_listed_particles; }
 bool is_plain(const Scene& scene, int steps) {
-    return double(scene.problem.particle_count()) * std::max(steps, 1) <= most_plain_updates;
+    return double(scene.problem.particle_count()) * std::max(steps, 1) <= max_plain_updates;
 }
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
@@ -125,12 +125,12 @@ std::uint64_t seed_of(const Scene& scene, int steps, const RoundingModel& model)
     return std::stoull(hash.text().substr(0, 16), nullptr, 16);
 }
 
-/// How many of the runs of a scene in `counts` steps take most_refined_updates together.
+/// How many of the runs of a scene in `counts` steps take max_refined_updates together.
 std::size_t affordable_runs(const Scene& scene, const std::vector<int>& counts) {
     double updates = 0;
     for (std::size_t k = 0; k < counts.size(); ++k) {
         updates += double(scene.problem.particle_count()) * counts[k];
-        if (updates > most_refined_updates) return k;
+        if (updates > max_refined_updates) return k;
     }
     return counts.size();
 }
@@ -233,8 +233,8 @@ State References::computed(const Scene& scene, int steps, Backend& backend) cons
 
 void References::check_first_steps(const Scene& scene, int steps) const {
     if (is_large(scene)) return;
-    const double affordable = most_plain_updates / double(scene.problem.particle_count());
-    const int first = std::clamp(int(affordable), 1, std::min(steps, most_checked_steps));
+    const double affordable = max_plain_updates / double(scene.problem.particle_count());
+    const int first = std::clamp(int(affordable), 1, std::min(steps, max_checked_steps));
     const auto plain = BackendSpec::parse(reference).make();
     const auto parallel = make_perturbed_reference({});
     const State one = computed(scene, first, *plain), other = computed(scene, first, *parallel);
@@ -265,8 +265,8 @@ State References::after(const Scene& scene, int steps) {
 }
 
 const State& References::latest(const std::string& name, State state) {
-    constexpr std::size_t most_bytes = std::size_t(1) << 30;
-    if ((latest_.size() + 1) * sizeof(glm::dvec3) * 2 * state.displacement.size() > most_bytes)
+    constexpr std::size_t max_bytes = std::size_t(1) << 30;
+    if ((latest_.size() + 1) * sizeof(glm::dvec3) * 2 * state.displacement.size() > max_bytes)
         latest_.clear();
     return latest_[name] = std::move(state);
 }
@@ -312,7 +312,7 @@ Spread References::spread(const Scene& scene, int steps, const State& expected, 
 
 Refined References::refined(const Scene& scene, const Span& span, std::vector<int> counts) {
     constexpr int doublings = 4;
-    constexpr std::size_t most_columns = 5;  // beyond the tenth order rounding decides
+    constexpr std::size_t max_columns = 5;  // beyond the tenth order rounding decides
     constexpr double smallest = 1e-11;
     Refined result;
     if (!scene.edits.empty()) {
@@ -332,13 +332,13 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
         if (k == affordable) {
             result.reason =
                 "to refine the time step of float64 takes too many updates of particles: more than " +
-                std::to_string(std::int64_t(most_refined_updates));
+                std::to_string(std::int64_t(max_refined_updates));
             return result;
         }
         std::vector<std::vector<glm::dvec3>> next;
         next.push_back(after(in_steps(scene, span, counts[k]), counts[k]).displacement);
         if (k + 1 == asked) finest_asked = next.front();
-        for (std::size_t column = 1; column <= std::min(row.size(), most_columns); ++column) {
+        for (std::size_t column = 1; column <= std::min(row.size(), max_columns); ++column) {
             const double ratio = double(counts[k]) / counts[k - column];
             next.push_back(extrapolate(row[column - 1], next[column - 1], ratio));
         }

@@ -27,7 +27,7 @@ double gate(double spread, double motion, double admitted) {
     // Where nothing moves, standing still is right: the spread alone decides.
     if (motion == 0) return gate_in_spreads * spread + admitted;
     const double bound = std::min(gate_in_spreads * spread, max_share_of_motion * motion);
-    if (!(bound >= least_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
+    if (!(bound >= min_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
     return bound + admitted;
 }
 
@@ -39,7 +39,7 @@ bool is_chaotic(const Spread& spread) {
 double statistic_gate(double spread, double size) {
     const double bound =
         std::clamp(gate_in_spreads * spread, min_statistics_share * size, max_statistics_share * size);
-    return bound >= least_gate_in_spreads * spread ? bound : std::numeric_limits<double>::infinity();
+    return bound >= min_gate_in_spreads * spread ? bound : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace voxspring

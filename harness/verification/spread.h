@@ -46,7 +46,7 @@ constexpr double max_share_of_motion = 0.1;
 /// it was measured (docs/accuracy.md).
 constexpr double gate_in_spreads = 4;
 /// A bound this near to the spread cannot tell a wrong backend from rounding, and is not applied.
-constexpr double least_gate_in_spreads = 2;
+constexpr double min_gate_in_spreads = 2;
 /// What statistics of a chaotic scene may differ by at least, as a share of their size: they are of one
 /// moment of one trajectory, and what such moments differ by is their noise.
 constexpr double min_statistics_share = 0.25;
