@@ -103,7 +103,7 @@ public:
     /// That of an implicit step without its memory: the state leaves registers at the end of a launch alone.
     StepWork step_work(const Problem& problem) const override {
         StepWork work = implicit_work<float>(problem, formulation());
-        work.bytes = 0;
+        work.bytes = work.written_bytes = work.footprint_bytes = 0;
         work.launches = 0;
         work.exchanges = 1;
         return work;

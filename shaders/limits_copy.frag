@@ -1,8 +1,17 @@
-// Two texels read, one written: the memory traffic of a step.
-layout(binding = 0) uniform sampler2D position;
-layout(binding = 1) uniform sampler2D previous_position;
-layout(location = 0) out vec4 next;
+// One or two texels read and, with WRITES, one written.
+layout(binding = 0) uniform sampler2D first;
+layout(binding = 1) uniform sampler2D second;
+uniform float impossible;  // a sum that there is not, which the compiler cannot know
+layout(location = 0) out vec4 written;
+
 void main() {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    next = texelFetch(position, texel, 0) - texelFetch(previous_position, texel, 0);
+    vec4 word = texelFetch(first, texel, 0);
+#if READS == 2
+    word -= texelFetch(second, texel, 0);
+#endif
+#ifndef WRITES
+    if (word.x + word.y + word.z + word.w != impossible) discard;
+#endif
+    written = word;
 }

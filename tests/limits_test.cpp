@@ -6,9 +6,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
+#include <set>
 #include <sstream>
 #include <string>
+#include <vector>
 
 #include "backends/layout/delta_lists.h"
 #include "backends/layout/march_work.h"
@@ -42,19 +45,21 @@ TEST(StepLimit, IsTheLongestOfWhatEachTakesAlone) {
         return limit_of(work, round_limits(), precision);
     };
     // 2 us of launches, 1.5 us of bytes, 1 us of operations.
-    const StepLimit launch = limit({.bytes = 1500, .operations = 10000, .launches = 2});
+    const StepLimit launch =
+        limit({.bytes = 1500, .footprint_bytes = 1500, .operations = 10000, .launches = 2});
     EXPECT_EQ(launch.limited_by, "launch");
     EXPECT_DOUBLE_EQ(launch.seconds, 2e-6);
     // 1 us, 5 us, 4 us.
-    const StepLimit bandwidth = limit({.bytes = 5000, .operations = 40000});
+    const StepLimit bandwidth = limit({.bytes = 5000, .footprint_bytes = 5000, .operations = 40000});
     EXPECT_EQ(bandwidth.limited_by, "bandwidth");
     EXPECT_DOUBLE_EQ(bandwidth.seconds, 5e-6);
     // 1 us, 5 us, 6 us.
-    const StepLimit arithmetic = limit({.bytes = 5000, .operations = 60000});
+    const StepLimit arithmetic = limit({.bytes = 5000, .footprint_bytes = 5000, .operations = 60000});
     EXPECT_EQ(arithmetic.limited_by, "arithmetic");
     EXPECT_DOUBLE_EQ(arithmetic.seconds, 6e-6);
     // 40 us at the rate of float64.
-    const StepLimit float64 = limit({.bytes = 5000, .operations = 40000}, Precision::float64);
+    const StepLimit float64 =
+        limit({.bytes = 5000, .footprint_bytes = 5000, .operations = 40000}, Precision::float64);
     EXPECT_EQ(float64.limited_by, "arithmetic");
     EXPECT_DOUBLE_EQ(float64.seconds, 4e-5);
 }
@@ -62,15 +67,60 @@ TEST(StepLimit, IsTheLongestOfWhatEachTakesAlone) {
 TEST(StepLimit, TakesTheCachesRateForWhatFitsIntoIt) {
     DeviceLimits limits = round_limits();
     limits.launch_seconds = 0;
-    const auto seconds = [&](std::uint64_t bytes) {
-        const StepLimit limit = limit_of({.bytes = bytes, .operations = 1}, limits, Precision::float32);
+    // Read by one launch and again by another.
+    const auto seconds = [&](std::uint64_t footprint) {
+        const StepLimit limit =
+            limit_of({.bytes = 2 * footprint, .footprint_bytes = footprint, .operations = 1}, limits,
+                     Precision::float32);
         EXPECT_EQ(limit.limited_by, "bandwidth");
         return limit.seconds;
     };
-    EXPECT_DOUBLE_EQ(seconds(1000), 0.25e-6);
-    EXPECT_DOUBLE_EQ(seconds(1001), 1.001e-6);
+    EXPECT_DOUBLE_EQ(seconds(1000), 0.5e-6);
+    EXPECT_DOUBLE_EQ(seconds(1001), 2.002e-6);
     limits.cache_bytes = limits.cached_copy_bytes_per_second = 0;
-    EXPECT_DOUBLE_EQ(seconds(1000), 1e-6) << "the cache is unknown";
+    EXPECT_DOUBLE_EQ(seconds(1000), 2e-6) << "the cache is unknown";
+}
+
+/// Rates in GB/s at 100, 1000 and 8000 bytes, read only and half of them written.
+DeviceLimits tabled_limits() {
+    DeviceLimits limits = round_limits();
+    limits.bandwidth = {{100, 0, 4e9},    {100, 0.5, 2e9}, {1000, 0, 5e9},
+                        {1000, 0.5, 1e9}, {8000, 0, 1e9},  {8000, 0.5, 0.5e9}};
+    return limits;
+}
+
+double tabled_rate(std::uint64_t footprint, std::uint64_t written_of_100) {
+    return bytes_per_second_of({.bytes = 100, .written_bytes = written_of_100, .footprint_bytes = footprint},
+                               tabled_limits());
+}
+
+TEST(Bandwidths, AreThoseOfTheFootprintOrFaster) {
+    EXPECT_DOUBLE_EQ(tabled_rate(8000, 0), 1e9);
+    EXPECT_DOUBLE_EQ(tabled_rate(1000000, 50), 0.5e9);
+    EXPECT_DOUBLE_EQ(tabled_rate(7999, 0), 5e9) << "some of it may be in the cache still";
+    EXPECT_DOUBLE_EQ(tabled_rate(1000, 50), 1e9);
+    EXPECT_DOUBLE_EQ(tabled_rate(999, 50), 2e9);
+    EXPECT_DOUBLE_EQ(tabled_rate(100, 0), 5e9) << "what more bytes reached, fewer can";
+    EXPECT_DOUBLE_EQ(tabled_rate(1, 50), 2e9) << "below all that was measured";
+}
+
+TEST(Bandwidths, AreInterpolatedByTheTimeOfAByte) {
+    // A read byte takes 1 ns and one of which half are written 2 ns.
+    EXPECT_DOUBLE_EQ(tabled_rate(8000, 25), 1e9 / 1.5);
+    EXPECT_DOUBLE_EQ(tabled_rate(8000, 5), 1e9 / 1.1);
+    EXPECT_DOUBLE_EQ(tabled_rate(8000, 80), 0.5e9) << "more writing than was measured";
+    EXPECT_DOUBLE_EQ(bytes_per_second_of({}, tabled_limits()), 5e9) << "no bytes at all";
+}
+
+TEST(Bandwidths, GoThroughJson) {
+    const DeviceLimits limits = tabled_limits();
+    const nlohmann::json json = to_json(limits);
+    EXPECT_EQ(json.at("bandwidth").at(1),
+              nlohmann::json::parse(
+                  R"({"footprint_bytes": 100.0, "written_share": 0.5, "bytes_per_second": 2e9})"));
+    EXPECT_EQ(device_limits_of(json).bandwidth, limits.bandwidth);
+    EXPECT_FALSE(to_json(round_limits()).contains("bandwidth"));
+    EXPECT_TRUE(device_limits_of(to_json(round_limits())).bandwidth.empty());
 }
 
 TEST(LimitFields, HoldTheFractionWhereBothTimesAreKnown) {
@@ -95,6 +145,20 @@ TEST(LeastSeconds, AreThoseOfAnUndisturbedBatch) {
     });
     EXPECT_NEAR(seconds, 7e-6, 1e-12);
     EXPECT_EQ(longest, 512) << "the first power of two that lasts 2 ms";
+}
+
+TEST(LeastSeconds, BeginWithBatchesThatAreLongEnough) {
+    std::vector<int> counts;
+    const double seconds = min_seconds(
+        [&](int count) {
+            counts.push_back(count);
+            return count * 1e-5;
+        },
+        one_of_many(std::size_t(1) << 18));
+    EXPECT_NEAR(seconds, 1e-5, 1e-15);
+    EXPECT_EQ(counts.at(1), 64) << "16 MiB";
+    EXPECT_EQ(counts.back(), 128);
+    EXPECT_EQ(std::count(counts.begin(), counts.end(), 128), 5);
 }
 
 TEST(LeastSeconds, EndOnAClockThatStandsStill) {
@@ -124,6 +188,13 @@ StepWork work_of(const std::string& spec, const Problem& problem) {
         EXPECT_EQ(work.bytes, std::uint64_t(expected_bytes));                       \
         EXPECT_EQ(work.operations, std::uint64_t(expected_operations));             \
         EXPECT_EQ(work.launches, expected_launches);                                \
+    }
+
+#define EXPECT_TRAFFIC(actual, expected_written, expected_footprint)        \
+    {                                                                       \
+        const StepWork work = actual;                                       \
+        EXPECT_EQ(work.written_bytes, std::uint64_t(expected_written));     \
+        EXPECT_EQ(work.footprint_bytes, std::uint64_t(expected_footprint)); \
     }
 
 constexpr Formulation position = Formulation::position;
@@ -190,6 +261,42 @@ TEST(StepWork, OfCudaScatter) {
                 6 * 15 + 11 * 26, 2);
     const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
     EXPECT_WORK(cuda::scatter_work<float>(one_particle, position), 48 + 2 * 12, 15, 1);
+}
+
+// Words of 16 bytes in two arrays, of which one is overwritten; vectors of 12 in one.
+TEST(StepWork, TrafficOfCuda) {
+    const Problem loaded = loaded_plate_of_two_materials();
+    EXPECT_TRAFFIC(cuda::implicit_work<float>(plate(), position), 6 * 16, 6 * 32);
+    EXPECT_TRAFFIC(cuda::implicit_work<double>(plate(), position), 6 * 32, 6 * 64);
+    EXPECT_TRAFFIC(cuda::implicit_work<float>(loaded, position), 6 * 16, 6 * (32 + 12 + 4 + 4));
+    EXPECT_TRAFFIC(cuda::implicit_work<float>(plate(), Formulation::increment), 6 * 28, 6 * 44);
+    EXPECT_TRAFFIC(cuda::implicit_work<float>(plate(), Formulation::compensated), 6 * 56, 6 * 88);
+    EXPECT_TRAFFIC(cuda::march_work<float>(plate(), position), 6 * 12, 6 * 24);
+    EXPECT_TRAFFIC(cuda::march_work<float>(plate(), Formulation::increment), 6 * 24, 6 * 36);
+    EXPECT_TRAFFIC(cuda::march_work<double>(plate(), Formulation::increment), 6 * 48, 6 * 72);
+    EXPECT_TRAFFIC(cuda::explicit_work<float>(plate(), true, position), 6 * 16, 6 * 32 + 22 * 12);
+    // Both launches write all forces, whose array is one; the springs are read.
+    EXPECT_TRAFFIC(cuda::scatter_work<float>(plate(), position), 6 * (16 + 2 * 12), 6 * (32 + 12) + 11 * 16);
+    const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
+    EXPECT_TRAFFIC(cuda::scatter_work<float>(one_particle, position), 16 + 12, 32 + 12);
+    Problem sutured = plate();
+    sutured.springs = {{0, 5, 1, 1}};
+    const std::uint64_t slice_and_ends = sizeof(cuda::Slice) + 2 * (4 + 8);
+    EXPECT_EQ(cuda::delta_work<float>(sutured, position).bytes, 6 * 48 + slice_and_ends);
+    EXPECT_TRAFFIC(cuda::delta_work<float>(sutured, position), 6 * 16, 6 * 32 + slice_and_ends);
+}
+
+TEST(StepWork, TrafficOfCpu) {
+    const std::string parallel = "cpu_parallel:formulation=", reference = "cpu_reference:formulation=";
+    EXPECT_TRAFFIC(work_of(parallel + "position", plate()), 6 * 3 * 4, 6 * (6 + 1) * 4);
+    EXPECT_TRAFFIC(work_of(parallel + "position", loaded_plate_of_two_materials()), 6 * 3 * 4,
+                   6 * (6 + 3 + 2 + 1) * 4);
+    EXPECT_TRAFFIC(work_of(parallel + "increment", plate()), 6 * 6 * 4, 6 * (9 + 1) * 4);
+    EXPECT_TRAFFIC(work_of(parallel + "compensated", plate()), 6 * 12 * 4, 6 * (18 + 1) * 4);
+    // Forces are written twice; positions and what came before once.
+    EXPECT_TRAFFIC(work_of(reference + "position", plate()), 6 * 4 * 24, 6 * 3 * 24 + 11 * 24);
+    EXPECT_TRAFFIC(work_of(reference + "compensated", loaded_plate_of_two_materials()), 6 * 6 * 24,
+                   6 * (3 + 1 + 2) * 24 + 11 * (24 + 40));
 }
 
 TEST(StepWork, OfCpuParallel) {
@@ -278,6 +385,15 @@ TEST_F(Gl, StepWorkOfExplicit) {
                 6 * 12 + 24 * (17 + 1) + 2 * (2 * (7 * 1 + 4 * 2) + 2 * 3), 1);
 }
 
+// All frames are others, and each is read or written whole.
+TEST_F(Gl, TrafficOfFragments) {
+    EXPECT_TRAFFIC(work_of("gl_fragment_implicit:formulation=position", loaded_plate_of_two_materials()),
+                   6 * 16, 6 * (48 + 16 + 8));
+    EXPECT_TRAFFIC(work_of("gl_fragment_implicit", plate()), 6 * 32, 6 * 64);
+    EXPECT_TRAFFIC(work_of("gl_fragment_implicit:formulation=compensated", plate()), 6 * 64, 6 * 128);
+    EXPECT_TRAFFIC(work_of("gl_fragment_explicit:formulation=position", plate()), 6 * 16, 6 * 48 + 22 * 4);
+}
+
 TEST_F(Gl, StepWorkOfCompute) {
     EXPECT_EQ(work_of("gl_compute_implicit", plate()),
               cuda::implicit_work<float>(plate(), Formulation::increment));
@@ -290,6 +406,22 @@ TEST_F(Gl, StepWorkOfCompute) {
 void expect_rate(double rate) {
     EXPECT_TRUE(std::isfinite(rate));
     EXPECT_GT(rate, 0);
+}
+
+/// Three shares of writing at each of some footprints, in the cache where that is known and far beyond it.
+void expect_table(const DeviceLimits& limits) {
+    std::map<double, std::set<double>> shares;
+    for (const Bandwidth& one : limits.bandwidth) {
+        expect_rate(one.bytes_per_second);
+        EXPECT_TRUE(shares[one.footprint_bytes].insert(one.written_share).second);
+    }
+    for (const auto& [footprint, of_footprint] : shares)
+        EXPECT_EQ(of_footprint, (std::set<double>{0, 1.0 / 3, 0.5})) << footprint;
+    ASSERT_FALSE(shares.empty());
+    if (limits.cache_bytes > 0) {
+        EXPECT_LE(shares.begin()->first, limits.cache_bytes);
+    }
+    EXPECT_GT(shares.rbegin()->first, limits.cache_bytes);
 }
 
 /// Of two measurements of what does not change. Other processes may have any part of the machine in between.
@@ -321,6 +453,7 @@ TEST(CpuLimits, ArePositiveAndRepeat) {
         expect_rate(first.cached_copy_bytes_per_second);
         expect_alike(first.cached_copy_bytes_per_second, second.cached_copy_bytes_per_second);
     }
+    if (first.cache_bytes > 0) expect_table(first);
     EXPECT_EQ(first.launch_seconds, 0);
     EXPECT_FALSE(first.grid_barrier_seconds);
     EXPECT_FALSE(first.compute_shader_float32_operations_per_second);
@@ -343,6 +476,14 @@ TEST(CudaLimits, ArePositiveAndRepeat) {
     expect_rate(first.copy_bytes_per_second);
     expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
     expect_rate(first.cached_copy_bytes_per_second);
+    expect_table(first);
+    // Of kernels on a card by itself the best of several repeats.
+    ASSERT_EQ(first.bandwidth.size(), second.bandwidth.size());
+    for (std::size_t n = 0; n < first.bandwidth.size(); ++n) {
+        const Bandwidth& one = first.bandwidth[n];
+        const double ratio = second.bandwidth[n].bytes_per_second / one.bytes_per_second;
+        EXPECT_NEAR(ratio, 1, 0.03) << one.footprint_bytes << " bytes, " << one.written_share << " written";
+    }
     expect_rate(first.launch_seconds);
     EXPECT_LT(first.launch_seconds, 1e-4);
     if (first.grid_barrier_seconds) {
@@ -366,6 +507,7 @@ TEST_F(Gl, LimitsArePositiveAndRepeat) {
     expect_rate(first.compute_shader_float32_operations_per_second.value());
     EXPECT_FALSE(first.float64_operations_per_second);
     EXPECT_EQ(first.cache_bytes, 0) << "OpenGL does not tell";
+    expect_table(first);
 }
 
 TEST_F(Gl, LimitsOfComputeArePositiveAndRepeat) {
@@ -377,6 +519,7 @@ TEST_F(Gl, LimitsOfComputeArePositiveAndRepeat) {
     expect_rate(first.launch_seconds);
     expect_rate(first.float32_operations_per_second);
     EXPECT_FALSE(first.compute_shader_float32_operations_per_second) << "it is the one above";
+    expect_table(first);
     // Each API's own programs, each under its own name.
     EXPECT_EQ(spec.make()->capabilities().api, "OpenGL compute 4.5 core");
 }

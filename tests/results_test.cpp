@@ -35,7 +35,12 @@ TEST(Statistics, AreThoseOfASample) {
 Row timed_row() {
     Row row = row_of("box@4", BackendSpec::parse("cpu_reference"));
     row.workpiece = Workpiece{.steps = 10, .particles = 64, .springs = 300};
-    row.limit = LimitPart{.seconds = 1e-6, .limited_by = "bandwidth", .fraction = {}};
+    row.limit = LimitPart{.seconds = 1e-6,
+                          .limited_by = "bandwidth",
+                          .bytes = 9000,
+                          .written_bytes = 3000,
+                          .footprint_bytes = 6000,
+                          .operations = 700};
     return row;
 }
 
@@ -55,6 +60,10 @@ TEST(GoogleBenchmark, RowsAreItsOwnForWhatWasMeasured) {
     EXPECT_DOUBLE_EQ(first.at("cpu_time"), 4);
     EXPECT_DOUBLE_EQ(first.at("particle_updates_per_second"), 64 * 10 / 2e-5);
     EXPECT_DOUBLE_EQ(first.at("fraction_of_limit"), 0.5);
+    EXPECT_EQ(first.at("step_bytes"), 9000);
+    EXPECT_EQ(first.at("step_written_bytes"), 3000);
+    EXPECT_EQ(first.at("step_footprint_bytes"), 6000);
+    EXPECT_EQ(first.at("step_operations"), 700);
     EXPECT_FALSE(first.contains("aggregate_name"));
 
     const nlohmann::json median_row = to_json(rows[4]);
@@ -72,6 +81,22 @@ TEST(GoogleBenchmark, RowsAreItsOwnForWhatWasMeasured) {
     EXPECT_DOUBLE_EQ(spread.at("real_time"), std::sqrt(13.0) / 5);
     EXPECT_TRUE(spread.at("fraction_of_limit").is_null());
     EXPECT_EQ(google_benchmark_rows(timed_row(), {{1, 1, 1}}, 0).size(), 1u) << "no statistics of one";
+}
+
+TEST(AboveLimit, IsMarkedAndNamed) {
+    Row row = timed_row();
+    row.limit->fraction = 1;
+    EXPECT_EQ(row.limit_mark(), "");
+    std::ostringstream out;
+    print_above_limit({row}, out);
+    EXPECT_EQ(out.str(), "");
+    Row above = row;
+    above.limit->fraction = 1.039;
+    EXPECT_EQ(above.limit_mark(), "!");
+    print_above_limit({row, above}, out);
+    EXPECT_EQ(out.str(),
+              "! faster than its limit, so the limit is wrong:\n"
+              "    box@4 cpu_reference increment float64 (103.9 %)\n");
 }
 
 TEST(GoogleBenchmark, ContextIsOfThisBuild) {

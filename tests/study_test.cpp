@@ -32,6 +32,7 @@
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/commands.h"
+#include "harness/device/limits.h"
 #include "harness/process/case.h"
 #include "harness/process/journal.h"
 #include "harness/process/scene_stream.h"
@@ -347,15 +348,21 @@ TEST(Study, FractionsFollowFromLimits) {
     const nlohmann::json result = run_study(study_of({"test_sound"}), {});
     const auto& limits = result.at("context").at("voxspring").at("limits");
     ASSERT_EQ(limits.size(), 1u);
-    // 125 particles and 780 springs as cpu_reference reads them: all in cache.
-    const double bytes = 125 * 9 * 24 + 780 * (24 + 40), operations = 780 * 35 + 125 * 22;
-    const auto& cpu = limits.at("CPU");
-    const bool cached = cpu.at("cache_bytes").get<double>() >= bytes;
-    const char* rate = cached ? "cached_copy_bytes_per_second" : "copy_bytes_per_second";
-    const double expected = std::max(bytes / cpu.at(rate).get<double>(),
-                                     operations / cpu.at("float64_operations_per_second").get<double>());
+    // 125 particles and 780 springs as cpu_reference reads and writes them.
+    const StepWork work{.bytes = 125 * 9 * 24 + 780 * (24 + 40),
+                        .written_bytes = 125 * 4 * 24,
+                        .footprint_bytes = 125 * 3 * 24 + 780 * (24 + 40),
+                        .operations = 780 * 35 + 125 * 22};
+    const DeviceLimits cpu = device_limits_of(limits.at("CPU"));
+    EXPECT_FALSE(cpu.bandwidth.empty());
+    const double expected = std::max(double(work.bytes) / bytes_per_second_of(work, cpu),
+                                     double(work.operations) / cpu.float64_operations_per_second.value());
     for (const auto& row : result.at("benchmarks")) {
         EXPECT_DOUBLE_EQ(row.at("limit_seconds"), expected);
+        EXPECT_EQ(row.at("step_bytes"), work.bytes);
+        EXPECT_EQ(row.at("step_written_bytes"), work.written_bytes);
+        EXPECT_EQ(row.at("step_footprint_bytes"), work.footprint_bytes);
+        EXPECT_EQ(row.at("step_operations"), work.operations);
         const std::string aggregate = row.value("aggregate_name", "");
         if (aggregate == "stddev" || aggregate == "cv") {
             EXPECT_TRUE(row.at("fraction_of_limit").is_null()) << aggregate;
@@ -574,6 +581,15 @@ TEST(Study, WorkIsThatOfAStepAfterTheBatch) {
     EXPECT_GT(work.at("tiles_stepped"), 0);
     EXPECT_LT(work.at("tiles_stepped"), work.at("tiles"));
     EXPECT_FALSE(result.at("verification")[1].contains("work"));
+    // A limit of the whole body would be none of a step that takes a part of it.
+    int skipping = 0;
+    for (const auto& row : result.at("benchmarks")) {
+        const bool skips = std::string(row.at("tuning")).find("rest=skip") != std::string::npos;
+        skipping += skips ? 1 : 0;
+        for (const char* field : {"limit_seconds", "limited_by", "fraction_of_limit", "step_footprint_bytes"})
+            EXPECT_EQ(row.at(field).is_null(), skips) << row.at("name") << " " << field;
+    }
+    EXPECT_EQ(skipping, 1);
 }
 
 TEST(BuiltinStudies, AllLoad) {

@@ -1,5 +1,6 @@
 // What the processor can do at best, on all cores and in the SIMD registers that cpu_parallel uses.
 #include <hwy/aligned_allocator.h>
+#include <hwy/cache_control.h>
 #include <omp.h>
 
 #include <algorithm>
@@ -8,6 +9,7 @@
 #include <cstddef>
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include "backends/cpu/cpu_backend.h"
 
@@ -48,11 +50,47 @@ HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
 std::size_t multiply_add_float32(std::size_t count, float* result) { return multiply_add(count, result); }
 std::size_t multiply_add_float64(std::size_t count, double* result) { return multiply_add(count, result); }
 
-/// A pass over arrays that start on a cache line, `count` a multiple of one's elements.
-HWY_FLATTEN void overwrite(const float* current, float* previous, std::size_t count) {
+// Passes over arrays that start on a cache line, `count` a multiple of a group's elements. What is
+// overwritten in place has been read; a store elsewhere goes past the caches, which else would read the line
+// first.
+
+/// Registers at once: independent sums, as many as two additions a cycle with a latency of four keep busy.
+constexpr std::size_t group = 8;
+
+HWY_FLATTEN void read(const float* first, const float*, float* written, std::size_t count) {
+    const hn::ScalableTag<float> tag;
+    hn::Vec<decltype(tag)> sum[group];
+    for (auto& one : sum) one = hn::Zero(tag);
+    const std::size_t lanes = hn::Lanes(tag);
+    for (std::size_t i = 0; i < count; i += group * lanes) {
+        for (std::size_t g = 0; g < group; ++g)
+            sum[g] = hn::Add(sum[g], hn::Load(tag, first + i + g * lanes));
+    }
+    for (std::size_t g = 1; g < group; ++g) sum[0] = hn::Add(sum[0], sum[g]);
+    *written = hn::GetLane(sum[0]);
+}
+HWY_FLATTEN void overwrite(const float* first, const float* second, float* written, std::size_t count) {
     const hn::ScalableTag<float> tag;
     for (std::size_t i = 0; i < count; i += hn::Lanes(tag))
-        hn::Store(hn::Sub(hn::Load(tag, current + i), hn::Load(tag, previous + i)), tag, previous + i);
+        hn::Store(hn::Sub(hn::Load(tag, first + i), hn::Load(tag, second + i)), tag, written + i);
+}
+HWY_FLATTEN void stream_difference(const float* first, const float* second, float* written,
+                                   std::size_t count) {
+    const hn::ScalableTag<float> tag;
+    for (std::size_t i = 0; i < count; i += hn::Lanes(tag))
+        hn::Stream(hn::Sub(hn::Load(tag, first + i), hn::Load(tag, second + i)), tag, written + i);
+    hwy::FlushStream();
+}
+HWY_FLATTEN void negate(const float* first, const float*, float* written, std::size_t count) {
+    const hn::ScalableTag<float> tag;
+    for (std::size_t i = 0; i < count; i += hn::Lanes(tag))
+        hn::Store(hn::Neg(hn::Load(tag, first + i)), tag, written + i);
+}
+HWY_FLATTEN void stream_copy(const float* first, const float*, float* written, std::size_t count) {
+    const hn::ScalableTag<float> tag;
+    for (std::size_t i = 0; i < count; i += hn::Lanes(tag))
+        hn::Stream(hn::Load(tag, first + i), tag, written + i);
+    hwy::FlushStream();
 }
 
 }  // namespace
@@ -65,13 +103,34 @@ namespace {
 
 HWY_EXPORT(multiply_add_float32);
 HWY_EXPORT(multiply_add_float64);
+HWY_EXPORT(read);
 HWY_EXPORT(overwrite);
+HWY_EXPORT(stream_difference);
+HWY_EXPORT(negate);
+HWY_EXPORT(stream_copy);
 
 std::size_t multiply_add_on_best_target(std::size_t count, float* result) {
     return HWY_DYNAMIC_DISPATCH(multiply_add_float32)(count, result);
 }
 std::size_t multiply_add_on_best_target(std::size_t count, double* result) {
     return HWY_DYNAMIC_DISPATCH(multiply_add_float64)(count, result);
+}
+
+void read_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
+    HWY_DYNAMIC_DISPATCH(read)(first, second, written, count);
+}
+void overwrite_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
+    HWY_DYNAMIC_DISPATCH(overwrite)(first, second, written, count);
+}
+void stream_difference_on_best_target(const float* first, const float* second, float* written,
+                                      std::size_t count) {
+    HWY_DYNAMIC_DISPATCH(stream_difference)(first, second, written, count);
+}
+void negate_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
+    HWY_DYNAMIC_DISPATCH(negate)(first, second, written, count);
+}
+void stream_copy_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
+    HWY_DYNAMIC_DISPATCH(stream_copy)(first, second, written, count);
 }
 
 /// Seconds that the slowest thread takes for `work(thread, threads)` once all of them are there. Not since
@@ -109,34 +168,6 @@ double operations_per_second() {
     return double(operations) / seconds;
 }
 
-/// Of two arrays of `bytes` each.
-double bytes_per_second(std::size_t bytes) {
-    constexpr std::size_t line = 64 / sizeof(float);
-    const std::size_t lines = bytes / sizeof(float) / line;
-    const auto current = hwy::AllocateAligned<float>(lines * line);
-    const auto previous = hwy::AllocateAligned<float>(lines * line);
-    if (current == nullptr || previous == nullptr)
-        throw DeviceError("cannot allocate " + std::to_string(2 * bytes) + " bytes");
-    // Each thread has the same part every time, and so in its own caches and its own memory.
-    const auto on_every_part = [&](auto work) {
-        return parallel_seconds([&](std::size_t thread, std::size_t threads) {
-            const std::size_t begin = lines * thread / threads * line;
-            const std::size_t end = lines * (thread + 1) / threads * line;
-            work(current.get() + begin, previous.get() + begin, end - begin);
-        });
-    };
-    on_every_part([](float* a, float* b, std::size_t count) {
-        std::fill_n(a, count, 1.0F);
-        std::fill_n(b, count, 1.0F);
-    });
-    const double seconds = min_seconds([&](int repetitions) {
-        return on_every_part([&](const float* a, float* b, std::size_t count) {
-            for (int n = 0; n < repetitions; ++n) HWY_DYNAMIC_DISPATCH(overwrite)(a, b, count);
-        });
-    });
-    return 3 * double(lines * line * sizeof(float)) / seconds;
-}
-
 /// Bytes of the first core's last cache, which Linux gives as "32768K"; 0 where it gives none. Not sysconf(),
 /// which in a virtual machine may name all that the host has.
 std::size_t last_cache_bytes() {
@@ -150,19 +181,93 @@ std::size_t last_cache_bytes() {
     }
 }
 
+/// A pass of one thread: from two arrays, or the first of them, to the one that is written.
+using Pass = void (*)(const float* first, const float* second, float* written, std::size_t count);
+
+/// Passes of all threads, each over memory of its own, which it was the first to write: it lies in the
+/// thread's own caches and beside its own processor.
+class Sweeps {
+public:
+    explicit Sweeps(std::size_t max_footprint) : memory_(std::size_t(omp_get_max_threads())) {
+        const std::size_t floats = floats_of(max_footprint);
+        for (auto& one : memory_) {
+            one = hwy::AllocateAligned<float>(floats);
+            if (one == nullptr)
+                throw DeviceError("cannot allocate " + std::to_string(max_footprint) + " bytes");
+        }
+        parallel_seconds(
+            [&](std::size_t thread, std::size_t) { std::fill_n(memory_[thread].get(), floats, 1.0F); });
+    }
+
+    /// The three shares of writing at one footprint.
+    void add(std::size_t footprint, std::vector<Bandwidth>& table) const {
+        const auto bytes = double(floats_of(footprint) * memory_.size() * sizeof(float));
+        // A byte of the footprint is moved once, or twice if it is overwritten.
+        const auto rate = [&](std::size_t arrays, double moves, Pass pass) {
+            return moves * bytes / pass_seconds(footprint, arrays, pass);
+        };
+        table.push_back({bytes, 0, rate(1, 1, &read_on_best_target)});
+        table.push_back({bytes, 1.0 / 3,
+                         std::max(rate(2, 1.5, &overwrite_on_best_target),
+                                  rate(3, 1, &stream_difference_on_best_target))});
+        table.push_back(
+            {bytes, 1.0 / 2,
+             std::max(rate(1, 2, &negate_on_best_target), rate(2, 1, &stream_copy_on_best_target))});
+    }
+
+private:
+    /// Of a thread: up to three arrays one after the other, each of whole groups of the widest registers.
+    std::size_t floats_of(std::size_t footprint) const {
+        constexpr std::size_t whole = 6 * 8 * 16;
+        return std::max<std::size_t>(footprint / sizeof(float) / memory_.size() / whole, 1) * whole;
+    }
+
+    /// The second of two or more arrays is read, the last is written.
+    double pass_seconds(std::size_t footprint, std::size_t arrays, Pass pass) const {
+        const std::size_t count = floats_of(footprint) / arrays;
+        return min_seconds(
+            [&](int repetitions) {
+                return parallel_seconds([&](std::size_t thread, std::size_t) {
+                    float* const first = memory_[thread].get();
+                    float* const second = first + (arrays > 1 ? count : 0);
+                    for (int n = 0; n < repetitions; ++n)
+                        pass(first, second, first + (arrays - 1) * count, count);
+                });
+            },
+            one_of_many(footprint));
+    }
+
+    std::vector<hwy::AlignedFreeUniquePtr<float[]>> memory_;  // NOLINT(modernize-avoid-c-arrays)
+};
+
+/// Fills in the table and the two rates of copies that are taken from it.
+void measure_bandwidth(DeviceLimits& limits) {
+    const std::size_t cache = last_cache_bytes();
+    // Four times the cache leaves no line in it until its next use; with a bound where a host has caches
+    // that its guests share.
+    const std::size_t beyond =
+        std::clamp<std::size_t>(4 * cache, std::size_t(128) << 20, std::size_t(512) << 20);
+    const Sweeps sweeps(beyond);
+    // In the caches of each thread alone, in the last one with others', and where that one ends in finer
+    // steps.
+    auto footprint = (std::size_t(64) << 10) * std::size_t(omp_get_max_threads());
+    for (; footprint < beyond; footprint *= footprint < cache / 4 ? 4 : 2)
+        sweeps.add(footprint, limits.bandwidth);
+    sweeps.add(beyond, limits.bandwidth);
+    const auto copy = [&](std::size_t of) {
+        return bytes_per_second_of({.bytes = 3, .written_bytes = 1, .footprint_bytes = of}, limits);
+    };
+    limits.copy_bytes_per_second = copy(beyond);
+    if (cache == 0) return;
+    limits.cache_bytes = double(cache);
+    limits.cached_copy_bytes_per_second = copy(cache / 4);
+}
+
 }  // namespace
 
 DeviceLimits CpuBackend::measure_limits() {
     DeviceLimits limits;
-    const std::size_t cache = last_cache_bytes();
-    // Four times the cache leaves no line in it until its next use; with a bound where a host has caches
-    // that its guests share.
-    limits.copy_bytes_per_second =
-        bytes_per_second(std::clamp<std::size_t>(2 * cache, std::size_t(64) << 20, std::size_t(256) << 20));
-    if (cache != 0) {
-        limits.cache_bytes = double(cache);
-        limits.cached_copy_bytes_per_second = bytes_per_second(cache / 8);
-    }
+    measure_bandwidth(limits);
     limits.float32_operations_per_second = operations_per_second<float>();
     limits.float64_operations_per_second = operations_per_second<double>();
     return limits;

@@ -108,11 +108,12 @@ public:
         }
         const std::uint64_t particles = problem.particle_count();
         const std::uint64_t ends = 2 * count_springs(problem).total();
-        // Of the state the one of two steps that is overwritten is written but, in place of increments, read.
-        const std::uint64_t state = std::uint64_t(state_arrays(formulation_)) / 3 * 4;
-        const std::uint64_t arrays = (by_increments(formulation_) ? state : 9) + (has_load ? 3 : 0) +
-                                     (all || problem.has_materials() ? 1 : 0) +
-                                     (problem.has_materials() ? 1 : 0);
+        // By increments the state's displacements are read from one array and written to another, and its
+        // increments overwritten in place; else of two arrays of positions one is read and one overwritten.
+        const auto state = std::uint64_t(state_arrays(formulation_));
+        const bool increments = by_increments(formulation_);
+        const std::uint64_t read_only =
+            (has_load ? 3 : 0) + (all || problem.has_materials() ? 1 : 0) + (problem.has_materials() ? 1 : 0);
         // force_density() 5 + 1 + 1 + 3; strain_density() without the offset 3 + 5 + 1 + 5 + 1 + 1 + 4; and 2
         // more for a stiffness that materials give.
         const std::uint64_t density =
@@ -123,7 +124,9 @@ public:
         const std::uint64_t end = 9 + (split ? 6 : 0) + (on_positions(formulation_) ? 0 : 3);
         // A particle: next_position() or increment_change() and two sums 21; each sum that is split 33
         // instead of 3.
-        return {.bytes = (particles * arrays + masks) * sizeof(T),
+        return {.bytes = (particles * ((increments ? state / 3 * 4 : 9) + read_only) + masks) * sizeof(T),
+                .written_bytes = particles * (increments ? state / 3 * 2 : 3) * sizeof(T),
+                .footprint_bytes = (particles * (state + read_only) + masks) * sizeof(T),
                 .operations = evaluations * density + ends * end +
                               particles * (21 + (split ? 60 : 0) + (has_load ? 3 : 0))};
     }

@@ -49,8 +49,10 @@ public:
         const std::uint64_t particle = 21 + lows * 60 + 1 + 3 * load;
         // Forces: zeroed, read and written with the springs, read with the particles. Positions: read with
         // the springs, read and written with the particles; previous ones or increments the same there.
-        return {.bytes = particles * (4 + 3 + 2 + load + lows * 5) * sizeof(glm::dvec3) +
-                         springs * (sizeof(Spring) + rests * sizeof(RestSpring)),
+        const std::uint64_t lists = springs * (sizeof(Spring) + rests * sizeof(RestSpring));
+        return {.bytes = particles * (4 + 3 + 2 + load + lows * 5) * sizeof(glm::dvec3) + lists,
+                .written_bytes = particles * (2 + 1 + 1 + lows * 2) * sizeof(glm::dvec3),
+                .footprint_bytes = particles * (1 + 1 + 1 + load + lows * 2) * sizeof(glm::dvec3) + lists,
                 .operations = springs * spring + particles * particle};
     }
 

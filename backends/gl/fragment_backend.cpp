@@ -326,12 +326,17 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
     const std::uint64_t vectors = motion_operations(formulation(), all_terms() || problem.has_gravity(),
                                                     all_terms() || problem.damping != 0) +
                                   (loads ? 1 : 0);
-    // Two frames of one target are read and one is written, or one of several targets read and one written.
-    const std::uint64_t texels_moved =
-        by_increments(formulation()) ? 2 * target_count_of(formulation()) : frame_count_of(formulation());
+    // Two frames of one target are read and one is written, or one of several targets read and one written:
+    // every frame once.
+    const std::uint64_t frame =
+        (masked_ ? particles : unmasked) * target_count_of(formulation()) * std::uint64_t(rgba32f.bytes);
+    const std::uint64_t all =
+        frame_count_of(formulation()) * frame +
+        particles * std::uint64_t((loads ? rgba32f.bytes : 0) + (materials ? rg32f.bytes : 0));
     return {
-        .bytes = (masked_ ? particles : unmasked) * texels_moved * std::uint64_t(rgba32f.bytes) +
-                 particles * std::uint64_t((loads ? rgba32f.bytes : 0) + (materials ? rg32f.bytes : 0)),
+        .bytes = all,
+        .written_bytes = frame,
+        .footprint_bytes = all,
         .operations = particles * 3 * vectors + 2 * (cuda::pull_operations<float>(problem, formulation()) +
                                                      3 * count_springs(problem).total())};  // its sum
 }

@@ -91,9 +91,9 @@ public:
         StepWork work = fragment_work(problem, problem.particle_count());
         const std::uint64_t ends = 2 * count_springs(problem).total();
         work.operations += ends;  // each is scaled by its stiffness
-        work.bytes += ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0));
+        work.read_once(ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0)));
         if (has_off_lattice_rest(problem))
-            work.bytes += 2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes);
+            work.read_once(2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes));
         return work;
     }
 

@@ -1,8 +1,13 @@
 #include "backends/gl/limits.h"
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstddef>
+#include <iterator>
+#include <map>
+#include <span>
+#include <string>
 
 #include "backends/gl/handles.h"
 #include "backends/gl/program.h"
@@ -11,8 +16,11 @@
 namespace voxspring::gl {
 namespace {
 
-/// Three arrays of 64 MiB: a pass over them leaves nothing of one in a cache until it is read again.
-constexpr glm::ivec2 copy_size{2048, 2048};
+/// Together of all arrays of a pass, from what any card's cache holds to what none does: OpenGL does not tell
+/// which. Arrays of the last, of which there are two or three, are no larger than any driver allows.
+constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(12) << 20, std::size_t(48) << 20,
+                                      std::size_t(192) << 20};
+constexpr int row = 2048;  // texels: `footprints` are whole rows of two or three arrays
 /// More fragments than any card has in flight, and work enough in each that its texel's write does not count.
 constexpr glm::ivec2 arithmetic_size{1024, 1024};
 constexpr int work_group = 16;  // along x and y, as in limits_arithmetic.glsl
@@ -41,32 +49,39 @@ public:
         }
     }
 
-    void draw(const Program& program, int count) const {
-        glViewport(0, 0, size_.x, size_.y);
-        glUseProgram(program.get());
+    void step(const Program& program, int count) const {
+        use(program);
         for (std::size_t n = 0; n < std::size_t(count); ++n) {
-            const GLuint sources[] = {textures_[n % 3].get(), textures_[(n + 1) % 3].get()};
-            glBindFramebuffer(GL_FRAMEBUFFER, framebuffers_[(n + 2) % 3].get());
-            glBindTextures(0, 2, sources);
+            bind(n % 3, (n + 1) % 3, (n + 2) % 3);
             glDrawArrays(GL_TRIANGLES, 0, 3);
         }
+    }
+    /// From the first two to the third each time.
+    void repeat(const Program& program, int count) const {
+        use(program);
+        bind(0, 1, 2);
+        for (int n = 0; n < count; ++n) glDrawArrays(GL_TRIANGLES, 0, 3);
     }
     const Texture& texture() const { return textures_[0]; }
 
 private:
+    void use(const Program& program) const {
+        glViewport(0, 0, size_.x, size_.y);
+        glUseProgram(program.get());
+    }
+    void bind(std::size_t first, std::size_t second, std::size_t written) const {
+        const GLuint sources[] = {textures_[first].get(), textures_[second].get()};
+        glBindFramebuffer(GL_FRAMEBUFFER, framebuffers_[written].get());
+        glBindTextures(0, 2, sources);
+    }
+
     glm::ivec2 size_;
     std::array<Texture, 3> textures_;
     std::array<Framebuffer, 3> framebuffers_;
 };
 
-Program fragment_program(const Context& context, const char* fragment_shader) {
-    return {context, load_source("full_screen.vert", {}), load_source(fragment_shader, {})};
-}
-
-double seconds_a_draw(const Context& context, glm::ivec2 size, const char* fragment_shader) {
-    const Frames frames(context, size);
-    const Program program = fragment_program(context, fragment_shader);
-    return min_seconds([&](int count) { return seconds([&] { frames.draw(program, count); }); });
+Program fragment_program(const Context& context, const char* fragment_shader, const Defines& defines) {
+    return {context, load_source("full_screen.vert", {}), load_source(fragment_shader, defines)};
 }
 
 /// `dispatch()` runs `program`, whose every invocation does as many rounds as it is told.
@@ -90,41 +105,99 @@ double compute_operations_per_second(const Context& context, const Texture& targ
     });
 }
 
-/// Three storage buffers of `words` words that dispatches of `groups` work groups step through, as those of a
-/// ComputeBackend.
-double seconds_a_dispatch(const Context& context, std::size_t words, GLuint groups, const char* shader) {
-    std::array<Buffer, 3> buffers;
-    for (Buffer& buffer : buffers) {
-        buffer = make_buffer(context);
-        glNamedBufferStorage(buffer.get(), GLsizeiptr(words * std::size_t(rgba32f.bytes)), nullptr, 0);
-        glClearNamedBufferData(buffer.get(), rgba32f.internal, rgba32f.external, rgba32f.type, nullptr);
+/// Three storage buffers of `words` words that dispatches step through, as those of a ComputeBackend.
+class StorageBuffers {
+public:
+    StorageBuffers(const Context& context, std::size_t words) {
+        for (Buffer& buffer : buffers_) {
+            buffer = make_buffer(context);
+            glNamedBufferStorage(buffer.get(), GLsizeiptr(words * std::size_t(rgba32f.bytes)), nullptr, 0);
+            glClearNamedBufferData(buffer.get(), rgba32f.internal, rgba32f.external, rgba32f.type, nullptr);
+        }
     }
-    const Program program(context, load_source(shader, {}));
-    glUseProgram(program.get());
-    return min_seconds([&](int count) {
-        return seconds([&] {
-            for (std::size_t n = 0; n < std::size_t(count); ++n) {
-                const GLuint order[] = {buffers[n % 3].get(), buffers[(n + 1) % 3].get(),
-                                        buffers[(n + 2) % 3].get()};
-                glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, 0, 3, order);
-                glDispatchCompute(groups, 1, 1);
-                glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
-            }
-        });
-    });
+
+    void step(const Program& program, GLuint groups, int count) const {
+        glUseProgram(program.get());
+        for (std::size_t n = 0; n < std::size_t(count); ++n) {
+            bind(n % 3, (n + 1) % 3, (n + 2) % 3);
+            dispatch(groups);
+        }
+    }
+    /// With the same buffers each time.
+    void repeat(const Program& program, GLuint groups, int count) const {
+        glUseProgram(program.get());
+        bind(0, 1, 2);
+        for (int n = 0; n < count; ++n) dispatch(groups);
+    }
+
+private:
+    static void dispatch(GLuint groups) {
+        glDispatchCompute(groups, 1, 1);
+        glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
+    }
+    void bind(std::size_t first, std::size_t second, std::size_t third) const {
+        const GLuint order[] = {buffers_[first].get(), buffers_[second].get(), buffers_[third].get()};
+        glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, 0, 3, order);
+    }
+
+    std::array<Buffer, 3> buffers_;
+};
+
+/// A way to move words.
+struct Pass {
+    int reads;
+    bool writes;
+    bool in_place;
+
+    int arrays() const { return reads + (writes && !in_place ? 1 : 0); }
+    double written_share() const { return writes ? 1.0 / (reads + 1) : 0; }
+    Defines defines() const {
+        Defines defines = {{"READS", std::to_string(reads)}};
+        if (writes) defines["WRITES"] = "";
+        if (in_place) defines["IN_PLACE"] = "";
+        return defines;
+    }
+};
+
+/// Rates by the best of the passes that write the same share, and with it the rate of a copy.
+/// `seconds_of(pass, words)`: those of a pass over arrays of so many words.
+template <class SecondsOf>
+void measure_bandwidth(DeviceLimits& limits, std::span<const Pass> passes, const SecondsOf& seconds_of) {
+    for (const std::size_t footprint : footprints) {
+        std::map<double, double> rates;
+        for (const Pass& pass : passes) {
+            const std::size_t words = footprint / std::size_t(rgba32f.bytes) / std::size_t(pass.arrays());
+            const double bytes = double(words) * (pass.reads + (pass.writes ? 1 : 0)) * rgba32f.bytes;
+            double& rate = rates[pass.written_share()];
+            rate = std::max(rate, bytes / seconds_of(pass, words));
+        }
+        for (const auto& [share, rate] : rates) limits.bandwidth.push_back({double(footprint), share, rate});
+    }
+    limits.copy_bytes_per_second = bytes_per_second_of(
+        {.bytes = 3, .written_bytes = 1, .footprint_bytes = *std::rbegin(footprints)}, limits);
 }
 
 }  // namespace
 
 DeviceLimits measure_limits(const Context& context) {
     DeviceLimits limits;
-    const double bytes = 3.0 * copy_size.x * copy_size.y * rgba32f.bytes;
-    limits.copy_bytes_per_second = bytes / seconds_a_draw(context, copy_size, "limits_copy.frag");
-    limits.launch_seconds = seconds_a_draw(context, {1, 1}, "limits_launch.frag");
+    // A draw cannot write what it reads.
+    constexpr Pass passes[] = {{2, false, false}, {2, true, false}, {1, true, false}};
+    measure_bandwidth(limits, passes, [&](const Pass& pass, std::size_t words) {
+        const Program program = fragment_program(context, "limits_copy.frag", pass.defines());
+        program.set("impossible", -1.0F);
+        const Frames frames(context, {row, int(words) / row});
+        return min_seconds([&](int count) { return seconds([&] { frames.repeat(program, count); }); },
+                           one_of_many(words * std::size_t(rgba32f.bytes)));
+    });
+    const Program nothing = fragment_program(context, "limits_launch.frag", {});
+    const Frames fragments(context, {1, 1});
+    limits.launch_seconds =
+        min_seconds([&](int count) { return seconds([&] { fragments.step(nothing, count); }); });
 
     const Frames frames(context, arithmetic_size);
-    const Program fragment = fragment_program(context, "limits_arithmetic.glsl");
-    limits.float32_operations_per_second = operations_per_second(fragment, [&] { frames.draw(fragment, 1); });
+    const Program fragment = fragment_program(context, "limits_arithmetic.glsl", {});
+    limits.float32_operations_per_second = operations_per_second(fragment, [&] { frames.step(fragment, 1); });
 
     limits.compute_shader_float32_operations_per_second =
         compute_operations_per_second(context, frames.texture());
@@ -134,13 +207,22 @@ DeviceLimits measure_limits(const Context& context) {
 
 DeviceLimits measure_compute_limits(const Context& context) {
     DeviceLimits limits;
-    constexpr std::size_t words = std::size_t(copy_size.x) * std::size_t(copy_size.y);
     constexpr std::size_t copy_group = 256;  // as in limits_copy.comp
     constexpr std::size_t launch_group = 32;
-    limits.copy_bytes_per_second =
-        3.0 * double(words) * rgba32f.bytes /
-        seconds_a_dispatch(context, words, GLuint(words / copy_group), "limits_copy.comp");
-    limits.launch_seconds = seconds_a_dispatch(context, launch_group, 1, "limits_launch.comp");
+    constexpr Pass passes[] = {{2, false, false}, {2, true, false}, {2, true, true}, {1, true, false}};
+    measure_bandwidth(limits, passes, [&](const Pass& pass, std::size_t words) {
+        const Program program(context, load_source("limits_copy.comp", pass.defines()));
+        program.set("impossible", -1.0F);
+        const StorageBuffers buffers(context, words);
+        const auto groups = GLuint(words / copy_group);
+        return min_seconds(
+            [&](int count) { return seconds([&] { buffers.repeat(program, groups, count); }); },
+            one_of_many(words * std::size_t(rgba32f.bytes)));
+    });
+    const Program nothing(context, load_source("limits_launch.comp", {}));
+    const StorageBuffers buffers(context, launch_group);
+    limits.launch_seconds =
+        min_seconds([&](int count) { return seconds([&] { buffers.step(nothing, 1, count); }); });
     const Texture target = make_texture(context, rgba32f, arithmetic_size, nullptr);
     limits.float32_operations_per_second = compute_operations_per_second(context, target);
     context.check("measuring limits");

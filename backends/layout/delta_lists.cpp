@@ -333,9 +333,9 @@ template <class Real>
 StepWork delta_work(const Problem& problem, Formulation formulation) {
     StepWork work = implicit_work<Real>(problem, formulation);
     const std::uint64_t off_lattice_ends = 2 * count_springs(problem).beyond;
-    work.bytes += units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
-                  off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
-                                      (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>)));
+    work.read_once(units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
+                   off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
+                                       (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>))));
     work.operations += off_lattice_ends;  // the stiffness
     return work;
 }

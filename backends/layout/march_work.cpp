@@ -27,7 +27,11 @@ template <class Real>
 StepWork march_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t particles = problem.particle_count();
     const bool increments = by_increments(formulation);
-    StepWork work{.bytes = particles * (increments ? 4 : 3) * sizeof(Vector<Real>), .operations = 0};
+    const std::uint64_t array = particles * sizeof(Vector<Real>);
+    // What neighbours read is written to another array; the third of increments is overwritten in place.
+    StepWork work{.bytes = (increments ? 4 : 3) * array,
+                  .written_bytes = (increments ? 2 : 1) * array,
+                  .footprint_bytes = (increments ? 3 : 2) * array};
     // Evaluations of the springs of a thread's particles, of which some are shared with other threads: two
     // rows of two in float32, one in float64.
     struct Share {

@@ -136,12 +136,19 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
     const std::uint64_t springs = count_springs(problem).total();
     const std::uint64_t particles = problem.particle_count();
-    const std::uint64_t force_read_and_written = 2 * particles * sizeof(Vector<Real>);
-    work.bytes += force_read_and_written;
+    const std::uint64_t force = particles * sizeof(Vector<Real>);
+    // Either launch reads and writes it.
+    const auto add_force = [&] {
+        work.bytes += 2 * force;
+        work.written_bytes += force;
+    };
+    add_force();
+    work.footprint_bytes += force;
     if (springs == 0) return work;
     work.launches = 2;
-    work.bytes += force_read_and_written + particles * sizeof(ParticleRecord<Real>) +
-                  springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>));
+    add_force();
+    work.bytes += particles * sizeof(ParticleRecord<Real>);
+    work.read_once(springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>)));
     // The stiffness, the force, and its addition to either end.
     work.operations += pull_operations<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);
     return work;

@@ -47,12 +47,17 @@ std::uint64_t spring_ends(const Problem& problem) { return 2 * count_springs(pro
 template <class Real>
 StepWork motion_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t particles = problem.particle_count();
-    const std::uint64_t load = problem.load.empty() ? 0 : sizeof(Vector<Real>);
-    const std::uint64_t inverse_mass = problem.has_materials() ? sizeof(Real) : 0;
+    const std::uint64_t operands = (problem.load.empty() ? 0 : sizeof(Vector<Real>)) +
+                                   (problem.has_materials() ? sizeof(Real) : 0);  // inverse masses
     const bool split = formulation == Formulation::compensated;
-    std::uint64_t bytes = 3 * sizeof(ParticleRecord<Real>);
-    if (by_increments(formulation))
-        bytes = (split ? 2 : 1) * (2 * sizeof(ParticleRecord<Real>) + 2 * sizeof(Vector<Real>));
+    constexpr std::uint64_t word = sizeof(ParticleRecord<Real>), vector = sizeof(Vector<Real>);
+    std::uint64_t bytes = 3 * word, written = word, footprint = 2 * word;
+    if (by_increments(formulation)) {
+        const std::uint64_t parts = split ? 2 : 1;
+        bytes = parts * (2 * word + 2 * vector);
+        written = parts * (word + vector);
+        footprint = parts * (2 * word + vector);
+    }
     std::uint64_t vectors =
         2 + (problem.has_gravity() ? 1 : 0) + (problem.damping != 0 ? 1 : 0) + (problem.load.empty() ? 0 : 1);
     if (formulation == Formulation::paper) {
@@ -62,7 +67,9 @@ StepWork motion_work(const Problem& problem, Formulation formulation) {
     } else {
         vectors += by_increments(formulation) ? 2 : 3;
     }
-    return {.bytes = particles * (bytes + load + inverse_mass),
+    return {.bytes = particles * (bytes + operands),
+            .written_bytes = particles * written,
+            .footprint_bytes = particles * (footprint + operands),
             .operations = particles * vector_operations * vectors};
 }
 
@@ -82,7 +89,7 @@ std::uint64_t pull_operations(const Problem& problem, Formulation formulation) {
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
-    if (problem.has_materials()) work.bytes += problem.particle_count() * sizeof(Real);  // compliance
+    if (problem.has_materials()) work.read_once(problem.particle_count() * sizeof(Real));  // compliance
     const std::uint64_t material = problem.has_materials() ? material_operations<Real> : 0;
     work.operations += problem.particle_count() * group_operations(problem) +
                        2 * pull_operations<Real>(problem, formulation) +
@@ -94,7 +101,7 @@ template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
     const std::uint64_t ends = spring_ends(problem);
-    work.bytes += ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0));
+    work.read_once(ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0)));
     work.operations += 2 * pull_operations<Real>(problem, formulation) + ends * vector_operations;
     // The stiffness: once a spring end, or once a group.
     work.operations += secondary ? ends : problem.particle_count() * group_operations(problem);

@@ -25,8 +25,9 @@ inline constexpr std::uint64_t vector_operations = 3;
 
 /// What integrate_and_store() takes. Bytes: x(t) and x(t - dt) are read and x(t + dt) is written, and each
 /// operand that the scene has is read; by increments x(t) and v are read and x(t + dt) and v are written; low
-/// parts take as much again. Vector operations: the mass, gravity and the time step take 3 and damping 1;
-/// next_position() takes 3 more, paper_position() 2, increments 1 and split sums 2 x 11.
+/// parts take as much again. All are overwritten in place but for what neighbours read. Vector operations:
+/// the mass, gravity and the time step take 3 and damping 1; next_position() takes 3 more, paper_position()
+/// 2, increments 1 and split sums 2 x 11.
 template <class Real>
 StepWork motion_work(const Problem& problem, Formulation formulation);
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <optional>
+#include <vector>
 
 #include "cuda/device/buffer.h"
 #include "cuda/device/event.h"
@@ -17,18 +18,53 @@ constexpr unsigned block = 256;
 
 __global__ void do_nothing() {}
 
-/// Reads two arrays and overwrites one, in accesses of 16 bytes past L1. All passes in one launch: in the
-/// cache a pass takes hardly longer than a launch.
-__global__ void __launch_bounds__(block)
-    overwrite(int passes, const float4* current, float4* previous, std::size_t count) {
-    const std::size_t threads = std::size_t(gridDim.x) * blockDim.x;
+/// What passes move. Arrays of `count` words; `written` may be one of those that are read.
+struct Sweep {
+    const float4* first;
+    const float4* second;  ///< of two arrays that are read
+    float4* written;
+    std::size_t count;
+    /// Zero and a sum that there is not, but only the caller knows that: every pass has to read anew.
+    std::size_t shift;
+    float impossible;
+};
+
+__device__ float4 operator-(float4 a, float4 b) {
+    return make_float4(a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w);
+}
+
+/// Reads one or two arrays and writes one or none, in accesses of 16 bytes past L1, `words` of them a thread
+/// at once. All passes in one launch: in the cache a pass takes hardly longer than a launch. A grid of more
+/// than one row has a row a pass, one of few blocks goes through the arrays in strides.
+template <int reads, bool writes, int words>
+__global__ void __launch_bounds__(block) sweep(int passes, Sweep arrays) {
+    const std::size_t stride = std::size_t(gridDim.x) * block * words;
+    float4 none = make_float4(0, 0, 0, 0);
     for (int n = 0; n < passes; ++n) {
-        for (std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x; i < count; i += threads) {
-            const float4 a = __ldcg(current + i);
-            const float4 b = __ldcg(previous + i);
-            __stcg(previous + i, make_float4(a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w));
+        const std::size_t shift = (blockIdx.y + std::size_t(n)) * arrays.shift;
+        for (std::size_t i = std::size_t(blockIdx.x) * block * words + threadIdx.x; i < arrays.count;
+             i += stride) {
+            float4 word[words];
+#pragma unroll
+            for (int w = 0; w < words; ++w) word[w] = __ldcg(arrays.first + shift + i + w * block);
+            if constexpr (reads == 2) {
+                float4 other[words];
+#pragma unroll
+                for (int w = 0; w < words; ++w) other[w] = __ldcg(arrays.second + shift + i + w * block);
+#pragma unroll
+                for (int w = 0; w < words; ++w) word[w] = word[w] - other[w];
+            }
+#pragma unroll
+            for (int w = 0; w < words; ++w) {
+                if constexpr (writes) {
+                    __stcg(arrays.written + i + w * block, word[w]);
+                } else {
+                    none = none - word[w];
+                }
+            }
         }
     }
+    if (!writes && none.x + none.y + none.z + none.w == arrays.impossible) *arrays.written = none;
 }
 
 __global__ void __launch_bounds__(block) meet(int barriers) {
@@ -130,23 +166,106 @@ double launch_seconds(const Stream& stream, Stopwatch& stopwatch) {
     return graph_seconds / kernels;
 }
 
-/// Of two arrays of `bytes` each.
-double bytes_per_second(std::size_t bytes, const Stream& stream, Stopwatch& stopwatch) {
-    Buffer<float4> current;
-    Buffer<float4> previous;
-    current.resize(bytes / sizeof(float4));
-    previous.resize(current.size());
-    current.fill_with_zeros(stream);
-    previous.fill_with_zeros(stream);
-    const unsigned blocks = blocks_at_once(overwrite);
-    const double seconds = min_seconds([&](int count) {
-        return stopwatch.seconds([&] {
-            overwrite<<<blocks, block, 0, stream.get()>>>(count, current.data(), previous.data(),
-                                                          current.size());
-            check(cudaGetLastError());
-        });
-    });
-    return 3 * double(current.bytes()) / seconds;
+/// Passes over parts of one buffer of zeros.
+class Sweeps {
+public:
+    /// A footprint is a multiple of this: one to three arrays of whole blocks of two words a thread.
+    static constexpr std::size_t unit = 6 * 2 * block * sizeof(float4);
+
+    Sweeps(std::size_t max_footprint, const Stream& stream, Stopwatch& stopwatch)
+        : stream_(stream), stopwatch_(stopwatch) {
+        buffer_.resize(max_footprint / sizeof(float4));
+        buffer_.fill_with_zeros(stream);
+    }
+
+    /// The three shares of writing at one footprint, in place where something is written and not.
+    void add(std::size_t footprint, std::vector<Bandwidth>& table) {
+        const auto add_best = [&](double written_share, double bytes_per_second) {
+            table.push_back({double(footprint), written_share, bytes_per_second});
+        };
+        add_best(0, of_arrays<1, false>(footprint, 1));
+        add_best(1.0 / 3, std::max(of_arrays<2, true>(footprint, 2), of_arrays<2, true>(footprint, 3)));
+        add_best(1.0 / 2, std::max(of_arrays<1, true>(footprint, 1), of_arrays<1, true>(footprint, 2)));
+    }
+
+private:
+    /// The last of the arrays is the one that is written.
+    template <int reads, bool writes>
+    double of_arrays(std::size_t footprint, std::size_t arrays) {
+        const std::size_t count = footprint / sizeof(float4) / arrays;
+        float4* const first = buffer_.data();
+        const Sweep moved{.first = first,
+                          .second = first + (reads - 1) * count,
+                          .written = first + (arrays - 1) * count,
+                          .count = count,
+                          .shift = 0,
+                          .impossible = -1};
+        const double seconds = std::min(of_words<reads, writes, 1>(moved), of_words<reads, writes, 2>(moved));
+        return double((reads + (writes ? 1 : 0)) * count * sizeof(float4)) / seconds;
+    }
+
+    /// Seconds of a pass: of blocks that stay, or of new ones for every few words.
+    template <int reads, bool writes, int words>
+    double of_words(const Sweep& moved) {
+        const auto kernel = sweep<reads, writes, words>;
+        const Patience patience = one_of_many(moved.count * sizeof(float4));
+        const unsigned resident = blocks_at_once(kernel);
+        const double staying = min_seconds(
+            [&](int count) {
+                return stopwatch_.seconds([&] {
+                    kernel<<<resident, block, 0, stream_.get()>>>(count, moved);
+                    check(cudaGetLastError());
+                });
+            },
+            patience);
+        constexpr int max_rows = 65535;
+        const auto columns = unsigned(moved.count / (block * words));
+        const double fresh = min_seconds(
+            [&](int count) {
+                return stopwatch_.seconds([&] {
+                    for (int left = count; left > 0; left -= max_rows) {
+                        kernel<<<dim3(columns, unsigned(std::min(left, max_rows))), block, 0,
+                                 stream_.get()>>>(1, moved);
+                        check(cudaGetLastError());
+                    }
+                });
+            },
+            patience);
+        return std::min(staying, fresh);
+    }
+
+    const Stream& stream_;
+    Stopwatch& stopwatch_;
+    Buffer<float4> buffer_;
+};
+
+/// Fills in the table and the two rates of copies that are taken from it.
+void measure_bandwidth(DeviceLimits& limits, const Stream& stream, Stopwatch& stopwatch) {
+    const auto cache = std::size_t(attribute(cudaDevAttrL2CacheSize));
+    const auto whole = [](std::size_t bytes) {
+        return std::max<std::size_t>(bytes / Sweeps::unit, 1) * Sweeps::unit;
+    };
+    // Eight times the cache leaves no line in it until its next use.
+    const std::size_t beyond = whole(std::max(8 * cache, std::size_t(128) << 20));
+    const std::size_t within = whole(cache / 4);
+    std::vector<std::size_t> footprints;
+    if (cache != 0) {
+        // Of a cache in two halves, each of which keeps a copy of what its own processors read, half may be
+        // all there is; a few arrays that just do not fit are still found there in part.
+        footprints = {whole(cache / 32),    whole(cache / 8),     within,
+                      whole(cache / 2),     whole(cache / 4 * 3), whole(cache),
+                      whole(cache / 2 * 3), whole(3 * cache)};
+    }
+    footprints.push_back(beyond);
+    Sweeps sweeps(beyond, stream, stopwatch);
+    for (const std::size_t footprint : footprints) sweeps.add(footprint, limits.bandwidth);
+    const auto copy = [&](std::size_t of) {
+        return bytes_per_second_of({.bytes = 3, .written_bytes = 1, .footprint_bytes = of}, limits);
+    };
+    limits.copy_bytes_per_second = copy(beyond);
+    if (cache == 0) return;
+    limits.cache_bytes = double(cache);
+    limits.cached_copy_bytes_per_second = copy(within);
 }
 
 std::optional<double> grid_barrier_seconds(const Stream& stream, Stopwatch& stopwatch) {
@@ -201,14 +320,7 @@ double operations_per_second(const Stream& stream, Stopwatch& stopwatch) {
 DeviceLimits measure_limits(const Stream& stream) {
     Stopwatch stopwatch(stream);
     DeviceLimits limits;
-    const auto cache = std::size_t(attribute(cudaDevAttrL2CacheSize));
-    // Twice four times the cache leaves no line in it until its next use.
-    limits.copy_bytes_per_second =
-        bytes_per_second(std::max(4 * cache, std::size_t(64) << 20), stream, stopwatch);
-    if (cache != 0) {
-        limits.cache_bytes = double(cache);
-        limits.cached_copy_bytes_per_second = bytes_per_second(cache / 8, stream, stopwatch);
-    }
+    measure_bandwidth(limits, stream, stopwatch);
     limits.launch_seconds = launch_seconds(stream, stopwatch);
     limits.grid_barrier_seconds = grid_barrier_seconds(stream, stopwatch);
     limits.exchange_seconds = exchange_seconds(stream, stopwatch);

@@ -1,6 +1,7 @@
 #include "harness/device/limits.h"
 
 #include <cmath>
+#include <vector>
 
 #include "harness/base/text.h"
 
@@ -25,6 +26,11 @@ nlohmann::json to_json(const DeviceLimits& limits) {
     const auto add = [&](const char* name, const std::optional<double>& value) {
         if (value) all[name] = *value;
     };
+    for (const Bandwidth& one : limits.bandwidth) {
+        all["bandwidth"].push_back({{"footprint_bytes", one.footprint_bytes},
+                                    {"written_share", one.written_share},
+                                    {"bytes_per_second", one.bytes_per_second}});
+    }
     add("grid_barrier_seconds", limits.grid_barrier_seconds);
     add("exchange_seconds", limits.exchange_seconds);
     add("float64_operations_per_second", limits.float64_operations_per_second);
@@ -36,7 +42,11 @@ DeviceLimits device_limits_of(const nlohmann::json& json) {
     const auto optional = [&](const char* name) {
         return json.contains(name) ? std::optional(json.at(name).get<double>()) : std::nullopt;
     };
-    return {.copy_bytes_per_second = json.at("copy_bytes_per_second"),
+    std::vector<Bandwidth> bandwidth;
+    for (const auto& one : json.value("bandwidth", nlohmann::json::array()))
+        bandwidth.push_back({one.at("footprint_bytes"), one.at("written_share"), one.at("bytes_per_second")});
+    return {.bandwidth = bandwidth,
+            .copy_bytes_per_second = json.at("copy_bytes_per_second"),
             .cached_copy_bytes_per_second = json.at("cached_copy_bytes_per_second"),
             .cache_bytes = json.at("cache_bytes"),
             .launch_seconds = json.at("launch_seconds"),

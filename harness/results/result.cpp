@@ -66,7 +66,7 @@ std::vector<std::string> cells_of(const Row& row, const Row& fastest) {
             error_cell(errors.max),
             error_cell(errors.total_relative_l2),
             fixed_text(row.step_seconds() / fastest.step_seconds(), 2),
-            percent_cell(row.limit ? row.limit->fraction : std::nullopt)};
+            percent_cell(row.limit ? row.limit->fraction : std::nullopt) + row.limit_mark()};
 }
 
 void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth width) {
@@ -143,6 +143,17 @@ void print_noise(const std::vector<Row>& rows, std::ostream& out) {
     }
 }
 
+void print_above_limit(const std::vector<Row>& rows, std::ostream& out) {
+    bool any = false;
+    for (const Row& row : rows) {
+        if (!row.above_limit()) continue;
+        if (!any) out << "! faster than its limit, so the limit is wrong:\n";
+        any = true;
+        out << "    " << row.identity.scene << " " << row.label() << " ("
+            << fixed_text(100 * *row.limit->fraction, 1) << " %)\n";
+    }
+}
+
 void print_unmeasured(const nlohmann::json& result, std::ostream& out) {
     for (const char* list : {"skipped", "failed"}) {
         Distinct reasons;
@@ -203,6 +214,7 @@ void print_table(const nlohmann::json& result, std::ostream& out, TableWidth wid
     }
     print_columns(columns, table, width, out);
     print_noise(all, out);
+    print_above_limit(all, out);
     for (const std::string& scene : chaotic)
         out << "chaotic, judged by mass, energy and spectrum: " << scene << "\n";
     print_edits(all, out, width);

@@ -18,6 +18,9 @@ nlohmann::json build_context();
 /// A line a reason for which rows are not to be trusted, with the cases that it holds for.
 void print_noise(const std::vector<Row>& rows, std::ostream& out);
 
+/// The cases that were faster than their limit, if any: the limit is wrong, not the time.
+void print_above_limit(const std::vector<Row>& rows, std::ostream& out);
+
 /// What was skipped and what failed. A reason for which backends were skipped takes a line: how many, of what
 /// kind, on how many scenes. One for which they failed names all that it holds for.
 void print_unmeasured(const nlohmann::json& result, std::ostream& out);

@@ -65,6 +65,10 @@ void limit_fields_of(Self& part, Fields& fields) {
     fields.nullable("limit_seconds", part.seconds);
     fields.nullable("limited_by", part.limited_by);
     fields.nullable("fraction_of_limit", part.fraction);
+    fields.nullable("step_bytes", part.bytes);
+    fields.nullable("step_written_bytes", part.written_bytes);
+    fields.nullable("step_footprint_bytes", part.footprint_bytes);
+    fields.nullable("step_operations", part.operations);
 }
 
 template <class Self, class Fields>

@@ -52,9 +52,11 @@ struct BenchmarkPart {
 
 /// The shortest time of a step on its device; nothing where that is not known.
 struct LimitPart {
-    std::optional<double> seconds;
-    std::optional<std::string> limited_by;
-    std::optional<double> fraction;  ///< of a row that is a time
+    std::optional<double> seconds = {};
+    std::optional<std::string> limited_by = {};
+    std::optional<double> fraction = {};  ///< of a row that is a time
+    /// StepWork's of a step; nothing where it takes less than the whole body.
+    std::optional<std::uint64_t> bytes = {}, written_bytes = {}, footprint_bytes = {}, operations = {};
 };
 
 /// From nothing to the first step.
@@ -113,6 +115,10 @@ struct Row {
     std::string case_name() const;
     /// "~" before a figure that is not to be trusted, else nothing.
     std::string noise_mark() const { return noisy.empty() ? "" : "~"; }
+    /// Whether it took less time than its limit, which then is wrong.
+    bool above_limit() const { return limit && limit->fraction && *limit->fraction > 1; }
+    /// "!" after such a fraction, else nothing.
+    std::string limit_mark() const { return above_limit() ? "!" : ""; }
 };
 
 nlohmann::json to_json(const Row& row);

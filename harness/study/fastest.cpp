@@ -281,11 +281,13 @@ void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth w
             {row.identity.scene, row.label(), row.noise_mark() + si(block.at("seconds_per_step"), "s"),
              si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"), error_text(block.at("error_relative_l2")),
-             percent_of(block.at("fraction_of_limit")), paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
+             percent_of(block.at("fraction_of_limit")) + row.limit_mark(),
+             paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
              ratio_text(block.at("auto").at("times_fastest")), si(row.start->ready_seconds, "s")});
     }
     print_columns(columns, table, width, out);
     print_noise(rows, out);
+    print_above_limit(rows, out);
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Identity& of = rows[i].identity;
         const nlohmann::json& block = result.at("fastest")[i];

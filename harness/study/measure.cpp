@@ -22,6 +22,8 @@ namespace {
 
 StepWork step_work_of(const nlohmann::json& json) {
     return {.bytes = json.at("bytes"),
+            .written_bytes = json.at("written_bytes"),
+            .footprint_bytes = json.at("footprint_bytes"),
             .operations = json.at("operations"),
             .launches = json.at("launches"),
             .exchanges = json.at("exchanges")};
@@ -124,6 +126,7 @@ private:
     bool resumed() const;
     EditPart edit_part() const;
     StartPart start_part() const;
+    bool leaves_out_tiles() const;
     LimitPart limit_part() const;
     std::vector<std::string> noise() const;
     Row common_row() const;
@@ -209,11 +212,24 @@ StartPart TimedCase::start_part() const {
     return start;
 }
 
+bool TimedCase::leaves_out_tiles() const {
+    const nlohmann::json& work = kept("warm").at("work");
+    return work.contains("tiles_stepped") && work.at("tiles_stepped") < work.at("tiles");
+}
+
+/// A step that leaves out tiles at rest has no limit: that would be one of the whole body.
 LimitPart TimedCase::limit_part() const {
-    if (!case_.limits) return {};
-    const StepLimit limit =
-        limit_of(step_work_of(kept("step work")), *case_.limits, case_.spec().options.precision);
-    return {.seconds = limit.seconds, .limited_by = limit.limited_by, .fraction = {}};
+    if (leaves_out_tiles()) return {};
+    const StepWork work = step_work_of(kept("step work"));
+    LimitPart part{.bytes = work.bytes,
+                   .written_bytes = work.written_bytes,
+                   .footprint_bytes = work.footprint_bytes,
+                   .operations = work.operations};
+    if (!case_.limits) return part;
+    const StepLimit limit = limit_of(work, *case_.limits, case_.spec().options.precision);
+    part.seconds = limit.seconds;
+    part.limited_by = limit.limited_by;
+    return part;
 }
 
 /// Why its time is not to be trusted.

@@ -62,6 +62,8 @@ public:
         if (what == "edits") return edits(backend);
         const StepWork work = backend.step_work(scene_.problem);
         return {{"bytes", work.bytes},
+                {"written_bytes", work.written_bytes},
+                {"footprint_bytes", work.footprint_bytes},
                 {"operations", work.operations},
                 {"launches", work.launches},
                 {"exchanges", work.exchanges}};

@@ -76,15 +76,28 @@ def provenance(machine=GPU):
     return f"{of_commits} and of {'one card' if len(cards) == 1 else f'{len(cards)} cards'}"
 
 
+def by_footprint(study):
+    """Whether limits are by the mix and footprint of each step, as in all but older files."""
+    return any(one.get("step_footprint_bytes") is not None for one in medians(study))
+
+
+def limit_rate(study="fastest"):
+    """What bytes are held against."""
+    if by_footprint(study):
+        return "the measured rate of passes that read and write as a step does, at its footprint"
+    return "the measured rate of a copy, half of which is writing"
+
+
 def above_limit(study="fastest"):
     """Which rows are faster than their own measured limit."""
     rows = [one for one in medians(study) if (one["fraction_of_limit"] or 0) > 1]
     if not rows:
         return "no row is above it"
     top = max(rows, key=lambda one: one["fraction_of_limit"])
+    reason = "the limit is wrong" if by_footprint(study) else (
+        "one kind of copy is not the ceiling of every mix of reading and writing")
     return (f"{len(rows)} row{'s are' if len(rows) > 1 else ' is'} above it, at most {tables.contender(top)} on "
-            f"{top['scene']} with {whole_percent(top['fraction_of_limit'])}: one kind of copy is not the ceiling of every mix of "
-            "reading and writing")
+            f"{top['scene']} with {whole_percent(top['fraction_of_limit'])}: {reason}")
 
 
 def fragment_share():

@@ -49,7 +49,10 @@ public:
     StepWork step_work(const Problem& problem) const override {
         const std::uint64_t particles = problem.particle_count();
         const std::uint64_t springs = count_springs(problem).total();
-        return {.bytes = particles * 6 * sizeof(glm::vec3) + springs * (sizeof(Spring) + sizeof(RestSpring)),
+        const std::uint64_t lists = springs * (sizeof(Spring) + sizeof(RestSpring));
+        return {.bytes = particles * 6 * sizeof(glm::vec3) + lists,
+                .written_bytes = particles * 3 * sizeof(glm::vec3),
+                .footprint_bytes = particles * 3 * sizeof(glm::vec3) + lists,
                 .operations = springs * 35 + particles * 22};
     }
 
