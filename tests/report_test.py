@@ -33,6 +33,7 @@ H200 = ROOT / "results/nvidia-h200"
 sys.path.insert(0, str(ROOT / "results"))
 import result_files  # noqa: E402
 from page import pictures, reading  # noqa: E402
+from results_test import with_work  # noqa: E402
 SKIPPED = 77
 # What the committed results have something for.
 FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "map", "stability", "edits", "stress"]
@@ -219,6 +220,28 @@ class Input(InTemporaryFolder):
             pages.append(self.out.read_bytes())
         self.assertEqual(*pages)
 
+    def test_the_roofline_by_operations_a_byte_needs_what_steps_move(self):
+        def drawn(result):
+            path = self.write("a.json", result)
+            self.assertEqual(report(path, "--out", self.out).returncode, 0)
+            page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
+            return {figure["name"]: figure for figure in json.loads(page.replace("<\\/", "</"))["figures"]}
+
+        result = with_work(h200("fastest"))
+        figure = drawn(result)["intensity"]
+        self.assertEqual([panel["match"]["scene"] for panel in figure["panels"]], ["box@32", "box@256"])
+        text = json.dumps(figure["panels"])
+        for roof in ("CUDA: memory (dashed: half written)", "CUDA: cache", "CUDA: float32 arithmetic", "CPU: cache"):
+            self.assertIn(roof, text)
+        self.assertNotIn("OpenGL: cache", text, "the same card")
+        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        self.assertGreater(len(rows), 20)
+        for row in rows:
+            self.assertAlmostEqual(row["operations_a_byte"], 300 / 48, places=3)
+        for row in result["benchmarks"]:
+            row["step_bytes"] = None
+        self.assertNotIn("intensity", drawn(result))
+
     def test_nothing_in_the_page_can_end_its_data_early(self):
         result = h200("table1")
         for row in result["benchmarks"]:
@@ -246,13 +269,15 @@ def small_result():
     result = h200("fastest")
     result["benchmarks"] = [row for row in result["benchmarks"] if row["scene"] == "heart" and row["backend"] in
                             ("cuda_resident", "gl_compute_implicit")][:40]
+    result["benchmarks"] += [row for row in h200("fastest")["benchmarks"]
+                             if row["scene"] == "box@32" and row["backend"] == "cuda_march"][:14]
     result["benchmarks"] += [row for row in h200("edits")["benchmarks"] if row["backend"] == "cuda_scatter"][:14]
     result["fastest"] = [block for block in result["fastest"] if block["scene"] == "heart"][:1]
     for study, count in (("pareto", 6), ("stability", 4), ("stress", 4)):
         result[study] = h200(study)[study][:count]
     result["stability_map"] = h200("stability")["stability_map"][:1]
     result["failed"] = result["skipped"] = [{"name": "n", "scene": "heart", "backend": "b", "reason": "r"}]
-    return result
+    return with_work(result)
 
 
 class Mutated(InTemporaryFolder):

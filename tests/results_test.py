@@ -185,11 +185,69 @@ class Installed(InTemporaryFolder):
             self.assertIn("</svg>", (self.folder / "a.svg").read_text())
 
 
-class Figures(InTemporaryFolder):
-    """pareto.py and stability.py."""
+def with_work(result):
+    """A result as newer programs write it: rows with their work, and limits with a table."""
+    for row in result["benchmarks"]:
+        row |= {"step_bytes": 48 * row["particles"], "step_written_bytes": 16 * row["particles"],
+                "step_footprint_bytes": 32 * row["particles"], "step_operations": 300 * row["particles"]}
+    for limits in result["context"]["voxspring"]["limits"].values():
+        copy = limits["copy_bytes_per_second"]
+        limits["bandwidth"] = [
+            {"footprint_bytes": footprint, "written_share": share, "bytes_per_second": copy * factor * (1 - share / 4)}
+            for footprint, factor in ((1e6, 3), (1e9, 1)) for share in (0, 1 / 3, 0.5)]
+    return result
 
-    def draw(self, script, result, **more):
-        return run("/usr/bin/python3", f"results/{script}.py", result, "--out", self.folder / "a.svg", **more)
+
+def above_limit(result):
+    """The rows of a result that were faster than the limit of their own mix of reading and writing."""
+    return [row["name"] for row in result.get("benchmarks", [])
+            if row.get("step_footprint_bytes") is not None and (row["fraction_of_limit"] or 0) > 1]
+
+
+class Limits(InTemporaryFolder):
+    def test_no_row_is_above_its_limit(self):
+        for path in result_files.committed(RESULTS):
+            self.assertEqual(above_limit(result_files.load(path)), [], f"{path}: the limit is wrong")
+
+    def test_rows_of_older_files_are_held_against_no_table(self):
+        result = result_files.load(RESULTS / "amd-epyc/fastest.json.gz")
+        row = next(row for row in result["benchmarks"] if row["fraction_of_limit"])
+        row["fraction_of_limit"] = 1.001
+        row.pop("step_footprint_bytes", None)
+        self.assertNotIn(row["name"], above_limit(result))
+        row["step_footprint_bytes"] = 8
+        self.assertIn(row["name"], above_limit(result))
+
+
+class Figures(InTemporaryFolder):
+    """pareto.py, stability.py and roofline.py."""
+
+    def test_roofline(self):
+        result = with_work(result_files.load(RESULTS / "nvidia-h200/fastest.json.gz"))
+        said = self.draw("roofline", self.write("new.json", result))
+        self.assertEqual((said.returncode, said.stdout, said.stderr), (0, "", ""))
+        drawn = (self.folder / "a.svg").read_text()
+        for text in ("box@32", "box@256", "operations a byte", "operations a second (Gop/s)", "cpu_parallel",
+                     "CUDA: memory (dashed: half written)", "CUDA: cache", "CPU: float32 arithmetic"):
+            self.assertIn(f">{text}<", drawn)
+        said = self.draw("roofline", self.folder / "new.json", "--scene", "box@9")
+        self.assertEqual(said.returncode, 2)
+        self.assertIn("--scene: box@9: not in", said.stderr)
+        result["context"]["voxspring"]["limits"]["CPU"]["bandwidth"][1]["bytes_per_second"] = 0
+        self.assertIn("context.voxspring.limits.CPU.bandwidth[1].bytes_per_second: 0; expected a number above 0",
+                      self.refused("roofline", self.write("bad.json", result)))
+
+    def test_no_roofline_of_a_result_without_work(self):
+        result = with_work(result_files.load(RESULTS / "nvidia-h200/fastest.json.gz"))
+        for row in result["benchmarks"]:
+            del row["step_bytes"]
+        said = self.draw("roofline", self.write("old.json", result))
+        self.assertEqual((said.returncode, said.stderr), (0, ""))
+        self.assertIn("no figure: no float32 row on box@32 or box@256 says what its step moves", said.stdout)
+        self.assertFalse((self.folder / "a.svg").exists())
+
+    def draw(self, script, result, *options, **more):
+        return run("/usr/bin/python3", f"results/{script}.py", result, "--out", self.folder / "a.svg", *options, **more)
 
     def test_committed_figures_are_small(self):
         figures = list(RESULTS.glob("*/*.svg"))

@@ -118,6 +118,8 @@ def fastest_table(charts, entries, papers):
                 f"{ratio:.2f} times as long; {figures.error_text(exact['rounding'])} after "
                 f"{exact['error_steps']} steps")
         limit = (f"{figures.percent(best['of_limit'])}{small(best['limited_by'] or '')}" if best["of_limit"] else "–")
+        if (best["of_limit"] or 0) > 1:
+            limit += remark("faster than its limit, so the limit is wrong")
         equals = figures.as_fast(best, group)
         remarks = [f"not to be told from {names(equals)}"] if equals else []
         paper = papers.get((best["machine"], best["scene"], best["contender"]))

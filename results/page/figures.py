@@ -521,8 +521,63 @@ def roofline(charts, results, rows):
         panels.append(charts.panel(machine, {"machine": machine}, alt.layer(*lines, points), alternative, 420))
     return Figure("roofline", by_machine(findings), "What the bytes, operations and launches of a step take at least "
                   "at the rates that the device reached in the same run, against the time it took. A point on the line "
-                  "loses nothing; one below it skips work that the limit counts, or finds in a cache what the limit reads "
-                  "from memory.", STEP, rows, panels, used(results, having="benchmarks"))
+                  "loses nothing; one below it shows that its limit is wrong, as limits of older files are for steps that "
+                  "leave out tiles at rest or lie in a cache.", STEP, rows, panels, used(results, having="benchmarks"))
+
+
+INTENSITY = [*STEP[:4], ("operations_a_byte", "operations a byte", 4), ("operation_rate", "Gop/s", 4),
+             ("footprint", "footprint (MiB)", 4), *STEP[4:]]
+# The datasets of a panel each: one that lies in a card's cache, and one far beyond it.
+INTENSITY_SCENES = ("box@32", "box@256")
+ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
+
+
+def roof_name(at, text, **style):
+    return alt.Chart(alt.InlineData(values=[{**at, "text": text}])).mark_text(color="var(--soft)", **style).encode(
+        x="x:Q", y="y:Q", text="text:N")
+
+
+def intensity(charts, results, rows):
+    rows = [row for row in reading.latest(rows, "machine", "scene", "contender")
+            if row["scene"] in INTENSITY_SCENES and row["precision"] == "float32" and row["operations_a_byte"]]
+    if not rows:
+        return None
+    limits = {result.machine: result.limits for result in results if result.limits}
+    found, panels = {}, []
+    for (machine, scene), group in groups(sorted(rows, key=lambda row: reading.natural(row["scene"])), "machine",
+                                          "scene").items():
+        best = max(group, key=lambda row: row["operation_rate"])
+        found.setdefault(machine, []).append(
+            f"{best['backend']} computes most on {scene}, {engineering(best['operation_rate'] * 1e9, 'op/s')} at "
+            f"{best['operations_a_byte']:.2g} operations a byte")
+        ends = [end(row["operations_a_byte"] for row in group) for end in (min, max)]
+        points = source().mark_point(filled=True, size=50, opacity=0.85).encode(
+            x=alt.X("operations_a_byte:Q", title="operations a byte", scale=alt.Scale(type="log", nice=False)),
+            y=alt.Y("operation_rate:Q", title="operations a second (Gop/s)", scale=alt.Scale(type="log", nice=False)),
+            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(INTENSITY))
+        lines = []
+        for family, (bandwidths, operations) in reading.rooflines(limits.get(machine, {}), group).items():
+            # From the left end of the chart, and beyond its right one to where the roofs meet.
+            bends = [operations / rate for rate in bandwidths.values()]
+            at = sorted({ends[0] / 2, *bends, 2 * max(ends[1], *bends)})
+            for name, rate in bandwidths.items():
+                values = [{"x": x, "y": 1e-9 * min(operations, rate * x)} for x in at]
+                lines.append(alt.Chart(alt.InlineData(values=values)).mark_line(
+                    color="var(--soft)", strokeWidth=1, strokeDash=ROOF_DASHES[name]).encode(x="x:Q", y="y:Q"))
+                if name in reading.ROOF_LABELS:
+                    lines.append(roof_name(values[0], f"{family}: {reading.ROOF_LABELS[name]}", align="left", dx=6, dy=4,
+                                           baseline="top"))
+            lines.append(roof_name({"x": at[-1], "y": 1e-9 * operations}, f"{family}: float32 arithmetic", align="right",
+                                   dy=-3, baseline="bottom"))
+        alternative = (f"Roofline of {machine} on {scene}: operations a byte against operations a second, both logarithmic, "
+                       f"{len(group)} rows below the roofs of memory, cache and arithmetic.")
+        panels.append(charts.panel(f"{machine}, {scene}", {"machine": machine, "scene": scene}, alt.layer(*lines, points),
+                                   alternative, 420))
+    findings = [(machine, listed(texts)) for machine, texts in found.items()]
+    return Figure("intensity", by_machine(findings), "What a step computes for each byte that it has to move, and how much it "
+                  "computes in a second, below the measured roofs of memory, cache and arithmetic. A strategy without traffic, "
+                  "which keeps the body in registers, has no place here; nor has a row that leaves out tiles at rest.",
+                  INTENSITY, rows, panels, used(results, having="benchmarks"))
 
 
 EDIT = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
@@ -713,7 +768,7 @@ def all_figures(results):
     lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "failed")
     charts = Charts({row["backend"] for result in results for name in lists for row in result.lists[name]})
     figures = [datasets(charts, results, rows), figure7(charts, results, rows), figure8(charts, results, rows),
-               front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows),
+               front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows), intensity(charts, results, rows),
                stability_map(charts, results), stability(charts, results), edits(charts, results, rows),
                history(charts, results, rows), stress(charts, results)]
     return charts, [figure for figure in figures if figure]

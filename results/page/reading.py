@@ -39,7 +39,7 @@ REQUIRED = {
 OPTIONAL = {
     **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
                      "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
-                     "measured", "particles"), float),
+                     "measured", "particles", "step_bytes", "step_footprint_bytes", "step_operations"), float),
     **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str),
 }
 WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
@@ -57,6 +57,7 @@ class Result:
     commit: str
     date: str
     lists: dict = field(repr=False)
+    limits: dict = field(repr=False)  # what was measured of the device of each backend
 
     @property
     def short_commit(self):
@@ -118,6 +119,54 @@ def check_fastest(path, where, row):
         need(path, f"{where}.paper", paper, "ratio", Positive)
 
 
+# Rates of arithmetic: of a device the highest counts.
+OPERATIONS = ("float32_operations_per_second", "compute_shader_float32_operations_per_second")
+
+
+def limits_of(path, about):
+    """The measured limits of the device of each backend; nothing for a device that gave none."""
+    apis = need(path, "context.voxspring", about, "backends", dict) if "backends" in about else {}
+    by_api = {}
+    for name, limits in (need(path, "context.voxspring", about, "limits", dict) if "limits" in about else {}).items():
+        where = f"context.voxspring.limits.{name}"
+        if not isinstance(limits, dict) or not limits.get("bandwidth"):
+            continue
+        for index, entry in enumerate(need(path, where, limits, "bandwidth", list)):
+            for key in ("footprint_bytes", "written_share", "bytes_per_second"):
+                need(path, f"{where}.bandwidth[{index}]", entry, key, float if key == "written_share" else Positive)
+        for key in OPERATIONS:
+            if key == OPERATIONS[0] or key in limits:
+                need(path, where, limits, key, Positive)
+        by_api[need(path, where, limits, "api", str)] = limits
+    return {backend: by_api[one["api"]] for backend, one in apis.items()
+            if isinstance(one, dict) and isinstance(one.get("api"), str) and one["api"] in by_api}
+
+
+def roofs(limits):
+    """Of a device: bytes a second through memory and through the cache, by what they are, and operations a second."""
+    table = limits["bandwidth"]
+    beyond = max(entry["footprint_bytes"] for entry in table)
+    memory = {entry["written_share"]: entry["bytes_per_second"] for entry in table if entry["footprint_bytes"] == beyond}
+    bytes_per_second = {"memory": memory[min(memory)], "memory, half written": memory[max(memory)],
+                        "cache": max(entry["bytes_per_second"] for entry in table)}
+    return bytes_per_second, max(limits[key] for key in OPERATIONS if key in limits)
+
+
+# Below which of them a line of text says what they are.
+ROOF_LABELS = {"memory, half written": "memory (dashed: half written)", "cache": "cache"}
+
+
+def rooflines(limits, rows):
+    """The roofs above rows: those of a card from CUDA where that is among them, as OpenGL is on the same card."""
+    families = {row["family"] for row in rows}
+    shown = families - ({"OpenGL"} if "CUDA" in families else set())
+    found = {}
+    for row in rows:
+        if row["family"] in shown and row["backend"] in limits:
+            found.setdefault(row["family"], roofs(limits[row["backend"]]))
+    return found
+
+
 def read(path):
     """The result in a file."""
     data = result_files.load(path)
@@ -152,7 +201,7 @@ def read(path):
         lists[name] = rows
     driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
     return Result(path, study, machine, driver, need(path, where, about, "commit", str),
-                  need(path, "context", context, "date", str), lists)
+                  need(path, "context", context, "date", str), lists, limits_of(path, about))
 
 
 def read_all(paths):
@@ -196,6 +245,15 @@ def family(backend):
     return {"cuda": "CUDA", "gl": "OpenGL", "cpu": "CPU"}.get(backend.split("_")[0], "another API")
 
 
+def moved_and_computed(row):
+    """What a step moves and computes; nothing where the file does not say, or a step moves nothing."""
+    moved, footprint, operations = (row.get(f"step_{what}") or 0 for what in ("bytes", "footprint_bytes", "operations"))
+    if min(moved, footprint, operations) <= 0:
+        return {"operations_a_byte": None, "operation_rate": None, "footprint": None}
+    return {"operations_a_byte": operations / moved, "operation_rate": operations / row["real_time"] * 1e-3,
+            "footprint": footprint / 2**20}
+
+
 def measured(results):
     """A row a contender, scene and file: the median over the repetitions, with the least and the most of them."""
     rows = []
@@ -220,7 +278,8 @@ def measured(results):
                 "particle_rate": row["particles"] / row["real_time"] * 1e6,
                 "spring_rate": row["springs"] / row["real_time"] * 1e6,
                 "limit_microseconds": limit * 1e6 if limit else None, "limited_by": row.get("limited_by"),
-                "of_limit": row.get("fraction_of_limit"), "rounding": row.get("error_relative_l2"),
+                "of_limit": row.get("fraction_of_limit"),
+                **moved_and_computed(row), "rounding": row.get("error_relative_l2"),
                 "rounding_max": row.get("error_max"), "total": row.get("total_error_relative_l2"),
                 "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),
                 "edit_microseconds": edit * 1e6 if edit is not None else None,
