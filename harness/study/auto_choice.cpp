@@ -56,20 +56,24 @@ const std::vector<Rule>& rules() {
     // Bounds that more than one rule shares.
     constexpr double max_resident = 6e4;   // 512 a multiprocessor of a large card
     constexpr double sparse = 0.5;         // occupancy under which lists are shorter than a lattice
-    constexpr double min_marched = 6e6;    // particles from which on columns fill a card
+    constexpr double min_marched = 1e6;    // particles from which on columns fill a card
     constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
     static const std::vector<Rule> list = {
         // fastest.json: the box of 32^3 0.89 against 2.05 of cuda_implicit_cached:fetch=l1, the heart 1.29
         // against 2.59 of cuda_explicit_delta. edits.json: an edit lays its tables out anew, 9 ms.
         {"cuda_resident", "", 0, max_resident, 0, any_occupancy, false,
          "state stays on the chip from step to step"},
-        // fastest.json: the box of 256^3 168 against 294 of cuda_implicit_cached:fetch=l1, that of 128^3 52
-        // against 45, the heart of 480x408x368 409 against 283 of cuda_explicit_delta. edits.json: an edit
-        // lays its plan out anew, 0.35 ms on the box of 32^3.
+        // figure8.json: the box of 128^3 27.0 against 40.5 of gl_compute_implicit, 256^3 171 against 301 of
+        // cuda_implicit_cached:fetch=l1, 96^3 17.1 against 16.9 of cuda_explicit_delta. edits.json: an edit
+        // lays its plan out anew, 0.17 ms on the box of 32^3.
         {"cuda_march", "", min_marched, any_number, sparse, any_occupancy, false,
          "each thread marches along a column and reads a particle once"},
         {"cuda_explicit_delta", "", 0, any_number, 0, sparse, true,
          "compressed lists of active particles alone"},
+        // figure8.json: the box of 64^3 6.8 against 7.1 of cuda_implicit_cached:fetch=l1, 96^3 16.9 against
+        // 18.4, 48^3 4.4 against 4.3 of cuda_explicit_cached_grid:fetch=l1.
+        {"cuda_explicit_delta", "", max_resident, min_marched, sparse, any_occupancy, true,
+         "between what the chip holds and what columns fill, compressed lists share a run's neighbours"},
         // table1.json: the heart 2.69 against 3.39 of cuda_implicit_cached, the box of 32^3 2.61
         // against 2.46.
         {"cuda_explicit_cached_grid", "", fits_one_wave, 1e5, 0, sparse, true,
@@ -78,9 +82,8 @@ const std::vector<Rule>& rules() {
         // 1.86, 32^3 2.52 against 2.05.
         {"cuda_explicit_cached_grid", "fetch=l1", 0, fits_one_wave, 0, any_occupancy, true,
          "a step is hardly more than a launch, and lists compute no address"},
-        // figure8.json: the box of 32^3 2.05, the fastest with a launch a step; 48^3 5.08 against 4.35 of
-        // cuda_explicit_cached_grid:fetch=l1, 64^3 7.15 against 6.85 of cuda_explicit_delta, 128^3 44.3
-        // against 40.9, 256^3 299 against 323.
+        // figure8.json: the box of 32^3 2.05, the fastest with a launch a step; 256^3 301 against 325 of
+        // cuda_implicit_shared.
         {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy, true,
          "a lattice needs no lists, and L1 holds what neighbours share"},
         // tuning.json: 543 on the box of 256^3 against 1028 of cuda_explicit_cached; both take any springs.
