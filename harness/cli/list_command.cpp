@@ -33,6 +33,7 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
         const Capabilities capabilities = BackendSpec::parse(entry.name).make()->capabilities();
         described["available"] = true;
         described["api"] = capabilities.api;
+        described["uuid"] = capabilities.uuid;
         described["device"] = capabilities.device;
         described["driver"] = capabilities.driver;
         described["clock"] = capabilities.clock;
