@@ -70,6 +70,8 @@ def reason_stale(path, machine):
     """Why a result is not what this program would measure here, or nothing."""
     if not path.exists():
         return "there is none"
+    if path.with_name(path.name.removesuffix(".gz") + ".journal").exists():
+        return "cut short"
     context = result_files.load(path).get("context", {}).get("voxspring", {})
     if context.get("commit") != machine.commit:
         return f"of commit {str(context.get('commit'))[:8]}, not {machine.commit[:8]}"

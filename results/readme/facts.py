@@ -175,7 +175,7 @@ def edit_verdict():
     cheap = [count for count in counts if max(slow_downs(count)) <= CHEAP]
     if not cheap:
         return "does not hold"
-    return "holds" if cheap == counts else f"holds up to {max(cheap)} edits in 1000 steps"
+    return "holds" if cheap == counts else f"holds up to {max(cheap)} edit{'s' * (max(cheap) != 1)} in 1000 steps"
 
 
 def edit_us(case):
