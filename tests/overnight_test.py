@@ -501,7 +501,7 @@ class JournalFile(Overnight):
         """A limit on the size of files stands for it: the same error from the same call."""
         def full(size):
             return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))}
-        ran = self.run_study(code=1, **full(3000))
+        ran = self.run_study(code=1, **full(5000))
         self.assert_refused(ran, "cannot write", "result.json.journal", "it misses", "--resume")
         # Where the journal is full it goes no further.
         ran = self.run_study("--resume", code=1, **full(self.journal.stat().st_size))
@@ -509,7 +509,7 @@ class JournalFile(Overnight):
         before = lines_of(self.journal)
         self.assertGreater(len(before), 2)
         # The journal has room, the result has not.
-        size = 16000
+        size = 24000
         ran = self.run_study("--resume", code=1, **full(size))
         self.assertIn("cannot write", ran.stderr)
         self.assertRegex(ran.stderr, r"result\.json: File too large")
