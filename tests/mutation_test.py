@@ -20,7 +20,7 @@ ROOT = pathlib.Path.cwd()
 CXX = os.environ.get("CXX", "c++")
 FLAGS = ["-std=c++20", "-O1", "-ffp-contract=off", "-fopenmp", "-DHWY_COMPILE_ONLY_STATIC", "-DHWY_SHARED_DEFINE", "-I."]
 LIBRARIES = ["-fopenmp", "-lhwy"]
-SOURCES = ["backends/backend.cpp", "backends/registry.cpp", "backends/rest_policy.cpp", "backends/suggestion.cpp",
+SOURCES = ["backends/backend.cpp", "backends/limits.cpp", "backends/registry.cpp", "backends/rest_policy.cpp", "backends/suggestion.cpp",
            "backends/cpu/*.cpp", *(f"backends/layout/{name}.cpp" for name in ("blocks", "delta_lists", "neighbour_lists", "particles", "spring_array", "springs", "work")),
            "backends/physics/*.cpp", "harness/verification/conserved.cpp",
            "harness/verification/statistics.cpp", "harness/verification/spread.cpp", "harness/verification/verify.cpp",

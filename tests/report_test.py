@@ -36,7 +36,7 @@ from page import pictures, reading  # noqa: E402
 from results_test import with_work  # noqa: E402
 SKIPPED = 77
 # What the committed results have something for.
-FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "map", "stability", "edits", "stress"]
+FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "intensity", "map", "stability", "edits", "stress"]
 WIDTHS = (390, 1440)
 SCHEMES = ("light", "dark")
 
@@ -567,8 +567,8 @@ class Page(unittest.TestCase):
                                               "at most 6.74$")
             self.assertRegex(alternatives[1], "coloured by the error against float64: at most 3.4e-5$")
         text = self.script("return document.querySelector('#pictures').innerText")
-        for words in ("drawn by a test", "Without a picture: box@8, box@16, box@48, box@64, box@96 and box@128 (as those shown",
-                      "box@192, box@256, box@512, heart@480x408x368, poke@192 and incision@256 (more than 4 million particles)",
+        for words in ("drawn by a test", "Without a picture: box@8, box@16, box@48, box@64, box@96, box@128 and heart@240x204x184 (as those shown",
+                      "box@192, box@256, heart@480x408x368, poke@192 and incision@256 (more than 4 million particles)",
                       "scalpel_1, scalpel_10 and scalpel_100 (no blade)"):
             self.assertIn(words, text)
         # The heart opens the page: beside the headline, on a phone below it.
@@ -713,7 +713,7 @@ class Parts(InTemporaryFolder):
                    if row["backend"] == "cuda_scatter" and row["scene"] == "heart")
         self.assertRegex(title, r"^On NVIDIA H200 the largest change from commit [0-9a-f]{7} to 0123456 is that of cuda_scatter "
                          rf"position on heart \(figure7\), from {before:.3g} µs to .* µs, 1\.75 times \(1\.\d\d to 1\.\d\d\); "
-                         r"of 30 times 1 slower")
+                         r"of 38 times 1 slower")
         self.assertIn("0123456 01-02 03:04", self.out.read_text())
         # One file has no history.
         self.assertIsNone(self.history(result))
@@ -727,11 +727,11 @@ class Parts(InTemporaryFolder):
                 kept[row["run_name"]].append(row)
         result["benchmarks"] = [row for rows in kept.values() for row in rows]
         title = self.history(result, self.later(result, cuda_scatter=2.19))
-        self.assertRegex(title, r"no change of a time in figure7 can be told .*\(30 too few repetitions\)$")
+        self.assertRegex(title, r"no change of a time in figure7 can be told .*\(38 too few repetitions\)$")
         self.assertNotIn("2.19 times", title)
         said = subprocess.run([PYTHON, ROOT / "results/diff.py", "--json", *sorted(self.folder.glob("?.json"))],
                               capture_output=True, text=True, timeout=60)
-        self.assertEqual((said.returncode, json.loads(said.stdout)["counts"]), (0, {"too few repetitions": 30}))
+        self.assertEqual((said.returncode, json.loads(said.stdout)["counts"]), (0, {"too few repetitions": 38}))
         # Two cards are no history of one.
         other = self.later(result)
         for backend in other["context"]["voxspring"]["backends"].values():
