@@ -241,12 +241,6 @@ class Tables(unittest.TestCase):
         self.assertEqual(result_files.spread_of([1, 2]), None)
         self.assertAlmostEqual(result_files.spread_of([8, 9, 10, 11, 12]), 0.1)
 
-    def test_a_time_to_the_first_step_says_whether_kernels_were_compiled(self):
-        target = {"quantity": "ready_seconds"}
-        self.assertEqual(tables.warm(target, {"compile_seconds": 0.0}), " (kernels on the disk)")
-        self.assertEqual(tables.warm(target, {"compile_seconds": 0.3}), "")
-        self.assertEqual(tables.warm({"quantity": "seconds_per_step"}, {"compile_seconds": 0.0}), "")
-
     def test_a_best_row_says_of_how_many(self):
         text = tables.fastest()
         header = [cell.strip() for cell in text.split("\n")[2].split("|")]

@@ -51,7 +51,7 @@ protected:
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
-    /// To be called first in upload(): waits, and gives back what the last one is not asked for any more.
+    /// To be called first in upload(): waits for the device and frees the copy of the last start.
     void begin_upload();
     std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
         return Kernel::get(source, device_, compile_time_);
@@ -80,7 +80,7 @@ private:
     /// No less than bytes_needed(), where that is quicker to say.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
-    /// All that steps write and a later step reads, but what rewound() sees to.
+    /// The arrays that a step leaves for the next one. What else a start needs, rewound() restores.
     virtual std::vector<StateArray> state_arrays() const = 0;
     /// The state arrays are those of step 0 again.
     virtual void rewound() {}

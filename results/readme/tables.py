@@ -179,11 +179,6 @@ def titled(one, text):
     return f"{context['gpu'] or context['cpu']}; commit {context['commit']}{clean}.\n\n{text}"
 
 
-def warm(target, row):
-    """Whether a time to the first step is one without compiling, which a first run has to do."""
-    return " (kernels on the disk)" if target["quantity"] == "ready_seconds" and not row.get("compile_seconds") else ""
-
-
 def targets():
     """What became of the targets that the study file names, machine by machine."""
     parts = []
@@ -195,7 +190,7 @@ def targets():
                     continue
                 row = known[target["name"]]
                 lines.append([f"{block['scene']} {block['formulation']} {block['precision']}", quantity(target, target["value"]),
-                              marked(row, quantity(target, target["measured"])) + warm(target, row), contender(row),
+                              marked(row, quantity(target, target["measured"])), contender(row),
                               limit_of(row),
                               f"{'met' if target['met'] else 'missed'}, {percent(target['reached'])}"])
         if lines:
