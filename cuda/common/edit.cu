@@ -1,9 +1,16 @@
+#include <cstring>
+
 #include "cuda/common/edit.h"
 
 namespace voxspring::cuda {
 namespace {
 
 constexpr unsigned block = 128;
+
+template <std::size_t Words>
+struct Argument {
+    uint4 word[Words];  // NOLINT(modernize-avoid-c-arrays)
+};
 
 __device__ std::size_t thread_number() { return std::size_t(blockIdx.x) * blockDim.x + threadIdx.x; }
 
@@ -35,9 +42,32 @@ __global__ void springs_kernel(const EditedSpring<Real>* edited, std::size_t cou
     if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, off_lattice_rest);
 }
 
+template <std::size_t Words>
+__global__ void argument_kernel(__grid_constant__ const Argument<Words> argument, unsigned words, uint4* to) {
+    if (thread_number() < words) to[thread_number()] = argument.word[thread_number()];
+}
+
+template <std::size_t Words>
+void send_in_words(std::byte* to, std::span<const std::byte> from, unsigned words, const Stream& stream) {
+    Argument<Words> argument{};
+    std::memcpy(&argument, from.data(), from.size());
+    argument_kernel<Words><<<1, Words, 0, stream.get()>>>(argument, words, reinterpret_cast<uint4*>(to));
+    check(cudaGetLastError());
+}
+
 unsigned blocks_for(std::size_t count) { return unsigned((count + block - 1) / block); }
 
 }  // namespace
+
+void send_as_argument(std::byte* to, std::span<const std::byte> from, const Stream& stream) {
+    constexpr std::size_t few = 16;  // a launch with a short argument is cheaper
+    const std::size_t words = (from.size() + sizeof(uint4) - 1) / sizeof(uint4);
+    if (words <= few) {
+        send_in_words<few>(to, from, unsigned(words), stream);
+    } else {
+        send_in_words<max_argument_bytes / sizeof(uint4)>(to, from, unsigned(words), stream);
+    }
+}
 
 template <class Real>
 void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count,

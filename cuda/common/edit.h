@@ -15,25 +15,30 @@
 
 namespace voxspring::cuda {
 
+/// Bytes of the longest argument that a kernel may have on every device and driver.
+constexpr std::size_t max_argument_bytes = 3840;
+/// Writes up to so many bytes to `to`, which is aligned to 16 and has room for a multiple of that. They
+/// travel with the launch of a kernel, so that `from` may change at once, and steps before and after need not
+/// wait for the engine that copies: that takes longer than many an edit. Enqueues one kernel.
+void send_as_argument(std::byte* to, std::span<const std::byte> from, const Stream& stream);
+
 /// Memory for values on their way to a kernel; grows by doubling, so that edits seldom allocate.
 template <class T>
 class Staging {
 public:
-    /// The values on the device, until the next call in the same `stream`. `values` may change at once, since
-    /// they are copied from pinned memory. The call waits until the device has fetched what was sent some
+    /// The values on the device, until the next call in the same `stream`. `values` may change at once. Where
+    /// they are too many for an argument, the call waits until the device has fetched what was sent some
     /// calls before, so that the host may be that many edits ahead of it.
     const T* send(std::span<const T> values, const Stream& stream) {
         if (values.empty()) return buffer_.data();
-        Slot& slot = slots_[next_];
-        next_ = (next_ + 1) % slots_.size();
-        if (slot.pending) slot.sent.wait();
-        grow(buffer_, values.size());
-        grow(slot.pinned, values.size());
-        std::copy(values.begin(), values.end(), slot.pinned.data());
-        check(cudaMemcpyAsync(buffer_.data(), slot.pinned.data(), values.size_bytes(), cudaMemcpyHostToDevice,
-                              stream.get()));
-        slot.sent.record(stream);
-        slot.pending = true;
+        constexpr std::size_t word = 16;
+        const std::size_t room = (values.size_bytes() + word - 1) / word * word;
+        grow(buffer_, (room + sizeof(T) - 1) / sizeof(T));
+        if (values.size_bytes() <= max_argument_bytes) {
+            send_as_argument(reinterpret_cast<std::byte*>(buffer_.data()), std::as_bytes(values), stream);
+        } else {
+            copy_from_pinned(values, stream);
+        }
         return buffer_.data();
     }
     std::size_t bytes() const { return buffer_.bytes(); }
@@ -44,6 +49,18 @@ private:
         Event sent;  ///< the latest values have left `pinned`
         bool pending = false;
     };
+
+    void copy_from_pinned(std::span<const T> values, const Stream& stream) {
+        Slot& slot = slots_[next_];
+        next_ = (next_ + 1) % slots_.size();
+        if (slot.pending) slot.sent.wait();
+        grow(slot.pinned, values.size());
+        std::copy(values.begin(), values.end(), slot.pinned.data());
+        check(cudaMemcpyAsync(buffer_.data(), slot.pinned.data(), values.size_bytes(), cudaMemcpyHostToDevice,
+                              stream.get()));
+        slot.sent.record(stream);
+        slot.pending = true;
+    }
 
     template <class Memory>
     static void grow(Memory& memory, std::size_t size) {
