@@ -83,6 +83,10 @@ void Case::start() {
     }
 }
 
+void Case::dismiss() {
+    if (process_ != nullptr) process_->dismiss();
+}
+
 std::optional<pid_t> Case::process() const {
     if (process_ == nullptr || process_->process() < 0) return std::nullopt;
     return process_->process();

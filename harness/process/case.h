@@ -48,6 +48,9 @@ public:
     /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 
+    /// Worker::dismiss() of the process that it has now, if it has one.
+    void dismiss();
+
     /// The process that it has now.
     std::optional<pid_t> process() const;
 

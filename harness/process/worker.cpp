@@ -107,11 +107,15 @@ Worker::Worker(Workers& workers, const nlohmann::json& description, Seconds time
 Worker::~Worker() {
     if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     if (process_ < 0) return;
-    // Where this program was forked meanwhile there is a copy of this end: closing it would not tell.
-    shutdown(socket_, SHUT_RDWR);
+    dismiss();
     constexpr Seconds patience(10);  // of a driver that gives back a device
     (void)launcher_->end(process_, asked_ ? Seconds(0) : std::min(patience, timeout_));
     close(socket_);
+}
+
+void Worker::dismiss() {
+    // Where this program was forked meanwhile there is a copy of this end: closing it would not tell.
+    if (process_ >= 0) shutdown(socket_, SHUT_RDWR);
 }
 
 void Worker::lose(const std::string& how, const std::string& doing) {

@@ -48,6 +48,10 @@ public:
     Worker& operator=(const Worker&) = delete;
     ~Worker();
 
+    /// Has the process end, and does not wait for it: a driver takes its time to give a device back, and
+    /// those of several workers may do so at once. It is not to be asked again.
+    void dismiss();
+
     /// Negative once it has ended.
     pid_t process() const { return process_; }
 

@@ -378,6 +378,7 @@ void measure(StudyBench& bench, const Batch& batch) {
     for (TimedCase& one : cases) {
         if (!interrupted()) one.measure_edits();
     }
+    for (Case& one : entered) one.dismiss();
     int number = 0;
     for (TimedCase& one : cases) {
         if (one.finished()) one.add_rows(bench, number);
