@@ -7,6 +7,7 @@
 #include <string>
 
 #include "backends/backend.h"
+#include "backends/huge_pages.h"
 
 namespace voxspring::cpu_parallel {
 
@@ -22,6 +23,7 @@ Array<T> filled(std::ptrdiff_t size, T value) {
     if (array == nullptr) {
         throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
     }
+    prefer_huge_pages(array.get(), std::size_t(size) * sizeof(T));
     // Each thread is the first to touch, and so has in its own memory, about what it will step.
     T* const begin = array.get();
 #pragma omp parallel for schedule(static) if (size >= worth_threads)

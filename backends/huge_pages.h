@@ -1,0 +1,24 @@
+// Large arrays in huge pages.
+#pragma once
+
+#include <sys/mman.h>
+
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+namespace voxspring {
+
+/// Asks for huge pages in memory of a large array. The system clears a page at its first touch, and page by
+/// small page that takes longer than to fill an array or to copy it. A wish: where it is refused nothing
+/// changes.
+inline void prefer_huge_pages(void* memory, std::size_t bytes) {
+    constexpr std::uintptr_t page = std::uintptr_t(1) << 21;
+    constexpr std::size_t large = 8 * page;
+    if (bytes < large) return;
+    const auto address = std::bit_cast<std::uintptr_t>(memory);
+    const std::uintptr_t begin = (address + page - 1) / page * page, end = (address + bytes) / page * page;
+    (void)madvise(std::bit_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+}
+
+}  // namespace voxspring
