@@ -351,9 +351,12 @@ class Diff(unittest.TestCase):
                 self.assertLessEqual(set(found["counts"]),
                                      {"same", "too few repetitions", "still fails", "too noisy to tell"})
         older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json.gz") for name in ("tuning", "formulations"))
+        steps = [{(row["scene"], row["backend"], row["formulation"], row["tuning"]): row["steps"]
+                  for row in result_files.load(path)["benchmarks"]} for path in (older, newer)]
+        otherwise = sum(steps[0][one] != steps[1][one] for one in steps[0].keys() & steps[1].keys())
+        self.assertGreater(otherwise, 0)
         found = self.judge(older, newer)[1]
-        self.assertEqual(found["counts"]["not comparable"], 24, "position, 1000 and 10000 steps")
-        self.assertTrue(any("24 contenders" in note for note in found["notes"]), found["notes"])
+        self.assertEqual(found["counts"]["not comparable"], otherwise)
 
     def test_a_tenth_is_found_in_committed_results(self):
         """In nine of ten quiet rows at least: not marked by their run, and calmer than what the rule asks more of."""
