@@ -141,7 +141,7 @@ class Copy:
                 if file in (self.folder / self.object_of(source)).with_suffix(".d").read_text().split()}
 
     def caught(self, references, strategies):
-        """By conformance and by the gate, of so many runs. Who crashes is caught by both."""
+        """In how many runs conformance catches it, whether the gate does, and how many runs there are. Who crashes is caught by both."""
         done = subprocess.run([self.folder / "mutants", "check", references, *strategies], capture_output=True, text=True,
                               timeout=300, env=os.environ | {"OMP_NUM_THREADS": "1"})
         return tuple(map(int, done.stdout.split())) if done.returncode == 0 else (1, 1, 1)
@@ -169,7 +169,7 @@ def try_all(one, mutations, references):
     escaped = []
     for mutation in mutations:
         conformance, gate, runs = one.caught_of(mutation, references)
-        print(f"{mutation[0]}: caught in {conformance} of {runs} runs by conformance, in {gate} by the gate", flush=True)
+        print(f"{mutation[0]}: caught in {conformance} of {runs} runs by conformance, {'and' if gate else 'not'} by the gate", flush=True)
         if not conformance or not gate:
             escaped.append(mutation[0])
     return escaped
@@ -191,7 +191,7 @@ def main():
         every = ["cpu_parallel", *dict.fromkeys(name for names in STRATEGIES.values() for name in names)]
         conformance, gate, runs = first.caught(references, every)
         if conformance or gate or runs < len(every):
-            sys.exit(f"without a mutation {conformance} of {runs} runs are caught by conformance, {gate} by the gate")
+            sys.exit(f"without a mutation {conformance} of {runs} runs are caught by conformance, {gate and 'one' or 'none'} by the gate")
         copies = [first] + [first.twin(pathlib.Path(folder) / str(n)) for n in range(1, JOBS)]
         parts = [chosen[len(chosen) * n // JOBS:len(chosen) * (n + 1) // JOBS] for n in range(JOBS)]
         escaped = sum(pool.map(lambda one, part: try_all(one, part, references), copies, parts), [])
