@@ -218,7 +218,7 @@ public:
 private:
     /// Of a thread: up to three arrays one after the other, each of whole groups of the widest registers.
     std::size_t floats_of(std::size_t footprint) const {
-        constexpr std::size_t whole = 6 * 8 * 16;
+        constexpr std::size_t whole = std::size_t(6) * 8 * 16;
         return std::max<std::size_t>(footprint / sizeof(float) / memory_.size() / whole, 1) * whole;
     }
 

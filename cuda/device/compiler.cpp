@@ -6,6 +6,7 @@
 #include <nvrtc.h>
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cstring>
 #include <filesystem>
@@ -19,6 +20,8 @@
 
 namespace voxspring::cuda {
 namespace {
+
+using namespace std::literals;
 
 void check(nvrtcResult result, const std::source_location& where = std::source_location::current()) {
     if (result != NVRTC_SUCCESS)
@@ -111,7 +114,7 @@ std::string build_id(const dl_phdr_info& file) {
     for (int n = 0; n < file.dlpi_phnum; ++n) {
         const auto& part = file.dlpi_phdr[n];
         if (part.p_type != PT_NOTE) continue;
-        const char* at = reinterpret_cast<const char*>(file.dlpi_addr + part.p_vaddr);
+        const char* at = std::bit_cast<const char*>(file.dlpi_addr + part.p_vaddr);
         const char* const end = at + part.p_memsz;
         while (std::size_t(end - at) >= sizeof(ElfW(Nhdr))) {
             ElfW(Nhdr) note{};
@@ -119,8 +122,7 @@ std::string build_id(const dl_phdr_info& file) {
             const auto aligned = [](std::size_t size) { return (size + 3) / 4 * 4; };
             const char* const name = at + sizeof note;
             const char* const content = name + aligned(note.n_namesz);
-            if (note.n_type == NT_GNU_BUILD_ID &&
-                std::string_view(name, note.n_namesz) == std::string_view("GNU", 4))
+            if (note.n_type == NT_GNU_BUILD_ID && std::string_view(name, note.n_namesz) == "GNU\0"sv)
                 return {content, note.n_descsz};
             at = content + aligned(note.n_descsz);
         }
@@ -145,7 +147,7 @@ const std::string& compiler_build() {
         dl_iterate_phdr(
             [](dl_phdr_info* file, std::size_t, void* found) {
                 auto& wanted = *static_cast<Search*>(found);
-                if (reinterpret_cast<const void*>(file->dlpi_addr) != wanted.base) return 0;
+                if (std::bit_cast<const void*>(file->dlpi_addr) != wanted.base) return 0;
                 wanted.id = build_id(*file);
                 return 1;
             },
