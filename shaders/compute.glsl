@@ -6,6 +6,7 @@
 // of all words, then y, then z, `pitch` apart.
 #include "motion.glsl"
 #include "pull.glsl"
+#include "words.glsl"
 
 #ifdef TEXTURE
 layout(binding = 0) uniform samplerBuffer words;
@@ -13,52 +14,48 @@ layout(binding = 1) uniform samplerBuffer words_low;
 #define WORD(index) texelFetch(words, index)
 #define WORD_LOW(index) texelFetch(words_low, index)
 #else
-layout(std430, binding = 0) restrict readonly buffer Words { vec4 words[]; };
-layout(std430, binding = 3) restrict readonly buffer WordsLow { vec4 words_low[]; };
+layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
+layout(std430, binding = 3) restrict readonly buffer WordsLow { Vec4 words_low[]; };
 #define WORD(index) words[index]
 #define WORD_LOW(index) words_low[index]
 #endif
-layout(std430, binding = 1) restrict buffer NextWords { vec4 next_words[]; };
-layout(std430, binding = 2) restrict buffer Increments { float increments[]; };
-layout(std430, binding = 4) restrict writeonly buffer NextWordsLow { vec4 next_words_low[]; };
-layout(std430, binding = 5) restrict buffer IncrementsLow { float increments_low[]; };
+layout(std430, binding = 1) restrict buffer NextWords { Vec4 next_words[]; };
+layout(std430, binding = 2) restrict buffer Increments { Real increments[]; };
+layout(std430, binding = 4) restrict writeonly buffer NextWordsLow { Vec4 next_words_low[]; };
+layout(std430, binding = 5) restrict buffer IncrementsLow { Real increments_low[]; };
 // Force on each word's particle: three numbers a word.
-layout(std430, binding = 6) restrict readonly buffer Loads { float loads[]; };
-layout(std430, binding = 7) restrict readonly buffer InverseMasses { float inverse_masses[]; };
+layout(std430, binding = 6) restrict readonly buffer Loads { Real loads[]; };
+layout(std430, binding = 7) restrict readonly buffer InverseMasses { Real inverse_masses[]; };
 
-uniform int pitch;
-#ifdef MATERIALS
-#define INVERSE_MASS(index) inverse_masses[index]
-#else
-uniform float inverse_mass;
-#define INVERSE_MASS(index) inverse_mass
-#endif
+UNIFORMS(ComputeUniforms, 18)
+UNIFORM int pitch;
+END_UNIFORMS
 
 // Where a particle is, as its neighbours see it.
 struct Point {
-    vec3 high;
-    vec3 low;
+    Vec3 high;
+    Vec3 low;
 };
 
 Point point_of(int index) {
 #ifdef COMPENSATED
     return Point(WORD(index).xyz, WORD_LOW(index).xyz);
 #else
-    return Point(WORD(index).xyz, vec3(0));
+    return Point(WORD(index).xyz, Vec3(0));
 #endif
 }
 
-vec3 between(Point from, Point to) {
-    precise vec3 relative = from.high - to.high;
+Vec3 between(Point from, Point to) {
+    precise Vec3 relative = from.high - to.high;
 #ifdef COMPENSATED
     relative += from.low - to.low;
 #endif
     return relative;
 }
 
-vec3 before_of(int index) {
+Vec3 before_of(int index) {
 #ifdef BY_INCREMENTS
-    return vec3(increments[index], increments[index + pitch], increments[index + 2 * pitch]);
+    return Vec3(increments[index], increments[index + pitch], increments[index + 2 * pitch]);
 #else
     return next_words[index].xyz;
 #endif
@@ -66,26 +63,24 @@ vec3 before_of(int index) {
 
 // Writes the particle's state at t + dt, under the sum of its spring forces at t. `before` is
 // before_of(index).
-void integrate_and_store(int index, Point here, uint bits, vec3 before, vec3 spring_force_sum) {
-    precise vec3 force = spring_force_sum;
-#ifdef LOADS
-    force += vec3(loads[3 * index], loads[3 * index + 1], loads[3 * index + 2]);
-#endif
-    vec3 before_low = vec3(0);
+void integrate_and_store(int index, Point here, uint bits, Vec3 before, Vec3 spring_force_sum) {
+    precise Vec3 force = spring_force_sum;
+    if (LOADS) force += Vec3(loads[3 * index], loads[3 * index + 1], loads[3 * index + 2]);
+    Vec3 before_low = Vec3(0);
 #ifdef COMPENSATED
     before_low =
-        vec3(increments_low[index], increments_low[index + pitch], increments_low[index + 2 * pitch]);
+        Vec3(increments_low[index], increments_low[index + pitch], increments_low[index + 2 * pitch]);
 #endif
-    Motion after = integrate(Motion(here.high, before, here.low, before_low), force, INVERSE_MASS(index),
-                             is_pinned(bits));
-    next_words[index] = vec4(after.here, uintBitsToFloat(bits));
+    Motion after = integrate(Motion(here.high, before, here.low, before_low), force,
+                             MATERIALS ? inverse_masses[index] : inverse_mass, is_pinned(bits));
+    next_words[index] = Vec4(after.here, WITH_BITS(bits));
 #ifdef BY_INCREMENTS
     increments[index] = after.before.x;
     increments[index + pitch] = after.before.y;
     increments[index + 2 * pitch] = after.before.z;
 #endif
 #ifdef COMPENSATED
-    next_words_low[index] = vec4(after.here_low, 0);
+    next_words_low[index] = Vec4(after.here_low, 0);
     increments_low[index] = after.before_low.x;
     increments_low[index + pitch] = after.before_low.y;
     increments_low[index + 2 * pitch] = after.before_low.z;

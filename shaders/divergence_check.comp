@@ -1,41 +1,58 @@
 // Whether particles are where a run may take them: one invocation a texel or, with STORAGE_BUFFERS, strides
 // over the words of compute.glsl. BY_INCREMENTS as in motion.glsl.
 #include "neighbours.h"
+#include "portable.h"
+#include "uniforms.glsl"
+#include "words.glsl"
 
 layout(local_size_x = 64) in;
 
 // `other`: by increments the increment, else the position before.
 #ifdef STORAGE_BUFFERS
-layout(std430, binding = 0) restrict readonly buffer Words { vec4 words[]; };
+layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
 #ifdef BY_INCREMENTS
-layout(std430, binding = 2) restrict readonly buffer Increments { float increments[]; };
+layout(std430, binding = 2) restrict readonly buffer Increments { Real increments[]; };
 #else
-layout(std430, binding = 1) restrict readonly buffer Other { vec4 other[]; };
+layout(std430, binding = 1) restrict readonly buffer Other { Vec4 other[]; };
 #endif
 #else
 layout(binding = 0) uniform sampler2D position;
 layout(binding = 1) uniform sampler2D other;
 #endif
 
-// The number of the first check that failed.
-layout(std430, binding = 3) buffer Found { uint found; };
+// The number of the first check that failed and, in Vulkan, that of the next one: a recorded check does not
+// know its own (next_check.comp).
+layout(std430, binding = 3) buffer Found {
+    uint found;
+#ifdef VULKAN
+    uint next_check;
+#endif
+};
 
-uniform int check_number;
-uniform float inverse_largest;  // 1 / the largest increment
+UNIFORMS(CheckUniforms, 19)
+#ifndef VULKAN
+UNIFORM int check_number;
+#endif
+UNIFORM Real inverse_largest;  // 1 / the largest increment
+END_UNIFORMS
+#ifdef VULKAN
+#define check_number int(next_check)
+#endif
 
 const uint infinite = 0x7F800000u;  // bits of infinity, and the exponent of whatever is not finite
 
-void check(vec4 here, vec3 before_or_increment) {
-    if ((floatBitsToUint(here.w) & ACTIVE_BIT) == 0u) return;
-    precise vec3 increment = before_or_increment;
+void check(Vec4 here, Vec3 before_or_increment) {
+    if ((BITS_OF(here.w) & ACTIVE_BIT) == 0u) return;
+    precise Vec3 increment = before_or_increment;
 #ifndef BY_INCREMENTS
     increment = here.xyz - increment;
 #endif
-    precise vec3 share = increment * inverse_largest;
+    // What float32 cannot hold is no place for a particle either.
+    precise vec3 share = vec3(increment * inverse_largest);
     // As integers, since a compiler may take it that there is no NaN: floats of one sign are in the order of
     // their bits, and NaN comes last.
     bool fast = floatBitsToUint(dot(share, share)) > floatBitsToUint(1.0);
-    bool finite = all(lessThan(floatBitsToUint(here.xyz) & infinite, uvec3(infinite)));
+    bool finite = all(lessThan(floatBitsToUint(vec3(here.xyz)) & infinite, uvec3(infinite)));
     if ((fast || !finite) && uint(check_number) < found) atomicMin(found, uint(check_number));
 }
 
@@ -45,7 +62,7 @@ void main() {
     for (int n = int(gl_GlobalInvocationID.x); n < count; n += int(gl_NumWorkGroups.x * gl_WorkGroupSize.x)) {
 #ifdef BY_INCREMENTS
         int pitch = increments.length() / 3;
-        check(words[n], vec3(increments[n], increments[n + pitch], increments[n + 2 * pitch]));
+        check(words[n], Vec3(increments[n], increments[n + pitch], increments[n + 2 * pitch]));
 #else
         check(words[n], other[n].xyz);
 #endif

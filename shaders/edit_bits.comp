@@ -1,15 +1,24 @@
 // One invocation a particle: its new bits.
+#include "uniforms.glsl"
+
 layout(local_size_x = 64) in;
 
-// Words as numbers, of which the fourth of each is its particle's bits.
+// Words as numbers of 32 bits: of a word's four the last is its particle's bits, of eight the seventh.
+#ifdef VOXSPRING_FLOAT64
+const uint word_numbers = 8u, place_of_bits = 6u;
+#else
+const uint word_numbers = 4u, place_of_bits = 3u;
+#endif
 layout(std430, binding = 0) restrict buffer Words { uint words[]; };
 // A word and its bits.
 layout(std430, binding = 1) restrict readonly buffer Edited { uvec2 edited[]; };
 
-uniform int count;
+UNIFORMS(EditUniforms, 19)
+UNIFORM int count;
+END_UNIFORMS
 
 void main() {
     // Strides, since the number of groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x)
-        words[4u * edited[n].x + 3u] = edited[n].y;
+        words[word_numbers * edited[n].x + place_of_bits] = edited[n].y;
 }

@@ -2,9 +2,8 @@
 //
 // With PER_SPRING each spring has its own stiffness and rest length, and w counts all neighbours. Otherwise
 // each group has one of either, and w counts the neighbours of each group in COUNT_BITS bits. FACES, EDGES
-// and CORNERS are defined where the scene has springs of that group, OFF_LATTICE_REST where it has springs
-// beyond the lattice and the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS
-// particles.
+// and CORNERS say which groups the scene has. OFF_LATTICE_REST is defined where it has springs beyond the
+// lattice and the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
 #include "measured.glsl"
 #include "particle.glsl"
 
@@ -69,15 +68,15 @@ void main() {
 #define ADD(group)                                                   \
     end += bits >> (COUNT_BITS * group) & ((1u << COUNT_BITS) - 1u); \
     for (; k < end; ++k) force = with_listed(particle, k, rest_length[group], group_stiffness[group], force);
-#ifdef FACES
-    ADD(0)
-#endif
-#ifdef EDGES
-    ADD(1)
-#endif
-#ifdef CORNERS
-    ADD(2)
-#endif
+    if (FACES) {
+        ADD(0)
+    }
+    if (EDGES) {
+        ADD(1)
+    }
+    if (CORNERS) {
+        ADD(2)
+    }
 #endif
     integrate_and_store(particle, force);
 }

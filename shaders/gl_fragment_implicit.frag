@@ -1,5 +1,5 @@
 // One fragment a voxel of the grid that lies flat, slice by slice; a neighbour's texel follows from the
-// particle's own. FACES, EDGES and CORNERS are defined where the scene has springs of that group.
+// particle's own. FACES, EDGES and CORNERS say which groups of springs the scene has.
 #include "particle.glsl"
 
 uniform float rest_length[13];  // by mask bit / 2
@@ -17,14 +17,12 @@ void main() {
     // no bit says to follow them.
     ivec2 below = texel.x >= slice_width ? ivec2(-slice_width, 0) : ivec2(last_column, -slice_height);
     ivec2 above = texel.x < last_column ? ivec2(slice_width, 0) : ivec2(-last_column, slice_height);
-#ifdef MATERIALS
-    float compliance = texelFetch(material, texel, 0).x;
-#define WITH_MATERIAL                                                                              \
-    precise float stiffness = fast_series_stiffness(compliance, texelFetch(material, there, 0).x); \
-    pull.w *= stiffness;
-#else
-#define WITH_MATERIAL
-#endif
+    float compliance = MATERIALS ? texelFetch(material, texel, 0).x : 0.0;
+#define WITH_MATERIAL                                                                                  \
+    if (MATERIALS) {                                                                                   \
+        precise float stiffness = fast_series_stiffness(compliance, texelFetch(material, there, 0).x); \
+        pull.w *= stiffness;                                                                           \
+    }
 
 #define ADD(bit, dx, dy, dz)                                                                            \
     if ((bits & (1u << bit)) != 0u) {                                                                   \
@@ -36,20 +34,20 @@ void main() {
 
     precise vec3 force = vec3(0);
     precise vec3 group;
-#ifdef FACES
-    group = vec3(0);
-    FACE_NEIGHBOURS(ADD)
-    force = group * group_stiffness[0];
-#endif
-#ifdef EDGES
-    group = vec3(0);
-    EDGE_NEIGHBOURS(ADD)
-    force += group * group_stiffness[1];
-#endif
-#ifdef CORNERS
-    group = vec3(0);
-    CORNER_NEIGHBOURS(ADD)
-    force += group * group_stiffness[2];
-#endif
+    if (FACES) {
+        group = vec3(0);
+        FACE_NEIGHBOURS(ADD)
+        force = group * group_stiffness[0];
+    }
+    if (EDGES) {
+        group = vec3(0);
+        EDGE_NEIGHBOURS(ADD)
+        force += group * group_stiffness[1];
+    }
+    if (CORNERS) {
+        group = vec3(0);
+        CORNER_NEIGHBOURS(ADD)
+        force += group * group_stiffness[2];
+    }
     integrate_and_store(particle, force);
 }

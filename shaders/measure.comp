@@ -1,14 +1,17 @@
 // Measures rest lengths in place: one invocation a number.
 #include "measured.glsl"
+#include "uniforms.glsl"
 
 layout(local_size_x = 64) in;
 
-layout(std430, binding = 0) restrict buffer Lengths { float lengths[]; };
+layout(std430, binding = 0) restrict buffer Lengths { Real lengths[]; };
 
 // Number n is at n * stride + offset.
-uniform int count;
-uniform int stride;
-uniform int offset;
+UNIFORMS(MeasureUniforms, 19)
+UNIFORM int count;
+UNIFORM int stride;
+UNIFORM int offset;
+END_UNIFORMS
 
 void main() {
     // Strides, since the number of groups has a limit.

@@ -1,5 +1,11 @@
 // A rest length as inverse_root() measures lengths, from its square.
 #include "inverse_root.h"
 
+#ifdef VOXSPRING_FLOAT64
+const Real min_normal = 2.2250738585072014e-308lf;
+#else
+const Real min_normal = 1.17549435e-38;
+#endif
+
 // inverse_root() is for normal numbers, and 0 is no spring.
-float measured_or_zero(float squared) { return squared >= 1.17549435e-38 ? measured_length(squared) : 0.0; }
+Real measured_or_zero(Real squared) { return squared >= min_normal ? measured_length(squared) : Real(0); }

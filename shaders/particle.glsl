@@ -23,13 +23,6 @@ layout(binding = 4) uniform sampler2D load;
 // x: compliance, 1 / stiffness; y: 1 / mass.
 layout(binding = 5) uniform sampler2D material;
 
-#ifdef MATERIALS
-#define INVERSE_MASS(texel) texelFetch(material, texel, 0).y
-#else
-uniform float inverse_mass;
-#define INVERSE_MASS(texel) inverse_mass
-#endif
-
 layout(location = 0) out vec4 next;
 #ifdef BY_INCREMENTS
 layout(location = 1) out vec4 next_increment;
@@ -70,9 +63,7 @@ vec4 pull_of(Particle particle, ivec2 there, vec4 rest, float rest_length) {
 void integrate_and_store(Particle particle, vec3 spring_force_sum) {
     ivec2 texel = particle.texel;
     precise vec3 force = spring_force_sum;
-#ifdef LOADS
-    force += texelFetch(load, texel, 0).xyz;
-#endif
+    if (LOADS) force += texelFetch(load, texel, 0).xyz;
 #ifdef BY_INCREMENTS
     vec3 before = texelFetch(increment, texel, 0).xyz;
 #else
@@ -82,8 +73,9 @@ void integrate_and_store(Particle particle, vec3 spring_force_sum) {
 #ifdef COMPENSATED
     before_low = texelFetch(increment_low, texel, 0).xyz;
 #endif
-    Motion after = integrate(Motion(particle.here.xyz, before, particle.low, before_low), force,
-                             INVERSE_MASS(texel), is_pinned(bits_of(particle)));
+    Motion after =
+        integrate(Motion(particle.here.xyz, before, particle.low, before_low), force,
+                  MATERIALS ? texelFetch(material, texel, 0).y : inverse_mass, is_pinned(bits_of(particle)));
     next = vec4(after.here, particle.here.w);
 #ifdef BY_INCREMENTS
     next_increment = vec4(after.before, 0);

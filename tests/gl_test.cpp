@@ -1,5 +1,6 @@
-// What only the OpenGL backends can be asked: that the stencil mask masks, that it, the skipped terms and
-// tuning change no bit, that nothing is written beside the particles, and how their failures read.
+// What only the OpenGL backends can be asked: that the stencil mask masks, that it and the skipped terms
+// change no bit, that nothing is written beside the particles, and how their failures read. What compute
+// shaders are asked whichever API runs them is in compute_shader_test.cpp.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -18,8 +19,11 @@
 #include "backends/gl/program.h"
 #include "backends/gl/step_queue.h"
 #include "backends/gl/texture.h"
+#include "backends/glsl/compute.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
+#include "tests/shader_support.h"
+#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -58,52 +62,7 @@ protected:
 };
 
 const std::vector<std::string> fragment_backends = {"gl_fragment_implicit", "gl_fragment_explicit"};
-const std::vector<std::string> compute_backends = {"gl_compute_implicit", "gl_compute_explicit"};
-
-std::vector<std::string> in_every_formulation(const std::vector<std::string>& backends) {
-    std::vector<std::string> specs;
-    for (const std::string& name : backends) {
-        for (const Formulation formulation : all_formulations)
-            specs.push_back(name + ":formulation=" + to_string(formulation));
-    }
-    return specs;
-}
-
-std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
-    std::string name = tested.param;
-    std::replace_if(
-        name.begin(), name.end(), [](char c) { return c == ':' || c == '='; }, '_');
-    return name;
-}
-
-INSTANTIATE_TEST_SUITE_P(, GlFragment, ::testing::ValuesIn(in_every_formulation(fragment_backends)),
-                         test_name);
-
-/// Two thirds full, every term in use.
-Problem problem_with_everything() {
-    Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11, 3), NEIGHBOUR_BITS);
-    problem.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.2;
-    problem.load.assign(problem.particle_count(), glm::dvec3(0));
-    problem.load[7] = {0.01, -0.02, 0.03};
-    pin_base(problem);
-    return problem;
-}
-
-/// The same shape without any optional term, face springs only.
-Problem plain_problem() {
-    Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), FACE_BITS);
-    problem.time_step = 0.2;
-    return problem;
-}
-
-State after(Backend& backend, const Problem& problem, int steps) {
-    backend.upload(problem, random_state(problem, 0.05, 3));
-    backend.step(steps);
-    return backend.download();
-}
+INSTANTIATE_TEST_SUITE_P(, GlFragment, ::testing::ValuesIn(formulations_of(fragment_backends)), test_name);
 
 TEST_P(GlFragment, SamplesPassedAreTheActiveParticles) {
     const Problem problem = plain_problem();
@@ -139,89 +98,7 @@ TEST_P(GlFragment, MaskChangesNoBit) {
     }
 }
 
-/// Scenes that lack one term each, and some that lack most.
-std::vector<std::pair<std::string, Problem>> scenes_to_skip_in() {
-    std::vector<std::pair<std::string, Problem>> cases;
-    const auto add = [&](const char* name, Problem problem) { cases.emplace_back(name, std::move(problem)); };
-    add("nothing to skip", problem_with_everything());
-    add("nothing but face springs", plain_problem());
-    Problem problem = problem_with_everything();
-    problem.damping = 0;
-    add("no damping", problem);
-    problem = problem_with_everything();
-    problem.gravity = glm::dvec3(0);
-    add("no gravity", problem);
-    problem = problem_with_everything();
-    problem.load.clear();
-    add("no loads", problem);
-    problem = problem_with_everything();
-    pin(problem, std::vector<std::uint8_t>(problem.particle_count(), 0));
-    add("no pins", problem);
-    problem = problem_with_everything();
-    problem.material.clear();
-    problem.materials = {{1.3, 1}};
-    problem.group_stiffness = {0.9, 0.7, 0.3};
-    add("one material", problem);
-    for (const std::uint32_t groups : {FACE_BITS, EDGE_BITS, CORNER_BITS, FACE_BITS | EDGE_BITS}) {
-        problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), groups);
-        problem.time_step = 0.2;
-        problem.gravity = {0, 0, -2e-3};
-        add("some groups", problem);
-    }
-    problem = problem_with_everything();
-    for (double& length : problem.rest_length) length *= 0.97;
-    add("stressed at rest", problem);
-    return cases;
-}
-
-/// What `terms=needed` leaves out changes no bit, and the reference is followed.
-void expect_skipping_changes_no_bit(const std::string& specification) {
-    const auto skipping = BackendSpec::parse(specification + ",terms=needed").make();
-    const auto with_all = BackendSpec::parse(specification + ",terms=all").make();
-    const auto oracle = BackendSpec::parse("cpu_reference").make();
-    for (const auto& [name, scene] : scenes_to_skip_in()) {
-        SCOPED_TRACE(name);
-        const State needed = after(*skipping, scene, 20);
-        expect_same_bits(needed, after(*with_all, scene, 20));
-        const Comparison comparison =
-            compare(scene, needed, after(*oracle, scene, 20), Precision::float32, 20);
-        EXPECT_TRUE(comparison.passed()) << comparison.reason;
-    }
-}
-
 TEST_P(GlFragment, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
-
-/// That an edit waits for the steps before it, and the steps after it for the edit.
-void expect_edits_in_order(const std::string& specification) {
-    // Enough steps and edits in flight that one out of order would show.
-    Problem problem = make_lattice_problem(solid({24, 24, 24}), FACE_BITS | EDGE_BITS);
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.time_step = 0.2;
-    pin_base(problem);
-    Problem edited = problem;
-    SpringEditor editor(edited);
-    std::vector<SpringEdit> edits;
-    for (int n = 0; n < 4; ++n) {
-        const Plane plane{{11.5, 0, 6.0 * n}, {1, 0, 0.3}};
-        edits.push_back(editor.cut(plane));
-        edits.push_back(editor.suture(plane, 1.5));
-    }
-    const auto play = [&](bool waits) {
-        const auto backend = BackendSpec::parse(specification).make();
-        Problem now = problem;
-        backend->upload(problem, random_state(problem, 0.05, 3));
-        for (const SpringEdit& edit : edits) {
-            backend->step(3);
-            if (waits) backend->synchronize();
-            apply(now, edit);
-            backend->edit(now, edit);
-            if (waits) backend->synchronize();
-        }
-        backend->step(3);
-        return backend->download();
-    };
-    expect_same_bits(play(false), play(true));
-}
 
 TEST_P(GlFragment, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
 
@@ -474,19 +351,6 @@ TEST_F(Gl, SlicesInSeveralColumnsFollowTheReference) {
     EXPECT_LE(double(backend->texels(0).size()), 1.01 * double(problem.lattice.voxel_count()));
 }
 
-/// `arms` particles around one, each joined to it by a spring; on no grid.
-Problem star(std::uint32_t arms) {
-    Problem problem;
-    problem.rest_position.assign(arms + 1, glm::dvec3(0));
-    for (std::uint32_t i = 1; i <= arms; ++i) {
-        const double angle = 2 * 3.14159265358979 * i / arms;
-        problem.rest_position[i] = {std::cos(angle), std::sin(angle), 0.1 * i / arms};
-        problem.springs.push_back({0, i, 1.0 + 0.5 * i / arms, 0.9});
-    }
-    problem.time_step = 0.1;
-    return problem;
-}
-
 TEST_F(Gl, SpringsBeyondTheGridNeedExplicitAddressing) {
     const auto implicit = make("gl_fragment_implicit");
     const auto explicit_lists = make("gl_fragment_explicit");
@@ -521,92 +385,6 @@ TEST_F(Gl, ExplicitFollowsTheReferenceBeyondTheGrid) {
 }
 
 // --- Compute shaders -----------------------------------------------------------------------------------
-
-/// Each of the compute backends in each formulation.
-class GlCompute : public Gl, public ::testing::WithParamInterface<std::string> {
-protected:
-    static std::unique_ptr<Backend> make(const std::string& specification) {
-        return BackendSpec::parse(specification).make();
-    }
-    const BackendSpec spec = BackendSpec::parse(GetParam());
-    const Formulation formulation = spec.options.formulation;
-    const bool lists = spec.entry->name == "gl_compute_explicit";
-};
-
-INSTANTIATE_TEST_SUITE_P(, GlCompute, ::testing::ValuesIn(in_every_formulation(compute_backends)), test_name);
-
-TEST_P(GlCompute, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
-
-TEST_P(GlCompute, HowItIsTunedChangesNoBit) {
-    const Problem problem = problem_with_everything();
-    const State state = after(*make(GetParam()), problem, 20);
-    for (const auto& [key, values] : spec.entry->tuning) {
-        for (std::size_t v = 1; v < values.size(); ++v) {
-            SCOPED_TRACE(key + "=" + values[v]);
-            expect_same_bits(after(*make(GetParam() + "," + key + "=" + values[v]), problem, 20), state);
-        }
-    }
-}
-
-TEST_P(GlCompute, CountedStepIsAStep) {
-    const Problem problem = problem_with_everything();
-    const auto counted = make(GetParam());
-    counted->upload(problem, random_state(problem, 0.05, 3));
-    counted->step(4);
-    const WorkCount work = counted->count_work();
-    EXPECT_GT(work.at("work_groups"), 0u);
-    const auto invocations = work.find("compute_shader_invocations");
-    if (invocations != work.end()) {
-        EXPECT_GE(invocations->second, problem.particle_count());
-    }
-    expect_same_bits(counted->download(), after(*make(GetParam()), problem, 5));
-}
-
-TEST_P(GlCompute, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
-
-TEST_P(GlCompute, LosesNoMoreThanItsFormulationDoes) {
-    Problem problem = make_lattice_problem(solid({12, 12, 12}), FACE_BITS | EDGE_BITS);
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.time_step = 0.25;  // whose square is a float
-    pin_base(problem);
-    const int steps = 300;
-    const auto run = [&](const std::string& specification) {
-        const auto backend = make(specification);
-        backend->upload(problem, state_at_rest(problem));
-        backend->step(steps);
-        return backend->download();
-    };
-    const Comparison comparison =
-        compare(problem, run(GetParam()), run("cpu_reference"), Precision::float32, steps);
-    EXPECT_TRUE(comparison.passed()) << comparison.reason;
-    // Measured on llvmpipe: 1.3e-4, 1.4e-4, 5.4e-6, 4.2e-7, 5.4e-8.
-    const double most[] = {5e-4, 5e-4, 1.7e-5, 1.5e-6, 1.7e-7};
-    EXPECT_LE(comparison.relative_l2, most[std::size_t(formulation)]);
-}
-
-TEST_P(GlCompute, EstimatesItsBytes) {
-    const Problem box = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
-    const auto bytes = [&](const Problem& problem, const std::string& tuning) {
-        return spec.entry->bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
-    };
-    // Two words of 16 bytes; by increments 12 more; twice that for low parts. Lists of 18 neighbours.
-    const std::uint64_t increments = by_increments(formulation) ? 12 : 0;
-    const std::uint64_t parts = formulation == Formulation::compensated ? 2 : 1;
-    const std::uint64_t expected =
-        box.particle_count() * (parts * (2 * 16 + increments) + (lists ? 18 * 4 : 0));
-    const std::uint64_t plain = bytes(box, "");
-    EXPECT_GE(plain, expected);
-    // Guard words: two slices and a bit.
-    EXPECT_LE(double(plain), 1.08 * double(expected));
-    EXPECT_GT(bytes(box, ",terms=all"), plain);
-    EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
-    if (!lists) return;
-    // What each of up to 18 springs is like and, on displacements, how it lies at rest.
-    Problem sutured = box;
-    sutured.springs.push_back({0, 77, 1, 3});
-    EXPECT_EQ(bytes(sutured, "") - plain,
-              box.particle_count() * 18 * (on_positions(formulation) ? 8 : 8 + 16));
-}
 
 TEST_F(Gl, PositionsBeyondAStorageBufferAreRefused) {
     const gl::Context context;
@@ -649,15 +427,6 @@ TEST_F(Gl, TilesBeyondSharedMemoryAreRefused) {
             backend->unsupported(plain_problem()),
             AllOf(HasSubstr(std::to_string(needed)), HasSubstr(std::to_string(context.max_shared_memory()))));
     }
-}
-
-TEST_F(Gl, OnlyWorkGroupsWithAnActiveVoxelAreDispatched) {
-    const Problem corners = make_lattice_problem(
-        make_grid({128, 16, 16}, [](int x, int y, int z) { return (x < 3 || x > 120) && y < 3 && z < 2; }),
-        FACE_BITS);
-    const auto backend = BackendSpec::parse("gl_compute_implicit:block=32x4x2").make();
-    backend->upload(corners, state_at_rest(corners));
-    EXPECT_EQ(backend->count_work().at("work_groups"), 2u);
 }
 
 TEST_F(Gl, ErrorsSurfaceAtTheNextCheck) {
@@ -816,10 +585,10 @@ TEST_F(Gl, NoMoreStepsAreQueuedThanTheQueueHolds) {
 }
 
 TEST(GlMemory, IsRefusedWhereFewerBytesAreFreeThanAnUploadTakes) {
-    EXPECT_EQ(gl::memory_refusal(1000, 0, std::nullopt), "");
-    EXPECT_EQ(gl::memory_refusal(1000, 0, 1000), "");
-    EXPECT_EQ(gl::memory_refusal(1000, 600, 400), "");
-    EXPECT_THAT(gl::memory_refusal(1000, 599, 400),
+    EXPECT_EQ(glsl::memory_refusal(1000, 0, std::nullopt), "");
+    EXPECT_EQ(glsl::memory_refusal(1000, 0, 1000), "");
+    EXPECT_EQ(glsl::memory_refusal(1000, 600, 400), "");
+    EXPECT_THAT(glsl::memory_refusal(1000, 599, 400),
                 AllOf(HasSubstr("1000 bytes"), HasSubstr("999 are free")));
 }
 

@@ -10,6 +10,7 @@ ROOMS = [
     ["backends/physics"],
     ["backends"],
     ["backends/layout"],
+    ["backends/glsl"],
     ["backends/cpu", "backends/gl", "cuda/kernels"],
     ["cuda/device"],
     ["cuda/common"],

@@ -2,7 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <algorithm>
 #include <chrono>
 #include <numeric>
 #include <utility>
@@ -13,24 +12,7 @@
 namespace voxspring::gl {
 namespace {
 
-// Storage buffers, as in shaders/compute.glsl.
-enum Binding : GLuint {
-    words,
-    next_words,
-    increments,
-    words_low,
-    next_words_low,
-    increments_low,
-    loads,
-    inverse_masses
-};
-
-/// `values`, or `count` times `neutral` where a problem without them is to have them all the same.
-template <class T>
-std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count, const T& neutral) {
-    if (values.empty() && needed) values.assign(count, neutral);
-    return values;
-}
+using glsl::increments, glsl::increments_low, glsl::inverse_masses, glsl::loads, glsl::words, glsl::words_low;
 
 }  // namespace
 
@@ -39,12 +21,11 @@ ComputeBackend::ComputeBackend(const Options& options, std::string shader)
       shader_(std::move(shader)),
       through_textures_(options.tuning.at("fetch") == "texture"),
       barrier_(GL_SHADER_STORAGE_BARRIER_BIT | (through_textures_ ? GL_TEXTURE_FETCH_BARRIER_BIT : 0U)) {
-    constexpr GLint storage_blocks = 13;
     GLint max_blocks = 0;
     glGetIntegerv(GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS, &max_blocks);
-    if (max_blocks < storage_blocks)
+    if (max_blocks < glsl::storage_blocks)
         throw Unavailable("a compute shader may have " + std::to_string(max_blocks) +
-                          " storage buffers, not " + std::to_string(storage_blocks));
+                          " storage buffers, not " + std::to_string(glsl::storage_blocks));
 }
 
 Capabilities ComputeBackend::capabilities() const {
@@ -97,12 +78,9 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
             if (split) low_texture_[i] = make_buffer_texture(context(), rgba32f, low_[i].get());
         }
     }
-    load_.upload(context(),
-                 or_neutral(cuda::pack_load<float>(problem, placement), needs_loads(problem, all_terms()),
-                            placement.words, cuda::Vector<float>{0, 0, 0}));
-    inverse_mass_.upload(context(), or_neutral(cuda::pack_inverse_masses<float>(problem, placement),
-                                               needs_materials(problem, all_terms()), placement.words,
-                                               float(1 / problem.materials[0].mass)));
+    const auto operands = glsl::pack_operands<float>(problem, placement, all_terms());
+    load_.upload(context(), operands.loads);
+    inverse_mass_.upload(context(), operands.inverse_masses);
     make_program(problem);
     stand_at_start();
     bind();
@@ -146,7 +124,7 @@ void ComputeBackend::make_program(const Problem& problem) {
     } else {
         program_ = &known->second;
     }
-    set_motion(*program_, problem);
+    glsl::set_motion<float>(*program_, problem);
     program_->set("pitch", int(cuda::increment_pitch(layout_.placement)));
     set_uniforms(*program_, problem);
 }
@@ -183,7 +161,7 @@ void ComputeBackend::enqueue_step() {
 void ComputeBackend::enqueue_divergence_check() {
     const std::array buffers = {words_[current_].get(), words_[1 - current_].get()};
     glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, words, GLsizei(buffers.size()), buffers.data());
-    glDispatchCompute(striding_groups(layout_.placement.words), 1, 1);
+    glDispatchCompute(glsl::striding_groups(layout_.placement.words), 1, 1);
 }
 
 State ComputeBackend::download() {
@@ -200,12 +178,6 @@ State ComputeBackend::download() {
     out(packed.increment_low, increment_low_);
     context().check("downloading");
     return cuda::unpack<float>(*problem_, packed, layout_.placement, formulation());
-}
-
-glm::ivec3 ComputeBackend::rows_of_groups(int groups) {
-    constexpr int max_groups = 65535;  // along an axis, of every driver
-    const int rows = std::max((groups + max_groups - 1) / max_groups, 1);
-    return {(groups + rows - 1) / rows, rows, 1};
 }
 
 void ComputeBackend::set_problem(const Problem& edited) {
@@ -225,7 +197,7 @@ void ComputeBackend::lay_out_anew() {
 void ComputeBackend::dispatch_edit(const Program& program, std::size_t count) {
     glUseProgram(program.get());
     // The barrier after the last step keeps the edit from overtaking it, this one the next step the edit.
-    glDispatchCompute(striding_groups(count), 1, 1);
+    glDispatchCompute(glsl::striding_groups(count), 1, 1);
     glMemoryBarrier(barrier_);
     bind();
 }
@@ -269,17 +241,6 @@ WorkCount ComputeBackend::count_work() {
 DeviceLimits ComputeBackend::measure_limits() {
     context().make_current();
     return measure_compute_limits(context());
-}
-
-std::uint64_t compute_bytes(const Problem& problem, const Options& options,
-                            const cuda::Placement& placement) {
-    const bool all = options.tuning.at("terms") == "all";
-    const bool split = options.formulation == Formulation::compensated;
-    const std::uint64_t axes = 3 * cuda::increment_pitch(placement) * sizeof(float);
-    return placement.words * ((split ? 4 : 2) * sizeof(cuda::ParticleRecord<float>) +
-                              (needs_loads(problem, all) ? sizeof(cuda::Vector<float>) : 0) +
-                              (needs_materials(problem, all) ? sizeof(float) : 0)) +
-           (by_increments(options.formulation) ? axes : 0) + (split ? axes : 0);
 }
 
 }  // namespace voxspring::gl

@@ -11,8 +11,7 @@
 
 #include "backends/gl/gl_backend.h"
 #include "backends/gl/storage_buffer.h"
-#include "backends/layout/blocks.h"
-#include "backends/layout/neighbour_lists.h"
+#include "backends/glsl/compute.h"
 #include "backends/layout/particles.h"
 
 namespace voxspring::gl {
@@ -51,9 +50,7 @@ protected:
     virtual Defines specialise(const Problem& problem) const = 0;
     virtual void set_uniforms(const Program& program, const Problem& problem) = 0;
 
-    static constexpr GLuint first_own_binding = 8;
-    /// Work groups in rows of no more than every driver takes; there may be some more than asked for.
-    static glm::ivec3 rows_of_groups(int groups);
+    static constexpr GLuint first_own_binding = glsl::first_own_binding;
     /// Goes on with `edited`, whose springs the caller sees to.
     void set_problem(const Problem& edited);
     /// Lays out anew what the problem now has, for the particles where they are.
@@ -100,8 +97,5 @@ private:
     Layout layout_;
     std::size_t current_ = 0;  // of words_: x(t)
 };
-
-/// Bytes of what ComputeBackend itself keeps.
-std::uint64_t compute_bytes(const Problem& problem, const Options& options, const cuda::Placement& placement);
 
 }  // namespace voxspring::gl

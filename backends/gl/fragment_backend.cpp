@@ -7,6 +7,7 @@
 
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
+#include "backends/glsl/compute.h"
 #include "backends/layout/work.h"
 #include "backends/physics/neighbours.h"
 
@@ -150,7 +151,7 @@ void FragmentBackend::make_stencil(const Layout& layout) {
 
 void FragmentBackend::make_particle_textures(const Problem& problem, const Layout& layout) {
     const auto texels = std::size_t(size_.x) * std::size_t(size_.y);
-    if (needs_loads(problem, all_terms())) {
+    if (glsl::needs_loads(problem, all_terms())) {
         std::vector<glm::vec4> image(texels, glm::vec4(0));
         for (std::size_t i = 0; i < problem.load.size(); ++i) {
             image[layout.texel[i]] = {glm::vec3(problem.load[i]), 0};
@@ -158,7 +159,7 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
         load_ = make_texture(context(), rgba32f, size_, image.data());
         glBindTextureUnit(load_unit, load_.get());
     }
-    if (needs_materials(problem, all_terms())) {
+    if (glsl::needs_materials(problem, all_terms())) {
         std::vector<glm::vec2> image(texels, glm::vec2(0));
         for (std::size_t i = 0; i < layout.texel.size(); ++i) {
             const Material& material = problem.material_of(i);
@@ -183,7 +184,7 @@ void FragmentBackend::make_program(const Problem& problem) {
     for (const Direction& direction : directions())
         deficit[std::size_t(direction.bit / 2)] = float(rest_spring(problem, direction).deficit);
     program_.set("rest_deficit", deficit);
-    set_motion(program_, problem);
+    glsl::set_motion<float>(program_, problem);
     set_uniforms(program_, problem);
     glUseProgram(program_.get());
 }
@@ -226,7 +227,7 @@ void FragmentBackend::write(const TexelEdit& edit) {
     // Image stores may overtake the texture fetches of steps before them: those wait for no barrier, these
     // do.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
-    glDispatchCompute(striding_groups(edit.particles.size()), 1, 1);
+    glDispatchCompute(glsl::striding_groups(edit.particles.size()), 1, 1);
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT |
                     GL_TEXTURE_UPDATE_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
     glUseProgram(program_.get());
@@ -321,8 +322,8 @@ DeviceLimits FragmentBackend::measure_limits() {
 
 StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t unmasked) const {
     const std::uint64_t particles = problem.particle_count();
-    const bool loads = needs_loads(problem, all_terms());
-    const bool materials = needs_materials(problem, all_terms());
+    const bool loads = glsl::needs_loads(problem, all_terms());
+    const bool materials = glsl::needs_materials(problem, all_terms());
     const std::uint64_t vectors = motion_operations(formulation(), all_terms() || problem.has_gravity(),
                                                     all_terms() || problem.damping != 0) +
                                   (loads ? 1 : 0);
@@ -350,8 +351,8 @@ std::uint64_t fragment_bytes(const Problem& problem, const Options& options, std
     const std::size_t targets = frame_count_of(options.formulation) * target_count_of(options.formulation);
     int bytes = int(targets) * rgba32f.bytes;
     if (options.tuning.at("mask") == "stencil") bytes += stencil8.bytes;
-    if (needs_loads(problem, all)) bytes += rgba32f.bytes;
-    if (needs_materials(problem, all)) bytes += rg32f.bytes;
+    if (glsl::needs_loads(problem, all)) bytes += rgba32f.bytes;
+    if (glsl::needs_materials(problem, all)) bytes += rg32f.bytes;
     return texels * std::uint64_t(bytes);
 }
 

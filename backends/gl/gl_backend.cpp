@@ -4,7 +4,7 @@
 #include <limits>
 #include <vector>
 
-#include "backends/physics/neighbours.h"
+#include "backends/glsl/compute.h"
 
 namespace voxspring::gl {
 namespace {
@@ -12,14 +12,6 @@ namespace {
 /// In found_ until a check fails; then the number of the first check that did, from 1.
 constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
 constexpr GLuint found_binding = 3;  // as in shaders/divergence_check.comp
-
-/// Whether springs of the lattice are stressed at rest.
-bool has_deficits(const Problem& problem) {
-    return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
-        return (problem.group_bits >> direction.bit & 1u) != 0 &&
-               rest_spring(problem, direction).deficit != 0;
-    });
-}
 
 }  // namespace
 
@@ -34,13 +26,7 @@ GlBackend::GlBackend(const Options& options)
 std::string GlBackend::unsupported(const Problem& problem) const {
     context_.make_current();
     if (std::string why = refused(problem); !why.empty()) return why;
-    return memory_refusal(bytes_needed(problem), held_bytes_, context_.free_memory_bytes());
-}
-
-std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free) {
-    if (!free || needed <= *free + held) return {};
-    return "takes " + std::to_string(needed) + " bytes of device memory, and " +
-           std::to_string(*free + held) + " are free";
+    return glsl::memory_refusal(bytes_needed(problem), held_bytes_, context_.free_memory_bytes());
 }
 
 void GlBackend::rewind() {
@@ -59,7 +45,7 @@ void GlBackend::stand_at_start() {
     monitor_ = next_monitor_;
     if (monitor_.every == 0) return;
     if (monitor_program_.get() == 0) {
-        Defines defines = formulation_defines(formulation_);
+        Defines defines = glsl::formulation_defines(formulation_);
         defines.merge(divergence_defines());
         monitor_program_ = Program(context_, load_source("divergence_check.comp", defines));
         found_ = make_buffer(context_);
@@ -96,7 +82,7 @@ void GlBackend::measure(const StorageBuffer& squares, std::size_t count, int str
     measure_program_.set("stride", stride);
     measure_program_.set("offset", offset);
     glUseProgram(measure_program_.get());
-    glDispatchCompute(striding_groups(count), 1, 1);
+    glDispatchCompute(glsl::striding_groups(count), 1, 1);
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
 }
 
@@ -141,44 +127,10 @@ double GlBackend::seconds_between_marks() const {
     return 1e-9 * double(end - begin);
 }
 
-Defines formulation_defines(Formulation formulation) {
-    Defines defines;
-    if (on_positions(formulation)) defines["ON_POSITIONS"] = "";
-    if (by_increments(formulation)) defines["BY_INCREMENTS"] = "";
-    if (formulation == Formulation::paper) defines["PAPER"] = "";
-    if (formulation == Formulation::compensated) defines["COMPENSATED"] = "";
-    return defines;
-}
-
 Defines term_defines(const Problem& problem, Formulation formulation, bool all) {
-    Defines defines = formulation_defines(formulation);
-    const auto add = [&](const char* name, bool needed) {
-        if (all || needed) defines[name] = "";
-    };
-    add("DAMPING", problem.damping != 0);
-    add("GRAVITY", problem.has_gravity());
-    add("PINS", !problem.pinned.empty());
-    add("LOADS", needs_loads(problem, all));
-    add("MATERIALS", needs_materials(problem, all));
-    add("FACES", (problem.group_bits & FACE_BITS) != 0);
-    add("EDGES", (problem.group_bits & EDGE_BITS) != 0);
-    add("CORNERS", (problem.group_bits & CORNER_BITS) != 0);
-    if (by_increments(formulation)) add("DEFICITS", has_deficits(problem));
+    Defines defines = glsl::formulation_defines(formulation);
+    defines.merge(glsl::term_constants(problem, formulation, all));
     return defines;
-}
-
-bool needs_loads(const Problem& problem, bool all_terms) { return all_terms || !problem.load.empty(); }
-bool needs_materials(const Problem& problem, bool all_terms) { return all_terms || problem.has_materials(); }
-
-void set_motion(const Program& program, const Problem& problem) {
-    program.set("spacing", glm::vec3(problem.lattice.spacing));
-    program.set("damping", float(problem.damping));
-    program.set("retained", float(1 - problem.damping));
-    program.set("doubled", float(2 - problem.damping));
-    program.set("gravity", glm::vec3(problem.gravity));
-    program.set("inverse_mass", float(1 / problem.materials[0].mass));
-    program.set("time_step_squared", float(problem.time_step * problem.time_step));
-    program.set("shortest_squared", float(problem.shortest_squared()));
 }
 
 }  // namespace voxspring::gl

@@ -1,5 +1,5 @@
-// What every OpenGL backend has: a context, the stopwatch, the divergence monitor, and how a problem's terms
-// specialise its shaders.
+// What every OpenGL backend has: a context, the stopwatch, the divergence monitor, and what measures rest
+// lengths.
 #pragma once
 
 #include <cstdint>
@@ -80,18 +80,7 @@ private:
     DivergenceMonitor next_monitor_;  // of the next one
 };
 
-/// Empty, or why an upload that takes so many bytes is refused where `free` are free and the backend gives
-/// `held` back first. A driver that does not tell refuses nothing before it fails.
-std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free);
-
-/// The macros of shaders/motion.glsl that say which formulation it is.
-Defines formulation_defines(Formulation formulation);
-/// Those of the terms that `problem` needs, of its spring groups and of rest deficits; with `all`,
-/// everything.
+/// The macros that specialise shaders/motion.glsl: which formulation it is, and its constants.
 Defines term_defines(const Problem& problem, Formulation formulation, bool all);
-bool needs_loads(const Problem& problem, bool all_terms);
-bool needs_materials(const Problem& problem, bool all_terms);
-/// The uniforms of shaders/motion.glsl, and `inverse_mass`.
-void set_motion(const Program& program, const Problem& problem);
 
 }  // namespace voxspring::gl

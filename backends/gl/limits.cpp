@@ -1,31 +1,21 @@
 #include "backends/gl/limits.h"
 
-#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstddef>
-#include <iterator>
-#include <map>
-#include <span>
 #include <string>
 
 #include "backends/gl/handles.h"
 #include "backends/gl/program.h"
 #include "backends/gl/texture.h"
+#include "backends/glsl/limits.h"
 
 namespace voxspring::gl {
 namespace {
 
-/// Together of all arrays of a pass, from what any card's cache holds to what none does: OpenGL does not tell
-/// which. Arrays of the last, of which there are two or three, are no larger than any driver allows.
-constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(12) << 20, std::size_t(48) << 20,
-                                      std::size_t(192) << 20};
-constexpr int row = 2048;  // texels: `footprints` are whole rows of two or three arrays
-/// More fragments than any card has in flight, and work enough in each that its texel's write does not count.
-constexpr glm::ivec2 arithmetic_size{1024, 1024};
-constexpr int work_group = 16;  // along x and y, as in limits_arithmetic.glsl
-constexpr int rounds = 4;
-constexpr int operations_a_round = 64;
+constexpr int row = 2048;  // texels: footprints are whole rows of two or three arrays
+constexpr glm::ivec2 arithmetic_size{glsl::arithmetic_side, glsl::arithmetic_side};
+using glsl::rounds;
 
 /// On the host's clock: batches are long, and a clock of the device need not wait for compute shaders.
 template <class Enqueue>
@@ -92,7 +82,8 @@ double operations_per_second(const Program& program, Dispatch dispatch) {
         program.set("rounds", rounds * count);
         return seconds(dispatch);
     });
-    return double(arithmetic_size.x) * arithmetic_size.y * rounds * operations_a_round / seconds_of_rounds;
+    return double(arithmetic_size.x) * arithmetic_size.y * rounds * glsl::operations_a_round /
+           seconds_of_rounds;
 }
 
 /// Of compute shaders; 16 x 16 invocations a work group.
@@ -101,7 +92,8 @@ double compute_operations_per_second(const Context& context, const Texture& targ
     glBindImageTexture(0, target.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
     return operations_per_second(program, [&] {
         glUseProgram(program.get());
-        glDispatchCompute(arithmetic_size.x / work_group, arithmetic_size.y / work_group, 1);
+        glDispatchCompute(arithmetic_size.x / glsl::arithmetic_group,
+                          arithmetic_size.y / glsl::arithmetic_group, 1);
     });
 }
 
@@ -143,38 +135,11 @@ private:
     std::array<Buffer, 3> buffers_;
 };
 
-/// A way to move words.
-struct Pass {
-    int reads;
-    bool writes;
-    bool in_place;
-
-    int arrays() const { return reads + (writes && !in_place ? 1 : 0); }
-    double written_share() const { return writes ? 1.0 / (reads + 1) : 0; }
-    Defines defines() const {
-        Defines defines = {{"READS", std::to_string(reads)}};
-        if (writes) defines["WRITES"] = "";
-        if (in_place) defines["IN_PLACE"] = "";
-        return defines;
-    }
-};
-
-/// Rates by the best of the passes that write the same share, and with it the rate of a copy.
-/// `seconds_of(pass, words)`: those of a pass over arrays of so many words.
-template <class SecondsOf>
-void measure_bandwidth(DeviceLimits& limits, std::span<const Pass> passes, const SecondsOf& seconds_of) {
-    for (const std::size_t footprint : footprints) {
-        std::map<double, double> rates;
-        for (const Pass& pass : passes) {
-            const std::size_t words = footprint / std::size_t(rgba32f.bytes) / std::size_t(pass.arrays());
-            const double bytes = double(words) * (pass.reads + (pass.writes ? 1 : 0)) * rgba32f.bytes;
-            double& rate = rates[pass.written_share()];
-            rate = std::max(rate, bytes / seconds_of(pass, words));
-        }
-        for (const auto& [share, rate] : rates) limits.bandwidth.push_back({double(footprint), share, rate});
-    }
-    limits.copy_bytes_per_second = bytes_per_second_of(
-        {.bytes = 3, .written_bytes = 1, .footprint_bytes = *std::rbegin(footprints)}, limits);
+/// Of shaders/limits_copy.frag.
+Defines copy_defines(const glsl::CopyPass& pass) {
+    Defines defines = {{"READS", std::to_string(pass.reads)}};
+    if (pass.writes) defines["WRITES"] = "";
+    return defines;
 }
 
 }  // namespace
@@ -182,9 +147,9 @@ void measure_bandwidth(DeviceLimits& limits, std::span<const Pass> passes, const
 DeviceLimits measure_limits(const Context& context) {
     DeviceLimits limits;
     // A draw cannot write what it reads.
-    constexpr Pass passes[] = {{2, false, false}, {2, true, false}, {1, true, false}};
-    measure_bandwidth(limits, passes, [&](const Pass& pass, std::size_t words) {
-        const Program program = fragment_program(context, "limits_copy.frag", pass.defines());
+    constexpr glsl::CopyPass passes[] = {{2, false, false}, {2, true, false}, {1, true, false}};
+    glsl::measure_bandwidth(limits, passes, [&](const glsl::CopyPass& pass, std::size_t words) {
+        const Program program = fragment_program(context, "limits_copy.frag", copy_defines(pass));
         program.set("impossible", -1.0F);
         const Frames frames(context, {row, int(words) / row});
         return min_seconds([&](int count) { return seconds([&] { frames.repeat(program, count); }); },
@@ -207,14 +172,12 @@ DeviceLimits measure_limits(const Context& context) {
 
 DeviceLimits measure_compute_limits(const Context& context) {
     DeviceLimits limits;
-    constexpr std::size_t copy_group = 256;  // as in limits_copy.comp
     constexpr std::size_t launch_group = 32;
-    constexpr Pass passes[] = {{2, false, false}, {2, true, false}, {2, true, true}, {1, true, false}};
-    measure_bandwidth(limits, passes, [&](const Pass& pass, std::size_t words) {
-        const Program program(context, load_source("limits_copy.comp", pass.defines()));
+    glsl::measure_bandwidth(limits, glsl::compute_copies, [&](const glsl::CopyPass& pass, std::size_t words) {
+        const Program program(context, load_source("limits_copy.comp", pass.constants()));
         program.set("impossible", -1.0F);
         const StorageBuffers buffers(context, words);
-        const auto groups = GLuint(words / copy_group);
+        const auto groups = GLuint(words / glsl::copy_group);
         return min_seconds(
             [&](int count) { return seconds([&] { buffers.repeat(program, groups, count); }); },
             one_of_many(words * std::size_t(rgba32f.bytes)));

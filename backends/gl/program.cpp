@@ -162,6 +162,10 @@ void Program::set(const char* name, int value) const {
     glProgramUniform1i(get(), glGetUniformLocation(get(), name), value);
 }
 
+void Program::set(const char* name, std::span<const int> values) const {
+    glProgramUniform1iv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), values.data());
+}
+
 void Program::set(const char* name, glm::ivec3 value) const {
     glProgramUniform3i(get(), glGetUniformLocation(get(), name), value.x, value.y, value.z);
 }

@@ -10,11 +10,12 @@
 #include <vector>
 
 #include "backends/gl/handles.h"
+#include "backends/glsl/terms.h"
 
 namespace voxspring::gl {
 
 /// What specialises a shader: macro to value.
-using Defines = std::map<std::string, std::string>;
+using glsl::Defines;
 
 /// Files by the name that `#include "..."` gives them.
 using Files = std::map<std::string_view, std::string_view>;
@@ -48,6 +49,7 @@ public:
     void set(const char* name, std::span<const float> values) const;
     void set(const char* name, std::span<const glm::vec4> values) const;
     void set(const char* name, int value) const;
+    void set(const char* name, std::span<const int> values) const;
     void set(const char* name, glm::ivec3 value) const;
 
 private:

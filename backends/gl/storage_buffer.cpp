@@ -44,10 +44,4 @@ void StorageBuffer::download(std::span<std::byte> values) const {
     if (!values.empty()) glGetNamedBufferSubData(get(), 0, GLsizeiptr(values.size()), values.data());
 }
 
-GLuint striding_groups(std::size_t count) {
-    constexpr std::size_t group = 64;
-    constexpr std::size_t max_groups = 65535;  // that every driver takes
-    return GLuint(std::min((count + group - 1) / group, max_groups));
-}
-
 }  // namespace voxspring::gl

@@ -1,4 +1,4 @@
-// Arrays in device memory that shaders read and write, and how many work groups go over them.
+// Arrays in device memory that shaders read and write.
 #pragma once
 
 #include <cstddef>
@@ -43,9 +43,5 @@ private:
     Buffer buffer_;
     std::size_t bytes_ = 0;
 };
-
-/// Work groups of 64 invocations that stride over `count` things, as shaders/divergence_check.comp,
-/// measure.comp and edit*.comp do.
-GLuint striding_groups(std::size_t count);
 
 }  // namespace voxspring::gl

@@ -1,5 +1,5 @@
-// The spring force of spring.h by way of the inverse root that GPUs have in hardware, for C++, CUDA and, in
-// float32, GLSL.
+// The spring force of spring.h by way of the inverse root that GPUs have in hardware, for C++, CUDA and
+// GLSL.
 //
 // k (l - |d|) / |d| with r = 1/sqrt(|d|^2) is k (l - |d|^2 r) r: no IEEE root, no division. r is
 // approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured with the
@@ -11,23 +11,29 @@
 #ifndef VOXSPRING_INVERSE_ROOT_H
 #define VOXSPRING_INVERSE_ROOT_H
 
-#include <cmath>
-
 #include "portable.h"
+
+#ifndef VOXSPRING_GLSL
+#include <cmath>
+#endif
 
 #ifdef VOXSPRING_GLSL
 // What these are is said below.
-float inverse_root(float squared) { return inversesqrt(squared); }
-float rounded_product(float a, float b) {
-    precise float product = a * b;
+Real inverse_root(Real squared) { return inversesqrt(squared); }
+Real rounded_product(Real a, Real b) {
+    precise Real product = a * b;
     return product;
 }
-float squared_length(float x, float y, float z, float shortest_squared) {
+Real squared_length(Real x, Real y, Real z, Real shortest_squared) {
+#ifdef VOXSPRING_FLOAT64
+    return larger(fma(x, x, fma(y, y, z * z)), shortest_squared);
+#else
     return fma(x, x, fma(y, y, fma(z, z, shortest_squared)));
+#endif
 }
-float fast_reciprocal(float value) { return 1.0 / value; }
-float fast_series_stiffness(float compliance_a, float compliance_b) {
-    return 2.0 / (compliance_a + compliance_b);
+Real fast_reciprocal(Real value) { return Real(1) / value; }
+Real fast_series_stiffness(Real compliance_a, Real compliance_b) {
+    return Real(2) / (compliance_a + compliance_b);
 }
 #else
 

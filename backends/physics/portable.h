@@ -15,8 +15,17 @@
 #define SHARED(ReturnType) ReturnType
 #define SHARED_SCALAR(ReturnType) ReturnType
 #define SHARED_VECTOR(ReturnType) ReturnType
+#ifdef VOXSPRING_FLOAT64
+#define Real double
+#define Vec2 dvec2
+#define Vec3 dvec3
+#define Vec4 dvec4
+#else
 #define Real float
+#define Vec2 vec2
 #define Vec3 vec3
+#define Vec4 vec4
+#endif
 #define larger max
 /// Before a local that must be rounded the same wherever its expression is compiled: no fused multiply-add
 /// here and none there. C++ and CUDA settle that with compiler flags.

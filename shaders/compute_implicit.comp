@@ -1,32 +1,43 @@
 // One invocation a voxel: its neighbours are at fixed offsets in the grid, and its mask says which of them
-// exist. FACES, EDGES and CORNERS are defined where the scene has springs of that group, ORIGINS where only
-// the work groups with an active voxel are dispatched, VOTE where a subgroup whose particles all have every
-// neighbour goes a way without masks, TILE where neighbours come from shared memory.
+// exist. FACES, EDGES and CORNERS say which groups of springs the scene has, ORIGINS that only the work
+// groups with an active voxel are dispatched, VOTE that a subgroup whose particles all have every neighbour
+// goes a way without masks. TILE is defined where neighbours come from shared memory, SUBGROUPS where
+// subgroups can vote.
 //
 // Guard words before the first voxel and after the last: the neighbours of any voxel, inside the lattice or
 // not, are words that may be read.
-#ifdef VOTE
+#ifdef SUBGROUPS
 #extension GL_KHR_shader_subgroup_vote : require
 #endif
 #include "compute.glsl"
 
+#ifdef VULKAN
+layout(local_size_x_id = 0, local_size_y_id = 1, local_size_z_id = 2) in;
+layout(constant_id = 12) const bool ORIGINS = false;
+layout(constant_id = 13) const bool VOTE = false;
+layout(constant_id = 14) const int DIMS_X = 0;
+layout(constant_id = 15) const int DIMS_Y = 0;
+layout(constant_id = 16) const int DIMS_Z = 0;
+layout(constant_id = 17) const int FIRST_WORD = 0;
+#else
 layout(local_size_x = BLOCK_X, local_size_y = BLOCK_Y, local_size_z = BLOCK_Z) in;
+#endif
 
-layout(std430, binding = 8) restrict readonly buffer Compliances { float compliances[]; };
+layout(std430, binding = 8) restrict readonly buffer Compliances { Real compliances[]; };
 // The voxel that each work group begins at.
 layout(std430, binding = 9) restrict readonly buffer Origins { ivec4 origins[]; };
 
-// With DIMS constants, so that the compiler knows how far away a neighbour is.
-#ifdef DIMS
-const ivec3 dims = DIMS;
-const int first_word = FIRST_WORD;
-#else
-uniform ivec3 dims;
-uniform int first_word;
-#endif
+UNIFORMS(ImplicitUniforms, 19)
+UNIFORM ivec3 grid_dims;
+UNIFORM int grid_first_word;
 // By mask bit / 2.
-uniform float rest_length[13];
-uniform float group_stiffness[3];
+UNIFORM Real rest_length[13];
+UNIFORM Real group_stiffness[3];
+END_UNIFORMS
+
+// Constants where DIMS_X is one, so that the compiler knows how far away a neighbour is.
+#define dims (DIMS_X > 0 ? ivec3(DIMS_X, DIMS_Y, DIMS_Z) : grid_dims)
+#define first_word (DIMS_X > 0 ? FIRST_WORD : grid_first_word)
 
 int word_of(ivec3 voxel) { return first_word + voxel.x + dims.x * (voxel.y + dims.y * voxel.z); }
 
@@ -35,9 +46,9 @@ int word_of(ivec3 voxel) { return first_word + voxel.x + dims.x * (voxel.y + dim
 // neighbouring banks.
 const ivec3 tile_dims = ivec3(BLOCK_X, BLOCK_Y, BLOCK_Z) + 2;
 const int tile_cells = tile_dims.x * tile_dims.y * tile_dims.z;
-shared float tile_x[tile_cells], tile_y[tile_cells], tile_z[tile_cells];
+shared Real tile_x[tile_cells], tile_y[tile_cells], tile_z[tile_cells];
 #ifdef COMPENSATED
-shared float low_x[tile_cells], low_y[tile_cells], low_z[tile_cells];
+shared Real low_x[tile_cells], low_y[tile_cells], low_z[tile_cells];
 #endif
 
 int tile_cell(ivec3 at) { return at.x + tile_dims.x * (at.y + tile_dims.y * at.z); }
@@ -63,11 +74,11 @@ void fill_tile(ivec3 origin) {
 }
 
 Point tile_point(int cell) {
-    vec3 low = vec3(0);
+    Vec3 low = Vec3(0);
 #ifdef COMPENSATED
-    low = vec3(low_x[cell], low_y[cell], low_z[cell]);
+    low = Vec3(low_x[cell], low_y[cell], low_z[cell]);
 #endif
-    return Point(vec3(tile_x[cell], tile_y[cell], tile_z[cell]), low);
+    return Point(Vec3(tile_x[cell], tile_y[cell], tile_z[cell]), low);
 }
 #define NEIGHBOUR(dx, dy, dz) tile_point(cell + (dx) + tile_dims.x * (dy) + tile_dims.x * tile_dims.y * (dz))
 #else
@@ -77,69 +88,54 @@ Point tile_point(int cell) {
 // Every neighbour is read, so that a fetch waits for no mask; what an absent one gives is dropped by
 // selection, and a NaN in an inactive voxel stays there. `whole`: the particle has every neighbour of the
 // groups that are compiled in.
-vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits) {
-    precise vec3 force = vec3(0);
-    precise vec3 group;
-#ifdef MATERIALS
-    float compliance = compliances[index];
-#define WITH_MATERIAL(dx, dy, dz)                                                                       \
-    precise float stiffness =                                                                           \
-        fast_series_stiffness(compliance, compliances[index + dims.x * ((dy) + dims.y * (dz)) + (dx)]); \
-    pull.w *= stiffness;
-#else
-#define WITH_MATERIAL(dx, dy, dz)
-#endif
+Vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits) {
+    precise Vec3 force = Vec3(0);
+    precise Vec3 group;
+    Real compliance = MATERIALS ? compliances[index] : 0;
+#define WITH_MATERIAL(dx, dy, dz)                                                                           \
+    if (MATERIALS) {                                                                                        \
+        precise Real stiffness =                                                                            \
+            fast_series_stiffness(compliance, compliances[index + dims.x * ((dy) + dims.y * (dz)) + (dx)]); \
+        pull.w *= stiffness;                                                                                \
+    }
 #define ADD(bit, dx, dy, dz)                                                                          \
     {                                                                                                 \
-        precise vec4 pull = unit_pull(between(here, NEIGHBOUR(dx, dy, dz)), REST_OF(bit, dx, dy, dz), \
+        precise Vec4 pull = unit_pull(between(here, NEIGHBOUR(dx, dy, dz)), REST_OF(bit, dx, dy, dz), \
                                       rest_length[(bit) / 2]);                                        \
         WITH_MATERIAL(dx, dy, dz)                                                                     \
         if (whole || (bits & (1u << (bit))) != 0u) group = with_pull(pull, group);                    \
     }
-#ifdef FACES
-    group = vec3(0);
-    FACE_NEIGHBOURS(ADD)
-    force = group * group_stiffness[0];
-#endif
-#ifdef EDGES
-    group = vec3(0);
-    EDGE_NEIGHBOURS(ADD)
-    force += group * group_stiffness[1];
-#endif
-#ifdef CORNERS
-    group = vec3(0);
-    CORNER_NEIGHBOURS(ADD)
-    force += group * group_stiffness[2];
-#endif
+    if (FACES) {
+        group = Vec3(0);
+        FACE_NEIGHBOURS(ADD)
+        force = group * group_stiffness[0];
+    }
+    if (EDGES) {
+        group = Vec3(0);
+        EDGE_NEIGHBOURS(ADD)
+        force += group * group_stiffness[1];
+    }
+    if (CORNERS) {
+        group = Vec3(0);
+        CORNER_NEIGHBOURS(ADD)
+        force += group * group_stiffness[2];
+    }
     return force;
 }
 
 // Whether the particles of this subgroup's invocations have every neighbour of the groups that are compiled
 // in.
 bool all_whole(uint bits) {
-#ifdef VOTE
-    uint all_bits = 0u;
-#ifdef FACES
-    all_bits |= FACE_BITS;
+#ifdef SUBGROUPS
+    uint all_bits = (FACES ? FACE_BITS : 0u) | (EDGES ? EDGE_BITS : 0u) | (CORNERS ? CORNER_BITS : 0u);
+    if (VOTE) return subgroupAll((bits & all_bits) == all_bits);
 #endif
-#ifdef EDGES
-    all_bits |= EDGE_BITS;
-#endif
-#ifdef CORNERS
-    all_bits |= CORNER_BITS;
-#endif
-    return subgroupAll((bits & all_bits) == all_bits);
-#else
     return false;
-#endif
 }
 
 void main() {
-#ifdef ORIGINS
-    ivec3 origin = origins[gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y].xyz;
-#else
-    ivec3 origin = ivec3(gl_WorkGroupID * gl_WorkGroupSize);
-#endif
+    ivec3 origin = ORIGINS ? origins[gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y].xyz
+                           : ivec3(gl_WorkGroupID * gl_WorkGroupSize);
     int cell = 0;
 #ifdef TILE
     fill_tile(origin);
@@ -148,16 +144,16 @@ void main() {
     ivec3 voxel = origin + ivec3(gl_LocalInvocationID);
     if (any(greaterThanEqual(voxel, dims))) return;
     int index = word_of(voxel);
-    vec4 self = WORD(index);
-    uint bits = floatBitsToUint(self.w);
+    Vec4 self = WORD(index);
+    uint bits = BITS_OF(self.w);
     if (bits == 0u) return;
-    vec3 before = before_of(index);
-    vec3 low = vec3(0);
+    Vec3 before = before_of(index);
+    Vec3 low = Vec3(0);
 #ifdef COMPENSATED
     low = WORD_LOW(index).xyz;
 #endif
     Point here = Point(self.xyz, low);
-    vec3 force;
+    Vec3 force;
     if (all_whole(bits)) {
         force = implicit_force(true, index, cell, here, bits);
     } else {

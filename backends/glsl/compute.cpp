@@ -1,0 +1,58 @@
+#include "backends/glsl/compute.h"
+
+#include <algorithm>
+
+namespace voxspring::glsl {
+namespace {
+
+/// `values`, or `count` times `neutral` where a problem without them is to have them all the same.
+template <class T>
+std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count, const T& neutral) {
+    if (values.empty() && needed) values.assign(count, neutral);
+    return values;
+}
+
+}  // namespace
+
+template <class Real>
+Operands<Real> pack_operands(const Problem& problem, const cuda::Placement& placement, bool all_terms) {
+    return {
+        or_neutral(cuda::pack_load<Real>(problem, placement), needs_loads(problem, all_terms),
+                   placement.words, cuda::Vector<Real>{0, 0, 0}),
+        or_neutral(cuda::pack_inverse_masses<Real>(problem, placement), needs_materials(problem, all_terms),
+                   placement.words, Real(1 / problem.materials[0].mass))};
+}
+template Operands<float> pack_operands(const Problem&, const cuda::Placement&, bool);
+template Operands<double> pack_operands(const Problem&, const cuda::Placement&, bool);
+
+std::uint64_t compute_bytes(const Problem& problem, const Options& options,
+                            const cuda::Placement& placement) {
+    const bool all = options.tuning.at("terms") == "all";
+    const bool split = options.formulation == Formulation::compensated;
+    const bool single = options.precision == Precision::float32;
+    const std::size_t real = single ? sizeof(float) : sizeof(double);
+    const std::size_t word =
+        single ? sizeof(cuda::ParticleRecord<float>) : sizeof(cuda::ParticleRecord<double>);
+    const std::uint64_t axes = 3 * cuda::increment_pitch(placement) * real;
+    return placement.words * ((split ? 4 : 2) * word + (needs_loads(problem, all) ? 3 * real : 0) +
+                              (needs_materials(problem, all) ? real : 0)) +
+           (by_increments(options.formulation) ? axes : 0) + (split ? axes : 0);
+}
+
+glm::ivec3 rows_of_groups(int groups) {
+    const int rows = std::max((groups + max_groups - 1) / max_groups, 1);
+    return {(groups + rows - 1) / rows, rows, 1};
+}
+
+unsigned striding_groups(std::size_t count) {
+    constexpr std::size_t group = 64;
+    return unsigned(std::min((count + group - 1) / group, std::size_t(max_groups)));
+}
+
+std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free) {
+    if (!free || needed <= *free + held) return {};
+    return "takes " + std::to_string(needed) + " bytes of device memory, and " +
+           std::to_string(*free + held) + " are free";
+}
+
+}  // namespace voxspring::glsl

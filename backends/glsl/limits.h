@@ -1,0 +1,63 @@
+// What the programs that measure a device's limits do, whichever API runs them.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <iterator>
+#include <map>
+#include <span>
+
+#include "backends/glsl/terms.h"
+#include "backends/limits.h"
+
+namespace voxspring::glsl {
+
+/// Together of all arrays of a pass, from what any card's cache holds to what none does: neither OpenGL nor
+/// Vulkan tells which. Arrays of the last, of which there are two or three, are no larger than any driver
+/// allows.
+inline constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(12) << 20,
+                                             std::size_t(48) << 20, std::size_t(192) << 20};
+inline constexpr std::size_t copied_word = 16;  ///< bytes
+inline constexpr std::size_t copy_group = 256;  ///< as in limits_copy.comp
+
+/// Arithmetic: more invocations than any card has in flight along x and y, in work groups of
+/// limits_arithmetic.glsl, and work enough in each that what it writes does not count.
+inline constexpr int arithmetic_side = 1024, arithmetic_group = 16;
+inline constexpr int rounds = 4;
+inline constexpr int operations_a_round = 64;
+
+/// A way to move words.
+struct CopyPass {
+    int reads;
+    bool writes;
+    bool in_place;
+
+    int arrays() const { return reads + (writes && !in_place ? 1 : 0); }
+    double written_share() const { return writes ? 1.0 / (reads + 1) : 0; }
+    /// Of shaders/limits_copy.comp.
+    Constants constants() const {
+        return {{"READS", std::to_string(reads)}, {"WRITES", text(writes)}, {"IN_PLACE", text(in_place)}};
+    }
+};
+inline constexpr CopyPass compute_copies[] = {
+    {2, false, false}, {2, true, false}, {2, true, true}, {1, true, false}};
+
+/// Rates by the best of the passes that write the same share, and with it the rate of a copy.
+/// `seconds_of(pass, words)`: those of a pass over arrays of so many words.
+template <class SecondsOf>
+void measure_bandwidth(DeviceLimits& limits, std::span<const CopyPass> passes, const SecondsOf& seconds_of) {
+    for (const std::size_t footprint : footprints) {
+        std::map<double, double> rates;
+        for (const CopyPass& pass : passes) {
+            const std::size_t words = footprint / copied_word / std::size_t(pass.arrays());
+            const double bytes = double(words) * (pass.reads + (pass.writes ? 1 : 0)) * double(copied_word);
+            double& rate = rates[pass.written_share()];
+            rate = std::max(rate, bytes / seconds_of(pass, words));
+        }
+        for (const auto& [share, rate] : rates) limits.bandwidth.push_back({double(footprint), share, rate});
+    }
+    limits.copy_bytes_per_second = bytes_per_second_of(
+        {.bytes = 3, .written_bytes = 1, .footprint_bytes = *std::rbegin(footprints)}, limits);
+}
+
+}  // namespace voxspring::glsl

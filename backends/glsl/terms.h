@@ -1,0 +1,44 @@
+// How a problem specialises the shaders of shaders/, whichever API runs them: macros, constants and uniforms
+// by name.
+#pragma once
+
+#include <glm/vec3.hpp>
+#include <map>
+#include <string>
+
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::glsl {
+
+/// Macro to value.
+using Defines = std::map<std::string, std::string>;
+/// Constant to value, as GLSL writes it: "true", "false" or a whole number. Every constant that a shader has.
+using Constants = std::map<std::string, std::string>;
+
+inline std::string text(bool value) { return value ? "true" : "false"; }
+
+/// The macros of shaders/motion.glsl that say which formulation it is.
+Defines formulation_defines(Formulation formulation);
+
+/// The constants of shaders/terms.glsl; with `all`, every term.
+Constants term_constants(const Problem& problem, Formulation formulation, bool all);
+bool needs_loads(const Problem& problem, bool all_terms);
+bool needs_materials(const Problem& problem, bool all_terms);
+
+/// The uniforms of shaders/motion.glsl. `Uniforms` has a set(name, value) for numbers, vectors and spans of
+/// them.
+template <class Real, class Uniforms>
+void set_motion(Uniforms&& uniforms, const Problem& problem) {
+    using Vec3 = glm::vec<3, Real>;
+    uniforms.set("spacing", Vec3(problem.lattice.spacing));
+    uniforms.set("damping", Real(problem.damping));
+    uniforms.set("retained", Real(1 - problem.damping));
+    uniforms.set("doubled", Real(2 - problem.damping));
+    uniforms.set("gravity", Vec3(problem.gravity));
+    uniforms.set("inverse_mass", Real(1 / problem.materials[0].mass));
+    uniforms.set("time_step_squared", Real(problem.time_step * problem.time_step));
+    uniforms.set("shortest_squared", Real(problem.shortest_squared()));
+}
+
+}  // namespace voxspring::glsl

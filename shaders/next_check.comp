@@ -1,0 +1,9 @@
+// Between recorded checks (divergence_check.comp): the next one has the next number.
+layout(local_size_x = 1) in;
+
+layout(std430, binding = 3) restrict buffer Found {
+    uint found;
+    uint next_check;
+};
+
+void main() { ++next_check; }

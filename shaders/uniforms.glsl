@@ -1,0 +1,13 @@
+// Numbers that the host sets by name: uniforms in OpenGL, in Vulkan members of blocks, one a file that has
+// some.
+#ifdef VULKAN
+#define UNIFORMS(name, place) layout(std140, binding = place) uniform name {
+#define UNIFORM
+#define END_UNIFORMS \
+    }                \
+    ;
+#else
+#define UNIFORMS(name, place)
+#define UNIFORM uniform
+#define END_UNIFORMS
+#endif

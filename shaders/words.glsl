@@ -1,0 +1,8 @@
+// A word's fourth number as a particle's bits (neighbours.h), and back.
+#ifdef VOXSPRING_FLOAT64
+#define BITS_OF(number) unpackDouble2x32(number).x
+#define WITH_BITS(bits) packDouble2x32(uvec2(bits, 0u))
+#else
+#define BITS_OF(number) floatBitsToUint(number)
+#define WITH_BITS(bits) uintBitsToFloat(bits)
+#endif

@@ -1,0 +1,169 @@
+// What backends that step by compute shaders can be asked, whichever API runs them: that skipped terms and
+// tuning change no bit, that edits and steps keep their order, what a step counts and an upload takes.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/verification/verify.h"
+#include "tests/required.h"
+#include "tests/shader_support.h"
+#include "tests/specifications.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+/// Each of the compute backends in each formulation.
+class ComputeShader : public ::testing::TestWithParam<std::string> {
+protected:
+    static std::unique_ptr<Backend> make(const std::string& specification) {
+        return BackendSpec::parse(specification).make();
+    }
+    void SetUp() override { make_or_skip(spec, probe_); }
+
+    const BackendSpec spec = BackendSpec::parse(GetParam());
+    const Formulation formulation = spec.options.formulation;
+    const bool lists = spec.entry->name.ends_with("explicit");
+
+private:
+    std::unique_ptr<Backend> probe_;
+};
+
+/// Those of this build.
+std::vector<std::string> compute_backends() {
+    std::vector<std::string> names;
+    for (const char* name :
+         {"gl_compute_implicit", "gl_compute_explicit", "vulkan_implicit", "vulkan_explicit"}) {
+        if (registry().contains(name)) names.emplace_back(name);
+    }
+    return names;
+}
+
+INSTANTIATE_TEST_SUITE_P(, ComputeShader, ::testing::ValuesIn(formulations_of(compute_backends())),
+                         test_name);
+
+TEST_P(ComputeShader, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
+
+TEST_P(ComputeShader, HowItIsTunedChangesNoBit) {
+    const Problem problem = problem_with_everything();
+    const State state = after(*make(GetParam()), problem, 20);
+    for (const auto& [key, values] : spec.entry->tuning) {
+        for (std::size_t v = 1; v < values.size(); ++v) {
+            SCOPED_TRACE(key + "=" + values[v]);
+            expect_same_bits(after(*make(GetParam() + "," + key + "=" + values[v]), problem, 20), state);
+        }
+    }
+}
+
+TEST_P(ComputeShader, CountedStepIsAStep) {
+    const Problem problem = problem_with_everything();
+    const auto counted = make(GetParam());
+    counted->upload(problem, random_state(problem, 0.05, 3));
+    counted->step(4);
+    const WorkCount work = counted->count_work();
+    EXPECT_GT(work.at("work_groups"), 0u);
+    const auto invocations = work.find("compute_shader_invocations");
+    if (invocations != work.end()) {
+        EXPECT_GE(invocations->second, problem.particle_count());
+    }
+    expect_same_bits(counted->download(), after(*make(GetParam()), problem, 5));
+}
+
+TEST_P(ComputeShader, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
+
+TEST_P(ComputeShader, LosesNoMoreThanItsFormulationDoes) {
+    Problem problem = make_lattice_problem(solid({12, 12, 12}), FACE_BITS | EDGE_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.time_step = 0.25;  // whose square is a float
+    pin_base(problem);
+    const int steps = 300;
+    const auto run = [&](const std::string& specification) {
+        const auto backend = make(specification);
+        backend->upload(problem, state_at_rest(problem));
+        backend->step(steps);
+        return backend->download();
+    };
+    const Comparison comparison =
+        compare(problem, run(GetParam()), run("cpu_reference"), Precision::float32, steps);
+    EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    // Measured on llvmpipe, in either API: 1.3e-4, 1.4e-4, 5.4e-6, 4.2e-7, 5.4e-8.
+    const double most[] = {5e-4, 5e-4, 1.7e-5, 1.5e-6, 1.7e-7};
+    EXPECT_LE(comparison.relative_l2, most[std::size_t(formulation)]);
+}
+
+TEST_P(ComputeShader, EstimatesItsBytes) {
+    const Problem box = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
+    const auto bytes = [&](const Problem& problem, const std::string& tuning) {
+        return spec.entry->bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
+    };
+    // Two words of 16 bytes; by increments 12 more; twice that for low parts. Lists of 18 neighbours.
+    const std::uint64_t increments = by_increments(formulation) ? 12 : 0;
+    const std::uint64_t parts = formulation == Formulation::compensated ? 2 : 1;
+    const std::uint64_t expected =
+        box.particle_count() * (parts * (2 * 16 + increments) + (lists ? 18 * 4 : 0));
+    const std::uint64_t plain = bytes(box, "");
+    EXPECT_GE(plain, expected);
+    // Guard words: two slices and a bit.
+    EXPECT_LE(double(plain), 1.08 * double(expected));
+    EXPECT_GT(bytes(box, ",terms=all"), plain);
+    EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
+    if (!lists) return;
+    // What each of up to 18 springs is like and, on displacements, how it lies at rest.
+    Problem sutured = box;
+    sutured.springs.push_back({0, 77, 1, 3});
+    EXPECT_EQ(bytes(sutured, "") - plain,
+              box.particle_count() * 18 * (on_positions(formulation) ? 8 : 8 + 16));
+}
+
+TEST_P(ComputeShader, OnlyWorkGroupsWithAnActiveVoxelAreDispatched) {
+    if (lists) return;  // it has no voxels
+    const Problem corners = make_lattice_problem(
+        make_grid({128, 16, 16}, [](int x, int y, int z) { return (x < 3 || x > 120) && y < 3 && z < 2; }),
+        FACE_BITS);
+    const auto backend = make(GetParam() + ",block=32x4x2");
+    backend->upload(corners, state_at_rest(corners));
+    EXPECT_EQ(backend->count_work().at("work_groups"), 2u);
+}
+
+/// Of `count` steps of a few particles, handed over in calls of `batches` in turn.
+State in_batches(Backend& backend, const Problem& problem, int count, const std::vector<int>& batches) {
+    backend.upload(problem, random_state(problem, 0.05, 3));
+    for (std::size_t n = 0; count > 0; ++n) {
+        const int batch = std::min(count, batches[n % batches.size()]);
+        backend.step(batch);
+        count -= batch;
+    }
+    return backend.download();
+}
+
+TEST_P(ComputeShader, HowStepsAreHandedOverChangesNoBit) {
+    const Problem problem = plain_problem();
+    const auto backend = make(GetParam());
+    // More than any recording or submission has, an odd number, and every odd and even start.
+    const State at_once = in_batches(*backend, problem, 1355, {1355});
+    for (const std::vector<int>& batches : std::vector<std::vector<int>>{{1}, {7, 2}, {64, 1}, {257, 512}})
+        expect_same_bits(in_batches(*backend, problem, 1355, batches), at_once);
+}
+
+TEST_P(ComputeShader, DeviceTimeAgreesWithHostTime) {
+    Problem problem = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
+    problem.time_step = 0.25;
+    const auto backend = make(GetParam());
+    backend->upload(problem, state_at_rest(problem));
+    backend->step(4);
+    Timing timing = backend->timed([&] { backend->step(4); });
+    // Enough steps that neither starting the first nor waiting for the last matters: 50 ms.
+    const int steps = int(4 * std::ceil(0.05 / timing.host_seconds)) + 4;
+    timing = backend->timed([&] { backend->step(steps); });
+    // The marks lie between the readings of the host clock; the clocks differ by parts in a million. A clock
+    // that stops while steps run, or that counts what follows them, misses half of it or more.
+    EXPECT_LE(timing.device_seconds, 1.001 * timing.host_seconds);
+    EXPECT_GE(timing.device_seconds, 0.5 * timing.host_seconds);
+}
+
+}  // namespace
+}  // namespace voxspring::testing
