@@ -42,7 +42,7 @@ class DeviceError : public std::runtime_error {
 };
 
 /// The programming interfaces that backends are written in, whatever their version.
-enum class ApiFamily : std::uint8_t { cpu, opengl, cuda };
+enum class ApiFamily : std::uint8_t { cpu, opengl, vulkan, cuda };
 
 /// What a backend runs on.
 struct Capabilities {

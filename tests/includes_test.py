@@ -11,7 +11,7 @@ ROOMS = [
     ["backends"],
     ["backends/layout"],
     ["backends/glsl"],
-    ["backends/cpu", "backends/gl", "cuda/kernels"],
+    ["backends/cpu", "backends/gl", "backends/vulkan", "cuda/kernels"],
     ["cuda/device"],
     ["cuda/common"],
     ["cuda"],

@@ -12,9 +12,9 @@ struct FamilyName {
     const char* name;
     const char* api;  ///< what the names of its versions begin with
 };
-constexpr std::array family_names = {FamilyName{ApiFamily::cpu, "cpu", "CPU"},
-                                     FamilyName{ApiFamily::opengl, "opengl", "OpenGL"},
-                                     FamilyName{ApiFamily::cuda, "cuda", "CUDA"}};
+constexpr std::array family_names = {
+    FamilyName{ApiFamily::cpu, "cpu", "CPU"}, FamilyName{ApiFamily::vulkan, "vulkan", "Vulkan"},
+    FamilyName{ApiFamily::opengl, "opengl", "OpenGL"}, FamilyName{ApiFamily::cuda, "cuda", "CUDA"}};
 
 std::string name_of(ApiFamily family) {
     for (const FamilyName& known : family_names) {

@@ -181,6 +181,8 @@ void StudyBench::describe_devices() {
         } else if (device.family == ApiFamily::opengl) {
             all["gl_renderer"] = device.device;
             if (all["driver"].is_null()) all["driver"] = device.driver;
+        } else if (device.family == ApiFamily::vulkan && all["driver"].is_null()) {
+            all["driver"] = device.driver;
         }
     }
     all["limits"] = limits_.json();

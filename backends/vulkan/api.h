@@ -1,0 +1,26 @@
+// Vulkan-Hpp as this folder includes it: no function is linked, the loader is opened when a device is asked
+// for.
+#pragma once
+
+#define VK_NO_PROTOTYPES
+#define VULKAN_HPP_ENABLE_DYNAMIC_LOADER_TOOL 0
+
+#include <string>
+#include <utility>
+#include <vulkan/vulkan_raii.hpp>
+
+#include "backends/backend.h"
+
+namespace voxspring::vulkan {
+
+/// What `work` returns; an error of Vulkan in it becomes a DeviceError that says what was going on.
+template <class Work>
+decltype(auto) guarded(const char* doing, Work&& work) {
+    try {
+        return std::forward<Work>(work)();
+    } catch (const vk::SystemError& error) {
+        throw DeviceError(std::string(error.what()) + " (while " + doing + ")");
+    }
+}
+
+}  // namespace voxspring::vulkan

@@ -1,0 +1,37 @@
+// Arrays in memory that shaders read and write.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "backends/vulkan/device.h"
+
+namespace voxspring::vulkan {
+
+enum class Place : std::uint8_t {
+    device,  ///< the device's own memory
+    host,    ///< memory that the host writes and shaders read once: the device's own where the host sees that
+    staging  ///< memory that the host reads and writes fast, for copies
+};
+
+/// An array of a fixed size.
+class Buffer {
+public:
+    Buffer() = default;
+    /// Of no bytes: no buffer at all.
+    Buffer(const Device& device, std::size_t bytes, Place place);
+
+    vk::Buffer get() const { return *buffer_; }
+    std::size_t bytes() const { return bytes_; }
+    /// But on the device: what the device sees at once.
+    std::span<std::byte> host() const { return {host_, bytes_}; }
+
+private:
+    vk::raii::DeviceMemory memory_{nullptr};  // outlives the buffer
+    vk::raii::Buffer buffer_{nullptr};
+    std::size_t bytes_ = 0;
+    std::byte* host_ = nullptr;
+};
+
+}  // namespace voxspring::vulkan

@@ -1,0 +1,231 @@
+#include "backends/vulkan/device.h"
+
+#include <dlfcn.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <cstring>
+#include <vector>
+
+#include "backends/device_choice.h"
+#include "backends/glsl/compute.h"
+#include "backends/vulkan/validation.h"
+
+namespace voxspring::vulkan {
+namespace {
+
+constexpr std::uint32_t needed_version = VK_API_VERSION_1_2;
+constexpr const char* validation_layer = "VK_LAYER_KHRONOS_validation";
+
+/// The loader's one entry. Its library stays loaded: drivers have threads, and destructors at exit.
+PFN_vkGetInstanceProcAddr open_loader() {
+    const char* chosen = std::getenv("VOXSPRING_VULKAN_LOADER");
+    const std::string library = chosen != nullptr && *chosen != '\0' ? chosen : "libvulkan.so.1";
+    void* const handle = dlopen(library.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+    if (handle == nullptr) throw Unavailable("no Vulkan loader: " + std::string(dlerror()));
+    void* const entry = dlsym(handle, "vkGetInstanceProcAddr");
+    if (entry == nullptr) throw Unavailable("no Vulkan loader: " + std::string(dlerror()));
+    return reinterpret_cast<PFN_vkGetInstanceProcAddr>(entry);
+}
+
+template <class Properties>
+bool names(const Properties& all, const char* name) {
+    return std::any_of(all.begin(), all.end(), [name](const auto& property) {
+        if constexpr (
+            requires { property.layerName; } && !requires { property.extensionName; }) {
+            return std::strcmp(property.layerName, name) == 0;
+        } else {
+            return std::strcmp(property.extensionName, name) == 0;
+        }
+    });
+}
+
+/// With what validation takes, where `messages` are to have what it says.
+vk::raii::Instance create_instance(const vk::raii::Context& loader, Messages* messages) {
+    if (loader.enumerateInstanceVersion() < needed_version) throw Unavailable("the loader is older than 1.2");
+    const vk::ApplicationInfo application("voxspring", 1, "voxspring", 1, needed_version);
+    vk::InstanceCreateInfo info({}, &application);
+    std::vector<const char*> layers, extensions;
+    if (names(loader.enumerateInstanceExtensionProperties(), VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME)) {
+        extensions.push_back(VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME);
+        info.flags |= vk::InstanceCreateFlagBits::eEnumeratePortabilityKHR;
+    }
+    // Hazards between dispatches as well: that the barriers are enough.
+    constexpr std::array features = {vk::ValidationFeatureEnableEXT::eSynchronizationValidation};
+    const vk::ValidationFeaturesEXT validation(features, {});
+    vk::DebugUtilsMessengerCreateInfoEXT messenger;
+    if (messages != nullptr) {
+        layers.push_back(validation_layer);
+        extensions.push_back(VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
+        messenger = messages->messenger();
+        messenger.pNext = &validation;
+        info.pNext = &messenger;
+    }
+    info.setPEnabledLayerNames(layers);
+    info.setPEnabledExtensionNames(extensions);
+    return {loader, info};
+}
+
+bool is_software(const vk::PhysicalDeviceProperties& properties) {
+    return properties.deviceType == vk::PhysicalDeviceType::eCpu;
+}
+
+/// As uuid_text() writes it; of software none.
+std::string uuid_of(const vk::raii::PhysicalDevice& physical) {
+    const auto chain =
+        physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceIDProperties>();
+    if (is_software(chain.get<vk::PhysicalDeviceProperties2>().properties)) return {};
+    std::array<unsigned char, 16> bytes{};
+    const auto& uuid = chain.get<vk::PhysicalDeviceIDProperties>().deviceUUID;
+    std::copy_n(uuid.begin(), bytes.size(), bytes.begin());
+    return uuid_text(bytes);
+}
+
+/// The first family of queues that computes and has time stamps, which on cards is the one that draws as
+/// well.
+std::optional<std::uint32_t> queue_family_of(const vk::raii::PhysicalDevice& physical) {
+    const auto families = physical.getQueueFamilyProperties();
+    for (std::uint32_t n = 0; n < families.size(); ++n) {
+        if ((families[n].queueFlags & vk::QueueFlagBits::eCompute) && families[n].timestampValidBits > 0)
+            return n;
+    }
+    return std::nullopt;
+}
+
+bool votes(const vk::raii::PhysicalDevice& physical) {
+    const auto chain =
+        physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceSubgroupProperties>();
+    const auto& subgroups = chain.get<vk::PhysicalDeviceSubgroupProperties>();
+    return (subgroups.supportedStages & vk::ShaderStageFlagBits::eCompute) &&
+           (subgroups.supportedOperations & vk::SubgroupFeatureFlagBits::eVote);
+}
+
+}  // namespace
+
+/// Empty, or why a device will not do.
+std::string Device::refusal(const vk::raii::PhysicalDevice& physical, Precision precision) {
+    const auto properties = physical.getProperties();
+    const bool software = is_software(properties);
+    if (properties.apiVersion < needed_version) return "has Vulkan older than 1.2";
+    if (std::string why = reason_to_pass_over(uuid_of(physical), software, measured_card()); !why.empty())
+        return why;
+    if (!queue_family_of(physical)) return "has no queue that computes and has time stamps";
+    const auto buffers = properties.limits.maxPerStageDescriptorStorageBuffers;
+    if (buffers < glsl::storage_blocks)
+        return fmt::format("allows a shader {} storage buffers, not {}", buffers, glsl::storage_blocks);
+    if (!votes(physical)) return "has no subgroups that vote in compute shaders";
+    if (precision == Precision::float64 && !physical.getFeatures().shaderFloat64)
+        return "has no float64 in shaders";
+    return {};
+}
+
+Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), loader_(open_loader()) {
+    std::string reasons;
+    try {
+        validates_ =
+            wants_validation() && names(loader_.enumerateInstanceLayerProperties(), validation_layer);
+        instance_ = create_instance(loader_, validates_ ? messages_.get() : nullptr);
+        if (validates_) messenger_ = {instance_, messages_->messenger()};
+        std::vector<vk::raii::PhysicalDevice> devices = vk::raii::PhysicalDevices(instance_);
+        std::stable_partition(devices.begin(), devices.end(),
+                              [](const auto& device) { return !is_software(device.getProperties()); });
+        for (vk::raii::PhysicalDevice& physical : devices) {
+            const std::string name = physical.getProperties().deviceName;
+            const std::string why = refusal(physical, precision);
+            if (why.empty()) {
+                take(std::move(physical));
+                return;
+            }
+            reasons += "; " + name + " " + why;
+        }
+        if (devices.empty()) reasons = ": no driver has a device";
+    } catch (const vk::SystemError& error) {
+        reasons += std::string(": ") + error.what();
+    }
+    throw Unavailable("no Vulkan" + reasons);
+}
+
+void Device::take(vk::raii::PhysicalDevice physical) {
+    physical_ = std::move(physical);
+    const auto chain =
+        physical_.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceDriverProperties,
+                                 vk::PhysicalDeviceMaintenance3Properties>();
+    properties_ = chain.get<vk::PhysicalDeviceProperties2>().properties;
+    const auto& driver = chain.get<vk::PhysicalDeviceDriverProperties>();
+    max_buffer_bytes_ = std::min<std::uint64_t>(
+        properties_.limits.maxStorageBufferRange,
+        chain.get<vk::PhysicalDeviceMaintenance3Properties>().maxMemoryAllocationSize);
+    queue_family_ = *queue_family_of(physical_);
+    const bool software = is_software(properties_);
+    capabilities_ = {
+        .api = fmt::format("Vulkan {}.{}", VK_API_VERSION_MAJOR(properties_.apiVersion),
+                           VK_API_VERSION_MINOR(properties_.apiVersion)),
+        .device = std::string(properties_.deviceName) + (software ? ", software" : ""),
+        .driver = fmt::format("{} {}", std::string(driver.driverName), std::string(driver.driverInfo)),
+        .uuid = uuid_of(physical_),
+        .clock = "Vulkan time stamp",
+        .deterministic = true,
+        .family = ApiFamily::vulkan,
+        .is_software = software,
+        .limits_of = "Vulkan"};
+    create_device();
+}
+
+void Device::create_device() {
+    const auto offered = physical_.enumerateDeviceExtensionProperties();
+    std::vector<const char*> extensions;
+    has_budget_ = names(offered, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
+    if (has_budget_) extensions.push_back(VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
+    // A device that is not all of Vulkan wants to hear that this is known.
+    constexpr const char* subset = "VK_KHR_portability_subset";
+    if (names(offered, subset)) extensions.push_back(subset);
+
+    const vk::PhysicalDeviceFeatures has = physical_.getFeatures();
+    has_float64_ = has.shaderFloat64 == VK_TRUE;
+    has_pipeline_statistics_ = has.pipelineStatisticsQuery == VK_TRUE;
+    vk::PhysicalDeviceFeatures features;
+    features.shaderFloat64 = has.shaderFloat64;
+    features.pipelineStatisticsQuery = has.pipelineStatisticsQuery;
+    vk::PhysicalDeviceTimelineSemaphoreFeatures timeline(VK_TRUE);
+    const float priority = 1;
+    const vk::DeviceQueueCreateInfo queue({}, queue_family_, 1, &priority);
+    vk::DeviceCreateInfo info({}, queue, {}, extensions, &features, &timeline);
+    device_ = {physical_, info};
+}
+
+std::uint64_t Device::free_memory_bytes() const {
+    const auto chain = has_budget_
+                           ? physical_.getMemoryProperties2<vk::PhysicalDeviceMemoryProperties2,
+                                                            vk::PhysicalDeviceMemoryBudgetPropertiesEXT>()
+                           : vk::StructureChain<vk::PhysicalDeviceMemoryProperties2,
+                                                vk::PhysicalDeviceMemoryBudgetPropertiesEXT>();
+    const vk::PhysicalDeviceMemoryProperties memory =
+        has_budget_ ? chain.get<vk::PhysicalDeviceMemoryProperties2>().memoryProperties
+                    : physical_.getMemoryProperties();
+    const auto& budget = chain.get<vk::PhysicalDeviceMemoryBudgetPropertiesEXT>();
+    std::uint64_t most = 0;
+    for (std::uint32_t heap = 0; heap < memory.memoryHeapCount; ++heap) {
+        if (!(memory.memoryHeaps[heap].flags & vk::MemoryHeapFlagBits::eDeviceLocal)) continue;
+        std::uint64_t bytes = memory.memoryHeaps[heap].size;
+        if (has_budget_)
+            bytes = budget.heapBudget[heap] - std::min(budget.heapBudget[heap], budget.heapUsage[heap]);
+        most = std::max(most, bytes);
+    }
+    return most;
+}
+
+std::uint32_t Device::memory_type(std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
+                                  vk::MemoryPropertyFlags preferred) const {
+    const vk::PhysicalDeviceMemoryProperties memory = physical_.getMemoryProperties();
+    for (const vk::MemoryPropertyFlags flags : {wanted | preferred, wanted}) {
+        for (std::uint32_t type = 0; type < memory.memoryTypeCount; ++type) {
+            if ((allowed >> type & 1U) != 0 && (memory.memoryTypes[type].propertyFlags & flags) == flags)
+                return type;
+        }
+    }
+    throw DeviceError("no memory that is " + vk::to_string(wanted));
+}
+
+}  // namespace voxspring::vulkan

@@ -1,0 +1,70 @@
+// A Vulkan device without a window system.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "backends/vulkan/api.h"
+#include "backends/vulkan/messages.h"
+
+namespace voxspring::vulkan {
+
+/// A device of its own, and its one queue. Several may live in one process.
+class Device {
+public:
+    /// On the first physical device that will do, hardware before software; hardware only if it is the card
+    /// that this process measures (device_choice.h). Throws Unavailable, which says why each will not.
+    explicit Device(Precision precision);
+    Device(const Device&) = delete;
+    Device& operator=(const Device&) = delete;
+
+    const vk::raii::Device& get() const { return device_; }
+    const vk::raii::PhysicalDevice& physical() const { return physical_; }
+    std::uint32_t queue_family() const { return queue_family_; }
+
+    /// Throws DeviceError if a validation layer has complained since the last call (messages.h).
+    void check(const std::string& doing) const { messages_->check(doing); }
+
+    /// Whether VK_LAYER_KHRONOS_validation looks on.
+    bool validates() const { return validates_; }
+
+    const Capabilities& capabilities() const { return capabilities_; }
+    const vk::PhysicalDeviceProperties& properties() const { return properties_; }
+    const vk::PhysicalDeviceLimits& limits() const { return properties_.limits; }
+    /// Of one buffer that shaders read and write.
+    std::uint64_t max_buffer_bytes() const { return max_buffer_bytes_; }
+    /// Bytes of the device's own memory that this process may still take: what the driver tells
+    /// (VK_EXT_memory_budget), else all that there are.
+    std::uint64_t free_memory_bytes() const;
+    bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
+    bool has_float64() const { return has_float64_; }
+
+    /// A type of memory among `allowed` with `wanted`, and with `preferred` too if there is one. Throws
+    /// DeviceError.
+    std::uint32_t memory_type(std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
+                              vk::MemoryPropertyFlags preferred = {}) const;
+
+private:
+    static std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision);
+    void take(vk::raii::PhysicalDevice physical);
+    void create_device();
+
+    std::unique_ptr<Messages> messages_;  // outlives the instance that reports to it
+    vk::raii::Context loader_;
+    vk::raii::Instance instance_{nullptr};
+    vk::raii::DebugUtilsMessengerEXT messenger_{nullptr};
+    vk::raii::PhysicalDevice physical_{nullptr};
+    vk::raii::Device device_{nullptr};
+    std::uint32_t queue_family_ = 0;
+    Capabilities capabilities_;
+    vk::PhysicalDeviceProperties properties_;
+    std::uint64_t max_buffer_bytes_ = 0;
+    bool validates_ = false;
+    bool has_budget_ = false;
+    bool has_pipeline_statistics_ = false;
+    bool has_float64_ = false;
+};
+
+}  // namespace voxspring::vulkan

@@ -1,0 +1,91 @@
+// SPIR-V as the build made it of shaders/, and what its own debug names say of it.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace voxspring::vulkan {
+
+/// A number, vector or array in a block of uniforms.
+struct Uniform {
+    std::size_t offset = 0;  ///< in the bytes of all blocks
+    std::size_t stride = 0;  ///< from an element of an array to the next; 0: no array
+};
+
+/// Where a block of uniforms lies among the bytes of all.
+struct Block {
+    std::size_t begin = 0;
+    std::size_t bytes = 0;
+};
+
+/// One shader. The names of constants and uniforms are those of its source.
+class Module {
+public:
+    /// A module of the build, called as CMakeLists.txt calls it. Throws DeviceError if there is none.
+    static const Module& named(const std::string& name);
+
+    explicit Module(std::span<const std::uint32_t> code);
+
+    std::span<const std::uint32_t> code() const { return code_; }
+    /// Specialisation constants: name to id.
+    const std::map<std::string, std::uint32_t>& constants() const { return constants_; }
+    const std::map<std::string, Uniform>& uniforms() const { return uniforms_; }
+    /// Bindings of storage buffers.
+    const std::vector<std::uint32_t>& storage() const { return storage_; }
+    /// Blocks of uniforms by binding.
+    const std::map<std::uint32_t, Block>& blocks() const { return blocks_; }
+    std::size_t uniform_bytes() const { return uniform_bytes_; }
+    /// Blocks begin at multiples of that, which every device takes.
+    static constexpr std::size_t block_alignment = 256;
+
+private:
+    std::span<const std::uint32_t> code_;
+    std::map<std::string, std::uint32_t> constants_;
+    std::map<std::string, Uniform> uniforms_;
+    std::vector<std::uint32_t> storage_;
+    std::map<std::uint32_t, Block> blocks_;
+    std::size_t uniform_bytes_ = 0;
+};
+
+/// Values of a module's uniforms, zero until they are set.
+class Uniforms {
+public:
+    explicit Uniforms(const Module& module) : module_(module), bytes_(module.uniform_bytes()) {}
+
+    /// Sets a uniform; one that the module has no use for is passed over.
+    template <class T>
+    void set(const char* name, const T& value) {
+        write(name, std::span<const T>(&value, 1));
+    }
+    template <class T, std::size_t count>
+    void set(const char* name, const std::array<T, count>& values) {
+        write(name, std::span<const T>(values));
+    }
+    template <class T, std::size_t count>
+    void set(const char* name, const T (&values)[count]) {
+        write(name, std::span<const T>(values));
+    }
+    template <class T>
+    void set(const char* name, const std::vector<T>& values) {
+        write(name, std::span<const T>(values));
+    }
+
+    std::span<const std::byte> bytes() const { return bytes_; }
+
+private:
+    template <class T>
+    void write(const char* name, std::span<const T> values) {
+        write(name, std::as_bytes(values), sizeof(T));
+    }
+    void write(const char* name, std::span<const std::byte> values, std::size_t size);
+
+    const Module& module_;
+    std::vector<std::byte> bytes_;
+};
+
+}  // namespace voxspring::vulkan

@@ -1,0 +1,167 @@
+// What every Vulkan backend has: the state in storage buffers, steps recorded once and replayed, edits of
+// particles' bits, the stopwatch and the divergence monitor (README.md).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backends/glsl/compute.h"
+#include "backends/registry.h"
+#include "backends/vulkan/program.h"
+
+namespace voxspring::vulkan {
+
+class VulkanBackend : public Backend {
+public:
+    ~VulkanBackend() override;
+    Capabilities capabilities() const final { return device_.capabilities(); }
+    std::string unsupported(const Problem& problem) const final;
+    void upload(const Problem& problem, const State& state) final;
+    bool keep_start() final;
+    void rewind() final;
+    void edit(const Problem& edited, const SpringEdit& edit) final;
+    void step(int count) final;
+    void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
+    std::optional<Divergence> divergence() final;
+    void synchronize() final;
+    State download() final;
+    /// "work_groups", and "compute_shader_invocations" where the driver counts them.
+    WorkCount count_work() final;
+    CompileTime compile_time() const final { return compile_time_; }
+    DeviceLimits measure_limits() final;
+
+    const Device& device() const { return device_; }
+
+protected:
+    /// Where the particles of a problem go, and what a step dispatches.
+    struct Layout {
+        cuda::Placement placement;
+        std::vector<std::uint32_t> bits;  ///< one a particle
+        glm::ivec3 groups{0};             ///< of invocations
+    };
+
+    /// `shader`: the file in shaders/, without its suffix. `group`: extents of its work groups.
+    VulkanBackend(const Options& options, const std::string& shader, glm::ivec3 group);
+
+    const Options& options() const { return options_; }
+    Formulation formulation() const { return options_.formulation; }
+    /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
+    bool all_terms() const { return options_.tuning.at("terms") == "all"; }
+
+    /// Bytes of device memory that upload() takes (BackendEntry::bytes).
+    virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
+    /// Empty, or why a problem cannot be run that has no more words than a storage buffer holds.
+    virtual std::string refused_layout(const Problem& problem) const = 0;
+    virtual cuda::Placement place(const Problem& problem) const = 0;
+    /// Fills own() with what the shader reads beyond shaders/compute.glsl. Nothing is running.
+    virtual Layout lay_out(const Problem& problem) = 0;
+    /// Constants of the shader beyond those of shaders/terms.glsl.
+    virtual glsl::Constants constants(const Problem& problem) const = 0;
+    virtual void set_uniforms(Uniforms& uniforms, const Problem& problem) = 0;
+    /// edit(); an error of Vulkan passes through.
+    virtual void enqueue_edit_of(const Problem& edited, const SpringEdit& edit) = 0;
+
+    /// A storage buffer of the shader's own, by binding from glsl::first_own_binding on; empty at first.
+    Buffer& own(std::uint32_t binding) { return own_[binding]; }
+    /// Lays out anew what the problem now has, for the particles where they are. Waits.
+    void lay_out_anew();
+    /// A shader of the build for this precision, specialised.
+    std::shared_ptr<const Program> program(const std::string& shader, const glsl::Constants& constants = {},
+                                           glm::ivec3 group = {64, 1, 1});
+    /// `values` where the device reads them, for enqueue_dispatch().
+    template <class T>
+    std::shared_ptr<Buffer> send(const std::vector<T>& values) {
+        auto buffer = std::make_shared<Buffer>(device_, values.size() * sizeof(T), Place::host);
+        const auto bytes = std::as_bytes(std::span(values));
+        std::copy(bytes.begin(), bytes.end(), buffer->host().begin());
+        return buffer;
+    }
+    /// Enqueues a program that strides over `count` things, between the steps before and after; keeps what it
+    /// reads, `sent`, until it has run.
+    void enqueue_dispatch(const std::shared_ptr<const Program>& program, std::size_t count,
+                          const Uniforms& uniforms, const Buffers& buffers,
+                          const std::vector<std::shared_ptr<Buffer>>& sent);
+    /// Gives particles new bits, which every step copies on from the words that it reads.
+    void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);
+    /// Puts values into a buffer, in new memory unless it is of that size. Waits.
+    template <class T>
+    void put(Buffer& buffer, const std::vector<T>& values) {
+        put(buffer, std::as_bytes(std::span(values)));
+    }
+    /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h), in place of
+    /// numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all. Waits.
+    void measure(const Buffer& squares, std::size_t count, int stride, int offset);
+    /// The same of numbers on the host.
+    template <class Real>
+    void measure_numbers(std::span<Real> squares) {
+        Buffer buffer(device_, squares.size_bytes(), Place::device);
+        queue_.upload(buffer, std::as_bytes(squares));
+        measure(buffer, squares.size(), 1, 0);
+        queue_.download(buffer, std::as_writable_bytes(squares));
+    }
+    /// Empty, or why a storage buffer cannot have so many bytes.
+    std::string too_large(const char* what, std::uint64_t bytes) const;
+
+private:
+    /// A pass for words 0 and one for words 1, and what was recorded of them.
+    struct Stepping;
+    struct Checking;
+
+    void mark(Mark which) final;
+    double seconds_between_marks() const final;
+
+    void put(Buffer& buffer, std::span<const std::byte> values);
+    template <class Real>
+    void upload_state(const Problem& problem, const State& state);
+    template <class Real>
+    State download_state();
+    void make_stepping();
+    void make_checking();
+    void stand_at_start();
+    /// 2^power steps from the words that are current.
+    const Commands& steps(int power);
+    /// So many steps are enqueued, and a check if it is due.
+    void have_enqueued(int steps);
+    Buffers buffers(std::size_t current) const;
+    /// What steps write and later steps read.
+    std::array<Buffer*, 6> state_buffers() {
+        return {&words_[0], &words_[1], &low_[0], &low_[1], &increment_, &increment_low_};
+    }
+
+    Device device_;
+    const Options options_;
+    const std::string shader_;
+    const glm::ivec3 group_;
+    vk::raii::QueryPool marks_;
+    // By name and constants: an edit may go back to the one before.
+    std::map<std::string, std::shared_ptr<const Program>> programs_;
+    Buffer nothing_;  // stands where a shader has no use for a buffer
+    std::array<Buffer, 2> words_, low_;
+    Buffer increment_, increment_low_, load_, inverse_mass_;
+    std::map<std::uint32_t, Buffer> own_;
+    std::array<Buffer, 6> start_;  // copies of state_buffers()
+    Buffer found_;                 // shaders/divergence_check.comp's
+    Queue queue_;
+    std::array<Commands, 2> mark_;
+    std::shared_ptr<Stepping> stepping_;
+    std::shared_ptr<Checking> checking_;  // null: never
+    CompileTime compile_time_;
+
+    const Problem* problem_ = nullptr;
+    Layout layout_;
+    std::size_t current_ = 0;  // of words_: x(t)
+    std::uint64_t held_bytes_ = 0;
+    std::int64_t steps_ = 0;          // since upload()
+    DivergenceMonitor monitor_;       // of this run
+    DivergenceMonitor next_monitor_;  // of the next one
+};
+
+}  // namespace voxspring::vulkan

@@ -1,0 +1,322 @@
+// What only the Vulkan backends can be asked: how their failures read, that validation is heard, what a
+// module says of itself, and what is kept of compiled code.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backends/glsl/explicit.h"
+#include "backends/glsl/implicit.h"
+#include "backends/registry.h"
+#include "backends/vulkan/vulkan_backend.h"
+#include "tests/required.h"
+#include "tests/shader_support.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+/// An environment variable as long as this lives.
+class Variable {
+public:
+    Variable(const char* name, const std::string& value) : name_(name) {
+        const char* before = std::getenv(name);
+        was_set_ = before != nullptr;
+        if (was_set_) before_ = before;
+        setenv(name, value.c_str(), 1);
+    }
+    Variable(const Variable&) = delete;
+    Variable& operator=(const Variable&) = delete;
+    ~Variable() {
+        if (was_set_) {
+            setenv(name_, before_.c_str(), 1);
+        } else {
+            unsetenv(name_);
+        }
+    }
+
+private:
+    const char* name_;
+    bool was_set_;
+    std::string before_;
+};
+
+/// Why a backend is not available; empty if it is.
+std::string absence(const std::string& specification) {
+    try {
+        (void)BackendSpec::parse(specification).make();
+    } catch (const Unavailable& absent) {
+        return absent.what();
+    }
+    return {};
+}
+
+TEST(NoVulkan, AMissingLoaderIsASkip) {
+    const Variable loader("VOXSPRING_VULKAN_LOADER", "/nonexistent/libvulkan.so.1");
+    EXPECT_THAT(absence("vulkan_implicit"), AllOf(HasSubstr("no Vulkan loader"), HasSubstr("/nonexistent")));
+}
+
+TEST(NoVulkan, ALibraryThatIsNoLoaderIsASkip) {
+    const Variable loader("VOXSPRING_VULKAN_LOADER", "libm.so.6");
+    EXPECT_THAT(absence("vulkan_implicit"),
+                AllOf(HasSubstr("no Vulkan loader"), HasSubstr("vkGetInstanceProcAddr")));
+}
+
+/// Skips its tests where there is no Vulkan.
+class Vulkan : public ::testing::Test {
+protected:
+    void SetUp() override {
+        std::unique_ptr<Backend> probe;
+        make_or_skip(BackendSpec::parse("vulkan_implicit"), probe);
+    }
+};
+
+TEST_F(Vulkan, AMissingDriverIsASkip) {
+    // The newer name and the older.
+    const Variable drivers("VK_DRIVER_FILES", "/dev/null"), files("VK_ICD_FILENAMES", "/dev/null");
+    EXPECT_THAT(absence("vulkan_explicit"), HasSubstr("no Vulkan: "));
+}
+
+TEST_F(Vulkan, SaysWhatItRunsOn) {
+    const Capabilities capabilities = BackendSpec::parse("vulkan_implicit").make()->capabilities();
+    EXPECT_THAT(capabilities.api, HasSubstr("Vulkan 1."));
+    EXPECT_EQ(capabilities.family, ApiFamily::vulkan);
+    EXPECT_EQ(capabilities.is_software, capabilities.uuid.empty());
+    if (capabilities.is_software) {
+        EXPECT_TRUE(capabilities.device.ends_with(", software")) << capabilities.device;
+    }
+}
+
+// --- Messages of validation layers ------------------------------------------------------------------------
+
+bool has_validation() {
+    const Variable wanted("VOXSPRING_VULKAN_VALIDATION", "1");
+    const vulkan::Device device(Precision::float32);
+    return device.validates();
+}
+
+TEST_F(Vulkan, WhatValidationLayersSayIsAnError) {
+    if (!has_validation()) GTEST_SKIP() << "no VK_LAYER_KHRONOS_validation";
+    const vulkan::Device device(Precision::float32);
+    EXPECT_NO_THROW(device.check("testing"));
+    // A buffer that says of nothing what it is for.
+    const vk::raii::Buffer useless(device.get(), vk::BufferCreateInfo({}, 16, {}));
+    try {
+        device.check("testing");
+        FAIL() << "no DeviceError";
+    } catch (const DeviceError& error) {
+        EXPECT_THAT(error.what(), AllOf(HasSubstr("VUID-VkBufferCreateInfo"), HasSubstr("while testing")));
+    }
+    EXPECT_NO_THROW(device.check("testing")) << "a message is told once";
+}
+
+TEST_F(Vulkan, AMissingBarrierIsAnError) {
+    if (!has_validation()) GTEST_SKIP() << "no VK_LAYER_KHRONOS_validation";
+    const vulkan::Device device(Precision::float32);
+    vulkan::Queue queue(device);
+    const vulkan::Buffer from(device, 256, vulkan::Place::device), to(device, 256, vulkan::Place::device);
+    const auto copy_and_back = [&](bool in_order) {
+        queue.enqueue_once([&](const vulkan::Commands& commands) {
+            commands.copyBuffer(from.get(), to.get(), vk::BufferCopy(0, 0, 256));
+            if (in_order) vulkan::all_then_all(commands);
+            commands.copyBuffer(to.get(), from.get(), vk::BufferCopy(0, 0, 256));
+            vulkan::all_then_all(commands);
+        });
+        queue.wait();
+        device.check("testing");
+    };
+    EXPECT_NO_THROW(copy_and_back(true));
+    EXPECT_THROW(copy_and_back(false), DeviceError);
+}
+
+// --- A lost device ----------------------------------------------------------------------------------------
+
+/// A driver whose device is lost, as long as this lives, from the next submission on.
+class LostDevice {
+public:
+    explicit LostDevice(const vulkan::Device& device)
+        : functions_(const_cast<Functions&>(*device.get().getDispatcher())),
+          submit_(functions_.vkQueueSubmit) {
+        functions_.vkQueueSubmit = [](VkQueue, std::uint32_t, const VkSubmitInfo*, VkFence) {
+            return VK_ERROR_DEVICE_LOST;
+        };
+    }
+    LostDevice(const LostDevice&) = delete;
+    LostDevice& operator=(const LostDevice&) = delete;
+    ~LostDevice() { functions_.vkQueueSubmit = submit_; }
+
+private:
+    using Functions = std::remove_cvref_t<decltype(*std::declval<vk::raii::Device>().getDispatcher())>;
+    Functions& functions_;
+    PFN_vkQueueSubmit submit_;
+};
+
+TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
+    const Problem problem = plain_problem();
+    const auto other = BackendSpec::parse("vulkan_explicit").make();
+    other->upload(problem, random_state(problem, 0.05, 3));
+    for (const char* const name : {"vulkan_implicit", "vulkan_explicit"}) {
+        const auto backend = BackendSpec::parse(name).make();
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        backend->step(3);
+        const LostDevice lost(dynamic_cast<vulkan::VulkanBackend&>(*backend).device());
+        try {
+            backend->step(3);
+            backend->synchronize();
+            FAIL() << "no DeviceError";
+        } catch (const DeviceError& error) {
+            EXPECT_THAT(error.what(), AllOf(HasSubstr("DeviceLost"), HasSubstr("while stepping")));
+        }
+        EXPECT_THROW((void)backend->download(), DeviceError);
+        EXPECT_THROW(backend->upload(problem, random_state(problem, 0.05, 3)), DeviceError);
+    }
+    EXPECT_NO_THROW(other->step(3));
+    EXPECT_NO_THROW((void)other->download());
+}
+
+// --- Memory -----------------------------------------------------------------------------------------------
+
+TEST_F(Vulkan, WhatABufferCannotHoldIsRefused) {
+    const auto backend = BackendSpec::parse("vulkan_implicit").make();
+    const std::uint64_t most =
+        dynamic_cast<const vulkan::VulkanBackend&>(*backend).device().max_buffer_bytes();
+    Problem problem;
+    problem.lattice.dims = {1024, 1024, int(most / 16 / 1024 / 1024)};
+    EXPECT_THAT(backend->unsupported(problem),
+                AllOf(HasSubstr("positions of "), HasSubstr("exceed the " + std::to_string(most))));
+    const auto lists = BackendSpec::parse("vulkan_explicit").make();
+    EXPECT_THAT(lists->unsupported(star(30000)), HasSubstr("neighbour lists of "));
+    EXPECT_THAT(lists->unsupported(star(1000)), IsEmpty());
+}
+
+TEST_F(Vulkan, FreeMemoryIsWhatTheDriverTells) {
+    const vulkan::Device device(Precision::float32);
+    const std::uint64_t free = device.free_memory_bytes();
+    EXPECT_GT(free, 0u);
+    std::uint64_t heaps = 0;
+    const auto memory = device.physical().getMemoryProperties();
+    for (std::uint32_t n = 0; n < memory.memoryHeapCount; ++n) heaps += memory.memoryHeaps[n].size;
+    EXPECT_LE(free, heaps);
+}
+
+TEST_F(Vulkan, AStartMayBeKeptAgainWhileItIsGoneBackTo) {
+    const Problem problem = plain_problem();
+    const auto backend = BackendSpec::parse("vulkan_implicit").make();
+    backend->upload(problem, random_state(problem, 0.05, 3));
+    ASSERT_TRUE(backend->keep_start());
+    backend->step(100);
+    backend->rewind();
+    ASSERT_TRUE(backend->keep_start());
+    backend->step(20);
+    backend->rewind();
+    backend->step(20);
+    expect_same_bits(backend->download(), after(*BackendSpec::parse("vulkan_implicit").make(), problem, 20));
+}
+
+// --- Modules ----------------------------------------------------------------------------------------------
+
+TEST(VulkanModule, KnowsTheNamesOfItsSource) {
+    const vulkan::Module& module = vulkan::Module::named("compute_implicit_position_float32");
+    EXPECT_EQ(module.constants().at("DAMPING"), 3u);
+    EXPECT_EQ(module.uniforms().at("rest_length").stride, 16u) << "std140";
+    EXPECT_EQ(module.uniforms().at("gravity").stride, 0u);
+    EXPECT_THAT(module.storage(), ::testing::Contains(std::uint32_t(glsl::words)));
+    EXPECT_THROW((void)vulkan::Module::named("nonsense"), DeviceError);
+}
+
+/// Those of `constants` that `module` does not have: they would be passed over in silence.
+std::vector<std::string> unknown(const std::string& module, const glsl::Constants& constants) {
+    std::vector<std::string> names;
+    for (const auto& [name, value] : constants) {
+        if (!vulkan::Module::named(module).constants().contains(name)) names.push_back(name);
+    }
+    return names;
+}
+
+TEST(VulkanModule, HasEveryConstantThatAProblemSets) {
+    const Problem problem = problem_with_everything();
+    for (const Formulation formulation : all_formulations) {
+        for (const char* const precision : {"_float32", "_float64"}) {
+            const std::string suffix = "_" + to_string(formulation) + precision;
+            const glsl::Constants terms = glsl::term_constants(problem, formulation, false);
+            EXPECT_THAT(unknown("compute_implicit" + suffix, terms), IsEmpty());
+            EXPECT_THAT(unknown("compute_explicit" + suffix, terms), IsEmpty());
+            EXPECT_THAT(unknown("compute_implicit" + suffix, glsl::implicit_constants(problem, true, true)),
+                        IsEmpty());
+            EXPECT_THAT(unknown("compute_explicit" + suffix, glsl::explicit_constants({}, false)), IsEmpty());
+            EXPECT_THAT(unknown(std::string("edit_rows") + precision, glsl::edit_constants({}, formulation)),
+                        IsEmpty());
+        }
+    }
+}
+
+TEST(VulkanModule, SetsUniformsWhereTheModuleHasThem) {
+    const vulkan::Module& module = vulkan::Module::named("compute_explicit_increment_float64");
+    vulkan::Uniforms uniforms(module);
+    const std::array<double, 3> lengths = {1.5, 2.5, 3.5};
+    uniforms.set("rest_length", lengths);
+    uniforms.set("particles", 77);
+    uniforms.set("of another module", 1);
+    const auto at = [&](const char* name, std::size_t element, auto value) {
+        const vulkan::Uniform& uniform = module.uniforms().at(name);
+        std::memcpy(&value, uniforms.bytes().data() + uniform.offset + element * uniform.stride,
+                    sizeof value);
+        return value;
+    };
+    EXPECT_EQ(at("particles", 0, 0), 77);
+    for (std::size_t n = 0; n < lengths.size(); ++n) EXPECT_EQ(at("rest_length", n, 0.0), lengths[n]);
+}
+
+// --- What is kept of compiled code
+// --------------------------------------------------------------------------
+
+TEST_F(Vulkan, KeepsWhatItCompiledInTheUsersCacheFolder) {
+    const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "vulkan_cache";
+    std::filesystem::remove_all(folder);
+    const Variable cache("VOXSPRING_CACHE", folder.string());
+    const Problem problem = plain_problem();
+    const auto compiled = [&] {
+        const auto backend = BackendSpec::parse("vulkan_implicit").make();
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        backend->step(3);
+        (void)backend->download();
+        const CompileTime first = backend->compile_time();
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        EXPECT_EQ(backend->compile_time().spent, 0) << "the same problem again";
+        return first;
+    };
+    const CompileTime cold = compiled();
+    EXPECT_GT(cold.spent, 0);
+    EXPECT_EQ(cold.cold, cold.spent);
+    const auto files = std::distance(std::filesystem::directory_iterator(folder), {});
+    EXPECT_GT(files, 0);
+    const CompileTime warm = compiled();
+    EXPECT_EQ(warm.cold, cold.cold) << "what it took when it was compiled";
+    EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), files);
+    std::filesystem::remove_all(folder);
+}
+
+TEST_F(Vulkan, ADamagedCacheIsNoCache) {
+    const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "vulkan_damaged";
+    std::filesystem::remove_all(folder);
+    const Variable cache("VOXSPRING_CACHE", folder.string());
+    const Problem problem = plain_problem();
+    const auto run = [&] { return after(*BackendSpec::parse("vulkan_explicit").make(), problem, 5); };
+    const State state = run();
+    for (const auto& entry : std::filesystem::directory_iterator(folder))
+        std::filesystem::resize_file(entry.path(), 5);
+    expect_same_bits(run(), state);
+    std::filesystem::remove_all(folder);
+}
+
+}  // namespace
+}  // namespace voxspring::testing
