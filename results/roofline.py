@@ -20,7 +20,7 @@ import matplotlib.pyplot as plt
 plt.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#e4e4e4",
                      "grid.linewidth": 0.6, "axes.axisbelow": True})
 
-MARKERS = {"CUDA": "o", "OpenGL": "s", "CPU": "^", "another API": "D"}
+MARKERS = {"CUDA": "o", "Vulkan": ">", "OpenGL": "s", "CPU": "^", "another API": "D"}
 DASHES = {"memory": "-", "memory, half written": "--", "cache": ":"}
 SCENES = ("box@32", "box@256")
 

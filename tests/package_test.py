@@ -68,6 +68,8 @@ class Package(unittest.TestCase):
         measured = {row["backend"] for row in json.loads(result.read_text())["benchmarks"]}
         for backend in ("cpu_reference", "cpu_parallel", "gl_fragment_implicit", "gl_compute_implicit"):
             self.assertIn(backend, measured)
+        if "vulkan" in os.environ.get("VOXSPRING_REQUIRE", ""):
+            self.assertIn("vulkan_implicit", measured)
 
     def test_its_tests_pass(self):
         # Those of the tests of every backend that need most time have passed in the build tree; these say whether it works here.

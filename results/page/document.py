@@ -18,7 +18,8 @@ from . import figures, reading
 POLICY = ("default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
           "form-action 'none'")
 OUTLINES = {"circle": '<circle cx="5" cy="5" r="4.5"/>', "square": '<rect x="1" y="1" width="8" height="8"/>',
-            "triangle-up": '<path d="M5 .5 9.7 9H.3z"/>', "triangle-down": '<path d="M5 9.5 9.7 1H.3z"/>',
+            "triangle-up": '<path d="M5 .5 9.7 9H.3z"/>', "triangle-right": '<path d="M9.5 5 1 9.7V.3z"/>',
+            "triangle-down": '<path d="M5 9.5 9.7 1H.3z"/>',
             "diamond": '<path d="M5 0 9 5 5 10 1 5z"/>',
             "cross": '<path d="M3.5 0h3v3.5H10v3H6.5V10h-3V6.5H0v-3h3.5z"/>'}
 # What a rounding error is small beside: the time step's own error on the datasets here is above it.

@@ -28,7 +28,7 @@ PLACES = {name: place for place, name in enumerate((
     "cpu_parallel", "cpu_reference"))}
 SPARE_COLOURS = 6
 # Shapes tell families apart where colours would not.
-SHAPES = {"CUDA": "circle", "OpenGL": "square", "CPU": "triangle-up", "another API": "diamond"}
+SHAPES = {"CUDA": "circle", "Vulkan": "triangle-right", "OpenGL": "square", "CPU": "triangle-up", "another API": "diamond"}
 FORMULATIONS = {"paper": "cross", "position": "triangle-down", "displacement": "square", "increment": "circle",
                 "compensated": "diamond"}
 # Binds a figure to its unit.

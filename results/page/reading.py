@@ -157,9 +157,9 @@ ROOF_LABELS = {"memory, half written": "memory (dashed: half written)", "cache":
 
 
 def rooflines(limits, rows):
-    """The roofs above rows: those of a card from CUDA where that is among them, as OpenGL is on the same card."""
+    """The roofs above rows: those of a card from CUDA where that is among them, as OpenGL and Vulkan are on the same card."""
     families = {row["family"] for row in rows}
-    shown = families - ({"OpenGL"} if "CUDA" in families else set())
+    shown = families - ({"OpenGL", "Vulkan"} if "CUDA" in families else set())
     found = {}
     for row in rows:
         if row["family"] in shown and row["backend"] in limits:
@@ -242,7 +242,7 @@ def short_contender(name):
 
 def family(backend):
     """What a backend's times are to be told apart by: the API in its name."""
-    return {"cuda": "CUDA", "gl": "OpenGL", "cpu": "CPU"}.get(backend.split("_")[0], "another API")
+    return {"cuda": "CUDA", "vulkan": "Vulkan", "gl": "OpenGL", "cpu": "CPU"}.get(backend.split("_")[0], "another API")
 
 
 def moved_and_computed(row):
