@@ -1,4 +1,5 @@
-// Which graphics card this process measures. CUDA knows; OpenGL follows, so that no table mixes two cards.
+// Which graphics card this process measures. CUDA knows; OpenGL and Vulkan follow, so that no table mixes two
+// cards.
 #pragma once
 
 #include <array>

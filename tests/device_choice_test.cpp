@@ -1,4 +1,4 @@
-// Which OpenGL devices may stand in one table with a CUDA device.
+// Which devices of OpenGL and Vulkan may stand in one table with a CUDA device.
 #include "backends/device_choice.h"
 
 #include <gmock/gmock.h>
