@@ -153,6 +153,24 @@ TEST_F(StudyKinds, SayWhichListsAndSchemaTheirResultsHave) {
               (std::vector<std::string>{"stability", "stability_map"}));
 }
 
+TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {
+    Study study;
+    study.name = "test";
+    study.kind = "overhead";
+    study.repetitions = 2;
+    study.backends = {"cpu_reference"};
+    study.scenes = {{"box@4", 20, {}}};
+    const nlohmann::json result = run_study(study, {});
+    ASSERT_EQ(result.at("overhead").size(), 2u) << result.at("failed");
+    std::vector<std::string> ways;
+    for (const auto& row : result.at("overhead")) {
+        ways.push_back(row.at("handed_over"));
+        EXPECT_GT(row.at("host_seconds_per_step"), 0.0);
+        EXPECT_GT(row.at("seconds_per_step"), 0.0);
+    }
+    EXPECT_EQ(ways, (std::vector<std::string>{"one by one", "at once"}));
+}
+
 Study timing_of(const std::vector<StudyScene>& scenes) {
     Study study;
     study.name = "test";

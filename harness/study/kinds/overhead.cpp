@@ -1,0 +1,179 @@
+// The kind of study `overhead`: what a step costs beside its work, handed over one by one or many at once.
+#include <algorithm>
+#include <chrono>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include "harness/base/bad_input.h"
+#include "harness/base/interruption.h"
+#include "harness/base/text.h"
+#include "harness/results/result.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/study/study_bench.h"
+#include "harness/study/study_kind.h"
+
+namespace voxspring {
+namespace {
+
+/// Steps whose calls the host's time is taken of: so few that no backend waits for its device meanwhile.
+constexpr int unhindered_one_by_one = 50;
+constexpr int unhindered_at_once = 500;
+
+struct OverheadRow {
+    Row row;
+    std::string handed_over = {};  ///< "one by one", "at once"
+    double seconds_per_step = 0;   ///< from the first call to the end of the last step
+    double host_seconds_per_step = 0;
+};
+
+template <class Self, class Fields>
+void overhead_fields(Self& row, Fields& fields) {
+    fields.required("handed_over", row.handed_over);
+    fields.required("seconds_per_step", row.seconds_per_step);
+    fields.required("host_seconds_per_step", row.host_seconds_per_step);
+}
+
+nlohmann::json to_json(const OverheadRow& row) {
+    nlohmann::json json = to_json(row.row);
+    RowWriter writer(json);
+    overhead_fields(row, writer);
+    return json;
+}
+
+OverheadRow overhead_row_from_json(const nlohmann::json& json) {
+    OverheadRow row{.row = row_from_json(json)};
+    RowReader reader(json);
+    overhead_fields(row, reader);
+    return row;
+}
+
+// --- In the process of a case ---------------------------------------------------------------------------
+
+class OverheadRunner final : public CaseRunner {
+public:
+    OverheadRunner(const Scene& scene, const nlohmann::json& parameters)
+        : steps_(parameters.at("steps")), repetitions_(parameters.at("repetitions")), runner_(scene) {}
+
+    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
+        if (!keeps_start_) {
+            runner_.rewind(backend);
+            runner_.keep_start(backend);
+            keeps_start_ = true;
+        }
+        const bool at_once = question.at("handed_over") == "at once";
+        OverheadRow row;
+        row.handed_over = question.at("handed_over");
+        row.seconds_per_step = shortest(backend, steps_, at_once).second;
+        row.host_seconds_per_step =
+            shortest(backend, at_once ? unhindered_at_once : unhindered_one_by_one, at_once).first;
+        return to_json(row);
+    }
+
+private:
+    using Clock = std::chrono::steady_clock;
+    static double seconds_since(Clock::time_point begin) {
+        return std::chrono::duration<double>(Clock::now() - begin).count();
+    }
+
+    /// Seconds a step, of the calls alone and until the last step is done: the shortest of the repetitions,
+    /// after one that does what is done on a first run only.
+    std::pair<double, double> shortest(Backend& backend, int steps, bool at_once) {
+        std::pair most(std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity());
+        for (int repetition = 0; repetition <= repetitions_; ++repetition) {
+            runner_.rewind(backend);
+            backend.synchronize();
+            const auto begin = Clock::now();
+            if (at_once) {
+                backend.step(steps);
+            } else {
+                for (int n = 0; n < steps; ++n) backend.step(1);
+            }
+            const double called = seconds_since(begin);
+            backend.synchronize();
+            const double done = seconds_since(begin);
+            if (repetition == 0) continue;
+            most = {std::min(most.first, called / steps), std::min(most.second, done / steps)};
+        }
+        return most;
+    }
+
+    const int steps_, repetitions_;
+    SceneRunner runner_;
+    bool keeps_start_ = false;  // or has been asked to
+};
+
+const RegisteredCaseRunner runner("overhead", [](const BackendSpec&, const Scene& scene,
+                                                 const nlohmann::json& parameters, SharedState*) {
+    return std::make_unique<OverheadRunner>(scene, parameters);
+});
+
+// --- In the process of the study ------------------------------------------------------------------------
+
+class OverheadStudy final : public StudyKind {
+public:
+    void check(const Study& study, const StudyScene&, const Scene& scene) const override {
+        if (!scene.edits.empty())
+            throw BadInput("study " + study.name, "scene " + scene.name,
+                           std::to_string(scene.edits.size()) + " edits", "none in an overhead study");
+    }
+    int rows_of_case(const Study&, const StudyScene&) const override { return 2; }
+    double steps_of_case(const Study& study, const StudyScene& item) const override {
+        return 2.0 * item.steps * (study.repetitions + 1);
+    }
+    void run(StudyBench& bench) override;
+    std::vector<std::string> lists() const override { return {"overhead"}; }
+    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
+};
+
+void OverheadStudy::run(StudyBench& bench) {
+    const Scene& scene = bench.scene();
+    const std::uint64_t springs = count_springs(scene.problem).total();
+    const int total = int(bench.specs().size());
+    int begun = 0;
+    // One after another: nothing else is to ask the host or the device for anything.
+    for (const BackendSpec& spec : bench.specs()) {
+        if (interrupted()) return;
+        bench.show(spec.label(), begun++, total);
+        auto entered = bench.enter(
+            spec, {"overhead", {{"steps", bench.item().steps}, {"repetitions", bench.study().repetitions}}});
+        if (!entered) continue;
+        JournalScope& scope = entered->scope();
+        for (const char* const handed_over : {"one by one", "at once"}) {
+            if (scope.find(handed_over) == nullptr && scope.find("failed") == nullptr) {
+                const auto failure = failure_of([&] {
+                    scope.keep(handed_over, entered->ask({{"do", "measure"}, {"handed_over", handed_over}},
+                                                         "measuring its overhead"));
+                });
+                if (failure) scope.keep("failed", *failure);
+            }
+            const nlohmann::json* measured = scope.find(handed_over);
+            if (measured == nullptr) continue;
+            OverheadRow row = overhead_row_from_json(*measured);
+            row.row = row_of(scene.name, spec);
+            row.row.workpiece = Workpiece{
+                .steps = bench.item().steps, .particles = scene.problem.particle_count(), .springs = springs};
+            bench.add("overhead", to_json(row));
+        }
+        bench.add_failure(*entered);
+    }
+}
+
+void OverheadStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
+    const std::vector<Column> columns = {{"scene", 0, true}, {"backend", 0, true}, {"particles", 1},
+                                         {"handed over"},    {"a step"},           {"of the host's time"}};
+    std::vector<std::vector<std::string>> table;
+    for (const auto& json : result.at("overhead")) {
+        const OverheadRow row = overhead_row_from_json(json);
+        table.push_back({row.row.identity.scene, row.row.label(),
+                         std::to_string(row.row.workpiece->particles), row.handed_over,
+                         si(row.seconds_per_step, "s"), si(row.host_seconds_per_step, "s")});
+    }
+    print_columns(columns, table, width, out);
+    print_unmeasured(result, out);
+}
+
+const RegisteredStudyKind registered("overhead", [] { return std::make_unique<OverheadStudy>(); });
+
+}  // namespace
+}  // namespace voxspring
