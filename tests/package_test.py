@@ -72,8 +72,9 @@ class Package(unittest.TestCase):
             self.assertIn("vulkan_implicit", measured)
 
     def test_its_tests_pass(self):
-        # Those of the tests of every backend that need most time have passed in the build tree; these say whether it works here.
-        done = self.call("run", "test", "--gtest_filter=-*AnEditedProblem*:*EditsBetweenSteps*:*UploadRewinds*",
+        # All of them have passed in the build tree; of every backend's these say whether it works here.
+        done = self.call("run", "test", "--gtest_filter=-*AnEditedProblem*:*EditsBetweenSteps*:*Rewinds*:*TheBox:*float64*:*_block_*:"
+                         "*_terms_*:*_interior_*:*compensated*:*displacement*:*paper*",
                          VOXSPRING_REQUIRE=os.environ.get("VOXSPRING_REQUIRE", "gl"))
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
         tests = {path.name for path in (self.package / "bin").glob("*_test")}
