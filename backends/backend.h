@@ -3,9 +3,11 @@
 // in CMakeLists.txt.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -59,6 +61,7 @@ struct Capabilities {
     /// What measure_limits() is of, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".
     /// Backends of one name share one measurement. Empty: that of its own API and version alone.
     std::string limits_of = {};
+    bool has_borders = false;  ///< Backend::border() gives one
 };
 
 /// One timed batch of steps.
@@ -104,6 +107,23 @@ struct CompileTime {
     }
 };
 
+/// The places of some particles of a simulation, which is one part of a larger body (layout/slabs.h): what
+/// the springs of the part beside it pull at, in the backend's own numbers, so that nothing is rounded on the
+/// way. What one border read another one writes, of a backend with the same options.
+class Border {
+public:
+    Border() = default;
+    Border(const Border&) = delete;
+    Border& operator=(const Border&) = delete;
+    virtual ~Border() = default;
+
+    virtual std::size_t bytes() const = 0;
+    /// As the steps enqueued so far leave them; waits for those.
+    virtual void read(std::byte* to) const = 0;
+    /// From the next step on the particles, which are pinned, are there.
+    virtual void write(const std::byte* from) = 0;
+};
+
 /// One simulation on one device. Constructing acquires the device and throws Unavailable where there is
 /// none; destroying gives it back and never throws. Every other member throws DeviceError when the
 /// device fails, after which the object is only good for destruction. Not thread-safe.
@@ -140,6 +160,12 @@ public:
     /// What travels to the device is what `edit` touched. A backend whose arrays have no room for it, or
     /// whose kernel was chosen for springs of another kind, may build anew what it keeps of springs.
     virtual void edit(const Problem& edited, const SpringEdit& edit) = 0;
+
+    /// The places of `particles`, ascending; to be used until the next upload(). Null where capabilities()
+    /// say so.
+    virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
+        return nullptr;
+    }
 
     /// Enqueue `count` steps; may return before they have run.
     virtual void step(int count) = 0;

@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <string>
 #include <vector>
@@ -61,7 +62,11 @@ public:
           flushes_subnormals_(options.tuning.at("subnormals") == "flush"),
           threads_(thread_count(options)) {}
 
-    Capabilities capabilities() const override { return cpu_capabilities(target_name(), threads_); }
+    Capabilities capabilities() const override {
+        Capabilities all = cpu_capabilities(target_name(), threads_);
+        all.has_borders = true;
+        return all;
+    }
 
     std::string unsupported(const Problem& problem) const override { return refusal<T>(problem); }
 
@@ -87,6 +92,10 @@ public:
     }
 
     State download() override { return state_.unpack(*problem_, formulation_, std::size_t(step_ % 2)); }
+
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return std::make_unique<Places>(*this, particles);
+    }
 
     WorkCount count_work() override {
         if (!policy_.may_check()) return {};
@@ -145,6 +154,60 @@ private:
         std::array<std::vector<Opposites<T>>, 2> opposites;
         Tiles::Share tiles;
         Task<T> task{};
+    };
+
+    /// The places of some particles in the state at hand.
+    class Places final : public Border {
+    public:
+        Places(CpuParallel& of, const std::vector<std::uint32_t>& particles) : of_(of) {
+            const Lattice& lattice = of.problem_->lattice;
+            for (const std::uint32_t i : particles) {
+                const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
+                places_.push_back(
+                    {of.state_.grid.element(at), of.tiles_->at({at.x / int(block_size<T>), at.y, at.z})});
+            }
+        }
+
+        std::size_t bytes() const override { return places_.size() * arrays().size() * sizeof(T); }
+        void read(std::byte* to) const override {
+            for (T* const array : arrays()) {
+                for (const Place& place : places_) {
+                    std::memcpy(to, array + place.element, sizeof(T));
+                    to += sizeof(T);
+                }
+            }
+        }
+        void write(const std::byte* from) override {
+            for (T* const array : arrays()) {
+                for (const Place& place : places_) {
+                    // A tile may rest until a bit beside it changes.
+                    if (std::memcmp(array + place.element, from, sizeof(T)) != 0) {
+                        std::memcpy(array + place.element, from, sizeof(T));
+                        of_.tiles_->mark_active(place.tile, of_.step_);
+                    }
+                    from += sizeof(T);
+                }
+            }
+        }
+
+    private:
+        struct Place {
+            std::ptrdiff_t element;
+            std::uint32_t tile;
+        };
+        std::vector<T*> arrays() const {
+            const auto current = std::size_t(of_.step_ % 2);
+            std::vector<T*> all;
+            for (const auto* vector : {&of_.state_.at[current], &of_.state_.at_low[current]}) {
+                for (const Array<T>& array : *vector) {
+                    if (array != nullptr) all.push_back(array.get());
+                }
+            }
+            return all;
+        }
+
+        CpuParallel& of_;
+        std::vector<Place> places_;
     };
 
     void begin(const Problem& problem, const State& state) override {

@@ -1,7 +1,11 @@
 // The oracle: float64, a plain loop over springs, one thread. Every other backend is compared with it.
 #include <cmath>
+#include <cstring>
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
+#include <memory>
+#include <utility>
+#include <vector>
 
 #include "backends/cpu/cpu_backend.h"
 #include "backends/physics/spring.h"
@@ -14,7 +18,11 @@ class CpuReference final : public MonitoredCpuBackend {
 public:
     explicit CpuReference(Formulation formulation) : formulation_(formulation) {}
 
-    Capabilities capabilities() const override { return cpu_capabilities("scalar", 1); }
+    Capabilities capabilities() const override {
+        Capabilities all = cpu_capabilities("scalar", 1);
+        all.has_borders = true;
+        return all;
+    }
 
     // Anew, which is plainly right.
     void edit(const Problem& edited, const SpringEdit&) override {
@@ -32,6 +40,10 @@ public:
                                                              : at_[i] - previous_[i];
         }
         return state;
+    }
+
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return std::make_unique<Places>(*this, particles);
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -57,6 +69,33 @@ public:
     }
 
 private:
+    /// at_ and at_low_ of some particles.
+    class Places final : public Border {
+    public:
+        Places(CpuReference& of, std::vector<std::uint32_t> particles)
+            : of_(of), particles_(std::move(particles)) {}
+
+        std::size_t bytes() const override { return particles_.size() * 2 * sizeof(glm::dvec3); }
+        void read(std::byte* to) const override {
+            for (const std::uint32_t i : particles_) {
+                std::memcpy(to, &of_.at_[i], sizeof(glm::dvec3));
+                std::memcpy(to + sizeof(glm::dvec3), &of_.at_low_[i], sizeof(glm::dvec3));
+                to += 2 * sizeof(glm::dvec3);
+            }
+        }
+        void write(const std::byte* from) override {
+            for (const std::uint32_t i : particles_) {
+                std::memcpy(&of_.at_[i], from, sizeof(glm::dvec3));
+                std::memcpy(&of_.at_low_[i], from + sizeof(glm::dvec3), sizeof(glm::dvec3));
+                from += 2 * sizeof(glm::dvec3);
+            }
+        }
+
+    private:
+        CpuReference& of_;
+        const std::vector<std::uint32_t> particles_;
+    };
+
     void begin(const Problem& problem, const State& state) override {
         problem_ = &problem;
         springs_ = list_springs(problem);

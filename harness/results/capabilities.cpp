@@ -43,7 +43,8 @@ nlohmann::json to_json(const Capabilities& capabilities) {
             {"highest_mhz", capabilities.highest_mhz},
             {"family", name_of(capabilities.family)},
             {"software", capabilities.is_software},
-            {"limits_of", capabilities.limits_of}};
+            {"limits_of", capabilities.limits_of},
+            {"borders", capabilities.has_borders}};
 }
 
 Capabilities capabilities_of(const nlohmann::json& json) {
@@ -57,7 +58,8 @@ Capabilities capabilities_of(const nlohmann::json& json) {
             .highest_mhz = json.value("highest_mhz", std::map<std::string, int>()),
             .family = family_of(json, api),
             .is_software = json.value("software", device.ends_with(", software")),
-            .limits_of = json.value("limits_of", "")};
+            .limits_of = json.value("limits_of", ""),
+            .has_borders = json.value("borders", false)};
 }
 
 }  // namespace voxspring
