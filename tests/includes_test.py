@@ -23,6 +23,7 @@ ROOMS = [
     ["harness/results"],
     ["harness/export"],
     ["harness/process"],
+    ["harness/ranks"],
     ["harness/study"],
     ["harness/cli"],
 ]

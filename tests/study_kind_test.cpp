@@ -171,6 +171,54 @@ TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {
     EXPECT_EQ(ways, (std::vector<std::string>{"one by one", "at once"}));
 }
 
+TEST_F(StudyKinds, ScalingComparesRanksWithOne) {
+    const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 2, "steps": 12,
+        "ranks": [1, 2, 3, 9], "backends": ["cpu_parallel:formulation=position", "cpu_reference"],
+        "scenes": [{"scene": "box@8"}, {"scene": "box@4x4x4", "ranks": [1], "weak": "growing"},
+                   {"scene": "box@4x4x8", "ranks": [2], "weak": "growing"}]})");
+    StudyOptions options;
+    options.ranks = 3;
+    const nlohmann::json result = run_study(load_study(file), options);
+    EXPECT_TRUE(result.at("failed").empty()) << result.at("failed");
+    ASSERT_EQ(result.at("scaling").size(), 2u * (3 + 2));
+    for (const auto& row : result.at("scaling")) {
+        const int ranks = row.at("ranks");
+        const bool grows = row.at("family") == "growing";
+        EXPECT_EQ(row.at("scaling"), grows ? "weak" : "strong");
+        EXPECT_EQ(row.at("way"), ranks == 1 ? "none" : "memory");
+        EXPECT_EQ(row.at("same_bits").is_null(), ranks == 1 || grows);
+        EXPECT_NE(row.at("same_bits"), false);
+        const double efficiency = row.at("efficiency");
+        EXPECT_GT(efficiency, 0);
+        EXPECT_TRUE(ranks > 1 || efficiency == 1) << efficiency;
+        EXPECT_GT(row.at("predicted_seconds"), 0.0);
+        EXPECT_GT(row.at("compute_seconds"), 0.0);
+        EXPECT_EQ(row.at("latency_seconds").is_null(), ranks == 1);
+        EXPECT_LT(row.at("error_max"), 1e-3);
+    }
+    // Two slabs of a box of 8 layers and two ghost layers.
+    EXPECT_EQ(result.at("scaling")[1].at("ghosts"), 2 * 64);
+    EXPECT_EQ(result.at("scaling")[1].at("largest_slab"), 5 * 64);
+}
+
+TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
+    const auto load = [&](const std::string& keys) {
+        const std::string file = write(
+            "scaling.json",
+            R"({"kind": "scaling", "backends": ["cpu_*"], "scenes": [{"scene": "box@4"}], )" + keys + "}");
+        return refusal([&] { (void)run_study(load_study(file), {}); });
+    };
+    expect_contains(load(R"("ranks": [2, 1])"), "ascending order");
+    expect_contains(load(R"("ranks": [0])"), "1 to 1024");
+    Study timing;
+    timing.name = "plain";
+    timing.backends = {"cpu_reference"};
+    timing.scenes = {{"box@4", 4, {}}};
+    StudyOptions options;
+    options.ranks = 2;
+    expect_contains(refusal([&] { (void)run_study(timing, options); }), "not of the kind scaling");
+}
+
 Study timing_of(const std::vector<StudyScene>& scenes) {
     Study study;
     study.name = "test";

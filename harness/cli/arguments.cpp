@@ -249,6 +249,10 @@ void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
     study->add_option("--scene", options.scenes,
                       "Only scenes that match this glob, or this scene; may be given several times");
     add_repetitions(*study, options, "Timed batches of each backend and scene");
+    add_number<std::int64_t>(
+        *study, "--ranks", 1, max_ranks, [&options](std::int64_t count) { options.ranks = int(count); },
+        "Of a scaling study: at most so many parts of a scene, each stepped by a thread of its own; one a "
+        "processor");
     study->add_flag("--resume", options.resume, "Go on with the study of --out that was cut short")
         ->needs(file);
     add_number<double>(

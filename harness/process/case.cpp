@@ -50,10 +50,6 @@ private:
     std::unique_ptr<CaseRunner> runner_;
 };
 
-nlohmann::json description_of(const BackendSpec& spec, const CaseProgram& program) {
-    return {{"backend", spec.text()}, {"program", to_json(program)}};
-}
-
 nlohmann::json introduction_by(Worker& worker, const BackendSpec& spec) {
     return worker.ask({{"do", "construct"}}, "constructing " + spec.entry->name);
 }
@@ -71,7 +67,7 @@ Case::Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope
 void Case::start() {
     if (interrupted()) throw Interrupted();
     if (process_ != nullptr) return;
-    process_ = std::make_unique<Worker>(*workers_, description_of(spec_, program_), timeout_);
+    process_ = std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_);
     const nlohmann::json introduction = introduction_by(*process_, spec_);
     const nlohmann::json* known = scope_.find("introduction");
     if (known == nullptr) {
@@ -133,8 +129,12 @@ std::optional<std::string> failure_of(const std::function<void()>& action) {
 }
 
 nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout) {
-    Worker worker(workers, description_of(spec, {}), timeout);
+    Worker worker(workers, case_description(spec, {}), timeout);
     return introduction_by(worker, spec);
+}
+
+nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program) {
+    return {{"backend", spec.text()}, {"program", to_json(program)}};
 }
 
 std::unique_ptr<Answerer> case_answerer(const nlohmann::json& description, const Scene* scene) {

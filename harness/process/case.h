@@ -76,7 +76,8 @@ std::optional<std::string> failure_of(const std::function<void()>& action);
 /// Worker::ask() does.
 nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout);
 
-/// What answers in a case's process.
+/// What answers in a case's process, and the description that it is started with.
+nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program);
 std::unique_ptr<Answerer> case_answerer(const nlohmann::json& description, const Scene* scene);
 
 }  // namespace voxspring

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "backends/physics/problem.h"
+#include "harness/process/shared_memory.h"
 
 namespace voxspring {
 
@@ -19,7 +20,6 @@ public:
     explicit SharedState(const nlohmann::json& description);
     SharedState(const SharedState&) = delete;
     SharedState& operator=(const SharedState&) = delete;
-    ~SharedState();
 
     nlohmann::json description() const;
 
@@ -31,11 +31,8 @@ public:
     void take(const nlohmann::json& sizes, State& state) const;
 
 private:
-    void attach();
-    std::size_t bytes() const;
-
     std::size_t particles_;
-    int segment_;                    ///< of System V's shared memory
+    SharedMemory memory_;
     std::span<glm::dvec3> vectors_;  ///< displacements, then increments
 };
 

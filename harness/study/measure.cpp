@@ -15,7 +15,6 @@
 #include "harness/results/capabilities.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/verification/errors.h"
 
 namespace voxspring {
 namespace {
@@ -318,15 +317,16 @@ void repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     }
 }
 
-/// What the states after all steps are held against. Before anything is timed, as it takes all cores.
+}  // namespace
+
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
-                              const std::vector<Case>& cases) {
+                              const std::vector<BackendSpec>& specs) {
     const Scene& scene = bench.scene();
     const int steps = steps_in_all(batch);
     References& references = bench.references();
     ReferenceSolution solution{last, steps, references.after(scene, steps), {}, scene.state};
-    for (const Case& one : cases) {
-        const RoundingModel model = rounding_model_of(one.spec());
+    for (const BackendSpec& spec : specs) {
+        const RoundingModel model = rounding_model_of(spec);
         if (spread_of(solution, model) != nullptr) continue;
         solution.spreads.emplace_back(model, references.spread(scene, steps, solution.same_step, model));
     }
@@ -338,8 +338,6 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
     }
     return solution;
 }
-
-}  // namespace
 
 void check_batch(const Study& study, const Scene& scene, const Batch& batch) {
     const std::string where = "study " + study.name;
@@ -360,7 +358,9 @@ void measure(StudyBench& bench, const Batch& batch) {
     if (entered.empty()) return;
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = problem_after(scene, steps_in_all(batch));
-    const ReferenceSolution solution = solution_of(bench, edited ? *edited : scene.problem, batch, entered);
+    std::vector<BackendSpec> specs;
+    for (const Case& one : entered) specs.push_back(one.spec());
+    const ReferenceSolution solution = solution_of(bench, edited ? *edited : scene.problem, batch, specs);
     State left;
     const MeasurementContext context{scene,
                                      batch,

@@ -3,6 +3,7 @@
 
 #include "harness/study/study_bench.h"
 #include "harness/study/timing_runner.h"
+#include "harness/verification/errors.h"
 
 namespace voxspring {
 
@@ -10,6 +11,11 @@ namespace voxspring {
 /// steps together are at most max_steps_in_all.
 void check_batch(const Study& study, const Scene& scene, const Batch& batch);
 constexpr int max_steps_in_all = 1000000000;
+
+/// What the states of such backends after all steps are held against, whose problem is `last` by then. Before
+/// anything is timed, as it takes all cores.
+ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
+                              const std::vector<BackendSpec>& specs);
 
 /// Runs every backend of the bench `repetitions` times for `steps` steps, from the same state each time,
 /// interleaved in random order after one warm-up batch each, and compares the state that its last timed batch

@@ -47,6 +47,9 @@ struct Named {
 };
 std::vector<Named> builtin_studies();
 
+/// More ranks than any machine or study has.
+constexpr int max_ranks = 1024;
+
 /// What the command line changes about a study.
 struct StudyOptions {
     /// Keep what matches one of these globs (a backend's name or its label; a scene's name); one that
@@ -55,6 +58,8 @@ struct StudyOptions {
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< of each scene that is a volume file
     std::optional<int> repetitions;
+    /// Of a scaling study: the most ranks; larger numbers are left out. Nothing: one a processor.
+    std::optional<int> ranks;
     /// The first SIGINT or SIGTERM ends the process, where nobody wants what is finished.
     bool stops_at_once = false;
     std::optional<std::filesystem::path> out;

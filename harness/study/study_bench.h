@@ -37,6 +37,7 @@ public:
     void turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number);
 
     const Study& study() const { return study_; }
+    const StudyOptions& options() const { return options_; }
     const StudyScene& item() const { return *item_; }
     const Scene& scene() const { return *scene_; }
     /// The backends that the study asks for on this scene, choices of the rules included.

@@ -116,6 +116,9 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
     if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_volume))
         throw BadInput("command line", "--labels, --threshold, --spacing or --gravity", study_.name,
                        "a study with a volume file among its scenes: --scene FILE adds one");
+    if (options.ranks && study_.kind != "scaling")
+        throw BadInput("command line", "--ranks", std::to_string(*options.ranks),
+                       "none: study " + study_.name + " is not of the kind scaling");
     if (options.out) check_writable(*options.out, "--out", ".json");
     for (const StudyScene& item : study_.scenes) check(item);
     begin_result();
@@ -203,6 +206,7 @@ nlohmann::json StudyRun::description() {
             {"backends", study_.backends},
             {"--backend", options_.backends},
             {"repetitions", study_.repetitions},
+            {"--ranks", options_.ranks.value_or(0)},
             {"settings", study_.settings},
             {"commit", build.at("commit")},
             {"program", fingerprint_of_executable()},

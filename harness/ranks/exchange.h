@@ -1,0 +1,49 @@
+// How the parts of one body hand each other their borders, step after step.
+//
+// A rank is one part of a run: a slab (backends/layout/slabs.h), its backend and one Exchange. Messages go to
+// the ranks before and behind, all through the host's memory here. A way that moves borders from device to
+// device (copies between peers, NCCL, stores into the neighbour's memory) is another implementation of what
+// RankBackend does in a step, on the same slabs, and shares what is here for meeting and for faults.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+
+namespace voxspring {
+
+/// Another rank failed or says nothing, so that this one cannot go on: the message names it and the reason.
+class RankLost : public std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+/// One rank's side. To each neighbour messages arrive in the order in which they were sent. Whatever waits
+/// throws RankLost once any rank has failed, or the other side has let it wait for too long.
+class Exchange {
+public:
+    Exchange() = default;
+    Exchange(const Exchange&) = delete;
+    Exchange& operator=(const Exchange&) = delete;
+    virtual ~Exchange() = default;
+
+    virtual int rank() const = 0;
+    virtual int ranks() const = 0;
+
+    /// Where the next message to the rank `to` is to be written; waits until there is room. Then sends it.
+    virtual std::byte* outbox(int to, std::size_t bytes) = 0;
+    virtual void post(int to) = 0;
+    /// The next message from the rank `from`; waits for it. Then gives its room back.
+    virtual const std::byte* inbox(int from) = 0;
+    virtual void release(int from) = 0;
+
+    /// Has every rank that waits for anything throw with this reason; the first reason counts.
+    virtual void fail(const std::string& reason) noexcept = 0;
+    /// A rank that says nothing for so long is lost; at first 10 s.
+    virtual void set_patience(std::chrono::duration<double> patience) = 0;
+};
+
+/// Returns once every rank is here.
+void meet(Exchange& exchange);
+
+}  // namespace voxspring

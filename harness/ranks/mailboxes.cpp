@@ -1,0 +1,128 @@
+#include "harness/ranks/mailboxes.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstring>
+#include <sstream>
+#include <stdexcept>
+#include <thread>
+
+namespace voxspring {
+namespace {
+
+std::size_t lines_of(std::size_t bytes) { return (bytes + sizeof(Line) - 1) / sizeof(Line); }
+
+}  // namespace
+
+/// Counts of messages since the beginning. All zeros are a mailbox that is empty.
+struct Mailbox::Head {
+    alignas(Line) std::atomic<std::uint64_t> sent;
+    std::array<std::uint64_t, 2> bytes;
+    alignas(Line) std::atomic<std::uint64_t> taken;
+};
+
+static_assert(std::atomic<std::uint64_t>::is_always_lock_free);  // between processes there is no other
+
+Mailbox::Mailbox(Line* memory, std::size_t capacity) : memory_(memory), slot_lines_(lines_of(capacity)) {}
+
+std::size_t Mailbox::lines(std::size_t capacity) { return lines_of(sizeof(Head)) + 2 * lines_of(capacity); }
+
+Mailbox::Head& Mailbox::head() const { return *reinterpret_cast<Head*>(memory_); }
+
+std::byte* Mailbox::slot(std::uint64_t number) const {
+    return memory_[lines_of(sizeof(Head)) + number % 2 * slot_lines_].bytes;
+}
+
+bool Mailbox::has_room() const {
+    return head().sent.load(std::memory_order_relaxed) - head().taken.load(std::memory_order_acquire) < 2;
+}
+std::byte* Mailbox::room() const { return slot(head().sent.load(std::memory_order_relaxed)); }
+void Mailbox::send(std::size_t bytes) {
+    const std::uint64_t number = head().sent.load(std::memory_order_relaxed);
+    head().bytes[number % 2] = bytes;
+    head().sent.store(number + 1, std::memory_order_release);
+}
+bool Mailbox::has_message() const {
+    return head().sent.load(std::memory_order_acquire) != head().taken.load(std::memory_order_relaxed);
+}
+const std::byte* Mailbox::message() const { return slot(head().taken.load(std::memory_order_relaxed)); }
+std::size_t Mailbox::message_bytes() const {
+    return head().bytes[head().taken.load(std::memory_order_relaxed) % 2];
+}
+void Mailbox::take() {
+    head().taken.store(head().taken.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+}
+
+struct Mailroom::Board {
+    enum State : int { good, being_written, failed };
+    alignas(Line) std::atomic<int> state;
+    std::array<char, 1024> reason;
+};
+
+Mailroom::Mailroom(Line* memory, int ranks, std::size_t capacity)
+    : memory_(memory), ranks_(ranks), capacity_(capacity) {}
+
+std::size_t Mailroom::lines(int ranks, std::size_t capacity) {
+    return lines_of(sizeof(Board)) + 2 * std::size_t(ranks) * Mailbox::lines(capacity);
+}
+
+Mailroom::Board& Mailroom::board() const { return *reinterpret_cast<Board*>(memory_); }
+
+Mailbox Mailroom::box(int from, int to) const {
+    const std::size_t number = 2 * std::size_t(from) + (to > from ? 1 : 0);
+    return {memory_ + lines_of(sizeof(Board)) + number * Mailbox::lines(capacity_), capacity_};
+}
+
+void Mailroom::fail(const std::string& reason) const noexcept {
+    int good = Board::good;
+    if (!board().state.compare_exchange_strong(good, Board::being_written)) return;
+    const std::size_t length = std::min(reason.size(), board().reason.size() - 1);
+    std::copy_n(reason.data(), length, board().reason.data());
+    board().reason[length] = 0;
+    board().state.store(Board::failed, std::memory_order_release);
+}
+
+bool Mailroom::has_failed() const { return board().state.load(std::memory_order_acquire) == Board::failed; }
+
+std::string Mailroom::reason() const { return board().reason.data(); }
+
+/// Spins for some microseconds, and then lets others have the core.
+template <class Ready>
+void MailboxExchange::wait_for(int other, const Ready& ready) const {
+    constexpr int spins = 2000, between_looks = 64;
+    for (int i = 0; i < spins; ++i) {
+        if (ready()) return;
+    }
+    const auto begin = std::chrono::steady_clock::now();
+    for (int i = 1;; ++i) {
+        if (ready()) return;
+        std::this_thread::yield();
+        if (i % between_looks != 0) continue;
+        if (mailroom_.has_failed()) throw RankLost(mailroom_.reason());
+        if (std::chrono::steady_clock::now() - begin < patience_) continue;
+        std::ostringstream reason;
+        reason << "rank " << rank_ << " heard nothing of rank " << other << " for " << patience_.count()
+               << " s";
+        mailroom_.fail(reason.str());
+        throw RankLost(mailroom_.has_failed() ? mailroom_.reason() : reason.str());
+    }
+}
+
+std::byte* MailboxExchange::outbox(int to, std::size_t bytes) {
+    if (bytes > mailroom_.capacity()) throw std::logic_error("a message is longer than its mailbox");
+    const Mailbox box = mailroom_.box(rank_, to);
+    wait_for(to, [&] { return box.has_room(); });
+    bytes_[to > rank_ ? 1 : 0] = bytes;
+    return box.room();
+}
+
+void MailboxExchange::post(int to) { mailroom_.box(rank_, to).send(bytes_[to > rank_ ? 1 : 0]); }
+
+const std::byte* MailboxExchange::inbox(int from) {
+    const Mailbox box = mailroom_.box(from, rank_);
+    wait_for(from, [&] { return box.has_message(); });
+    return box.message();
+}
+
+}  // namespace voxspring

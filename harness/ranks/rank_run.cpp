@@ -1,0 +1,219 @@
+#include "harness/ranks/rank_run.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+
+#include "backends/layout/slabs.h"
+#include "harness/ranks/mailboxes.h"
+#include "harness/ranks/rank_backend.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/verification/divergence.h"
+
+namespace voxspring {
+namespace {
+
+using Seconds = std::chrono::duration<double>;
+using Clock = std::chrono::steady_clock;
+
+/// The scene as one slab has it.
+Scene part_of(const Scene& scene, const Slab& slab) {
+    Scene part{.name = scene.name,
+               .source = scene.source,
+               .description = scene.description,
+               .problem = slab.problem,
+               .state = slab.part_of(scene.state),
+               .edits = {},
+               .stable_time_step = scene.stable_time_step};
+    for (const ScheduledEdit& scheduled : scene.edits) {
+        SpringEdit edit = slab.part_of(scheduled.edit);
+        if (!edit.empty()) part.edits.push_back({scheduled.step, std::move(edit)});
+    }
+    return part;
+}
+
+/// Seconds of an exchange with every neighbour at once, in messages of so many bytes.
+double seconds_of_exchange(Exchange& exchange, std::size_t bytes, int rounds) {
+    const int rank = exchange.rank();
+    std::vector<int> neighbours;
+    if (rank > 0) neighbours.push_back(rank - 1);
+    if (rank + 1 < exchange.ranks()) neighbours.push_back(rank + 1);
+    std::vector<std::byte> message(bytes);
+    const auto exchange_once = [&] {
+        for (const int other : neighbours) {
+            std::copy(message.begin(), message.end(), exchange.outbox(other, bytes));
+            exchange.post(other);
+        }
+        for (const int other : neighbours) {
+            std::copy_n(exchange.inbox(other), bytes, message.begin());
+            exchange.release(other);
+        }
+    };
+    exchange_once();  // touches the memory
+    meet(exchange);
+    const auto begin = Clock::now();
+    for (int round = 0; round < rounds; ++round) exchange_once();
+    return Seconds(Clock::now() - begin).count() / rounds;
+}
+
+void measure_exchange(Exchange& exchange, std::size_t most, RankReport& report) {
+    if (exchange.ranks() == 1) return;
+    constexpr int short_rounds = 200, long_rounds = 50;
+    const std::size_t bytes = std::min<std::size_t>(most, std::size_t(1) << 20);
+    report.latency = seconds_of_exchange(exchange, 0, short_rounds);
+    const double with_bytes = seconds_of_exchange(exchange, bytes, long_rounds);
+    report.seconds_per_byte = std::max(0.0, with_bytes - report.latency) / double(bytes);
+}
+
+/// What the threads of one run share, as long as any of them is there.
+struct Together {
+    BackendSpec spec;
+    const Scene& scene;
+    RankPlan plan;
+    std::vector<Line> memory;
+    Mailroom mailroom;
+    std::vector<RankReport> reports;
+    State whole;
+    std::mutex mutex = {};
+    std::condition_variable changed = {};
+    int at_work = 0;
+};
+
+void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
+    MailboxExchange exchange(all->mailroom, rank);
+    // What backends copy with all threads of OpenMP is copied with this rank's.
+    omp_set_num_threads(std::max(1, omp_get_max_threads() / exchange.ranks()));
+    try {
+        all->reports[std::size_t(rank)] = run_rank(all->spec, all->scene, all->plan, exchange, all->whole);
+    } catch (const std::exception& error) {
+        exchange.fail("rank " + std::to_string(rank) + ": " + error.what());
+    }
+    const std::lock_guard lock(all->mutex);
+    --all->at_work;
+    all->changed.notify_all();
+}
+
+/// Waits for all, or where one has failed a little longer for those that can still end.
+void wait_for(Together& all) {
+    constexpr Seconds between_looks(0.05), grace(2);
+    std::unique_lock lock(all.mutex);
+    const auto done = [&] { return all.at_work == 0; };
+    while (!done() && !all.mailroom.has_failed()) all.changed.wait_for(lock, between_looks, done);
+    all.changed.wait_for(lock, grace, done);
+}
+
+}  // namespace
+
+nlohmann::json to_json(const RankPlan& plan) {
+    return {{"steps", plan.steps},
+            {"repetitions", plan.repetitions},
+            {"start_patience", plan.start_patience.count()},
+            {"patience", plan.patience.count()}};
+}
+
+RankPlan rank_plan_of(const nlohmann::json& json) {
+    return {.steps = json.at("steps"),
+            .repetitions = json.at("repetitions"),
+            .start_patience = Seconds(json.at("start_patience").get<double>()),
+            .patience = Seconds(json.at("patience").get<double>())};
+}
+
+nlohmann::json to_json(const RankReport& report) {
+    nlohmann::json batches = nlohmann::json::array();
+    for (const RankBatch& batch : report.batches)
+        batches.push_back({batch.total, batch.compute, batch.exchange, batch.waiting});
+    return {{"batches", batches},        {"own", report.own},
+            {"ghosts", report.ghosts},   {"border_bytes", report.border_bytes},
+            {"latency", report.latency}, {"seconds_per_byte", report.seconds_per_byte}};
+}
+
+RankReport rank_report_of(const nlohmann::json& json) {
+    RankReport report{.own = json.at("own"),
+                      .ghosts = json.at("ghosts"),
+                      .border_bytes = json.at("border_bytes"),
+                      .latency = json.at("latency"),
+                      .seconds_per_byte = json.at("seconds_per_byte")};
+    for (const auto& batch : json.at("batches"))
+        report.batches.push_back({batch.at(0), batch.at(1), batch.at(2), batch.at(3)});
+    return report;
+}
+
+std::string ranks_refusal(const Scene& scene, int ranks) {
+    if (std::string reason = SlabCuts::refusal(scene.problem, ranks); !reason.empty()) return reason;
+    for (const ScheduledEdit& scheduled : scene.edits) {
+        if (scheduled.edit.leaves_lattice())
+            return "a slab has ghosts of one layer of voxels, and a suture after step " +
+                   std::to_string(scheduled.step) + " reaches farther";
+    }
+    return {};
+}
+
+std::size_t largest_message(const Scene& scene) {
+    const glm::ivec3 dims = scene.problem.lattice.dims;
+    const std::size_t layer =
+        scene.problem.lattice.voxel_count() / std::size_t(std::max({dims.x, dims.y, dims.z}));
+    // In float64 a place is three numbers and, in a formulation that is compensated, three more.
+    return std::max<std::size_t>(layer * 6 * sizeof(double), std::size_t(1) << 16);
+}
+
+RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
+                    State& whole) {
+    const Slab slab = SlabCuts(scene.problem, exchange.ranks()).slab(scene.problem, exchange.rank());
+    const Scene part = part_of(scene, slab);
+    const std::unique_ptr<Backend> inner = spec.make();
+    RankBackend backend(*inner, slab, exchange);
+    SceneRunner runner(part);
+    if (const std::string reason = runner.unsupported(backend); !reason.empty())
+        throw std::runtime_error(reason);
+    const DivergenceMonitor monitor = divergence_monitor(scene, plan.steps);
+    backend.monitor(monitor);
+
+    RankReport report{.own = slab.own.size(), .ghosts = slab.particle.size() - slab.own.size()};
+    runner.rewind(backend);
+    report.border_bytes = backend.border_bytes();
+    exchange.set_patience(plan.start_patience);
+    meet(exchange);
+    exchange.set_patience(plan.patience);
+    measure_exchange(exchange, largest_message(scene), report);
+    for (int repetition = 0; repetition <= plan.repetitions; ++repetition) {
+        if (repetition > 0) runner.rewind(backend);
+        meet(exchange);
+        (void)backend.take_seconds();
+        const double total = backend.timed([&] { runner.run(backend, plan.steps); }).host_seconds;
+        const RankSeconds seconds = backend.take_seconds();
+        if (const auto divergence = backend.divergence())
+            throw std::runtime_error(describe(*divergence, monitor));
+        if (repetition > 0)
+            report.batches.push_back({total, seconds.compute, seconds.exchange, seconds.waiting});
+    }
+    slab.copy_own(backend.download(), whole);
+    return report;
+}
+
+std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene, int ranks,
+                                             const RankPlan& plan, State& whole) {
+    const std::size_t capacity = largest_message(scene);
+    std::vector<Line> memory(Mailroom::lines(ranks, capacity));
+    const Mailroom mailroom(memory.data(), ranks, capacity);
+    const std::shared_ptr<Together> all(new Together{.spec = spec,
+                                                     .scene = scene,
+                                                     .plan = plan,
+                                                     .memory = std::move(memory),
+                                                     .mailroom = mailroom,
+                                                     .reports = std::vector<RankReport>(std::size_t(ranks)),
+                                                     .whole = std::move(whole),
+                                                     .at_work = ranks});
+    for (int rank = 0; rank < ranks; ++rank) std::thread(run_as_thread, all, rank).detach();
+    wait_for(*all);
+    if (all->mailroom.has_failed()) throw std::runtime_error(all->mailroom.reason());
+    whole = std::move(all->whole);
+    return std::move(all->reports);
+}
+
+}  // namespace voxspring

@@ -1,0 +1,59 @@
+// The run of a scene by ranks: what each of them does, and all of them as threads of this process.
+#pragma once
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/ranks/exchange.h"
+#include "harness/scene/scene.h"
+
+namespace voxspring {
+
+/// Timed batches of `steps` steps from the scene's start, after one that is not timed.
+struct RankPlan {
+    int steps = 0;
+    int repetitions = 0;
+    /// For which a rank may say nothing before the first batch, and after that.
+    std::chrono::duration<double> start_patience{1800}, patience{10};
+};
+nlohmann::json to_json(const RankPlan& plan);
+RankPlan rank_plan_of(const nlohmann::json& json);
+
+/// One batch of one rank, in seconds.
+struct RankBatch {
+    double total = 0, compute = 0, exchange = 0, waiting = 0;
+};
+
+/// What one rank's run found.
+struct RankReport {
+    std::vector<RankBatch> batches = {};
+    std::size_t own = 0, ghosts = 0;  ///< particles
+    std::size_t border_bytes = 0;     ///< of its largest message in a step
+    /// Of an exchange in which each rank sends to and hears from each neighbour: without anything in the
+    /// messages, and what each byte of a message adds. Zero for a rank by itself.
+    double latency = 0, seconds_per_byte = 0;
+};
+nlohmann::json to_json(const RankReport& report);
+RankReport rank_report_of(const nlohmann::json& json);
+
+/// Empty, or why so many ranks cannot share the scene.
+std::string ranks_refusal(const Scene& scene, int ranks);
+/// Of the longest message that a run of the scene needs room for.
+std::size_t largest_message(const Scene& scene);
+
+/// Runs a rank of the scene, and copies the state of its own particles into `whole`, which is as large as the
+/// scene's. Throws RankLost, what the backend throws, and std::runtime_error where the run diverges or the
+/// backend cannot run a slab.
+RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
+                    State& whole);
+
+/// All ranks, each a thread of this process; one report a rank. Where one fails the others end at once, and
+/// this throws std::runtime_error with its reason. A thread that hangs is left behind for the end of the
+/// process, and so is what it works on: `scene` is to live until then.
+std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene, int ranks,
+                                             const RankPlan& plan, State& whole);
+
+}  // namespace voxspring

@@ -1,0 +1,399 @@
+// The kind of study `scaling`: a scene stepped by several ranks, each with a slab of it.
+#include <omp.h>
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <tuple>
+#include <utility>
+
+#include "backends/disk_cache.h"
+#include "harness/base/bad_input.h"
+#include "harness/base/interruption.h"
+#include "harness/base/statistics.h"
+#include "harness/base/text.h"
+#include "harness/device/noise.h"
+#include "harness/ranks/rank_run.h"
+#include "harness/results/capabilities.h"
+#include "harness/results/result.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/study/measure.h"
+#include "harness/study/study_bench.h"
+#include "harness/study/study_kind.h"
+#include "harness/verification/errors.h"
+
+namespace voxspring {
+namespace {
+
+struct ScalingRow {
+    Row row;
+    std::string family = {};   ///< of rows that are compared: a scene, or scenes that grow with the ranks
+    std::string scaling = {};  ///< "strong", "weak"
+    int ranks = 1;
+    std::string way = {};  ///< how borders are exchanged: "none", "memory"
+    double seconds_per_step = 0;
+    double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;  ///< of a step
+    std::uint64_t largest_slab = 0;                                         ///< particles, ghosts included
+    std::uint64_t ghosts = 0;                                               ///< of all slabs
+    std::uint64_t border_bytes = 0;
+    std::optional<double> latency_seconds = {}, seconds_per_byte = {};
+    std::optional<bool> same_bits = {};
+    std::optional<double> efficiency = {}, predicted_seconds = {};
+};
+
+template <class Self, class Fields>
+void scaling_fields(Self& row, Fields& fields) {
+    fields.required("family", row.family);
+    fields.required("scaling", row.scaling);
+    fields.required("ranks", row.ranks);
+    fields.required("way", row.way);
+    fields.required("seconds_per_step", row.seconds_per_step);
+    fields.required("compute_seconds", row.compute_seconds);
+    fields.required("exchange_seconds", row.exchange_seconds);
+    fields.required("waiting_seconds", row.waiting_seconds);
+    fields.required("largest_slab", row.largest_slab);
+    fields.required("ghosts", row.ghosts);
+    fields.required("border_bytes", row.border_bytes);
+    fields.nullable("latency_seconds", row.latency_seconds);
+    fields.nullable("seconds_per_byte", row.seconds_per_byte);
+    fields.nullable("same_bits", row.same_bits);
+    fields.nullable("efficiency", row.efficiency);
+    fields.nullable("predicted_seconds", row.predicted_seconds);
+}
+
+nlohmann::json to_json(const ScalingRow& row) {
+    nlohmann::json json = to_json(row.row);
+    RowWriter writer(json);
+    scaling_fields(row, writer);
+    return json;
+}
+
+ScalingRow scaling_row_from_json(const nlohmann::json& json) {
+    ScalingRow row{.row = row_from_json(json)};
+    RowReader reader(json);
+    scaling_fields(row, reader);
+    return row;
+}
+
+// --- In the process of a case ---------------------------------------------------------------------------
+
+/// All ranks as threads of the process.
+class ScalingRunner final : public CaseRunner {
+public:
+    ScalingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+        : spec_(std::move(spec)),
+          scene_(scene),
+          ranks_(parameters.at("ranks")),
+          plan_(rank_plan_of(parameters.at("plan"))),
+          shared_(shared) {}
+
+    nlohmann::json answer(Backend&, const nlohmann::json&, const OnEvent&) override {
+        State state = state_at_rest(scene_.problem);
+        nlohmann::json reports = nlohmann::json::array();
+        for (const RankReport& report : run_ranks_as_threads(spec_, scene_, ranks_, plan_, state))
+            reports.push_back(voxspring::to_json(report));
+        return {{"reports", reports}, {"state", shared_.put(state)}};
+    }
+
+private:
+    const BackendSpec spec_;
+    const Scene& scene_;
+    const int ranks_;
+    const RankPlan plan_;
+    SharedState& shared_;
+};
+
+const RegisteredCaseRunner runner("scaling", [](const BackendSpec& spec, const Scene& scene,
+                                                const nlohmann::json& parameters, SharedState* shared) {
+    return std::make_unique<ScalingRunner>(spec, scene, parameters, *shared);
+});
+
+// --- In the process of the study ------------------------------------------------------------------------
+
+std::string hash_of_state(const State& state) {
+    Hash hash;
+    hash.add_numbers(state.displacement);
+    hash.add_numbers(state.increment);
+    return hash.text();
+}
+
+/// The time of a step is that of the rank that ends last; of what it is made of the rank tells that had most
+/// to do. All of the batch that is the median.
+void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& row) {
+    std::vector<double> totals;
+    for (std::size_t b = 0; b < reports.front().batches.size(); ++b) {
+        double longest = 0;
+        for (const RankReport& report : reports) longest = std::max(longest, report.batches[b].total);
+        totals.push_back(longest);
+    }
+    row.row.noisy = reasons_of_noise({.seconds = totals});
+    // The upper of two in the middle is a batch.
+    std::vector<double> sorted = totals;
+    std::sort(sorted.begin(), sorted.end());
+    const double middle = sorted[sorted.size() / 2];
+    const auto b = std::size_t(std::find(totals.begin(), totals.end(), middle) - totals.begin());
+    const auto work = [b](const RankReport& report) {
+        return report.batches[b].compute + report.batches[b].exchange;
+    };
+    const RankBatch& busiest =
+        std::max_element(reports.begin(), reports.end(), [&](const RankReport& one, const RankReport& other) {
+            return work(one) < work(other);
+        })->batches[b];
+    row.seconds_per_step = middle / steps;
+    row.compute_seconds = busiest.compute / steps;
+    row.exchange_seconds = busiest.exchange / steps;
+    row.waiting_seconds = busiest.waiting / steps;
+}
+
+void take_sizes(const std::vector<RankReport>& reports, ScalingRow& row) {
+    for (const RankReport& report : reports) {
+        row.largest_slab = std::max<std::uint64_t>(row.largest_slab, report.own + report.ghosts);
+        row.ghosts += report.ghosts;
+        row.border_bytes = std::max<std::uint64_t>(row.border_bytes, report.border_bytes);
+        if (reports.size() == 1) continue;
+        row.latency_seconds = std::max(row.latency_seconds.value_or(0), report.latency);
+        row.seconds_per_byte = std::max(row.seconds_per_byte.value_or(0), report.seconds_per_byte);
+    }
+}
+
+/// What follows from a row and from `one`, of the same family by one rank. The model: each particle of the
+/// largest slab takes the time that it takes there; then comes an exchange of the longest border.
+void compare(ScalingRow& row, const ScalingRow& one) {
+    const double particle = one.seconds_per_step / double(one.row.workpiece->particles);
+    row.efficiency = particle * double(row.row.workpiece->particles) / (row.ranks * row.seconds_per_step);
+    row.predicted_seconds = particle * double(row.largest_slab) + row.latency_seconds.value_or(0) +
+                            row.seconds_per_byte.value_or(0) * double(row.border_bytes);
+}
+
+class ScalingStudy final : public StudyKind {
+public:
+    void read(JsonObject& study) override {
+        if (const auto ranks = study.find("ranks")) counts_ = read_counts(*ranks);
+    }
+    std::string read_scene(JsonObject& item) const override {
+        if (const auto ranks = item.find("ranks")) (void)read_counts(*ranks);
+        if (const auto weak = item.find("weak")) (void)weak->string();
+        return StudyKind::read_scene(item);
+    }
+    int rows_of_case(const Study&, const StudyScene& item) const override {
+        return int(counts_of(item).size());
+    }
+    double steps_of_case(const Study& study, const StudyScene& item) const override {
+        return double(counts_of(item).size()) * item.steps * (study.repetitions + 1);
+    }
+    void run(StudyBench& bench) override;
+    std::vector<std::string> lists() const override { return {"scaling"}; }
+    void summarise(nlohmann::json& result) const override;
+    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
+
+private:
+    static std::vector<int> read_counts(const JsonValue& list) {
+        std::vector<int> counts;
+        for (const JsonValue& item : list.array(1)) {
+            counts.push_back(int(item.integer(1, max_ranks)));
+            if (counts.size() > 1 && counts.back() <= counts[counts.size() - 2])
+                item.refuse("numbers of ranks in ascending order");
+        }
+        return counts;
+    }
+    std::vector<int> counts_of(const StudyScene& item) const { return item.settings.value("ranks", counts_); }
+    static int limit_of(const StudyBench& bench) {
+        return bench.options().ranks.value_or(omp_get_num_procs());
+    }
+    int most_ranks(const Study& study, int limit) const;
+    void run_backend(StudyBench& bench, const BackendSpec& spec, int threads);
+
+    std::vector<int> counts_ = {1, 2};
+    int begun_ = 0;
+};
+
+/// The largest number of ranks of the study that the command line leaves.
+int ScalingStudy::most_ranks(const Study& study, int limit) const {
+    int most = 1;
+    for (const StudyScene& item : study.scenes) {
+        for (const int count : counts_of(item)) {
+            if (count <= limit) most = std::max(most, count);
+        }
+    }
+    return most;
+}
+
+/// One backend on one scene.
+class Contender {
+public:
+    Contender(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {}
+
+    /// The row of that many ranks, in a process of its own: a rank that hangs is not there for the next row.
+    void measure(int ranks);
+
+private:
+    RankPlan plan() const {
+        RankPlan plan{.steps = bench_.item().steps, .repetitions = bench_.study().repetitions};
+        plan.start_patience = bench_.options().timeout;
+        plan.patience = std::min(plan.patience, plan.start_patience);
+        return plan;
+    }
+    nlohmann::json run(Case& entered, int ranks, SharedState& shared);
+    const ReferenceSolution& solution();
+    ScalingRow row_from(const std::vector<RankReport>& reports) const;
+
+    StudyBench& bench_;
+    const BackendSpec spec_;
+    std::optional<Problem> edited_ = {};
+    std::optional<ReferenceSolution> solution_ = {};
+    std::string bits_of_one_ = {};  ///< of one rank's state; empty: not known
+};
+
+const ReferenceSolution& Contender::solution() {
+    if (solution_) return *solution_;
+    const Batch batch{
+        .steps = bench_.item().steps, .repetitions = bench_.study().repetitions, .total_error = false};
+    edited_ = problem_after(bench_.scene(), batch.steps);
+    solution_.emplace(solution_of(bench_, *edited_, batch, {spec_}));
+    return *solution_;
+}
+
+ScalingRow Contender::row_from(const std::vector<RankReport>& reports) const {
+    const Scene& scene = bench_.scene();
+    const nlohmann::json& settings = bench_.item().settings;
+    ScalingRow row{.row = row_of(scene.name, spec_)};
+    row.row.workpiece = Workpiece{.steps = bench_.item().steps,
+                                  .particles = scene.problem.particle_count(),
+                                  .springs = count_springs(scene.problem).total()};
+    row.family = settings.value("weak", scene.name);
+    row.scaling = settings.contains("weak") ? "weak" : "strong";
+    row.ranks = int(reports.size());
+    row.way = row.ranks == 1 ? "none" : "memory";
+    take_sizes(reports, row);
+    take_times(reports, bench_.item().steps, row);
+    const auto threads = spec_.options.tuning.find("threads");
+    if (threads != spec_.options.tuning.end() && threads->second != "auto" &&
+        row.ranks * std::stoi(threads->second) > omp_get_num_procs())
+        row.row.noisy.push_back("ranks share processors (" + std::to_string(row.ranks) + " ranks of " +
+                                threads->second + " threads on " + std::to_string(omp_get_num_procs()) + ")");
+    return row;
+}
+
+/// What the journal keeps: the row and what its state's bits are.
+nlohmann::json Contender::run(Case& entered, int ranks, SharedState& shared) {
+    const ReferenceSolution& expected = solution();
+    const nlohmann::json answer =
+        entered.ask({{"do", "run"}}, "running as " + std::to_string(ranks) + " ranks");
+    std::vector<RankReport> reports;
+    for (const auto& report : answer.at("reports")) reports.push_back(rank_report_of(report));
+    ScalingRow row = row_from(reports);
+    State state;
+    shared.take(answer.at("state"), state);
+    const Comparison comparison = judge(expected, state, spec_);
+    if (!comparison.passed())
+        throw std::runtime_error("does not agree with " +
+                                 References::name_of_backend(bench_.scene(), expected.steps) + ": " +
+                                 comparison.reason);
+    row.row.errors = errors_of(expected, state, comparison, spec_);
+    const std::string bits = hash_of_state(state);
+    if (!bits_of_one_.empty()) row.same_bits = bits == bits_of_one_;
+    if (row.same_bits == false && capabilities_of(entered.capabilities()).deterministic)
+        throw std::runtime_error("its state has other bits than that of one rank");
+    return {{"row", to_json(row)}, {"bits", bits}};
+}
+
+void Contender::measure(int ranks) {
+    SharedState shared(bench_.scene().problem.particle_count());
+    auto entered = bench_.enter(spec_, {"scaling", {{"ranks", ranks}, {"plan", to_json(plan())}}, &shared});
+    if (!entered) return;
+    JournalScope& scope = entered->scope();
+    const std::string name = std::to_string(ranks) + " ranks";
+    if (scope.find(name) == nullptr) {
+        const auto failure = failure_of([&] { scope.keep(name, run(*entered, ranks, shared)); });
+        if (failure) scope.keep(name, {{"failed", *failure}});
+    }
+    const nlohmann::json* const kept = scope.find(name);
+    if (kept == nullptr) return;
+    if (kept->contains("failed")) {
+        bench_.fail(spec_, "as " + name + ": " + kept->at("failed").get<std::string>());
+        return;
+    }
+    if (ranks == 1) bits_of_one_ = kept->at("bits");
+    bench_.add("scaling", kept->at("row"));
+}
+
+void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int threads) {
+    BackendSpec of_rank = spec;
+    // Each rank has as many threads whatever their number, so that one rank is what several are held against.
+    const auto tuning = of_rank.options.tuning.find("threads");
+    if (tuning != of_rank.options.tuning.end() && tuning->second == "auto")
+        tuning->second = std::to_string(threads);
+    if (const auto entered = bench.enter(of_rank, {}); !entered) {
+        return;
+    } else if (!capabilities_of(entered->capabilities()).has_borders) {
+        bench.skip(of_rank, "it cannot step a part of a body: it gives no borders");
+        return;
+    }
+    Contender contender(bench, of_rank);
+    for (const int ranks : counts_of(bench.item())) {
+        if (interrupted()) return;
+        if (ranks > limit_of(bench)) continue;
+        bench.show(of_rank.label() + ", ranks: " + std::to_string(ranks), begun_++,
+                   int(bench.specs().size() * counts_of(bench.item()).size()));
+        if (const std::string reason = ranks_refusal(bench.scene(), ranks); !reason.empty()) {
+            bench.skip(of_rank, "as " + std::to_string(ranks) + " ranks: " + reason);
+            continue;
+        }
+        contender.measure(ranks);
+    }
+}
+
+void ScalingStudy::run(StudyBench& bench) {
+    begun_ = 0;
+    const int threads = std::max(1, omp_get_num_procs() / most_ranks(bench.study(), limit_of(bench)));
+    for (const BackendSpec& spec : bench.specs()) run_backend(bench, spec, threads);
+}
+
+void ScalingStudy::summarise(nlohmann::json& result) const {
+    using Family = std::tuple<std::string, std::string>;
+    std::map<Family, ScalingRow> of_one;
+    const auto family = [](const ScalingRow& row) {
+        return Family(row.family, row.row.identity.name.substr(row.row.identity.scene.size()));
+    };
+    for (const auto& json : result.at("scaling")) {
+        ScalingRow row = scaling_row_from_json(json);
+        if (row.ranks == 1) of_one.emplace(family(row), std::move(row));
+    }
+    for (auto& json : result.at("scaling")) {
+        ScalingRow row = scaling_row_from_json(json);
+        const auto one = of_one.find(family(row));
+        if (one == of_one.end()) continue;
+        compare(row, one->second);
+        json["efficiency"] = *row.efficiency;
+        json["predicted_seconds"] = *row.predicted_seconds;
+    }
+}
+
+void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
+    const std::vector<Column> columns = {
+        {"scene", 0, true}, {"backend", 0, true}, {"ranks"},       {"way"},
+        {"a step"},         {"compute", 2},       {"exchange", 2}, {"waiting", 2},
+        {"efficiency"},     {"predicted", 1},     {"error", 3}};
+    std::vector<std::vector<std::string>> table;
+    std::vector<Row> rows;
+    for (const auto& json : result.at("scaling")) {
+        const ScalingRow row = scaling_row_from_json(json);
+        rows.push_back(row.row);
+        table.push_back({row.row.identity.scene, row.row.label(), std::to_string(row.ranks), row.way,
+                         row.row.noise_mark() + si(row.seconds_per_step, "s"), si(row.compute_seconds, "s"),
+                         si(row.exchange_seconds, "s"), si(row.waiting_seconds, "s"),
+                         percent_cell(row.efficiency),
+                         row.predicted_seconds ? si(*row.predicted_seconds, "s") : "-",
+                         error_cell(row.row.errors ? row.row.errors->max : std::nullopt)});
+    }
+    print_columns(columns, table, width, out);
+    print_noise(rows, out);
+    print_unmeasured(result, out);
+}
+
+const RegisteredStudyKind registered("scaling", [] { return std::make_unique<ScalingStudy>(); });
+
+}  // namespace
+}  // namespace voxspring

@@ -1,0 +1,220 @@
+// Ranks as threads: messages, bits, and what becomes of a run whose rank fails or hangs.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "backends/cpu/cpu_backend.h"
+#include "harness/ranks/mailboxes.h"
+#include "harness/ranks/rank_run.h"
+#include "harness/scene/scene_runner.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+std::string message_of(const std::function<void()>& action) {
+    try {
+        action();
+    } catch (const std::exception& error) {
+        return error.what();
+    }
+    return "nothing was thrown";
+}
+
+class Mailrooms : public ::testing::Test {
+protected:
+    static constexpr std::size_t capacity = 1000;
+    static constexpr int ranks = 3;
+    std::vector<Line> memory_{Mailroom::lines(ranks, capacity)};
+    const Mailroom mailroom_{memory_.data(), ranks, capacity};
+};
+
+TEST_F(Mailrooms, HandMessagesOnInTheirOrder) {
+    constexpr int messages = 10000;
+    const auto relay = [&](int rank) {
+        MailboxExchange exchange(mailroom_, rank);
+        for (int i = 0; i < messages; ++i) {
+            const int from = rank - 1, to = rank + 1;
+            int value = i;
+            if (from >= 0) {
+                std::memcpy(&value, exchange.inbox(from), sizeof value);
+                exchange.release(from);
+            }
+            if (to < ranks) {
+                std::memcpy(exchange.outbox(to, sizeof value), &value, sizeof value);
+                exchange.post(to);
+            } else {
+                ASSERT_EQ(value, i);
+            }
+        }
+    };
+    std::vector<std::thread> threads;
+    for (int rank = 0; rank < ranks; ++rank) threads.emplace_back(relay, rank);
+    for (std::thread& thread : threads) thread.join();
+}
+
+TEST_F(Mailrooms, TellEveryRankOfTheFirstFailure) {
+    MailboxExchange first(mailroom_, 0), last(mailroom_, 2);
+    last.fail("rank 2: no more paper");
+    first.fail("rank 0: another");
+    EXPECT_EQ(message_of([&] { (void)first.inbox(1); }), "rank 2: no more paper");
+}
+
+TEST_F(Mailrooms, WaitNoLongerThanTheirPatience) {
+    MailboxExchange exchange(mailroom_, 0);
+    exchange.set_patience(std::chrono::milliseconds(50));
+    EXPECT_EQ(message_of([&] { meet(exchange); }), "rank 0 heard nothing of rank 1 for 0.05 s");
+    EXPECT_TRUE(mailroom_.has_failed());
+}
+
+// --- Runs ------------------------------------------------------------------------------------------------
+
+/// A body with holes, a load, a pinned base and edits.
+Scene scene() {
+    Problem problem = make_lattice_problem(random_grid({8, 9, 29}, 0.7, 5), FACE_BITS | EDGE_BITS);
+    problem.damping = 0.01;
+    problem.gravity = {0, 0, -2e-3};
+    problem.time_step = 0.2;
+    pin_base(problem);
+    State state = random_state(problem, 0.05, 6);
+    Scene scene{.name = "test",
+                .source = "",
+                .description = "",
+                .problem = problem,
+                .state = std::move(state),
+                .edits = {}};
+    int step = 0;
+    for (SpringEdit& edit : edit_everything(problem, false))
+        scene.edits.push_back({step += 3, std::move(edit)});
+    return scene;
+}
+
+constexpr RankPlan plan{.steps = 20,
+                        .repetitions = 2,
+                        .start_patience = std::chrono::seconds(10),
+                        .patience = std::chrono::seconds(1)};
+
+TEST(RankRuns, GiveTheBitsOfOneRank) {
+    const Scene whole = scene();
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:threads=1");
+    const std::unique_ptr<Backend> one = spec.make();
+    SceneRunner runner(whole);
+    runner.rewind(*one);
+    runner.run(*one, plan.steps);
+    for (int ranks = 1; ranks <= 4; ++ranks) {
+        State state = state_at_rest(whole.problem);
+        const std::vector<RankReport> reports = run_ranks_as_threads(spec, whole, ranks, plan, state);
+        expect_same_bits(state, one->download());
+        std::size_t own = 0;
+        for (const RankReport& report : reports) {
+            own += report.own;
+            ASSERT_EQ(report.batches.size(), 2u);
+            const RankBatch& batch = report.batches.back();
+            EXPECT_GT(batch.compute, 0);
+            EXPECT_LE(batch.compute + batch.exchange + batch.waiting, batch.total);
+            EXPECT_EQ(report.latency > 0, ranks > 1);
+            EXPECT_EQ(report.border_bytes > 0, ranks > 1);
+            EXPECT_EQ(to_json(rank_report_of(to_json(report))), to_json(report));
+        }
+        EXPECT_EQ(own, whole.problem.particle_count());
+    }
+}
+
+TEST(RankRuns, RefuseEditsBeyondTheLattice) {
+    Scene whole = scene();
+    EXPECT_EQ(ranks_refusal(whole, 4), "");
+    Problem edited = problem_after(whole, 1000);
+    SpringEditor editor(edited);
+    const std::vector<std::pair<std::uint32_t, std::uint32_t>> ends = {{0, 100}};
+    whole.edits.push_back({50, editor.suture(ends)});
+    EXPECT_THAT(ranks_refusal(whole, 2), HasSubstr("suture after step 50"));
+}
+
+/// cpu_reference, which does what its name says in the tenth step of whoever does not have the lowest layer.
+class Faulty final : public MonitoredCpuBackend {
+public:
+    explicit Faulty(std::string what)
+        : what_(std::move(what)), sound_(BackendSpec::parse("cpu_reference").make()) {}
+    Capabilities capabilities() const override {
+        Capabilities all = sound_->capabilities();
+        all.has_borders = what_ != "without";
+        return all;
+    }
+    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
+    State download() override { return sound_->download(); }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return sound_->border(particles);
+    }
+
+private:
+    void begin(const Problem& problem, const State& state) override {
+        is_first_ = problem.rest_position.front().z == 0;
+        sound_->upload(problem, state);
+    }
+    void integrate(int count) override {
+        sound_->step(count);
+        if (is_first_ || ++steps_ != 10) return;
+        if (what_ == "throws") throw DeviceError("the device is lost");
+        for (;;) pause();
+    }
+    bool within(double) override { return true; }
+
+    const std::string what_;
+    std::unique_ptr<Backend> sound_;
+    bool is_first_ = false;
+    int steps_ = 0;
+};
+
+Registered faulty(const std::string& what) {
+    return Registered({.name = "rank_" + what,
+                       .summary = "A backend for a test.",
+                       .precisions = {Precision::float64},
+                       .formulations = {Formulation::increment},
+                       .tuning = {},
+                       .make = [=](const Options&) { return std::make_unique<Faulty>(what); },
+                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+const Registered backends[] = {faulty("throws"), faulty("hangs"), faulty("without")};
+
+/// That run as two ranks ends with an error within seconds.
+std::string error_of(const std::string& backend) {
+    // What hangs reads it to the end of the process.
+    static const Scene whole = scene();
+    State state = state_at_rest(whole.problem);
+    const auto begin = std::chrono::steady_clock::now();
+    const std::string message =
+        message_of([&] { (void)run_ranks_as_threads(BackendSpec::parse(backend), whole, 2, plan, state); });
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
+    return message;
+}
+
+TEST(RankRuns, EndWhereARankFails) { EXPECT_EQ(error_of("rank_throws"), "rank 1: the device is lost"); }
+
+TEST(RankRuns, EndWhereARankHangs) {
+    EXPECT_EQ(error_of("rank_hangs"), "rank 0 heard nothing of rank 1 for 1 s");
+}
+
+TEST(RankRuns, RefuseABackendWithoutBorders) {
+    const Scene whole = scene();
+    State state = state_at_rest(whole.problem);
+    EXPECT_THAT(message_of([&] {
+                    (void)run_ranks_as_threads(BackendSpec::parse("rank_without"), whole, 2, plan, state);
+                }),
+                HasSubstr("it gives no borders"));
+}
+
+}  // namespace
+}  // namespace voxspring::testing
