@@ -14,13 +14,8 @@
 #include "backends/layout/march_layout.h"
 #include "backends/layout/march_plan.h"
 #include "backends/layout/march_work.h"
-#include "backends/layout/particles.h"
-#include "backends/layout/springs.h"
-#include "backends/physics/addressing.h"
 #include "backends/registry.h"
-#include "cuda/common/cuda_backend.h"
-#include "cuda/common/divergence_check.h"
-#include "cuda/common/measure.h"
+#include "cuda/common/axes_backend.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -34,26 +29,11 @@ std::vector<MarchTile> tiles_of(const std::string& tuned, Precision precision) {
     return tiles;
 }
 
-MarchDevice march_device(const Device& device) {
-    return {.multiprocessors = device.multiprocessors(),
-            .threads = device.threads_per_multiprocessor(),
-            .shared_bytes = device.multiprocessor_shared_bytes(),
-            .reserved_bytes = device.reserved_shared_bytes(),
-            .block_shared_bytes = device.shared_bytes(),
-            .hertz = 1e6 * device.sm_mhz(),
-            .bytes_per_second = device.memory_bytes_per_second(),
-            .cache_bytes = double(device.cache_bytes())};
-}
-
 /// Of the largest of these.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const std::vector<MarchTile>& tiles) {
     std::uint64_t most = 0;
     for (const MarchTile& tile : tiles) most = std::max(most, max_plan_bytes(lattice, tile.shape));
     return most;
-}
-
-std::uint64_t state_bytes(const SoaStrides& axes, Formulation formulation, std::size_t real_bytes) {
-    return (by_increments(formulation) ? 3 : 2) * axes.size() * real_bytes;
 }
 
 decltype(&cuTensorMapEncodeTiled) encode_function() {
@@ -100,24 +80,18 @@ KernelSource march_source(const Problem& problem, Formulation formulation, const
     std::string shape;
     for (const int number : {s.rows, s.lanes, s.wide, s.high, s.planes, s.befores})
         shape += (shape.empty() ? "" : ",") + std::to_string(number);
-    // Pins are in the words.
-    const std::uint32_t terms = terms_of(problem) & (term_damping | term_gravity);
-    return {"march.cu",
-            {{"REAL", precision == Precision::float32 ? "float" : "double"},
-             {"FETCH", "PastL1"},  // of kernels that fetch words
-             {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," +
-                           std::to_string(problem.group_bits) + "u," + std::to_string(terms) + "u,false>"},
-             {"THREADS", std::to_string(s.threads())},
-             {"BLOCKS", std::to_string(tile.blocks)},
-             {"SHAPE", "MarchShape{" + shape + "}"},
-             {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}}};
+    KernelSource source{"march.cu", class_macros(problem, formulation, precision)};
+    source.macros["THREADS"] = std::to_string(s.threads());
+    source.macros["BLOCKS"] = std::to_string(tile.blocks);
+    source.macros["SHAPE"] = "MarchShape{" + shape + "}";
+    return source;
 }
 
 template <class Real>
-class MarchBackend final : public CudaBackend {
+class MarchBackend final : public AxesBackend<Real> {
 public:
     explicit MarchBackend(const Options& options)
-        : formulation_(options.formulation),
+        : AxesBackend<Real>(options.formulation),
           tuned_(options.tuning.at("tile")),
           tiles_(tiles_of(tuned_, precision)) {}
 
@@ -126,34 +100,20 @@ public:
         this->set_problem(problem);
         MarchPlan plan = planned(problem, tiles_);
         tile_ = plan.tile;
-        axes_ = march_strides(problem.lattice, sizeof(Real));
-        {
-            const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
-            positions_[0].upload(packed.current, this->stream());
-            if (by_increments(formulation_)) {
-                // A step writes every particle's u here before any reads it; what is none is zero.
-                positions_[1].resize(packed.current.size());
-                positions_[1].fill_with_zeros(this->stream());
-                increment_.upload(packed.before, this->stream());
-            } else {
-                positions_[1].upload(packed.before, this->stream());
-                increment_.resize(0);
-            }
-        }
+        this->upload_state(problem, state);
         const MarchShape& shape = tile_.shape;
         constexpr int real = sizeof(Real);
         Launch launch = launch_;
-        launch.step = make_march_step<Real>(problem, formulation_);
-        if (!by_increments(formulation_))
-            measure_inverse_roots<Real>(launch.step.rest_length, this->stream());
-        launch.kernel = this->kernel(march_source(problem, formulation_, tile_, precision));
+        launch.step = this->measured_step(problem);
+        launch.kernel = this->kernel(march_source(problem, this->formulation(), tile_, precision));
         launch.kernel->allow_shared(std::size_t(shape.shared_bytes(real)));
         for (std::size_t b = 0; b < 2; ++b) {
-            Real* const positions = positions_[b].data();
-            Real* const before = by_increments(formulation_) ? increment_.data() : positions;
+            Real* const positions = this->positions(b);
+            Real* const before = by_increments(this->formulation()) ? this->increment() : positions;
             launch.windows[b] =
-                tensor_map(positions, problem.lattice, axes_, shape.pitch(real), shape.height() + 2);
-            launch.befores[b] = tensor_map(before, problem.lattice, axes_, shape.width(), shape.height());
+                tensor_map(positions, problem.lattice, this->axes(), shape.pitch(real), shape.height() + 2);
+            launch.befores[b] =
+                tensor_map(before, problem.lattice, this->axes(), shape.width(), shape.height());
         }
         resume(plan, launch);
         this->stand_at_start();
@@ -165,30 +125,17 @@ public:
         if (!edit.empty()) resume(planned(edited, {tile_}), launch_);
     }
 
-    State download() override {
-        MarchState<Real> packed;
-        const auto out = [&](std::vector<Real>& values, const Buffer<Real>& buffer) {
-            values.resize(buffer.size());
-            buffer.download(values, this->stream());
-        };
-        const auto now = std::size_t(this->current());
-        out(packed.current, positions_[now]);
-        out(packed.before, by_increments(formulation_) ? increment_ : positions_[1 - now]);
-        return unpack_march<Real>(this->problem(), packed, formulation_);
-    }
-
     std::optional<Choice> choice() const override { return Choice{"tile=" + tile_.name, predicted_seconds_}; }
 
     StepWork step_work(const Problem& problem) const override {
-        return march_work<Real>(problem, formulation_);
+        return march_work<Real>(problem, this->formulation());
     }
 
 private:
-    static constexpr Precision precision =
-        sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
+    using AxesBackend<Real>::precision;
 
     MarchPlan planned(const Problem& problem, const std::vector<MarchTile>& tiles) const {
-        return plan_march(problem, tiles, precision, formulation_, march_device(this->device()));
+        return plan_march(problem, tiles, precision, this->formulation(), march_device(this->device()));
     }
 
     std::string refused(const Problem& problem) const override {
@@ -197,12 +144,9 @@ private:
         if (architecture < min_architecture)
             return "compute capability " + std::to_string(architecture / 10) + "." +
                    std::to_string(architecture % 10) + " has no tensor copies, which came with 9.0";
-        if (std::string why = implicit_refusal(problem); !why.empty()) return why;
-        if ((problem.group_bits & CORNER_BITS) != 0) return "corner springs are beyond the march's stencil";
-        if (!has_inverse_lengths(problem, precision, formulation_))
-            return "forces in units of rest lengths need some that are not zero";
-        if (problem.has_materials()) return "the march is for one material";
-        if (!problem.load.empty()) return "the march has no place for loads";
+        if (std::string why = class_refusal(problem, precision, this->formulation(), "the march");
+            !why.empty())
+            return why;
         std::size_t needed = std::numeric_limits<std::size_t>::max();
         for (const MarchTile& tile : tiles_)
             needed = std::min(needed, std::size_t(tile.shape.shared_bytes(sizeof(Real))));
@@ -212,16 +156,11 @@ private:
         return {};
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
-        return state_bytes(march_strides(problem.lattice, sizeof(Real)), formulation_, sizeof(Real)) +
+        return this->state_bytes(problem.lattice, this->formulation()) +
                max_plan_bytes(problem.lattice, tiles_);
     }
     std::uint64_t bytes_held() const override {
-        return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes() + items_.bytes() +
-               words_.bytes();
-    }
-
-    std::vector<StateArray> state_arrays() const override {
-        return {state_array(positions_[0]), state_array(positions_[1]), state_array(increment_)};
+        return this->state_bytes_held() + items_.bytes() + words_.bytes();
     }
 
     /// What a launch is made of, besides x(t) and what is overwritten.
@@ -249,28 +188,17 @@ private:
 
     void enqueue_step(int reading) override {
         const auto from = std::size_t(reading), to = std::size_t(1 - reading);
-        const MarchOutput<Real> output{positions_[to].data(), increment_.data()};
+        const MarchOutput<Real> output{this->positions(to), this->increment()};
         launch_.kernel->launch(this->stream(), dim3(unsigned(launch_.items)),
                                dim3(unsigned(tile_.shape.threads())),
                                std::size_t(tile_.shape.shared_bytes(sizeof(Real))), launch_.step,
                                launch_.windows[from], launch_.befores[to], output);
     }
 
-    void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) override {
-        const auto now = std::size_t(this->current());
-        launch_divergence_check_on_axes(
-            positions_[now].data(), by_increments(formulation_) ? nullptr : positions_[1 - now].data(),
-            increment_.data(), axes_.axis, axes_.axis, parameters, first, this->stream());
-    }
-
-    const Formulation formulation_;
     const std::string tuned_;
     const std::vector<MarchTile> tiles_;  ///< to choose from
     MarchTile tile_{};
     double predicted_seconds_ = 0;
-    SoaStrides axes_;
-    std::array<Buffer<Real>, 2> positions_;
-    Buffer<Real> increment_;
     Buffer<MarchItem> items_;
     Buffer<std::uint64_t> words_;
     Launch launch_;
@@ -278,8 +206,9 @@ private:
 
 /// Device memory, at most.
 std::uint64_t march_bytes(const Problem& problem, const Options& options) {
-    const std::size_t real = options.precision == Precision::float32 ? sizeof(float) : sizeof(double);
-    return state_bytes(march_strides(problem.lattice, real), options.formulation, real) +
+    return (options.precision == Precision::float32
+                ? AxesBackend<float>::state_bytes(problem.lattice, options.formulation)
+                : AxesBackend<double>::state_bytes(problem.lattice, options.formulation)) +
            max_plan_bytes(problem.lattice, tiles_of(options.tuning.at("tile"), options.precision));
 }
 

@@ -8,6 +8,7 @@
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
+#include "cuda/common/joint_launch.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/tuning.h"
@@ -33,33 +34,20 @@ public:
         send(border_, layout.border, step.border);
         exchange_.resize(std::size_t(2) * layout.published_count);
         exchange_.fill_with_zeros(stream);
-        started_blocks_.resize(1);
-        started_blocks_.fill_with_zeros(stream);
-        stall_.resize(1);
-        *stall_.data() = 0;
         step.exchange = exchange_.data();
-        step.started_blocks = started_blocks_.data();
-        step.stall = stall_.data();
         step.lane_count = layout.lane_count();
         step.published_count = layout.published_count;
     }
-    /// What a launch that gave up has said, once it has ended.
-    std::optional<ResidentStall> stall() const {
-        if (stall_.size() == 0 || *stall_.data() == 0) return std::nullopt;
-        return ResidentStall::unpacked(*stall_.data());
-    }
     std::uint64_t bytes() const {
         return particle_.bytes() + published_.bytes() + polled_.bytes() + polled_word_.bytes() +
-               own_slot_.bytes() + slot_.bytes() + polled_slot_.bytes() + border_.bytes() +
-               exchange_.bytes() + started_blocks_.bytes();
+               own_slot_.bytes() + slot_.bytes() + polled_slot_.bytes() + border_.bytes() + exchange_.bytes();
     }
 
 private:
-    Buffer<std::uint32_t> particle_, published_, polled_, polled_word_, started_blocks_;
+    Buffer<std::uint32_t> particle_, published_, polled_, polled_word_;
     Buffer<std::uint16_t> own_slot_, slot_, polled_slot_;
     Buffer<std::uint8_t> border_;
     Buffer<TaggedPoint> exchange_;
-    Pinned<std::uint64_t> stall_;
 };
 
 /// What the tables take where every particle is published and every lane has one.
@@ -84,7 +72,6 @@ public:
 
     void upload(const Problem& problem, const State& state) override {
         begin_upload();
-        tag_ = launches_ = 0;
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }
 
@@ -95,7 +82,6 @@ public:
         synchronize();
         Launch launch = prepare(edited);
         launch.step.motion = this->launch().step.motion;
-        tag_ = launches_ = 0;
         resume(launch);
         write_masks(edit);
     }
@@ -137,6 +123,9 @@ private:
         if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
         if (!by_increments(formulation())) calibrate_rest_lengths<float>(launch.step.rest_length, stream());
         tables_.upload(layout, launch.step, stream());
+        joint_.start_anew(stream());
+        launch.step.started_blocks = joint_.started_blocks();
+        launch.step.stall = joint_.stall();
         launch.grid = dim3(unsigned(layout.blocks));
         launch.block = dim3(unsigned(layout.lanes + layout.pollers));
         KernelSource source = family().source("resident.cu", problem, int(launch.block.x), 1);
@@ -151,17 +140,13 @@ private:
     }
 
     void enqueue_steps(int count) override {
-        // A launch takes as long as some ten steps: with checks, often enough to find divergence early, and
-        // seldom enough to cost 1% at most.
-        const int longest = monitored() ? 1024 : 1 << 16;
-        while (count > 0) {
-            const int steps = std::min(count, longest);
-            launch_words_together(*launch().kernel, launch().grid, launch().block, launch().step, steps, tag_,
-                                  ++launches_);
-            tag_ += std::uint32_t(steps);
-            count -= steps;
-            stepped(steps);
-        }
+        joint_.enqueue(
+            count, longest_joint_launch(monitored()),
+            [&](int steps, std::uint32_t tag, std::uint32_t launches) {
+                launch_words_together(*launch().kernel, launch().grid, launch().block, launch().step, steps,
+                                      tag, launches);
+            },
+            [&](int steps) { stepped(steps); });
     }
 
     std::string refused(const Problem& problem) const override {
@@ -176,14 +161,11 @@ private:
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return resident_bytes(problem, options_);
     }
-    std::uint64_t bytes_held() const override { return particle_bytes_held() + tables_.bytes(); }
-
-    std::string failure_note() const override {
-        const std::optional<ResidentStall> stall = tables_.stall();
-        if (!stall) return {};
-        return "resident block " + std::to_string(stall->block) + " waited in vain for step " +
-               std::to_string(stall->step) + " since the latest upload or edit";
+    std::uint64_t bytes_held() const override {
+        return particle_bytes_held() + tables_.bytes() + joint_.bytes();
     }
+
+    std::string failure_note() const override { return joint_.failure_note("resident block"); }
 
     const Options options_;
     const Partition partition_;
@@ -197,8 +179,7 @@ private:
         ResidentLayout layout;
     };
     mutable std::optional<LaidOut> latest_;
-    std::uint32_t tag_ = 0;       ///< of the latest point published
-    std::uint32_t launches_ = 0;  ///< since the tables were uploaded
+    JointLaunch joint_;
 };
 
 const Registered entry({

@@ -150,6 +150,8 @@ bool may_refuse(const BackendSpec& spec, const Problem& problem) {
     const bool has_lists = backend.find("explicit") != std::string::npos || backend == "cuda_scatter";
     if (!problem.springs.empty()) return counts_groups || !has_lists;
     if (backend == "cuda_resident") return problem.has_materials();
+    if (backend == "cuda_bricks")
+        return problem.has_materials() || !problem.load.empty() || (problem.group_bits & CORNER_BITS) != 0;
     if (backend == "cuda_march") {
         // Tiles of one precision are too large for the other.
         const std::string& tile = spec.options.tuning.at("tile");

@@ -163,6 +163,39 @@ TEST(Compiler, CompilesTheMarch) {
     compile_march("64x8", Precision::float32, Formulation::increment, problem);
 }
 
+// Tiles of every size, the largest with registers moved to them.
+TEST(Compiler, CompilesBricks) {
+    struct Variant {
+        const char *shape, *formulation, *full;
+        int registers;
+        int architecture;
+    };
+    for (const auto& [shape, formulation, full, registers, architecture] :
+         {Variant{"3,1,1,8,6,6,true,1,2", "position", "1", 0, 75},
+          Variant{"2,1,2,16,6,4,false,0,0", "displacement", "0", 0, 90},
+          Variant{"2,2,2,16,4,4,false,0,0", "increment", "1", 0, 90},
+          Variant{"3,2,2,16,4,4,false,0,0", "position", "0", 0, 120},
+          Variant{"3,2,3,16,6,4,false,0,0", "position", "0", 152, 90}}) {
+        SCOPED_TRACE(shape);
+        const KernelSource source{
+            "brick.cu",
+            {{"REAL", "float"},
+             {"FETCH", "PastL1"},
+             {"THREADS", "512"},
+             {"BLOCKS", "1"},
+             {"SHAPE", std::string("BrickShape{") + shape + "}"},
+             {"POLLERS", "128"},
+             {"ROUNDS", "12"},
+             {"FULL", full},
+             {"EQUAL_EDGES", "true"},
+             {"LANE_REGISTERS", std::to_string(registers)},
+             {"POLLER_REGISTERS", "56"},
+             {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}},
+            registers > 0};
+        EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
+    }
+}
+
 INSTANTIATE_TEST_SUITE_P(Formulations, Compiler, ::testing::ValuesIn(all_formulations),
                          [](const auto& tested) { return to_string(tested.param); });
 

@@ -19,6 +19,10 @@ __global__ void bits_kernel(ParticleRecord<Real>* words, const EditedWord* edite
     if (thread_number() < count) write_bits(words, edited[thread_number()]);
 }
 
+__global__ void words_kernel(std::uint32_t* words, const EditedWord* edited, std::size_t count) {
+    if (thread_number() < count) words[edited[thread_number()].word] = edited[thread_number()].bits;
+}
+
 template <class Real>
 __global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape shape,
                             ParticleRecord<Real>* words, std::uint32_t* neighbour,
@@ -74,6 +78,12 @@ void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size
                 const Stream& stream) {
     if (count == 0) return;
     bits_kernel<<<blocks_for(count), block, 0, stream.get()>>>(words, edited, count);
+    check(cudaGetLastError());
+}
+
+void write_words(std::uint32_t* words, const EditedWord* edited, std::size_t count, const Stream& stream) {
+    if (count == 0) return;
+    words_kernel<<<blocks_for(count), block, 0, stream.get()>>>(words, edited, count);
     check(cudaGetLastError());
 }
 

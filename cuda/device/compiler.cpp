@@ -157,14 +157,16 @@ const std::string& compiler_build() {
     return build;
 }
 
+bool moves_registers(int architecture) { return architecture >= 90 && nearest(architecture).second; }
+
 CompiledKernel compile(const KernelSource& source, int architecture) {
     const auto [target, exact] = nearest(architecture);
     const std::string name = "cuda/kernels/" + source.file;
     // No contraction: what fused multiply-adds there are stand in the source, so that bits depend on nothing
     // else.
-    std::vector<std::string> options = {
-        std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") + std::to_string(target),
-        "--std=c++20", "--fmad=false", "--extra-device-vectorization"};
+    std::vector<std::string> options = {std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") +
+                                            std::to_string(target) + (source.moves_registers ? "a" : ""),
+                                        "--std=c++20", "--fmad=false", "--extra-device-vectorization"};
     for (const auto& [macro, value] : source.macros)
         options.push_back("--define-macro=" + macro + "=" + value);
 

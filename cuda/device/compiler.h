@@ -10,6 +10,8 @@ namespace voxspring::cuda {
 struct KernelSource {
     std::string file;  ///< "implicit.cu"
     std::map<std::string, std::string> macros;
+    bool moves_registers =
+        false;  ///< between threads: compiled for that one architecture (moves_registers())
     bool operator==(const KernelSource&) const = default;
 };
 
@@ -22,6 +24,9 @@ struct CompiledKernel {
 /// `architecture`: compute capability, 90 for 9.0. Throws DeviceError with NVRTC's log if the source is
 /// wrong.
 CompiledKernel compile(const KernelSource& source, int architecture);
+
+/// Whether threads of a block may have more registers than others.
+bool moves_registers(int architecture);
 
 /// The version of NVRTC and the build id of its library: what code depends on besides its source.
 const std::string& compiler_build();

@@ -33,7 +33,8 @@ public:
 
     /// All blocks at once, which may wait for each other (a cooperative launch).
     template <class... Arguments>
-    void launch_together(const Stream& stream, dim3 grid, dim3 block, const Arguments&... arguments) const {
+    void launch_together(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
+                         const Arguments&... arguments) const {
         std::array<void*, sizeof...(Arguments)> pointers{const_cast<Arguments*>(&arguments)...};
         cudaLaunchAttribute together{};
         together.id = cudaLaunchAttributeCooperative;
@@ -41,6 +42,7 @@ public:
         cudaLaunchConfig_t config{};
         config.gridDim = grid;
         config.blockDim = block;
+        config.dynamicSmemBytes = shared_bytes;
         config.stream = stream.get();
         config.attrs = &together;
         config.numAttrs = 1;

@@ -44,6 +44,36 @@ struct Sides {
     Real left, right;
 };
 
+/// Whether springs of class k are among the groups in use.
+template <class Terms>
+VOXSPRING_HOST_DEVICE constexpr bool has_class(int k) {
+    return (Terms::groups & (k < 3 ? FACE_BITS : EDGE_BITS)) != 0;
+}
+
+/// What a spring of class k, whose ends are `relative` = x_i - x_j or u_i - u_j apart, does to particle i. It
+/// leads to (dx, dy, dz) on a lattice with `spacing`.
+template <class Terms, bool equal_edges, class Real>
+VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const Vector<Real>& spacing,
+                                            Vector<Real> relative, int k, int dx, int dy, int dz) {
+    const SpringRest<Real> rest{
+        {dx == 0 ? Real(0) : Real(dx) * spacing.x, dy == 0 ? Real(0) : Real(dy) * spacing.y,
+         dz == 0 ? Real(0) : Real(dz) * spacing.z},
+        step.deficit[k]};
+    Pull<Real> spring;
+    spring.offset = Terms::positions ? relative : relative - rest.offset;
+    const Real squared =
+        squared_length(spring.offset.x, spring.offset.y, spring.offset.z, step.shortest_squared);
+    if constexpr (Terms::increments) {
+        spring.density =
+            lean_strain_density(squared, step.rest_length[k], strain_deficit(relative, spring.offset, rest));
+    } else {
+        // (l - |d|) / |d| in units of l. Zero to the bit at rest, like unit_force_density().
+        spring.density = inverse_root(squared) - step.rest_length[k];
+    }
+    if (k < 3 || !equal_edges) spring.density = spring.density * step.stiffness[k];
+    return spring;
+}
+
 /// The springs of a thread as a plane arrives, added to the forces on its particles in that plane and the one
 /// before. `masked`: those whose bits are set; the force of others is dropped by selection.
 template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Real>
@@ -65,14 +95,14 @@ public:
 
     VOXSPRING_HOST_DEVICE void both(int bit, int z, int r, int c, int z2, int r2, int c2) {
         const int k = spring_class(c2 - c, r2 - r, z2 - z);
-        if (!used(k)) return;
+        if (!has_class<Terms>(k)) return;
         const Pull<Real> spring = pull(own_[z]->at[r][c] - own_[z2]->at[r2][c2], k, c2 - c, r2 - r, z2 - z);
         add(bit, spring.offset, spring.density, force_[z]->at[r][c]);
         add(bit, spring.offset, -spring.density, force_[z2]->at[r2][c2]);
     }
     VOXSPRING_HOST_DEVICE void half(int bit, int z, int r, int c, int z2, int r2, int c2) {
         const int k = spring_class(c2 - c, r2 - r, z2 - z);
-        if (!used(k)) return;
+        if (!has_class<Terms>(k)) return;
         Pull<Real> spring =
             pull(own_[z]->at[r][c] - neighbour(windows_[z2], r2, c2), k, c2 - c, r2 - r, z2 - z);
         if (!masked && c2 == -1) spring.density = spring.density * sides_.left;
@@ -84,9 +114,6 @@ private:
     static constexpr int pitch = shape.pitch(sizeof(Real));
     static constexpr int axis = shape.axis(sizeof(Real));
 
-    static VOXSPRING_HOST_DEVICE constexpr bool used(int k) {
-        return (Terms::groups & (k < 3 ? FACE_BITS : EDGE_BITS)) != 0;
-    }
     static VOXSPRING_HOST_DEVICE Vector<Real> neighbour(const Real* window, int r, int c) {
         const Real* const row = window + r * pitch;
         if (c == -1 || c == 2) return {row[c], row[axis + c], row[2 * axis + c]};
@@ -95,23 +122,7 @@ private:
         return c == 0 ? a : b;
     }
     VOXSPRING_HOST_DEVICE Pull<Real> pull(Vector<Real> relative, int k, int dx, int dy, int dz) const {
-        const SpringRest<Real> rest{
-            {dx == 0 ? Real(0) : Real(dx) * step_.spacing.x, dy == 0 ? Real(0) : Real(dy) * step_.spacing.y,
-             dz == 0 ? Real(0) : Real(dz) * step_.spacing.z},
-            step_.deficit[k]};
-        Pull<Real> spring;
-        spring.offset = Terms::positions ? relative : relative - rest.offset;
-        const Real squared =
-            squared_length(spring.offset.x, spring.offset.y, spring.offset.z, step_.shortest_squared);
-        if constexpr (Terms::increments) {
-            spring.density = lean_strain_density(squared, step_.rest_length[k],
-                                                 strain_deficit(relative, spring.offset, rest));
-        } else {
-            // (l - |d|) / |d| in units of l. Zero to the bit at rest, like unit_force_density().
-            spring.density = inverse_root(squared) - step_.rest_length[k];
-        }
-        if (k < 3 || !equal_edges) spring.density = spring.density * step_.stiffness[k];
-        return spring;
+        return class_pull<Terms, equal_edges>(step_, step_.spacing, relative, k, dx, dy, dz);
     }
     /// The sum is selected, not what is added: of a neighbour that is not finite nothing comes through.
     VOXSPRING_HOST_DEVICE void add(int bit, Vector<Real> offset, Real density, Vector<Real>& force) const {

@@ -3,6 +3,7 @@
 // the lattice is stressed at rest, so that the spring to an absent neighbour would pull.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/resident.h"
+#include "cuda/kernels/wait.h"
 
 namespace voxspring::cuda {
 
@@ -23,30 +24,6 @@ __device__ void put(int half, int slot, Vector<float> point) {
 /// These are the hardware's barriers 1 and 2. __syncthreads() uses 0.
 __device__ void border_is_here() { asm volatile("bar.sync 1, %0;" ::"n"(all_threads) : "memory"); }
 __device__ void own_points_are_here() { asm volatile("bar.sync 2, %0;" ::"n"(LANES) : "memory"); }
-
-/// Ends the launch with all of its blocks, after a wait in vain.
-__device__ void give_up(const ResidentStep& step, std::uint32_t number) {
-    *static_cast<volatile std::uint64_t*>(step.stall) = ResidentStall{blockIdx.x, number}.packed();
-    __threadfence_system();
-    __trap();
-}
-
-/// Waits until every block has read its start from memory, so that this one may overwrite it after step
-/// `number`.
-__device__ void wait_until_all_have_started(const ResidentStep& step, std::uint32_t launches,
-                                            std::uint32_t number) {
-    const std::uint32_t wanted = launches * gridDim.x;
-    std::uint32_t polls_in_vain = 0;
-    while (true) {
-        std::uint32_t started = 0;
-        asm volatile("ld.acquire.gpu.global.u32 %0, [%1];"
-                     : "=r"(started)
-                     : "l"(step.started_blocks)
-                     : "memory");
-        if (int(started - wanted) >= 0) return;
-        if (++polls_in_vain == max_resident_polls) give_up(step, number);
-    }
-}
 
 struct Lane {
     Self<float, false> self;
@@ -136,7 +113,7 @@ __device__ void poll(const Polls& polls, const ResidentStep& step, int half, std
             put(half, polls.slot[n], found[n].point);
             missing &= ~(1U << n);
         }
-        if (missing != 0 && ++polls_in_vain == max_resident_polls) give_up(step, tag);
+        if (missing != 0 && ++polls_in_vain == max_resident_polls) give_up(step.stall, tag);
     }
 }
 
@@ -179,7 +156,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         if ((border & mirrored_z) != 0) lane.spacing.z = -lane.spacing.z;
         run_lane_of<0>(border & border_kind_bits, step, lane, count, tag);
         if (!lane.active) return;
-        wait_until_all_have_started(step, launches, tag + count);
+        wait_until_all_have_started(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
         store(words + lane.word, Particle<float>{lane.self.point.high, lane.self.bits});
         if constexpr (Terms::increments) {
             store_axes(increment + lane.word, pitch, lane.before.high);

@@ -1,0 +1,487 @@
+#include "backends/layout/brick_layout.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdlib>
+#include <glm/common.hpp>
+#include <glm/vector_relational.hpp>
+#include <limits>
+#include <utility>
+
+#include "backends/layout/rounding.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr int warp = 32;
+
+constexpr std::array<BrickTileSize, 5> tile_sizes = {{{3, 1, 1}, {2, 1, 2}, {2, 2, 2}, {3, 2, 2}, {3, 2, 3}}};
+
+/// Whether tiles are of size n; then visits their springs.
+template <std::size_t n, class Visit>
+bool visit_size(const BrickShape& shape, Visit& visit, BrickMask& mask) {
+    constexpr BrickTileSize size = tile_sizes[n];
+    if (!(BrickTileSize{shape.tx, shape.ty, shape.tz} == size)) return false;
+    if (shape.both) {
+        mask.early = visit_brick_springs<size.x, size.y, size.z, true, false>(visit, 0);
+        mask.springs = visit_brick_springs<size.x, size.y, size.z, true, true>(visit, mask.early);
+    } else {
+        mask.early = visit_brick_springs<size.x, size.y, size.z, false, false>(visit, 0);
+        mask.springs = visit_brick_springs<size.x, size.y, size.z, false, true>(visit, mask.early);
+    }
+    mask.particles = size.x * size.y * size.z;
+    return true;
+}
+
+template <class Visit, std::size_t... sizes>
+BrickMask visit_tile(const BrickShape& shape, Visit& visit, std::index_sequence<sizes...>) {
+    BrickMask mask{};
+    (visit_size<sizes>(shape, visit, mask) || ...);
+    return mask;
+}
+template <class Visit>
+BrickMask visit_tile(const BrickShape& shape, Visit& visit) {
+    return visit_tile(shape, visit, std::make_index_sequence<tile_sizes.size()>());
+}
+
+struct NoVisit {
+    void both(int, int, int, int, int, int, int) {}
+    void half(int, int, int, int, int, int, int) {}
+};
+
+/// The least and the greatest coordinates of a body.
+std::pair<glm::ivec3, glm::ivec3> bounds_of(const Lattice& lattice) {
+    glm::ivec3 low = lattice.dims, high(-1);
+    for (const std::uint32_t voxel : lattice.voxel) {
+        const glm::ivec3 at = lattice.coordinates(voxel);
+        low = glm::min(low, at);
+        high = glm::max(high, at);
+    }
+    return {low, high};
+}
+
+glm::ivec3 size_of(const BrickShape& shape) { return {shape.nx(), shape.ny(), shape.nz()}; }
+
+/// How many particles a box of voxels holds, for boxes of any size at once: sums over all boxes that begin at
+/// the body's first voxel.
+class ParticleCounts {
+public:
+    ParticleCounts(const Lattice& lattice, const glm::ivec3& low, const glm::ivec3& high)
+        : size_(high - low + 2), sum_(std::size_t(size_.x) * std::size_t(size_.y) * std::size_t(size_.z)) {
+        for (const std::uint32_t voxel : lattice.voxel) at(lattice.coordinates(voxel) - low + 1) = 1;
+        for (int axis = 0; axis < 3; ++axis) {
+            for (int z = 1; z < size_.z; ++z) {
+                for (int y = 1; y < size_.y; ++y) {
+                    for (int x = 1; x < size_.x; ++x) {
+                        glm::ivec3 before(x, y, z);
+                        before[axis] -= 1;
+                        at({x, y, z}) += at(before);
+                    }
+                }
+            }
+        }
+    }
+    /// Of voxels `begin` to `end` (exclusive) of the body.
+    std::uint32_t in(const glm::ivec3& begin, const glm::ivec3& end) const {
+        const glm::ivec3 to = glm::min(end, size_ - 1);
+        std::uint32_t count = 0;
+        for (int corner = 0; corner < 8; ++corner) {
+            const glm::ivec3 of((corner & 1) != 0 ? begin.x : to.x, (corner & 2) != 0 ? begin.y : to.y,
+                                (corner & 4) != 0 ? begin.z : to.z);
+            const bool odd = ((corner ^ corner >> 1 ^ corner >> 2) & 1) != 0;
+            count += odd ? 0U - at(of) : at(of);
+        }
+        return count;
+    }
+
+private:
+    std::size_t index(const glm::ivec3& c) const {
+        return (std::size_t(c.z) * std::size_t(size_.y) + std::size_t(c.y)) * std::size_t(size_.x) +
+               std::size_t(c.x);
+    }
+    std::uint32_t& at(const glm::ivec3& c) { return sum_[index(c)]; }
+    std::uint32_t at(const glm::ivec3& c) const { return sum_[index(c)]; }
+
+    glm::ivec3 size_;
+    std::vector<std::uint32_t> sum_;
+};
+
+/// How often lanes of a warp want different words of a bank, summed over all loads of a tile.
+int bank_conflicts(const BrickShape& shape) {
+    const BrickBlock inner{0, 0, 0, 1, brick_low_y | brick_high_y | brick_low_z | brick_high_z, 0};
+    int conflicts = 0;
+    for (int first = 0; first < shape.threads(); first += warp) {
+        for (int k = -1; k <= shape.tz; ++k) {
+            for (int j = -1; j <= shape.ty; ++j) {
+                std::array<int, warp> wanted{};
+                for (int lane = first; lane < std::min(first + warp, shape.threads()); ++lane) {
+                    const TilePlace place(shape, inner, lane);
+                    ++wanted[std::size_t(place.slot_of(shape, 0, j, k)) % warp];
+                }
+                conflicts += *std::max_element(wanted.begin(), wanted.end()) - 1;
+            }
+        }
+    }
+    return conflicts;
+}
+
+/// `shape` with the pads that leave the fewest conflicts and fit into `bytes`.
+BrickShape padded(const BrickShape& shape, std::size_t bytes) {
+    BrickShape best = shape;
+    int fewest = std::numeric_limits<int>::max();
+    for (int row = 0; row < warp; ++row) {
+        for (int plane = 0; plane < warp; ++plane) {
+            BrickShape tried = shape;
+            tried.row_pad = row;
+            tried.plane_pad = plane;
+            if (std::size_t(tried.shared_bytes()) > bytes) break;
+            const int conflicts = bank_conflicts(tried);
+            if (conflicts >= fewest) continue;
+            fewest = conflicts;
+            best = tried;
+            if (fewest == 0) return best;
+        }
+    }
+    return best;
+}
+
+/// Registers of a thread with a tile, as NVRTC 13.0 has them without spilling, or next to that for the
+/// largest.
+int registers_of(const BrickShape& shape, Formulation formulation) {
+    const int particles = shape.tile();
+    const int points = particles <= 4 ? 88 : particles <= 8 ? 128 : particles <= 12 ? 136 : 152;
+    return points + (by_increments(formulation) ? rounded_up(4 * particles, 8) : 0);
+}
+constexpr int registers_of_multiprocessor = 65536;
+constexpr int warps_that_move_registers = 4;
+constexpr int poller_registers = 56;
+constexpr int max_threads = 1024;
+
+/// Gives `plan` pollers and registers. False: there are too few.
+bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool moves_registers) {
+    const int lanes = plan.shape.lanes(), needed = registers_of(plan.shape, formulation);
+    constexpr int alike = warps_that_move_registers * warp;
+    for (const int pollers : {256, 128}) {
+        // Beyond five points each, pollers ask for more than what a round trip hides.
+        if (pollers == 256 && polls <= std::size_t(5) * 128) continue;
+        if (lanes + pollers > max_threads) continue;
+        plan.pollers = pollers;
+        plan.lane_registers = plan.poller_registers = 0;
+        if (registers_of_multiprocessor / (lanes + pollers) >= needed) return true;
+        if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
+        const int left = (registers_of_multiprocessor - poller_registers * pollers) / lanes / 8 * 8;
+        if (left < needed) continue;
+        plan.lane_registers = std::min(left, 240);
+        plan.poller_registers = poller_registers;
+        return true;
+    }
+    return false;
+}
+
+/// Points in the frame of a brick, at most.
+std::size_t frame_of(const BrickShape& shape) {
+    const std::size_t with = std::size_t(shape.nx() + (shape.both ? 2 : 1)) * std::size_t(shape.ny() + 2) *
+                             std::size_t(shape.nz() + 2);
+    return with - std::size_t(shape.nx()) * std::size_t(shape.ny()) * std::size_t(shape.nz());
+}
+
+/// A step as predicted. Counted in machine code of compute capability 9.0, and of the share of its slots that
+/// a quarter of a multiprocessor issues with so many warps, in prototypes on an H200.
+double seconds_of(const BrickShape& shape, const MarchDevice& device) {
+    NoVisit none;
+    const BrickMask mask = visit_tile(shape, none);
+    const double instructions = 13.2 * mask.springs + 20.0 * mask.particles + 60;
+    const int warps = units_of(shape.lanes() / warp, 4);
+    const double issued = warps == 1 ? 0.35 : warps == 2 ? 0.7 : 0.75;
+    // What fetches a point of the frame and publishes one takes its share of all quarters.
+    const double exchange = double(frame_of(shape)) / warp * 40 / 4;
+    const double work = (warps * instructions / issued + exchange) / device.hertz;
+    // What neighbours send travels while early springs are added.
+    constexpr double travel = 0.9e-6, barriers = 0.15e-6;
+    return work + barriers + std::max(0.0, travel - work * mask.early / mask.springs);
+}
+
+}  // namespace
+
+std::span<const BrickTileSize> brick_tile_sizes() { return tile_sizes; }
+
+std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
+                                     const MarchDevice& device, bool moves_registers,
+                                     std::optional<BrickTileSize> size) {
+    const auto [low, high] = bounds_of(problem.lattice);
+    const glm::ivec3 body = high - low + 1;
+    const auto most = std::size_t(device.multiprocessors);
+    // Bricks without a particle are left out: there may be more of them than blocks.
+    const std::size_t max_bricks = 4 * most;
+    const std::size_t max_brick = device.block_shared_bytes / (2 * sizeof(Vector<float>));  // particles
+    const std::size_t voxels = std::size_t(body.x) * std::size_t(body.y) * std::size_t(body.z);
+    if (problem.particle_count() > most * max_brick || voxels > max_bricks * max_brick) return std::nullopt;
+    const ParticleCounts counts(problem.lattice, low, high);
+    std::optional<BrickPlan> best;
+    for (const BrickTileSize& tile : tile_sizes) {
+        if (size && !(*size == tile)) continue;
+        const glm::ivec3 of(tile.x, tile.y, tile.z);
+        for (int gz = 1; gz <= body.z && std::size_t(gz) <= max_bricks; ++gz) {
+            for (int gy = 1; gy <= body.y && std::size_t(gy) * std::size_t(gz) <= max_bricks; ++gy) {
+                for (int gx = 1;
+                     gx <= body.x && std::size_t(gx) * std::size_t(gy) * std::size_t(gz) <= max_bricks;
+                     ++gx) {
+                    const glm::ivec3 wanted(gx, gy, gz);
+                    const glm::ivec3 threads = ((body + wanted - 1) / wanted + of - 1) / of;
+                    const glm::ivec3 brick = threads * of, bricks = (body + brick - 1) / brick;
+                    // Others with as many bricks of that size were tried before.
+                    if (bricks != wanted) continue;
+                    BrickPlan plan{.shape = {tile.x, tile.y, tile.z, threads.x, threads.y, threads.z,
+                                             bricks.x > 2, 0, 0}};
+                    // A tile with a border on either side has no side for what comes early.
+                    if ((threads.y == 1 && bricks.y > 2) || (threads.z == 1 && bricks.z > 2)) continue;
+                    if (std::size_t(threads.x) * std::size_t(threads.y) * std::size_t(threads.z) >
+                            max_threads ||
+                        std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
+                        continue;
+                    plan.seconds = seconds_of(plan.shape, device);
+                    if (best && plan.seconds >= best->seconds) continue;
+                    if (!dress(plan, frame_of(plan.shape), formulation, moves_registers)) continue;
+                    std::size_t blocks = 0;
+                    for (int z = 0; z < bricks.z && blocks <= most; ++z) {
+                        for (int y = 0; y < bricks.y; ++y) {
+                            for (int x = 0; x < bricks.x; ++x) {
+                                const glm::ivec3 begin = glm::ivec3(x, y, z) * brick;
+                                if (counts.in(begin, begin + brick) > 0) ++blocks;
+                            }
+                        }
+                    }
+                    if (blocks <= most) best = plan;
+                }
+            }
+        }
+    }
+    if (best) best->shape = padded(best->shape, device.block_shared_bytes);
+    return best;
+}
+
+class BrickLayout::ListSprings {
+public:
+    explicit ListSprings(const BrickShape& shape, std::vector<TileSpring>& springs)
+        : shape_(shape), springs_(springs) {}
+    void both(int bit, int i, int j, int k, int i2, int j2, int k2) { half(bit, i, j, k, i2, j2, k2); }
+    void half(int bit, int i, int j, int k, int i2, int j2, int k2) {
+        springs_.push_back({i, j, k, i2 - i, j2 - j, k2 - k, bit, i2 == -1, i2 == shape_.tx});
+    }
+
+private:
+    const BrickShape& shape_;
+    std::vector<TileSpring>& springs_;
+};
+
+BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
+    : plan_(plan),
+      group_bits_(problem.group_bits),
+      strides_(march_strides(problem.lattice, sizeof(float))),
+      dims_(problem.lattice.dims),
+      voxel_(problem.lattice.voxel),
+      mask_(std::size_t(dims_.x) * std::size_t(dims_.y) * std::size_t(dims_.z)) {
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        mask_[problem.lattice.voxel[i]] = problem.lattice.mask[i];
+    const auto [low, high] = bounds_of(problem.lattice);
+    low_ = low;
+    const glm::ivec3 size = size_of(plan.shape);
+    bricks_ = (high - low + size) / size;
+    ListSprings list(plan.shape, springs_);
+    bits_ = visit_tile(plan.shape, list);
+
+    find_blocks();
+    masks_.assign(std::size_t(bits_.words()) * lane_count(), 0);
+#pragma omp parallel for schedule(dynamic)
+    for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n) {
+        const auto block = std::size_t(n);
+        for (int lane = 0; lane < plan_.shape.threads(); ++lane) write_masks(block, lane);
+        for (int first = 0; first < plan_.shape.lanes(); first += warp) find_full(block, first);
+    }
+    collect_polls();
+}
+
+std::uint32_t BrickLayout::mask_at(const glm::ivec3& voxel) const {
+    if (glm::any(glm::lessThan(voxel, glm::ivec3(0))) || glm::any(glm::greaterThanEqual(voxel, dims_)))
+        return 0;
+    return mask_[(std::size_t(voxel.z) * std::size_t(dims_.y) + std::size_t(voxel.y)) * std::size_t(dims_.x) +
+                 std::size_t(voxel.x)];
+}
+
+void BrickLayout::find_blocks() {
+    const glm::ivec3 size = size_of(plan_.shape);
+    block_at_.assign(std::size_t(bricks_.x) * std::size_t(bricks_.y) * std::size_t(bricks_.z), resident_none);
+    std::size_t number = 0;
+    for (int z = 0; z < bricks_.z; ++z) {
+        for (int y = 0; y < bricks_.y; ++y) {
+            for (int x = 0; x < bricks_.x; ++x, ++number) {
+                const glm::ivec3 begin = low_ + glm::ivec3(x, y, z) * size;
+                bool any = false;
+                for (int n = 0; n < size.x * size.y * size.z && !any; ++n)
+                    any = mask_at(begin +
+                                  glm::ivec3(n % size.x, n / size.x % size.y, n / (size.x * size.y))) != 0;
+                if (!any) continue;
+                block_at_[number] = std::uint32_t(blocks_.size());
+                // Where two bricks have one border along x, they meet where X ends.
+                const bool mirrored = !plan_.shape.both && x == 1;
+                std::uint32_t sides = 0;
+                const auto side = [&](bool here, std::uint32_t bit) { sides |= here ? bit : 0; };
+                side(x > 0, mirrored ? brick_high_x : brick_low_x);
+                side(x + 1 < bricks_.x, brick_high_x);
+                side(y > 0, brick_low_y);
+                side(y + 1 < bricks_.y, brick_high_y);
+                side(z > 0, brick_low_z);
+                side(z + 1 < bricks_.z, brick_high_z);
+                blocks_.push_back({mirrored ? begin.x + size.x - 1 : begin.x, begin.y, begin.z,
+                                   mirrored ? -1 : 1, sides, 0});
+            }
+        }
+    }
+}
+
+void BrickLayout::write_masks(std::size_t block, int lane) {
+    const TilePlace place(plan_.shape, blocks_[block], lane);
+    const auto voxel = [&](int i, int j, int k) {
+        return glm::ivec3(place.x + place.dx * i, place.y + place.dy * j, place.z + place.dz * k);
+    };
+    std::array<std::uint32_t, 16> words{};
+    const auto set = [&](int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
+    std::array<std::uint32_t, 32> masks{};
+    for (int n = 0; n < plan_.shape.tile(); ++n) {
+        const int i = n % plan_.shape.tx, j = n / plan_.shape.tx % plan_.shape.ty,
+                  k = n / (plan_.shape.tx * plan_.shape.ty);
+        const std::uint32_t mask = mask_at(voxel(i, j, k));
+        masks[std::size_t(n)] = mask;
+        if (mask == 0) continue;
+        set(bits_.exists(n));
+        if ((mask & PINNED_BIT) == 0) set(bits_.moves(n));
+    }
+    for (const TileSpring& s : springs_) {
+        const std::uint32_t mask = masks[std::size_t(plan_.shape.number(s.i, s.j, s.k))];
+        const int bit = bit_of(place.dx * s.dx, place.dy * s.dy, place.dz * s.dz);
+        if ((mask >> bit & 1U) != 0) set(s.bit);
+    }
+    const std::size_t at = block * std::size_t(plan_.shape.lanes()) + std::size_t(lane);
+    for (int n = 0; n < bits_.words(); ++n)
+        masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
+}
+
+bool BrickLayout::is_full(std::size_t block, int first) const {
+    if (first + warp > plan_.shape.threads()) return false;
+    for (int lane = first; lane < first + warp; ++lane) {
+        const TilePlace place(plan_.shape, blocks_[block], lane);
+        const std::size_t at = block * std::size_t(plan_.shape.lanes()) + std::size_t(lane);
+        const auto has = [&](int bit) {
+            return (masks_[std::size_t(bit / 32) * lane_count() + at] >> bit % 32 & 1U) != 0;
+        };
+        for (int n = 0; n < bits_.particles; ++n) {
+            if (!has(bits_.exists(n)) || !has(bits_.moves(n))) return false;
+        }
+        for (const TileSpring& s : springs_) {
+            const bool face = std::abs(s.dx) + std::abs(s.dy) + std::abs(s.dz) == 1;
+            if ((group_bits_ & (face ? FACE_BITS : EDGE_BITS)) == 0) continue;
+            if ((s.beyond_left && !place.left) || (s.beyond_right && !place.right)) continue;
+            if (!has(s.bit)) return false;
+        }
+    }
+    return true;
+}
+
+void BrickLayout::find_full(std::size_t block, int lane) {
+    const int number = lane / warp;
+    std::uint32_t& full = blocks_[block].full_warps;
+    full = (full & ~(1U << number)) | std::uint32_t(is_full(block, number * warp)) << number;
+}
+
+std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
+    const BrickShape& shape = plan_.shape;
+    const auto voxel = [&](int X, int Y, int Z) {
+        return glm::ivec3(block.x + block.direction * X, block.y + Y, block.z + Z);
+    };
+    const auto inside = [&](int X, int Y, int Z) {
+        return X >= 0 && X < shape.nx() && Y >= 0 && Y < shape.ny() && Z >= 0 && Z < shape.nz();
+    };
+    // Neighbours whether or not a spring joins them: each block waits for those that wait for it, and so is
+    // never two steps ahead.
+    const auto reached = [&](int X, int Y, int Z) {
+        for (int dz = -1; dz <= 1; ++dz) {
+            for (int dy = -1; dy <= 1; ++dy) {
+                for (int dx = -1; dx <= 1; ++dx) {
+                    if (is_face_or_edge(dx, dy, dz) && inside(X + dx, Y + dy, Z + dz) &&
+                        mask_at(voxel(X + dx, Y + dy, Z + dz)) != 0)
+                        return true;
+                }
+            }
+        }
+        return false;
+    };
+    std::vector<BrickPoll> polls;
+    for (int Z = -1; Z <= shape.nz(); ++Z) {
+        for (int Y = -1; Y <= shape.ny(); ++Y) {
+            for (int X = shape.both ? -1 : 0; X <= shape.nx(); ++X) {
+                if (inside(X, Y, Z)) continue;
+                const glm::ivec3 at = voxel(X, Y, Z);
+                if (mask_at(at) == 0 || !reached(X, Y, Z)) continue;
+                const std::size_t element =
+                    std::size_t(at.x) + strides_.row * std::size_t(at.y) + strides_.plane * std::size_t(at.z);
+                polls.push_back({std::uint32_t(element), std::uint32_t(shape.slot_of(X, Y, Z))});
+            }
+        }
+    }
+    return polls;
+}
+
+void BrickLayout::collect_polls() {
+    std::vector<std::vector<BrickPoll>> all(blocks_.size());
+#pragma omp parallel for schedule(dynamic)
+    for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n)
+        all[std::size_t(n)] = polls_of(blocks_[std::size_t(n)]);
+    std::size_t most = 1;
+    for (const auto& polls : all) most = std::max(most, polls.size());
+    const auto pollers = std::size_t(plan_.pollers);
+    rounds_ = int(units_of(most, pollers));
+    polls_.assign(std::size_t(rounds_) * blocks_.size() * pollers, {resident_none, 0});
+    for (std::size_t b = 0; b < all.size(); ++b) {
+        for (std::size_t n = 0; n < all[b].size(); ++n)
+            polls_[(n / pollers * blocks_.size() + b) * pollers + n % pollers] = all[b][n];
+    }
+}
+
+EditedBricks BrickLayout::edit(const SpringEdit& edit) {
+    const BrickShape& shape = plan_.shape;
+    const glm::ivec3 size = size_of(shape);
+    std::vector<std::pair<std::size_t, int>> lanes;  // block and number
+    for (const SpringEdit::Touched& touched : edit.touched) {
+        const std::uint32_t at = voxel_[touched.particle];
+        mask_[at] = touched.mask;
+        const glm::ivec3 c(int(at) % dims_.x, int(at) / dims_.x % dims_.y, int(at) / (dims_.x * dims_.y));
+        const glm::ivec3 brick = (c - low_) / size;
+        const std::size_t block =
+            block_at_[(std::size_t(brick.z) * std::size_t(bricks_.y) + std::size_t(brick.y)) *
+                          std::size_t(bricks_.x) +
+                      std::size_t(brick.x)];
+        const BrickBlock& b = blocks_[block];
+        const int X = b.direction * (c.x - b.x), Y = c.y - b.y, Z = c.z - b.z;
+        lanes.emplace_back(block, (Z / shape.tz * shape.wy + Y / shape.ty) * shape.wx + X / shape.tx);
+    }
+    std::sort(lanes.begin(), lanes.end());
+    lanes.erase(std::unique(lanes.begin(), lanes.end()), lanes.end());
+    EditedBricks edited;
+    std::vector<std::uint32_t> before(std::size_t(bits_.words()));
+    for (const auto& [block, lane] : lanes) {
+        const std::size_t at = block * std::size_t(shape.lanes()) + std::size_t(lane);
+        for (std::size_t w = 0; w < before.size(); ++w) before[w] = masks_[w * lane_count() + at];
+        write_masks(block, lane);
+        for (std::size_t w = 0; w < before.size(); ++w) {
+            const std::size_t word = w * lane_count() + at;
+            if (masks_[word] != before[w]) edited.words.push_back({std::uint32_t(word), masks_[word]});
+        }
+        const std::uint32_t full = blocks_[block].full_warps;
+        find_full(block, lane);
+        if (full != blocks_[block].full_warps) edited.blocks = true;
+    }
+    return edited;
+}
+
+}  // namespace voxspring::cuda

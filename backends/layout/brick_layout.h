@@ -1,0 +1,104 @@
+// Which block of the brick kernel (cuda/kernels/brick.h) holds which part of the lattice: the shape of
+// bricks, chosen by what a step costs with it, masks, and the points that blocks send each other. Built on
+// the host and without a device.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "backends/layout/march_cost.h"
+#include "backends/layout/march_layout.h"
+#include "backends/layout/records/brick.h"
+#include "backends/layout/records/edit.h"
+#include "backends/physics/edit.h"
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::cuda {
+
+/// Particles of a thread.
+struct BrickTileSize {
+    int x, y, z;
+    int particles() const { return x * y * z; }
+    bool operator==(const BrickTileSize&) const = default;
+};
+/// Those that the kernel is made for.
+std::span<const BrickTileSize> brick_tile_sizes();
+
+/// How a launch covers a body.
+struct BrickPlan {
+    BrickShape shape{};
+    int pollers = 0;
+    /// Of a thread with a tile and of one that polls, if they are moved from the one to the other; 0: all
+    /// have the same.
+    int lane_registers = 0, poller_registers = 0;
+    double seconds = 0;  ///< of a step, as predicted
+    bool operator==(const BrickPlan&) const = default;
+};
+/// The plan with the shortest step as predicted, of those with tiles of `size`, or of all sizes; none if the
+/// body is too large for what the device's blocks hold. `moves_registers`: threads of a block may have more
+/// than others.
+std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
+                                     const MarchDevice& device, bool moves_registers,
+                                     std::optional<BrickTileSize> size = std::nullopt);
+
+/// What an edit changes on the device.
+struct EditedBricks {
+    std::vector<EditedWord> words;  ///< of the masks
+    bool blocks = false;            ///< other warps are full
+};
+
+/// The tables of BrickStep, and what edits of them take.
+class BrickLayout {
+public:
+    /// `problem` has a lattice, a particle at least, and no springs beyond the lattice.
+    BrickLayout(const Problem& problem, const BrickPlan& plan);
+
+    const std::vector<BrickBlock>& blocks() const { return blocks_; }
+    const std::vector<std::uint32_t>& masks() const { return masks_; }
+    /// In the order of the kernel: by round, then by block, then by poller.
+    const std::vector<BrickPoll>& polls() const { return polls_; }
+    int rounds() const { return rounds_; }
+    std::uint32_t lane_count() const {
+        return std::uint32_t(blocks_.size()) * std::uint32_t(plan_.shape.lanes());
+    }
+
+    EditedBricks edit(const SpringEdit& edit);
+
+private:
+    /// A spring of a tile: its particle, where it leads, and its bit.
+    struct TileSpring {
+        int i, j, k, dx, dy, dz, bit;
+        bool beyond_left, beyond_right;  ///< its other end is at i = -1 or i = tx
+    };
+    class ListSprings;
+
+    std::uint32_t mask_at(const glm::ivec3& voxel) const;
+    void find_blocks();
+    void write_masks(std::size_t block, int lane);
+    /// Whether the warp of lane `first` needs no masks.
+    bool is_full(std::size_t block, int first) const;
+    /// Sets the bit of the lane's warp.
+    void find_full(std::size_t block, int lane);
+    std::vector<BrickPoll> polls_of(const BrickBlock& block) const;
+    void collect_polls();
+
+    BrickPlan plan_;
+    std::uint32_t group_bits_;
+    SoaStrides strides_;
+    glm::ivec3 dims_, low_{0}, bricks_{1};  ///< of the lattice; of the body; along each axis
+    std::vector<std::uint32_t> voxel_;      ///< one a particle
+    std::vector<std::uint32_t> mask_;       ///< one a voxel
+    std::vector<std::uint32_t> block_at_;   ///< one a brick; resident_none: it has no particle
+    std::vector<TileSpring> springs_;
+    BrickMask bits_{};
+    std::vector<BrickBlock> blocks_;
+    std::vector<std::uint32_t> masks_;
+    std::vector<BrickPoll> polls_;
+    int rounds_ = 0;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,131 @@
+// What strategies share whose state lies in structure of arrays (backends/layout/march_layout.h): its
+// buffers, how it goes in and out, and which problems their springs by class serve.
+#pragma once
+
+#include <array>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "backends/layout/march_cost.h"
+#include "backends/layout/march_layout.h"
+#include "backends/layout/particles.h"
+#include "backends/physics/addressing.h"
+#include "cuda/common/cuda_backend.h"
+#include "cuda/common/divergence_check.h"
+#include "cuda/common/measure.h"
+
+namespace voxspring::cuda {
+
+/// The device, as far as plans depend on it.
+inline MarchDevice march_device(const Device& device) {
+    return {.multiprocessors = device.multiprocessors(),
+            .threads = device.threads_per_multiprocessor(),
+            .shared_bytes = device.multiprocessor_shared_bytes(),
+            .reserved_bytes = device.reserved_shared_bytes(),
+            .block_shared_bytes = device.shared_bytes(),
+            .hertz = 1e6 * device.sm_mhz(),
+            .bytes_per_second = device.memory_bytes_per_second(),
+            .cache_bytes = double(device.cache_bytes())};
+}
+
+/// Empty, or why springs by class (MarchStep) cannot step `problem`. `strategy`: "the march".
+inline std::string class_refusal(const Problem& problem, Precision precision, Formulation formulation,
+                                 const std::string& strategy) {
+    if (std::string why = implicit_refusal(problem); !why.empty()) return why;
+    if ((problem.group_bits & CORNER_BITS) != 0)
+        return "corner springs are beyond the stencil of " + strategy;
+    if (!has_inverse_lengths(problem, precision, formulation))
+        return "forces in units of rest lengths need some that are not zero";
+    if (problem.has_materials()) return strategy + " is for one material";
+    if (!problem.load.empty()) return strategy + " has no place for loads";
+    return {};
+}
+
+/// The macro EQUAL_EDGES and the terms of a kernel that steps by class.
+inline std::map<std::string, std::string> class_macros(const Problem& problem, Formulation formulation,
+                                                       Precision precision) {
+    // Pins are in the masks.
+    const std::uint32_t terms = terms_of(problem) & (term_damping | term_gravity);
+    return {{"REAL", precision == Precision::float32 ? "float" : "double"},
+            {"FETCH", "PastL1"},  // of kernels that fetch words
+            {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," +
+                          std::to_string(problem.group_bits) + "u," + std::to_string(terms) + "u,false>"},
+            {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}};
+}
+
+template <class Real>
+class AxesBackend : public CudaBackend {
+public:
+    explicit AxesBackend(Formulation formulation) : formulation_(formulation) {}
+
+    /// Device memory of the state.
+    static std::uint64_t state_bytes(const Lattice& lattice, Formulation formulation) {
+        return (by_increments(formulation) ? 3 : 2) * march_strides(lattice, sizeof(Real)).size() *
+               sizeof(Real);
+    }
+
+    State download() final {
+        MarchState<Real> packed;
+        const auto out = [&](std::vector<Real>& values, const Buffer<Real>& buffer) {
+            values.resize(buffer.size());
+            buffer.download(values, stream());
+        };
+        const auto now = std::size_t(current());
+        out(packed.current, positions_[now]);
+        out(packed.before, by_increments(formulation_) ? increment_ : positions_[1 - now]);
+        return unpack_march<Real>(problem(), packed, formulation_);
+    }
+
+protected:
+    static constexpr Precision precision =
+        sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
+
+    Formulation formulation() const { return formulation_; }
+    const SoaStrides& axes() const { return axes_; }
+    /// x of every second step.
+    Real* positions(std::size_t buffer) const { return positions_[buffer].data(); }
+    Real* increment() const { return increment_.data(); }
+    std::uint64_t state_bytes_held() const {
+        return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes();
+    }
+
+    void upload_state(const Problem& problem, const State& state) {
+        axes_ = march_strides(problem.lattice, sizeof(Real));
+        const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
+        positions_[0].upload(packed.current, stream());
+        if (by_increments(formulation_)) {
+            // A step writes every particle's u here before any reads it; what is none is zero.
+            positions_[1].resize(packed.current.size());
+            positions_[1].fill_with_zeros(stream());
+            increment_.upload(packed.before, stream());
+        } else {
+            positions_[1].upload(packed.before, stream());
+            increment_.resize(0);
+        }
+    }
+    /// The kernel's constants for `problem`, with the device's own inverse roots.
+    MarchStep<Real> measured_step(const Problem& problem) const {
+        MarchStep<Real> step = make_march_step<Real>(problem, formulation_);
+        if (!by_increments(formulation_)) measure_inverse_roots<Real>(step.rest_length, stream());
+        return step;
+    }
+
+    std::vector<StateArray> state_arrays() const final {
+        return {state_array(positions_[0]), state_array(positions_[1]), state_array(increment_)};
+    }
+    void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) final {
+        const auto now = std::size_t(current());
+        launch_divergence_check_on_axes(
+            positions_[now].data(), by_increments(formulation_) ? nullptr : positions_[1 - now].data(),
+            increment_.data(), axes_.axis, axes_.axis, parameters, first, stream());
+    }
+
+private:
+    const Formulation formulation_;
+    SoaStrides axes_;
+    std::array<Buffer<Real>, 2> positions_;
+    Buffer<Real> increment_;
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,221 @@
+// One cooperative launch for thousands of steps: every block keeps a brick of the lattice in shared memory,
+// and every thread steps a tile of particles in it; what crosses the border of a brick goes through L2.
+#include <algorithm>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "backends/layout/brick_layout.h"
+#include "backends/layout/march_work.h"
+#include "backends/registry.h"
+#include "cuda/common/axes_backend.h"
+#include "cuda/common/edit.h"
+#include "cuda/common/joint_launch.h"
+
+namespace voxspring::cuda {
+namespace {
+
+std::string name_of(const BrickTileSize& size) {
+    return std::to_string(size.x) + "x" + std::to_string(size.y) + "x" + std::to_string(size.z);
+}
+
+/// The size that the tuning parameter names; none: any.
+std::optional<BrickTileSize> size_of(const std::string& tuned) {
+    for (const BrickTileSize& size : brick_tile_sizes()) {
+        if (name_of(size) == tuned) return size;
+    }
+    return std::nullopt;
+}
+
+/// A word for each element and every second step.
+std::uint64_t exchange_bytes(const Lattice& lattice) {
+    return 2 * march_strides(lattice, sizeof(float)).axis * sizeof(TaggedPoint);
+}
+
+/// Device memory, at most: beside state and exchange, masks of 18 springs and two bits a particle, in tiles
+/// half empty, and as many polls as particles.
+std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
+    constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
+    return AxesBackend<float>::state_bytes(problem.lattice, options.formulation) +
+           exchange_bytes(problem.lattice) + problem.particle_count() * tables + (std::uint64_t(1) << 20);
+}
+
+class BricksBackend final : public AxesBackend<float> {
+public:
+    explicit BricksBackend(const Options& options)
+        : AxesBackend(options.formulation),
+          options_(options),
+          size_(size_of(options.tuning.at("tile"))),
+          votes_(options.tuning.at("interior") == "vote") {}
+
+    void upload(const Problem& problem, const State& state) override {
+        begin_upload();
+        set_problem(problem);
+        const std::optional<BrickPlan> plan = planned(problem);
+        if (!plan) throw DeviceError(too_large);
+        plan_ = *plan;
+        layout_.emplace(problem, plan_);
+        upload_state(problem, state);
+        step_ = {};
+        static_cast<MarchStep<float>&>(step_) = measured_step(problem);
+        upload_tables(problem);
+        kernel_ = kernel(source(problem));
+        kernel_->allow_shared(std::size_t(plan_.shape.shared_bytes()));
+        stand_at_start();
+    }
+
+    /// Masks of the threads whose springs it changes, and nothing else.
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        set_problem(edited);
+        if (edit.empty()) return;
+        const EditedBricks changed = layout_->edit(edit);
+        write_words(masks_.data(), staging_.send(std::span(changed.words), stream()), changed.words.size(),
+                    stream());
+        if (changed.blocks && votes_) send_blocks();
+    }
+
+    std::optional<Choice> choice() const override {
+        const BrickShape& s = plan_.shape;
+        return Choice{"tile=" + name_of({s.tx, s.ty, s.tz}), plan_.seconds};
+    }
+
+    /// That of the march without its memory: the state leaves the chip at the end of a launch alone.
+    StepWork step_work(const Problem& problem) const override {
+        StepWork work = march_work<float>(problem, formulation());
+        work.bytes = work.written_bytes = work.footprint_bytes = 0;
+        work.launches = 0;
+        work.exchanges = 1;
+        return work;
+    }
+
+private:
+    static constexpr const char* too_large =
+        "the body is larger than what the multiprocessors' shared memory and registers hold";
+
+    std::optional<BrickPlan> planned(const Problem& problem) const {
+        if (latest_ && latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel)
+            return latest_->plan;
+        latest_ = {problem.lattice.dims, problem.lattice.voxel,
+                   plan_bricks(problem, formulation(), march_device(device()),
+                               moves_registers(device().architecture()), size_)};
+        return latest_->plan;
+    }
+
+    KernelSource source(const Problem& problem) const {
+        const BrickShape& s = plan_.shape;
+        KernelSource source{"brick.cu", class_macros(problem, formulation(), precision),
+                            plan_.lane_registers > 0};
+        std::string shape;
+        for (const int number : {s.tx, s.ty, s.tz, s.wx, s.wy, s.wz, int(s.both), s.row_pad, s.plane_pad})
+            shape += (shape.empty() ? "" : ",") + std::to_string(number);
+        source.macros["SHAPE"] = "BrickShape{" + shape + "}";
+        source.macros["THREADS"] = std::to_string(s.lanes() + plan_.pollers);
+        source.macros["BLOCKS"] = "1";
+        source.macros["POLLERS"] = std::to_string(plan_.pollers);
+        source.macros["ROUNDS"] = std::to_string(layout_->rounds());
+        source.macros["FULL"] = votes_ ? "1" : "0";
+        source.macros["LANE_REGISTERS"] = std::to_string(plan_.lane_registers);
+        source.macros["POLLER_REGISTERS"] = std::to_string(plan_.poller_registers);
+        return source;
+    }
+
+    void upload_tables(const Problem& problem) {
+        masks_.upload(layout_->masks(), stream());
+        polls_.upload(layout_->polls(), stream());
+        // Room for the whole words in which they may be sent.
+        blocks_.resize(layout_->blocks().size() + 1);
+        send_blocks();
+        exchange_.resize(exchange_bytes(problem.lattice) / sizeof(TaggedPoint));
+        exchange_.fill_with_zeros(stream());
+        joint_.start_anew(stream());
+        step_.blocks = blocks_.data();
+        step_.masks = masks_.data();
+        step_.lane_count = layout_->lane_count();
+        step_.polls = polls_.data();
+        step_.exchange = exchange_.data();
+        step_.started_blocks = joint_.started_blocks();
+        step_.stall = joint_.stall();
+    }
+    void send_blocks() {
+        const std::span<const std::byte> bytes = std::as_bytes(std::span(layout_->blocks()));
+        auto* const to = reinterpret_cast<std::byte*>(blocks_.data());
+        for (std::size_t begin = 0; begin < bytes.size(); begin += max_argument_bytes)
+            send_as_argument(to + begin,
+                             bytes.subspan(begin, std::min(max_argument_bytes, bytes.size() - begin)),
+                             stream());
+    }
+
+    void enqueue_steps(int count) override {
+        float* const before = by_increments(formulation()) ? increment() : positions(1);
+        joint_.enqueue(
+            count, longest_joint_launch(monitored()),
+            [&](int steps, std::uint32_t tag, std::uint32_t launches) {
+                kernel_->launch_together(stream(), dim3(unsigned(layout_->blocks().size())),
+                                         dim3(unsigned(plan_.shape.lanes() + plan_.pollers)),
+                                         std::size_t(plan_.shape.shared_bytes()), step_, positions(0), before,
+                                         steps, tag, launches);
+            },
+            [&](int steps) { stepped(steps); });
+    }
+    void enqueue_step(int /*reading*/) override {}  // steps are enqueued together
+
+    std::string refused(const Problem& problem) const override {
+        if (std::string why = class_refusal(problem, precision, formulation(), "bricks"); !why.empty())
+            return why;
+        if (!device().launches_together())
+            return "blocks that wait for each other need a card with cooperative launches";
+        return planned(problem) ? "" : too_large;
+    }
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return bricks_bytes(problem, options_);
+    }
+    std::uint64_t bytes_held() const override {
+        return state_bytes_held() + masks_.bytes() + polls_.bytes() + blocks_.bytes() + exchange_.bytes() +
+               joint_.bytes() + staging_.bytes();
+    }
+    std::string failure_note() const override { return joint_.failure_note("brick"); }
+
+    const Options options_;
+    const std::optional<BrickTileSize> size_;
+    const bool votes_;
+    BrickPlan plan_;
+    std::optional<BrickLayout> layout_;
+    BrickStep step_{};
+    std::shared_ptr<const Kernel> kernel_;
+    Buffer<BrickBlock> blocks_;
+    Buffer<std::uint32_t> masks_;
+    Buffer<BrickPoll> polls_;
+    Buffer<TaggedPoint> exchange_;
+    Staging<EditedWord> staging_;
+    JointLaunch joint_;
+    /// The latest plan and the body that it is for: refused() and the upload after it ask for the same.
+    struct Planned {
+        glm::ivec3 dims;
+        std::vector<std::uint32_t> voxel;
+        std::optional<BrickPlan> plan;
+    };
+    mutable std::optional<Planned> latest_;
+};
+
+/// auto: whichever plan_bricks() takes.
+TuningValues tile_names() {
+    TuningValues names{"auto"};
+    for (const BrickTileSize& size : brick_tile_sizes()) names.push_back(name_of(size));
+    return names;
+}
+
+const Registered entry({
+    .name = "cuda_bricks",
+    .summary = "One launch for thousands of steps: bricks of the lattice in shared memory, a tile of "
+               "particles a thread, "
+               "borders through L2; one material, face and edge springs.",
+    .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
+    .tuning = {{"tile", tile_names()}, {"interior", {"mask", "vote"}}},
+    .make = [](const Options& options) { return std::make_unique<BricksBackend>(options); },
+    .bytes = bricks_bytes,
+});
+
+}  // namespace
+}  // namespace voxspring::cuda

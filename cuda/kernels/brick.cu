@@ -1,0 +1,219 @@
+// SHAPE: a BrickShape, EQUAL_EDGES as in march.cu. POLLERS threads beside those with tiles wait for ROUNDS
+// points of other blocks each. FULL: 0 where all warps are to go by masks. LANE_REGISTERS, POLLER_REGISTERS:
+// what a thread of either kind has, if they are moved from the one to the other; 0: all have the same.
+#include "cuda/kernels/brick.h"
+#include "cuda/kernels/entry.h"
+#include "cuda/kernels/wait.h"
+
+namespace voxspring::cuda {
+
+inline constexpr BrickShape shape = SHAPE;
+constexpr int lanes = shape.lanes();
+constexpr int all_threads = lanes + POLLERS;
+using Tile = BrickTile<Terms, shape, EQUAL_EDGES>;
+constexpr int mask_words = Tile::mask_words;
+/// Masks of larger tiles are read anew in each step.
+constexpr bool keeps_masks = mask_words <= 6;
+
+extern __shared__ float points[];
+
+// The hardware's barriers 1 and 2. __syncthreads() uses 0.
+__device__ void border_is_here() { asm volatile("bar.sync 1, %0;" ::"n"(all_threads) : "memory"); }
+__device__ void step_is_done() { asm volatile("bar.sync 2, %0;" ::"n"(all_threads) : "memory"); }
+
+struct TileWords {
+    std::uint32_t word[mask_words];
+    __device__ bool has(int bit) const { return (word[bit / 32] >> (bit % 32) & 1U) != 0; }
+    __device__ void load(const BrickStep& step, std::uint32_t lane) {
+#pragma unroll
+        for (int n = 0; n < mask_words; ++n) word[n] = __ldg(step.masks + n * step.lane_count + lane);
+    }
+    __device__ bool none() const {
+        std::uint32_t any = 0;
+#pragma unroll
+        for (int n = 0; n < mask_words; ++n) any |= word[n];
+        return any == 0;
+    }
+};
+struct NoWords {
+    __device__ bool has(int) const { return true; }
+};
+
+__device__ std::uint32_t lane_of(int thread) { return blockIdx.x * lanes + std::uint32_t(thread); }
+
+/// Which half of the points a step reads, and which it writes. Numbers that change places rather than a
+/// condition, by which the compiler would have two loops.
+class Turns {
+public:
+    __device__ float* now() const { return points + now_; }
+    __device__ float* next() const { return points + next_; }
+    /// Where in the exchange this step's points are published.
+    __device__ std::size_t exchange(const BrickStep& step) const { return next_ == 0 ? 0 : step.axis; }
+    __device__ void swap() {
+        const int now = now_;
+        now_ = next_;
+        next_ = now;
+    }
+
+private:
+    int now_ = 0, next_ = shape.half();
+};
+
+/// Takes the steps of a thread with a tile. `masked` is the same for a warp.
+template <bool masked, class Words>
+__device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool idle, int thread, int count,
+                          std::uint32_t tag) {
+    Turns turns;
+    ROLLED
+    for (int n = 1; n <= count; ++n) {
+        if constexpr (masked && !keeps_masks) words.load(step, lane_of(thread));
+        if (!idle) tile.template add_early<masked>(step, turns.now(), words);
+        border_is_here();
+        if (!idle) {
+            tile.template add_late<masked>(step, turns.now(), words);
+            tile.template integrate<masked>(
+                step, turns.next(), words, [&](int i, int j, int k, Vector<float> point) {
+                    const std::size_t element = tile.element(step, i, j, k);
+                    publish(step.exchange + turns.exchange(step) + element, point, tag + std::uint32_t(n));
+                });
+        }
+        step_is_done();
+        turns.swap();
+    }
+}
+
+/// Points that are looked up at the same time.
+constexpr int together = ROUNDS < 10 ? ROUNDS : 6;
+/// Where they are is read anew in each step if there are more of them.
+constexpr bool keeps_polls = ROUNDS == together;
+
+struct Polls {
+    BrickPoll poll[together];
+    /// The poller's polls from number `first` on.
+    __device__ void load(const BrickStep& step, int poller, int first) {
+#pragma unroll
+        for (int n = 0; n < together; ++n) {
+            const std::uint32_t round = std::uint32_t(first + n);
+            poll[n] = {resident_none, 0};
+            if (round < ROUNDS)
+                poll[n] = step.polls[(round * gridDim.x + blockIdx.x) * POLLERS + std::uint32_t(poller)];
+        }
+    }
+};
+
+/// Fetches into the half at `to` the points that other blocks publish with `tag`.
+__device__ void fetch_published(const Polls& polls, const BrickStep& step, float* to,
+                                const TaggedPoint* exchange, std::uint32_t tag) {
+    std::uint32_t missing = 0;
+#pragma unroll
+    for (int n = 0; n < together; ++n) {
+        if (polls.poll[n].from != resident_none) missing |= 1U << n;
+    }
+    std::uint32_t polls_in_vain = 0;
+    while (missing != 0) {
+        TaggedPoint found[together];
+#pragma unroll
+        for (int n = 0; n < together; ++n) {
+            if ((missing >> n & 1U) != 0) found[n] = look_up(exchange + polls.poll[n].from);
+        }
+#pragma unroll
+        for (int n = 0; n < together; ++n) {
+            if ((missing >> n & 1U) == 0 || found[n].tag != tag) continue;
+            Tile::store(to, int(polls.poll[n].slot), found[n].point);
+            missing &= ~(1U << n);
+        }
+        if (missing != 0 && ++polls_in_vain == max_resident_polls) give_up(step.stall, tag);
+    }
+}
+
+/// Takes `count` steps, at least one, of the state in `current` and `before`, in structure of arrays: x or u,
+/// and x or u at t - dt or, by increments, v. The state after the last step replaces it. Points are published
+/// with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have counted their blocks in
+/// `step.started_blocks`, this one included.
+extern "C" __global__ void __launch_bounds__(all_threads, 1)
+    step(const __grid_constant__ BrickStep step, float* current, float* before, int count, std::uint32_t tag,
+         std::uint32_t launches) {
+    const int thread = int(threadIdx.x);
+    const BrickBlock block = step.blocks[blockIdx.x];
+    for (int n = thread; n < shape.shared_words(); n += all_threads) points[n] = 0;
+    __syncthreads();
+    if (thread < lanes) {
+#if LANE_REGISTERS > 0
+        asm volatile("setmaxnreg.inc.sync.aligned.u32 %0;" ::"n"(LANE_REGISTERS));
+#endif
+        const bool has_tile = thread < shape.threads();
+        Tile tile(step, block, has_tile ? thread : 0);
+        TileWords words;
+        words.load(step, lane_of(thread));
+        const auto element = [&](int i, int j, int k) { return tile.element(step, i, j, k); };
+        Tile::visit_particles([&](int n, int i, int j, int k) {
+            Vector<float> previous{0, 0, 0};
+            if (words.has(Tile::exists_bit + n)) {
+                const int slot = tile.slot(i, j, k);
+                Tile::store(points, slot, load_axes(current + element(i, j, k), step.axis));
+                previous = load_axes(before + element(i, j, k), step.axis);
+                if (!Terms::increments) Tile::store(points + shape.half(), slot, previous);
+            }
+            if constexpr (Terms::increments) tile.increment(n) = previous;
+        });
+        __syncthreads();
+        if (FULL != 0 && (block.full_warps >> (thread / 32) & 1U) != 0) {
+            NoWords none;
+            run_steps<false>(step, tile, none, false, thread, count, tag);
+        } else {
+            const bool idle = __all_sync(0xFFFFFFFFU, words.none());
+            run_steps<true>(step, tile, words, idle, thread, count, tag);
+        }
+        wait_until_all_have_started(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
+        if constexpr (!keeps_masks) words.load(step, lane_of(thread));
+        const float* const last = points + ((count & 1) != 0 ? shape.half() : 0);
+        const float* const previous = points + ((count & 1) != 0 ? 0 : shape.half());
+        Tile::visit_particles([&](int n, int i, int j, int k) {
+            if (!words.has(Tile::exists_bit + n)) return;
+            const int slot = tile.slot(i, j, k);
+            store_axes(current + element(i, j, k), step.axis, Tile::load(last, slot));
+            if constexpr (Terms::increments) {
+                store_axes(before + element(i, j, k), step.axis, tile.increment(n));
+            } else {
+                store_axes(before + element(i, j, k), step.axis, Tile::load(previous, slot));
+            }
+        });
+    } else {
+#if LANE_REGISTERS > 0
+        asm volatile("setmaxnreg.dec.sync.aligned.u32 %0;" ::"n"(POLLER_REGISTERS));
+#endif
+        const int poller = thread - lanes;
+        Polls polls;
+        ROLLED
+        for (int first = 0; first < ROUNDS; first += together) {
+            polls.load(step, poller, first);
+#pragma unroll
+            for (int n = 0; n < together; ++n) {
+                const BrickPoll& poll = polls.poll[n];
+                if (poll.from != resident_none)
+                    Tile::store(points, int(poll.slot), load_axes(current + poll.from, step.axis));
+            }
+        }
+        __syncthreads();
+        if (thread == lanes)
+            asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(step.started_blocks) : "memory");
+        Turns turns;
+        border_is_here();
+        step_is_done();
+        ROLLED
+        for (int n = 1; n < count; ++n) {
+            // Not before the own block is done: looking takes its instruction slots, and finds little.
+            ROLLED
+            for (int first = 0; first < ROUNDS; first += together) {
+                if constexpr (!keeps_polls) polls.load(step, poller, first);
+                fetch_published(polls, step, turns.next(), step.exchange + turns.exchange(step),
+                                tag + std::uint32_t(n));
+            }
+            border_is_here();
+            turns.swap();
+            step_is_done();
+        }
+    }
+}
+
+}  // namespace voxspring::cuda

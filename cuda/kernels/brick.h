@@ -1,0 +1,163 @@
+// A brick of a lattice on the chip: every thread owns a tile of particles and takes them step by step, from
+// points that its block holds in shared memory. The body of the kernel, between which a device has barriers
+// and a test has loops over threads.
+#pragma once
+
+#include "backends/layout/records/brick.h"
+#include "cuda/kernels/exchange.h"
+#include "cuda/kernels/march.h"
+
+namespace voxspring::cuda {
+
+/// Counts the springs of a tile.
+struct CountSprings {
+    VOXSPRING_HOST_DEVICE constexpr void both(int, int, int, int, int, int, int) {}
+    VOXSPRING_HOST_DEVICE constexpr void half(int, int, int, int, int, int, int) {}
+};
+
+/// The bits of a tile's masks.
+template <BrickShape shape>
+VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
+    CountSprings count;
+    const int early = visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, false>(count, 0);
+    return {early, visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, true>(count, early),
+            shape.tile()};
+}
+
+/// A thread's particles during a step.
+template <class Terms, BrickShape shape, bool equal_edges>
+class BrickTile {
+public:
+    static constexpr int particles = shape.tile();
+    // Bits of the masks: the first late spring's, and the first particle's.
+    static constexpr int late_bit = brick_mask<shape>().early, moves_bit = brick_mask<shape>().moves(0),
+                         exists_bit = brick_mask<shape>().exists(0), mask_words = brick_mask<shape>().words();
+
+    VOXSPRING_HOST_DEVICE BrickTile(const BrickStep& step, const BrickBlock& block, int thread)
+        : place_(shape, block, thread),
+          spacing_{float(place_.dx) * step.spacing.x, float(place_.dy) * step.spacing.y,
+                   float(place_.dz) * step.spacing.z} {}
+
+    /// Slot and element of a particle.
+    VOXSPRING_HOST_DEVICE int slot(int i, int j, int k) const { return place_.slot_of(shape, i, j, k); }
+    VOXSPRING_HOST_DEVICE std::size_t element(const BrickStep& step, int i, int j, int k) const {
+        return place_.element_of(i, j, k, step.row, step.plane);
+    }
+
+    static VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) { return shape.number(i, j, k); }
+    /// Calls visit(number, i, j, k) for each particle.
+    template <class Visit>
+    static VOXSPRING_HOST_DEVICE void visit_particles(Visit visit) {
+        UNROLLED
+        for (int k = 0; k < shape.tz; ++k) {
+            UNROLLED
+            for (int j = 0; j < shape.ty; ++j) {
+                UNROLLED
+                for (int i = 0; i < shape.tx; ++i) visit(number(i, j, k), i, j, k);
+            }
+        }
+    }
+
+    /// What the step overwrites besides points: v, by increments.
+    VOXSPRING_HOST_DEVICE Vector<float>& increment(int number) { return increment_[number]; }
+
+    /// Forces of springs that end in the tile or near it, from a half of `points`. `words`: the masks, if
+    /// `masked`.
+    template <bool masked, class Words>
+    VOXSPRING_HOST_DEVICE void add_early(const BrickStep& step, const float* points, const Words& words) {
+        visit_particles([&](int n, int, int, int) { force_[n] = {0, 0, 0}; });
+        load_own(points);
+        Springs<masked, Words> springs{*this, step, points, words};
+        visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, false>(springs, 0);
+    }
+    /// Forces of the others, once the points of other blocks have come.
+    template <bool masked, class Words>
+    VOXSPRING_HOST_DEVICE void add_late(const BrickStep& step, const float* points, const Words& words) {
+        // A large tile leaves no registers in which to keep them until now.
+        if (particles > 8) load_own(points);
+        Springs<masked, Words> springs{*this, step, points, words};
+        visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, true>(springs, late_bit);
+    }
+    /// Moves the particles on. `next`: the other half, which holds x(t - dt) unless by increments.
+    /// publish(i, j, k, point) is called for those at the border.
+    template <bool masked, class Words, class Publish>
+    VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
+                                         Publish publish) {
+        visit_particles([&](int n, int i, int j, int k) {
+            if (masked && !words.has(exists_bit + n)) return;
+            const bool moves = !masked || words.has(moves_bit + n);
+            const int at = slot(i, j, k);
+            const Vector<float> before = Terms::increments ? increment_[n] : load(next, at);
+            Vector<float> point{
+                integrate_component<Terms>(step, own_[n].x, before.x, force_[n].x, step.gravity.x),
+                integrate_component<Terms>(step, own_[n].y, before.y, force_[n].y, step.gravity.y),
+                integrate_component<Terms>(step, own_[n].z, before.z, force_[n].z, step.gravity.z)};
+            if constexpr (Terms::increments) {
+                if (!moves) point = {0, 0, 0};
+                increment_[n] = point;
+                point = own_[n] + point;
+            } else {
+                if (!moves) point = own_[n];
+            }
+            store(next, at, point);
+            if ((place_.published >> n & 1U) != 0) publish(i, j, k, point);
+        });
+    }
+
+    static VOXSPRING_HOST_DEVICE Vector<float> load(const float* points, int slot) {
+        return {points[slot], points[slot + shape.axis()], points[slot + 2 * shape.axis()]};
+    }
+    static VOXSPRING_HOST_DEVICE void store(float* points, int slot, Vector<float> point) {
+        points[slot] = point.x;
+        points[slot + shape.axis()] = point.y;
+        points[slot + 2 * shape.axis()] = point.z;
+    }
+
+private:
+    VOXSPRING_HOST_DEVICE void load_own(const float* points) {
+        visit_particles([&](int n, int i, int j, int k) { own_[n] = load(points, slot(i, j, k)); });
+    }
+
+    template <bool masked, class Words>
+    struct Springs {
+        BrickTile& tile;
+        const BrickStep& step;
+        const float* points;
+        const Words& words;
+
+        VOXSPRING_HOST_DEVICE void both(int bit, int i, int j, int k, int i2, int j2, int k2) {
+            const int c = spring_class(i2 - i, j2 - j, k2 - k), a = number(i, j, k), b = number(i2, j2, k2);
+            if (!has_class<Terms>(c)) return;
+            const Pull<float> spring = class_pull<Terms, equal_edges>(
+                step, tile.spacing_, tile.own_[a] - tile.own_[b], c, i2 - i, j2 - j, k2 - k);
+            const bool is_there = !masked || words.has(bit);
+            add(spring.offset, spring.density, is_there, tile.force_[a]);
+            add(spring.offset, -spring.density, is_there, tile.force_[b]);
+        }
+        VOXSPRING_HOST_DEVICE void half(int bit, int i, int j, int k, int i2, int j2, int k2) {
+            const int c = spring_class(i2 - i, j2 - j, k2 - k), a = number(i, j, k);
+            if (!has_class<Terms>(c)) return;
+            const Vector<float> other = load(points, tile.slot(i2, j2, k2));
+            const Pull<float> spring = class_pull<Terms, equal_edges>(
+                step, tile.spacing_, tile.own_[a] - other, c, i2 - i, j2 - j, k2 - k);
+            const bool is_there = masked           ? words.has(bit)
+                                  : i2 == -1       ? tile.place_.left
+                                  : i2 == shape.tx ? tile.place_.right
+                                                   : true;
+            add(spring.offset, spring.density, is_there, tile.force_[a]);
+        }
+        /// The sum is selected, not what is added: of a point that is not finite nothing comes through.
+        static VOXSPRING_HOST_DEVICE void add(Vector<float> offset, float density, bool is_there,
+                                              Vector<float>& force) {
+            const Vector<float> sum = fused(offset, density, force);
+            if (is_there) force = sum;
+        }
+    };
+
+    TilePlace place_;
+    Vector<float> spacing_;
+    Vector<float> own_[particles], force_[particles];
+    Vector<float> increment_[Terms::increments ? particles : 1];
+};
+
+}  // namespace voxspring::cuda

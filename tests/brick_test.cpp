@@ -1,0 +1,407 @@
+// Bricks on the chip (cuda/kernels/brick.h) without a device: their plan, their tables, and their body run on
+// the host, every thread of every block, from points that blocks send each other as a device does.
+#include "cuda/kernels/brick.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "backends/layout/brick_layout.h"
+#include "backends/layout/march_layout.h"
+#include "backends/physics/edit.h"
+#include "backends/physics/inverse_root.h"
+#include "backends/registry.h"
+#include "harness/verification/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::cuda {
+namespace {
+
+using testing::make_grid;
+using testing::random_grid;
+using testing::random_state;
+using testing::solid;
+
+/// An H200, as far as plans depend on it.
+const MarchDevice server{.multiprocessors = 132,
+                         .threads = 2048,
+                         .shared_bytes = 228 << 10U,
+                         .reserved_bytes = 1 << 10U,
+                         .block_shared_bytes = 227 << 10U,
+                         .hertz = 2e9,
+                         .bytes_per_second = 5e12,
+                         .cache_bytes = 6e7};
+
+Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
+    Problem problem = make_lattice_problem(grid, groups);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.damping = 0.01;
+    problem.time_step = 0.2;
+    return problem;
+}
+Problem pinned(Problem problem) {
+    testing::pin_base(problem);
+    return problem;
+}
+
+std::map<std::string, Problem> lattices() {
+    std::map<std::string, Problem> problems;
+    problems["one_particle"] = lattice(solid({1, 1, 1}));
+    problems["row_x"] = lattice(solid({37, 1, 1}));
+    problems["row_z"] = lattice(solid({1, 1, 23}));
+    problems["prime_box"] = lattice(solid({13, 7, 11}));
+    problems["sparse"] = lattice(random_grid({21, 17, 9}, 0.2, 1));
+    problems["dense"] = lattice(random_grid({21, 17, 9}, 0.8, 2));
+    problems["corner"] =
+        lattice(make_grid({30, 21, 9}, [](int x, int y, int z) { return x > 20 && y > 14 && z > 5; }));
+    problems["apart"] = lattice(make_grid({28, 8, 9}, [](int x, int, int) { return x < 5 || x > 20; }));
+    problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
+    problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
+    problems["stiffness_a_group"] = lattice(random_grid({16, 9, 10}, 0.8, 3));
+    problems["stiffness_a_group"].group_stiffness = {1.0, 0.5, 0.25};
+    problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}));
+    problems["pinned"] = pinned(lattice(random_grid({12, 11, 10}, 0.9, 5)));
+    problems["free"] = lattice(solid({6, 5, 4}));
+    problems["free"].damping = 0;
+    problems["free"].gravity = glm::dvec3(0);
+    return problems;
+}
+
+template <Formulation f, int tx, int ty, int tz, int wx, int wy, int wz, bool both, int row_pad = 0,
+          int plane_pad = 0>
+struct Variant {
+    static constexpr Formulation formulation = f;
+    static constexpr BrickShape shape{tx, ty, tz, wx, wy, wz, both, row_pad, plane_pad};
+};
+
+/// A backend's state and steps, on the host.
+template <class V>
+class Simulation {
+public:
+    static constexpr BrickShape shape = V::shape;
+
+    /// Whether these bricks can hold the body.
+    static bool fits(const Problem& problem) {
+        int low = problem.lattice.dims.x, high = 0;
+        for (const std::uint32_t voxel : problem.lattice.voxel) {
+            low = std::min(low, problem.lattice.coordinates(voxel).x);
+            high = std::max(high, problem.lattice.coordinates(voxel).x);
+        }
+        return shape.both || high - low < 2 * shape.nx();
+    }
+
+    Simulation(const Problem& problem, const State& start)
+        : problem_(problem),
+          state_(pack_march<float>(problem, start, V::formulation)),
+          layout_(problem, {.shape = shape, .pollers = 32}) {
+        static_cast<MarchStep<float>&>(step_) = make_march_step<float>(problem, V::formulation);
+        if (!by_increments(V::formulation)) {
+            for (float& length : step_.rest_length) length = inverse_root(length);
+        }
+        step_.lane_count = layout_.lane_count();
+    }
+    Simulation(const Simulation&) = delete;
+
+    /// No warp goes without masks.
+    void mask_everything() { masked_ = true; }
+    EditedBricks edit(const SpringEdit& edit) { return layout_.edit(edit); }
+    const BrickLayout& layout() const { return layout_; }
+    State download() const { return unpack_march<float>(problem_, state_, V::formulation); }
+
+    /// A launch of `count` steps.
+    void run(int count) {
+        const std::uint32_t groups = problem_.group_bits;
+        const bool equal = equal_edges(problem_, V::formulation);
+        const bool forced = problem_.damping != 0 || problem_.has_gravity();
+        if (groups == FACE_BITS) return launch<FACE_BITS, false, true>(count);
+        if (groups == EDGE_BITS) return launch<EDGE_BITS, true, true>(count);
+        if (!forced) return launch<FACE_BITS | EDGE_BITS, true, false>(count);
+        if (equal) return launch<FACE_BITS | EDGE_BITS, true, true>(count);
+        launch<FACE_BITS | EDGE_BITS, false, true>(count);
+    }
+
+private:
+    /// Masks as a thread reads them; each bit is asked for within its words.
+    struct Words {
+        const BrickLayout* layout;
+        std::size_t lane;
+        bool has(int bit) const {
+            return (layout->masks().at(std::size_t(bit / 32) * layout->lane_count() + lane) >> bit % 32 &
+                    1U) != 0;
+        }
+    };
+
+    template <std::uint32_t groups, bool equal, bool forced>
+    void launch(int count) {
+        using Terms = KernelTerms<V::formulation, groups, forced ? term_damping | term_gravity : 0, false>;
+        using Tile = BrickTile<Terms, shape, equal>;
+        const std::size_t blocks = layout_.blocks().size();
+        const float nan = std::numeric_limits<float>::quiet_NaN();
+        std::vector<std::vector<float>> points(blocks,
+                                               std::vector<float>(std::size_t(shape.shared_words()), 0));
+        std::vector<std::vector<Tile>> tiles(blocks);
+        std::map<std::pair<std::size_t, int>, Vector<float>> sent;  // by element and number of the step
+        const auto words = [&](std::size_t b, int lane) {
+            return Words{&layout_, b * std::size_t(shape.lanes()) + std::size_t(lane)};
+        };
+        const auto axes = [&](const std::vector<float>& from, std::size_t element) {
+            return Vector<float>{from.at(element), from.at(element + step_.axis),
+                                 from.at(element + 2 * step_.axis)};
+        };
+        const auto for_polls = [&](std::size_t b, auto visit) {
+            for (int round = 0; round < layout_.rounds(); ++round) {
+                for (std::size_t poller = 0; poller < 32; ++poller) {
+                    const BrickPoll& poll =
+                        layout_.polls().at((std::size_t(round) * blocks + b) * 32 + poller);
+                    if (poll.from != resident_none) visit(poll);
+                }
+            }
+        };
+        for (std::size_t b = 0; b < blocks; ++b) {
+            for (int lane = 0; lane < shape.threads(); ++lane) {
+                Tile& tile = tiles[b].emplace_back(step_, layout_.blocks()[b], lane);
+                Tile::visit_particles([&](int n, int i, int j, int k) {
+                    if constexpr (Terms::increments) tile.increment(n) = {0, 0, 0};
+                    if (!words(b, lane).has(Tile::exists_bit + n)) return;
+                    const std::size_t element = tile.element(step_, i, j, k);
+                    Tile::store(points[b].data(), tile.slot(i, j, k), axes(state_.current, element));
+                    if constexpr (Terms::increments) {
+                        tile.increment(n) = axes(state_.before, element);
+                    } else {
+                        Tile::store(points[b].data() + shape.half(), tile.slot(i, j, k),
+                                    axes(state_.before, element));
+                    }
+                });
+            }
+            for_polls(b, [&](const BrickPoll& poll) {
+                Tile::store(points[b].data(), int(poll.slot), axes(state_.current, poll.from));
+                Tile::store(points[b].data() + shape.half(), int(poll.slot), {nan, nan, nan});
+            });
+        }
+        int now = 0, next = shape.half();
+        for (int n = 1; n <= count; ++n) {
+            for (std::size_t b = 0; b < blocks; ++b) {
+                for (int lane = 0; lane < shape.threads(); ++lane)
+                    with_masks(b, lane, [&]<bool masked>() {
+                        tiles[b][std::size_t(lane)].template add_early<masked>(step_, points[b].data() + now,
+                                                                               words(b, lane));
+                    });
+            }
+            for (std::size_t b = 0; b < blocks; ++b) {
+                // What nobody has sent is not there.
+                for_polls(b, [&](const BrickPoll& poll) {
+                    if (n > 1)
+                        Tile::store(points[b].data() + now, int(poll.slot), sent.at({poll.from, n - 1}));
+                });
+            }
+            for (std::size_t b = 0; b < blocks; ++b) {
+                for (int lane = 0; lane < shape.threads(); ++lane) {
+                    Tile& tile = tiles[b][std::size_t(lane)];
+                    with_masks(b, lane, [&]<bool masked>() {
+                        tile.template add_late<masked>(step_, points[b].data() + now, words(b, lane));
+                        tile.template integrate<masked>(step_, points[b].data() + next, words(b, lane),
+                                                        [&](int i, int j, int k, Vector<float> point) {
+                                                            sent[{tile.element(step_, i, j, k), n}] = point;
+                                                        });
+                    });
+                }
+                for_polls(b, [&](const BrickPoll& poll) {
+                    Tile::store(points[b].data() + now, int(poll.slot), {nan, nan, nan});
+                });
+            }
+            std::swap(now, next);
+        }
+        for (std::size_t b = 0; b < blocks; ++b) {
+            for (int lane = 0; lane < shape.threads(); ++lane) {
+                Tile& tile = tiles[b][std::size_t(lane)];
+                Tile::visit_particles([&](int m, int i, int j, int k) {
+                    if (!words(b, lane).has(Tile::exists_bit + m)) return;
+                    const std::size_t element = tile.element(step_, i, j, k);
+                    const auto write = [&](std::vector<float>& to, Vector<float> v) {
+                        to.at(element) = v.x;
+                        to.at(element + step_.axis) = v.y;
+                        to.at(element + 2 * step_.axis) = v.z;
+                    };
+                    write(state_.current, Tile::load(points[b].data() + now, tile.slot(i, j, k)));
+                    if constexpr (Terms::increments) {
+                        write(state_.before, tile.increment(m));
+                    } else {
+                        write(state_.before, Tile::load(points[b].data() + next, tile.slot(i, j, k)));
+                    }
+                });
+            }
+        }
+    }
+    template <class Step>
+    void with_masks(std::size_t block, int lane, Step step) const {
+        if (!masked_ && (layout_.blocks()[block].full_warps >> (lane / 32) & 1U) != 0) {
+            step.template operator()<false>();
+        } else {
+            step.template operator()<true>();
+        }
+    }
+
+    const Problem& problem_;
+    MarchState<float> state_;
+    BrickLayout layout_;
+    BrickStep step_{};
+    bool masked_ = false;
+};
+
+template <class V>
+class BrickBody : public ::testing::Test {};
+using Variants = ::testing::Types<Variant<Formulation::position, 2, 2, 2, 8, 2, 2, false>,
+                                  Variant<Formulation::position, 2, 2, 2, 4, 2, 3, true, 3, 5>,
+                                  Variant<Formulation::position, 3, 1, 1, 4, 6, 6, true>,
+                                  Variant<Formulation::displacement, 2, 1, 2, 8, 4, 2, true>,
+                                  Variant<Formulation::increment, 2, 2, 2, 8, 4, 2, true>,
+                                  Variant<Formulation::position, 3, 2, 3, 4, 2, 4, true>>;
+TYPED_TEST_SUITE(BrickBody, Variants);
+
+TYPED_TEST(BrickBody, AgreesWithTheReference) {
+    constexpr int steps = 5;
+    for (const auto& [name, problem] : lattices()) {
+        if (!Simulation<TypeParam>::fits(problem)) continue;
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        oracle->upload(problem, start);
+        oracle->step(steps);
+        Simulation<TypeParam> simulation(problem, start);
+        simulation.run(steps);
+        const Comparison comparison =
+            compare(problem, simulation.download(), oracle->download(), Precision::float32, steps);
+        EXPECT_TRUE(comparison.passed()) << comparison.reason;
+    }
+}
+
+TYPED_TEST(BrickBody, RestStaysRestToTheBit) {
+    for (const auto& [name, problem] : lattices()) {
+        if (!Simulation<TypeParam>::fits(problem)) continue;
+        if (name == "anisotropic" && on_positions(TypeParam::formulation)) continue;  // x are rounded
+        SCOPED_TRACE(name);
+        Problem still = problem;
+        still.gravity = glm::dvec3(0);
+        const State rest = state_at_rest(still);
+        Simulation<TypeParam> simulation(still, rest);
+        simulation.run(3);
+        EXPECT_EQ(simulation.download().displacement, rest.displacement);
+        EXPECT_EQ(simulation.download().increment, rest.increment);
+    }
+}
+
+// Steps of one launch or of several, with masks or without: the same bits.
+TYPED_TEST(BrickBody, LaunchesAndMasksChangeNoBit) {
+    for (const auto& [name, problem] : lattices()) {
+        if (!Simulation<TypeParam>::fits(problem)) continue;
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        Simulation<TypeParam> one(problem, start), several(problem, start);
+        one.run(5);
+        several.mask_everything();
+        for (const int count : {2, 1, 2}) several.run(count);
+        EXPECT_EQ(one.download().displacement, several.download().displacement);
+        EXPECT_EQ(one.download().increment, several.download().increment);
+    }
+}
+
+// An edit leaves the tables as they are built for the edited problem, and the words that it names are all
+// that it changed.
+TYPED_TEST(BrickBody, AnEditLeavesTheTablesOfTheEditedProblem) {
+    Problem problem = lattice(solid({12, 10, 11}));
+    Simulation<TypeParam> simulation(problem, state_at_rest(problem));
+    if (!Simulation<TypeParam>::fits(problem)) return;
+    SpringEditor editor(problem);
+    std::size_t changed = 0;
+    for (const Shape& shape : {Shape(Plane{{5.5, 0, 0}, {1, 0.3, 0}}), Shape(Ball{{5, 5, 3}, 2.2})}) {
+        const std::vector<std::uint32_t> before = simulation.layout().masks();
+        const SpringEdit edit = editor.cut(shape);
+        const EditedBricks edited = simulation.edit(edit);
+        const BrickLayout anew(problem, {.shape = TypeParam::shape, .pollers = 32});
+        EXPECT_EQ(simulation.layout().masks(), anew.masks());
+        EXPECT_EQ(simulation.layout().blocks(), anew.blocks());
+        std::vector<std::uint32_t> patched = before;
+        for (const EditedWord& word : edited.words) {
+            EXPECT_NE(patched.at(word.word), word.bits);
+            patched.at(word.word) = word.bits;
+        }
+        EXPECT_EQ(patched, anew.masks());
+        changed += edited.words.size();
+    }
+    EXPECT_GT(changed, 50U);
+}
+
+// Every particle is one thread's, and every point that a thread may read is stored somewhere of its own.
+TYPED_TEST(BrickBody, EveryParticleIsInOneTile) {
+    for (const auto& [name, problem] : lattices()) {
+        if (!Simulation<TypeParam>::fits(problem)) continue;
+        SCOPED_TRACE(name);
+        const BrickShape shape = TypeParam::shape;
+        const BrickLayout layout(problem, {.shape = shape, .pollers = 32});
+        std::multiset<std::tuple<int, int, int>> seen;
+        for (const BrickBlock& block : layout.blocks()) {
+            std::set<int> slots;
+            for (int lane = 0; lane < shape.threads(); ++lane) {
+                const TilePlace place(shape, block, lane);
+                for (int n = 0; n < shape.tile(); ++n) {
+                    const int i = n % shape.tx, j = n / shape.tx % shape.ty, k = n / (shape.tx * shape.ty);
+                    EXPECT_TRUE(slots.insert(place.slot_of(shape, i, j, k)).second);
+                    seen.emplace(place.x + place.dx * i, place.y + place.dy * j, place.z + place.dz * k);
+                }
+            }
+        }
+        for (const std::uint32_t voxel : problem.lattice.voxel) {
+            const glm::ivec3 at = problem.lattice.coordinates(voxel);
+            EXPECT_EQ(seen.count({at.x, at.y, at.z}), 1U);
+        }
+    }
+}
+
+TEST(BrickPlan, FitsTheDevice) {
+    struct Body {
+        const char* name;
+        Problem problem;
+    };
+    for (const auto& [name, problem] :
+         {Body{"box 48", lattice(solid({48, 48, 48}))}, Body{"box 64", lattice(solid({64, 64, 64}))},
+          Body{"box 96", lattice(solid({96, 96, 96}))},
+          Body{"5% missing", lattice(random_grid({64, 64, 64}, 0.95, 1))},
+          Body{"ellipsoid", lattice(make_grid({80, 68, 60}, [](int x, int y, int z) {
+                   return std::hypot((x - 39.5) / 40, (y - 33.5) / 34, (z - 29.5) / 30) < 1;
+               }))}}) {
+        for (const Formulation formulation : {Formulation::position, Formulation::increment}) {
+            SCOPED_TRACE(std::string(name) + " " + to_string(formulation));
+            const std::optional<BrickPlan> plan = plan_bricks(problem, formulation, server, true);
+            if (!plan) {
+                // 96^3 by increments has more state than the registers hold.
+                EXPECT_STREQ(name, "box 96");
+                EXPECT_EQ(formulation, Formulation::increment);
+                continue;
+            }
+            const BrickShape& s = plan->shape;
+            EXPECT_LE(s.lanes() + plan->pollers, 1024);
+            EXPECT_LE(std::size_t(s.shared_bytes()), server.block_shared_bytes);
+            const int registers = plan->lane_registers > 0 ? plan->lane_registers * s.lanes() +
+                                                                 plan->poller_registers * plan->pollers
+                                                           : 0;
+            EXPECT_LE(registers, 65536);
+            const BrickLayout layout(problem, *plan);
+            EXPECT_LE(layout.blocks().size(), std::size_t(server.multiprocessors));
+        }
+    }
+    // What no chip holds.
+    EXPECT_EQ(plan_bricks(lattice(solid({160, 160, 160})), Formulation::position, server, true),
+              std::nullopt);
+}
+
+}  // namespace
+}  // namespace voxspring::cuda
