@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstdint>
 #include <cstdlib>
 #include <fstream>
 #include <functional>
@@ -22,25 +23,35 @@ namespace {
 
 using Fault = std::function<void()>;
 
+enum class Where : std::uint8_t { everywhere, not_in_the_lowest_slab };
+
 /// cpu_reference, which calls `fault` in every step.
 class Faulty : public MonitoredCpuBackend {
 public:
-    explicit Faulty(Fault fault)
-        : fault_(std::move(fault)), sound_(BackendSpec::parse("cpu_reference").make()) {}
+    explicit Faulty(Fault fault, Where where)
+        : fault_(std::move(fault)), where_(where), sound_(BackendSpec::parse("cpu_reference").make()) {}
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return sound_->border(particles);
+    }
     Capabilities capabilities() const override { return sound_->capabilities(); }
     void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
     State download() override { return sound_->download(); }
     StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
 
 private:
-    void begin(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
+    void begin(const Problem& problem, const State& state) override {
+        spared_ = where_ != Where::everywhere && problem.rest_position.front().z == 0;
+        sound_->upload(problem, state);
+    }
     void integrate(int count) override {
-        fault_();
+        if (!spared_) fault_();
         sound_->step(count);
     }
     bool within(double) override { return true; }
 
     Fault fault_;
+    const Where where_;
+    bool spared_ = false;
     std::unique_ptr<Backend> sound_;
 };
 
@@ -70,7 +81,8 @@ void be_killed_for_memory() { (void)std::raise(SIGKILL); }
 
 void take_time() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
 
-Registered backend(const std::string& name, const Fault& in_constructor, const Fault& in_step) {
+Registered backend(const std::string& name, const Fault& in_constructor, const Fault& in_step,
+                   Where where = Where::everywhere) {
     return Registered({.name = name,
                        .summary = "A backend for a test.",
                        .precisions = {Precision::float64},
@@ -79,7 +91,7 @@ Registered backend(const std::string& name, const Fault& in_constructor, const F
                        .make =
                            [=](const Options&) {
                                in_constructor();
-                               return std::make_unique<Faulty>(in_step);
+                               return std::make_unique<Faulty>(in_step, where);
                            },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 }
@@ -94,6 +106,8 @@ const Registered backends[] = {
         "faulty_aborts_when_constructed", [] { std::abort(); }, nothing),
     backend("faulty_hangs_when_constructed", hang, nothing),
     backend("slow", nothing, take_time),
+    backend("part_crashes", nothing, crash, Where::not_in_the_lowest_slab),
+    backend("part_hangs", nothing, hang, Where::not_in_the_lowest_slab),
 };
 
 }  // namespace

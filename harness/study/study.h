@@ -14,6 +14,8 @@
 
 namespace voxspring {
 
+class MpiRanks;
+
 /// One scene of a study.
 struct StudyScene {
     std::string scene;  ///< what load_scene() takes, or what the kind makes of it
@@ -58,8 +60,11 @@ struct StudyOptions {
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< of each scene that is a volume file
     std::optional<int> repetitions;
-    /// Of a scaling study: the most ranks; larger numbers are left out. Nothing: one a processor.
+    /// Of a scaling study: the most ranks; larger numbers are left out. Nothing: one a processor,
+    /// or as many as mpirun started.
     std::optional<int> ranks;
+    /// Of a scaling study: the processes that mpirun started, of which this one is rank 0. Null: it did not.
+    MpiRanks* mpi = nullptr;
     /// The first SIGINT or SIGTERM ends the process, where nobody wants what is finished.
     bool stops_at_once = false;
     std::optional<std::filesystem::path> out;

@@ -116,6 +116,8 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
     if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_volume))
         throw BadInput("command line", "--labels, --threshold, --spacing or --gravity", study_.name,
                        "a study with a volume file among its scenes: --scene FILE adds one");
+    if (options.mpi != nullptr && study_.kind != "scaling")
+        throw BadInput("command line", "mpirun", "study " + study_.name, "a study of the kind scaling");
     if (options.ranks && study_.kind != "scaling")
         throw BadInput("command line", "--ranks", std::to_string(*options.ranks),
                        "none: study " + study_.name + " is not of the kind scaling");

@@ -10,11 +10,13 @@
 #include <utility>
 
 #include "backends/disk_cache.h"
+#include "backends/layout/slabs.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
 #include "harness/device/noise.h"
+#include "harness/ranks/mpi_ranks.h"
 #include "harness/ranks/rank_run.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/result.h"
@@ -32,7 +34,7 @@ struct ScalingRow {
     std::string family = {};   ///< of rows that are compared: a scene, or scenes that grow with the ranks
     std::string scaling = {};  ///< "strong", "weak"
     int ranks = 1;
-    std::string way = {};  ///< how borders are exchanged: "none", "memory"
+    std::string way = {};  ///< how borders are exchanged: "none", "memory", "mpi"
     double seconds_per_step = 0;
     double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;  ///< of a step
     std::uint64_t largest_slab = 0;                                         ///< particles, ghosts included
@@ -200,7 +202,9 @@ private:
     }
     std::vector<int> counts_of(const StudyScene& item) const { return item.settings.value("ranks", counts_); }
     static int limit_of(const StudyBench& bench) {
-        return bench.options().ranks.value_or(omp_get_num_procs());
+        const MpiRanks* const mpi = bench.options().mpi;
+        const int most = mpi != nullptr ? mpi->ranks() : max_ranks;
+        return std::min(most, bench.options().ranks.value_or(mpi != nullptr ? most : omp_get_num_procs()));
     }
     int most_ranks(const Study& study, int limit) const;
     void run_backend(StudyBench& bench, const BackendSpec& spec, int threads);
@@ -220,24 +224,43 @@ int ScalingStudy::most_ranks(const Study& study, int limit) const {
     return most;
 }
 
+/// By threads only where all ranks would be of this host.
+std::vector<std::string> ways_of(int ranks, const MpiRanks* mpi) {
+    if (ranks == 1) return {"none"};
+    if (mpi == nullptr) return {"memory"};
+    if (mpi->ranks_here() < mpi->ranks()) return {"mpi"};
+    return {"memory", "mpi"};
+}
+
+/// What ranks left.
+struct Found {
+    std::vector<RankReport> reports = {};
+    State state = {};
+};
+
 /// One backend on one scene.
 class Contender {
 public:
     Contender(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {}
 
     /// The row of that many ranks, in a process of its own: a rank that hangs is not there for the next row.
-    void measure(int ranks);
+    void measure(int ranks, const std::string& way);
 
 private:
     RankPlan plan() const {
         RankPlan plan{.steps = bench_.item().steps, .repetitions = bench_.study().repetitions};
         plan.start_patience = bench_.options().timeout;
-        plan.patience = std::min(plan.patience, plan.start_patience);
+        // A rank that hangs is to be named before the whole row is given up.
+        plan.patience = std::min(plan.patience, plan.start_patience / 4);
         return plan;
     }
-    nlohmann::json run(Case& entered, int ranks, SharedState& shared);
+    RankTask task(int ranks) const;
+    Found run_as_threads(Case& entered, const SharedState& shared) const;
+    Found run_by_mpi(Case& entered, const RankTask& task, const SharedMemory& mailroom,
+                     const SharedState& shared) const;
+    nlohmann::json judged(const Found& found, const std::string& way, bool is_deterministic);
     const ReferenceSolution& solution();
-    ScalingRow row_from(const std::vector<RankReport>& reports) const;
+    ScalingRow row_from(const std::vector<RankReport>& reports, const std::string& way) const;
 
     StudyBench& bench_;
     const BackendSpec spec_;
@@ -255,7 +278,7 @@ const ReferenceSolution& Contender::solution() {
     return *solution_;
 }
 
-ScalingRow Contender::row_from(const std::vector<RankReport>& reports) const {
+ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std::string& way) const {
     const Scene& scene = bench_.scene();
     const nlohmann::json& settings = bench_.item().settings;
     ScalingRow row{.row = row_of(scene.name, spec_)};
@@ -265,48 +288,103 @@ ScalingRow Contender::row_from(const std::vector<RankReport>& reports) const {
     row.family = settings.value("weak", scene.name);
     row.scaling = settings.contains("weak") ? "weak" : "strong";
     row.ranks = int(reports.size());
-    row.way = row.ranks == 1 ? "none" : "memory";
+    row.way = way;
     take_sizes(reports, row);
     take_times(reports, bench_.item().steps, row);
     const auto threads = spec_.options.tuning.find("threads");
-    if (threads != spec_.options.tuning.end() && threads->second != "auto" &&
-        row.ranks * std::stoi(threads->second) > omp_get_num_procs())
-        row.row.noisy.push_back("ranks share processors (" + std::to_string(row.ranks) + " ranks of " +
-                                threads->second + " threads on " + std::to_string(omp_get_num_procs()) + ")");
+    const bool are_known = threads != spec_.options.tuning.end();
+    // By MPI the process that keeps a rank's worker carries its messages meanwhile.
+    const int busy = (are_known ? std::stoi(threads->second) : 1) + (way == "mpi" ? 1 : 0);
+    const int here = way == "mpi" ? std::min(row.ranks, bench_.options().mpi->ranks_here()) : row.ranks;
+    if (here * busy > omp_get_num_procs())
+        row.row.noisy.push_back("ranks share processors (" + std::to_string(here) + " ranks of " +
+                                std::to_string(busy) + " threads on " + std::to_string(omp_get_num_procs()) +
+                                ")");
     return row;
 }
 
+Found Contender::run_as_threads(Case& entered, const SharedState& shared) const {
+    const nlohmann::json answer = entered.ask({{"do", "run"}}, "stepping its slabs");
+    Found found;
+    for (const auto& report : answer.at("reports")) found.reports.push_back(rank_report_of(report));
+    shared.take(answer.at("state"), found.state);
+    return found;
+}
+
+Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMemory& mailroom,
+                            const SharedState& shared) const {
+    const Problem& problem = bench_.scene().problem;
+    entered.ask({{"do", "prepare"}}, "preparing its rank");
+    Found found{.state = state_at_rest(problem)};
+    nlohmann::json answer;
+    try {
+        found.reports = bench_.options().mpi->run(
+            task, bench_.scene(), mailroom, entered.process().value(),
+            [&] {
+                return answer = entered.ask({{"do", "run"}}, "stepping its slab");
+            },
+            found.state);
+    } catch (const std::exception&) {
+        if (interrupted()) throw Interrupted();
+        throw;
+    }
+    State part;
+    shared.take(answer.at("state"), part);
+    const std::vector<std::uint32_t> own = SlabCuts(problem, task.ranks).own(problem, 0);
+    for (std::size_t n = 0; n < own.size(); ++n) {
+        found.state.displacement[own[n]] = part.displacement[n];
+        found.state.increment[own[n]] = part.increment[n];
+    }
+    return found;
+}
+
 /// What the journal keeps: the row and what its state's bits are.
-nlohmann::json Contender::run(Case& entered, int ranks, SharedState& shared) {
+nlohmann::json Contender::judged(const Found& found, const std::string& way, bool is_deterministic) {
     const ReferenceSolution& expected = solution();
-    const nlohmann::json answer =
-        entered.ask({{"do", "run"}}, "running as " + std::to_string(ranks) + " ranks");
-    std::vector<RankReport> reports;
-    for (const auto& report : answer.at("reports")) reports.push_back(rank_report_of(report));
-    ScalingRow row = row_from(reports);
-    State state;
-    shared.take(answer.at("state"), state);
-    const Comparison comparison = judge(expected, state, spec_);
+    ScalingRow row = row_from(found.reports, way);
+    const Comparison comparison = judge(expected, found.state, spec_);
     if (!comparison.passed())
         throw std::runtime_error("does not agree with " +
                                  References::name_of_backend(bench_.scene(), expected.steps) + ": " +
                                  comparison.reason);
-    row.row.errors = errors_of(expected, state, comparison, spec_);
-    const std::string bits = hash_of_state(state);
+    row.row.errors = errors_of(expected, found.state, comparison, spec_);
+    const std::string bits = hash_of_state(found.state);
     if (!bits_of_one_.empty()) row.same_bits = bits == bits_of_one_;
-    if (row.same_bits == false && capabilities_of(entered.capabilities()).deterministic)
+    if (row.same_bits == false && is_deterministic)
         throw std::runtime_error("its state has other bits than that of one rank");
     return {{"row", to_json(row)}, {"bits", bits}};
 }
 
-void Contender::measure(int ranks) {
+RankTask Contender::task(int ranks) const {
+    return {.scene = bench_.item().scene,
+            .fingerprint = fingerprint_of(bench_.scene()),
+            .backend = spec_.text(),
+            .ranks = ranks,
+            .plan = plan(),
+            .capacity = largest_message(bench_.scene())};
+}
+
+void Contender::measure(int ranks, const std::string& way) {
+    const bool by_mpi = way == "mpi";
+    (void)solution();  // takes all cores: before any process waits
     SharedState shared(bench_.scene().problem.particle_count());
-    auto entered = bench_.enter(spec_, {"scaling", {{"ranks", ranks}, {"plan", to_json(plan())}}, &shared});
+    const RankTask task = this->task(ranks);
+    const SharedMemory mailroom =
+        SharedMemory::of_bytes(by_mpi ? Mailroom::lines(ranks, task.capacity) * sizeof(Line) : 0);
+    const CaseProgram program =
+        by_mpi ? CaseProgram{"rank", rank_parameters(task, 0, mailroom), &shared}
+               : CaseProgram{"scaling", {{"ranks", ranks}, {"plan", to_json(plan())}}, &shared};
+    auto entered = bench_.enter(spec_, program);
     if (!entered) return;
     JournalScope& scope = entered->scope();
-    const std::string name = std::to_string(ranks) + " ranks";
+    const std::string name = std::to_string(ranks) + (ranks == 1 ? " rank" : " ranks by " + way);
     if (scope.find(name) == nullptr) {
-        const auto failure = failure_of([&] { scope.keep(name, run(*entered, ranks, shared)); });
+        const auto failure = failure_of([&] {
+            const Found found =
+                by_mpi ? run_by_mpi(*entered, task, mailroom, shared) : run_as_threads(*entered, shared);
+            const bool is_deterministic = capabilities_of(entered->capabilities()).deterministic;
+            scope.keep(name, judged(found, way, is_deterministic));
+        });
         if (failure) scope.keep(name, {{"failed", *failure}});
     }
     const nlohmann::json* const kept = scope.find(name);
@@ -341,13 +419,15 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
             bench.skip(of_rank, "as " + std::to_string(ranks) + " ranks: " + reason);
             continue;
         }
-        contender.measure(ranks);
+        for (const std::string& way : ways_of(ranks, bench.options().mpi)) contender.measure(ranks, way);
     }
 }
 
 void ScalingStudy::run(StudyBench& bench) {
     begun_ = 0;
-    const int threads = std::max(1, omp_get_num_procs() / most_ranks(bench.study(), limit_of(bench)));
+    int most = most_ranks(bench.study(), limit_of(bench));
+    if (bench.options().mpi != nullptr) most = std::min(most, bench.options().mpi->ranks_here());
+    const int threads = std::max(1, omp_get_num_procs() / most);
     for (const BackendSpec& spec : bench.specs()) run_backend(bench, spec, threads);
 }
 

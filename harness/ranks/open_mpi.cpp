@@ -1,0 +1,159 @@
+#include "harness/ranks/open_mpi.h"
+
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "harness/base/bad_input.h"
+#include "open_mpi_found.h"  // generated
+
+#ifdef VOXSPRING_HAS_MPI
+#include <dlfcn.h>
+#define OMPI_SKIP_MPICXX 1
+#include <mpi.h>
+#endif
+
+namespace voxspring {
+namespace {
+
+[[noreturn]] void refuse_mpirun(const std::string& reason) {
+    throw BadInput(
+        "command line", "mpirun", reason,
+        "Open MPI (Debian: libopenmpi-dev where it is built, openmpi-bin where it runs), or no mpirun");
+}
+
+#ifdef VOXSPRING_HAS_MPI
+
+/// What is used of MPI. Its own names are pointers into the library, which is not linked.
+struct Library {
+    void* handle = nullptr;
+    MPI_Comm world = nullptr;
+    MPI_Datatype byte = nullptr;
+    decltype(&MPI_Init_thread) init_thread = nullptr;
+    decltype(&MPI_Finalize) finalize = nullptr;
+    decltype(&MPI_Comm_rank) comm_rank = nullptr;
+    decltype(&MPI_Comm_size) comm_size = nullptr;
+    decltype(&MPI_Iprobe) iprobe = nullptr;
+    decltype(&MPI_Get_count) get_count = nullptr;
+    decltype(&MPI_Recv) recv = nullptr;
+    decltype(&MPI_Send) send = nullptr;
+    decltype(&MPI_Isend) isend = nullptr;
+    decltype(&MPI_Test) test = nullptr;
+    decltype(&MPI_Wait) wait = nullptr;
+
+    Library() {
+        constexpr const char* file = "libmpi.so.40";
+        // Its plugins look for its names.
+        handle = dlopen(file, RTLD_NOW | RTLD_GLOBAL);
+        if (handle == nullptr) refuse_mpirun(dlerror());
+        find(world, "ompi_mpi_comm_world");
+        find(byte, "ompi_mpi_byte");
+        find(init_thread, "MPI_Init_thread");
+        find(finalize, "MPI_Finalize");
+        find(comm_rank, "MPI_Comm_rank");
+        find(comm_size, "MPI_Comm_size");
+        find(iprobe, "MPI_Iprobe");
+        find(get_count, "MPI_Get_count");
+        find(recv, "MPI_Recv");
+        find(send, "MPI_Send");
+        find(isend, "MPI_Isend");
+        find(test, "MPI_Test");
+        find(wait, "MPI_Wait");
+    }
+
+private:
+    template <class Pointer>
+    void find(Pointer& pointer, const char* name) const {
+        void* const found = dlsym(handle, name);
+        if (found == nullptr) refuse_mpirun(std::string("libmpi.so.40 has no ") + name);
+        pointer = reinterpret_cast<Pointer>(found);
+    }
+};
+
+class SendingByMpi final : public OpenMpi::Sending {
+public:
+    SendingByMpi(const Library& library, int to, int tag, const void* from, std::size_t bytes)
+        : library_(library) {
+        library.isend(from, int(bytes), library.byte, to, tag, library.world, &request_);
+    }
+    ~SendingByMpi() override {
+        if (!gone_) library_.wait(&request_, MPI_STATUS_IGNORE);
+    }
+    bool is_gone() override {
+        int gone = 0;
+        if (!gone_) library_.test(&request_, &gone, MPI_STATUS_IGNORE);
+        gone_ = gone_ || gone != 0;
+        return gone_;
+    }
+
+private:
+    const Library& library_;
+    MPI_Request request_ = nullptr;
+    bool gone_ = false;
+};
+
+class LoadedOpenMpi final : public OpenMpi {
+public:
+    LoadedOpenMpi() {
+        int provided = 0;
+        library_.init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &provided);
+        if (provided < MPI_THREAD_FUNNELED) refuse_mpirun("this Open MPI is for programs without threads");
+        library_.comm_rank(library_.world, &rank_);
+        library_.comm_size(library_.world, &ranks_);
+    }
+    ~LoadedOpenMpi() override { library_.finalize(); }
+
+    int rank() const override { return rank_; }
+    int ranks() const override { return ranks_; }
+
+    std::optional<Arrived> arrived(int tag, std::optional<int> from) const override {
+        int is_there = 0, bytes = 0;
+        MPI_Status status{};
+        library_.iprobe(from.value_or(MPI_ANY_SOURCE), tag, library_.world, &is_there, &status);
+        if (is_there == 0) return std::nullopt;
+        library_.get_count(&status, library_.byte, &bytes);
+        return Arrived{status.MPI_SOURCE, std::size_t(bytes)};
+    }
+    void receive(int from, int tag, void* to, std::size_t bytes) const override {
+        library_.recv(to, int(bytes), library_.byte, from, tag, library_.world, MPI_STATUS_IGNORE);
+    }
+    void send(int to, int tag, const void* from, std::size_t bytes) const override {
+        library_.send(from, int(bytes), library_.byte, to, tag, library_.world);
+    }
+    std::unique_ptr<Sending> start_to_send(int to, int tag, const void* from,
+                                           std::size_t bytes) const override {
+        return std::make_unique<SendingByMpi>(library_, to, tag, from, bytes);
+    }
+
+private:
+    const Library library_;
+    int rank_ = 0, ranks_ = 1;
+};
+
+#endif
+
+}  // namespace
+
+std::unique_ptr<OpenMpi> OpenMpi::join() {
+    // mpirun says so to every process that it starts.
+    if (std::getenv("OMPI_COMM_WORLD_SIZE") == nullptr) return nullptr;
+#ifdef VOXSPRING_HAS_MPI
+    return std::make_unique<LoadedOpenMpi>();
+#else
+    refuse_mpirun(std::string("this build has no MPI: ") + no_mpi);
+#endif
+}
+
+void OpenMpi::send_json(int to, int tag, const nlohmann::json& message) const {
+    const std::vector<std::uint8_t> bytes = nlohmann::json::to_cbor(message);
+    send(to, tag, bytes.data(), bytes.size());
+}
+
+nlohmann::json OpenMpi::receive_json(const Arrived& message, int tag) const {
+    std::vector<std::uint8_t> bytes(message.bytes);
+    receive(message.from, tag, bytes.data(), bytes.size());
+    return nlohmann::json::from_cbor(bytes);
+}
+
+}  // namespace voxspring

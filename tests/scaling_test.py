@@ -1,0 +1,147 @@
+"""Ranks that mpirun starts: bits, faults, a killed rank and another build.
+
+FAULTY names the program with tests/faulty_backends.cpp in it, OTHER_BUILD a rank that is of another build; the current directory is the
+source tree. Exit code 77: there is no mpirun.
+"""
+
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+import jsonschema
+
+FAULTY = os.environ["FAULTY"]
+OTHER_BUILD = os.environ["OTHER_BUILD"]
+PATIENCE = 120  # seconds that nothing in here takes, however busy the machine
+MPIRUN = ["mpirun", "--oversubscribe", "--bind-to", "none"] + (["--allow-run-as-root"] if os.geteuid() == 0 else [])
+
+with open("results/schema.json", encoding="utf-8") as file:
+    SCHEMA = jsonschema.Draft202012Validator(json.load(file))
+
+
+def processes():
+    """Of the program that are alive, wherever they came from."""
+    found = []
+    for folder in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            if os.path.samefile(folder / "exe", FAULTY) and "State:\tZ" not in (folder / "status").read_text():
+                found.append(int(folder.name))
+        except OSError:
+            pass
+    return found
+
+
+class Scaling(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.out = self.folder / "result.json"
+        self.before = set(processes())
+
+    def study(self, **study):
+        (self.folder / "study.json").write_text(json.dumps({"kind": "scaling", "steps": 12, "repetitions": 1} | study))
+
+    def command(self, ranks, *options):
+        return [*MPIRUN, "-n", str(ranks), FAULTY, "study", self.folder / "study.json", "--out", self.out, *options]
+
+    def run_study(self, ranks, *options, code=0):
+        ran = subprocess.run(self.command(ranks, *options), capture_output=True, text=True, timeout=PATIENCE)
+        self.assertEqual(ran.returncode, code, ran.stdout + ran.stderr)
+        self.assert_nothing_runs()
+        return ran
+
+    def result(self):
+        result = json.loads(self.out.read_text())
+        SCHEMA.validate(result)
+        return result
+
+    def assert_nothing_runs(self):
+        until = time.monotonic() + PATIENCE
+        while set(processes()) - self.before:
+            self.assertLess(time.monotonic(), until, "processes stay")
+            time.sleep(0.01)
+
+    def test_one_to_four_ranks_give_the_bits_of_one(self):
+        edits = {"dataset": {"type": "heart", "dims": [22, 24, 21]}, "pinned": {"side": "y+"}, "gravity": [0, 0, -1e-3],
+                 "time_step": {"fraction_of_stable": 0.5},
+                 "edits": [{"step": 2, "cut": {"triangles": [[[11, -9, -9], [11, 30, -9], [11, 10, 50]]]}},
+                           {"step": 7, "suture": {"triangles": [[[11, -9, -9], [11, 30, -9], [11, 10, 50]]], "within": 1.5}}]}
+        (self.folder / "cut.json").write_text(json.dumps(edits))
+        self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3, 4],
+                   scenes=[{"scene": "cut.json"}, {"scene": "heart@15x17x23"}])
+        ran = self.run_study(4)
+        rows = self.result()["scaling"]
+        self.assertEqual(self.result()["failed"], [])
+        self.assertEqual([(row["ranks"], row["way"]) for row in rows],
+                         2 * [(1, "none"), (2, "memory"), (2, "mpi"), (3, "memory"), (3, "mpi"), (4, "memory"), (4, "mpi")])
+        self.assertEqual([row["same_bits"] for row in rows], 2 * ([None] + 6 * [True]))
+        self.assertEqual(ran.stdout.count("written:"), 1, "rank 0 alone prints")
+
+    def test_a_part_that_crashes_or_hangs_fails_its_row_alone(self):
+        self.study(backends=["part_crashes", "part_hangs", "cpu_reference:formulation=position"], ranks=[2],
+                   scenes=[{"scene": "box@6"}])
+        begin = time.monotonic()
+        self.run_study(2, "--timeout", "6", code=1)
+        self.assertLess(time.monotonic() - begin, 60)
+        self.assertEqual([row["way"] for row in self.result()["scaling"]], ["memory", "mpi"])
+        reasons = {(row["backend"], row["reason"].partition(":")[0]): row["reason"] for row in self.result()["failed"]}
+        host = os.uname().nodename
+        self.assertRegex(reasons["part_crashes", "as 2 ranks by memory"], "killed by signal 11")
+        self.assertRegex(reasons["part_crashes", "as 2 ranks by mpi"], f"rank 1 on {host}: was killed by signal 11")
+        for way in ("memory", "mpi"):
+            self.assertRegex(reasons["part_hangs", f"as 2 ranks by {way}"], "rank 0 heard nothing of rank 1 for 1.5 s")
+
+    def test_a_study_whose_rank_was_killed_is_resumed(self):
+        self.study(backends=["cpu_reference:formulation=position", "slow"], ranks=[1, 2], steps=40, scenes=[{"scene": "box@5"}])
+        with subprocess.Popen(self.command(2), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as study:
+            journal = self.folder / "result.json.journal"
+            until = time.monotonic() + PATIENCE
+            while not (journal.exists() and "2 ranks by mpi" in journal.read_text()):
+                self.assertLess(time.monotonic(), until, "the first rows")
+                time.sleep(0.01)
+            keeper = next(process for process in processes() if process not in self.before and
+                          b"OMPI_COMM_WORLD_RANK=1" in pathlib.Path(f"/proc/{process}/environ").read_bytes() and
+                          b"--of-a-study" not in pathlib.Path(f"/proc/{process}/cmdline").read_bytes())
+            os.kill(keeper, signal.SIGKILL)
+            study.communicate(timeout=PATIENCE)
+            self.assertNotEqual(study.returncode, 0)
+        self.assert_nothing_runs()
+        self.run_study(2, "--resume")
+        self.assertEqual(len(self.result()["scaling"]), 6)
+        self.assertEqual(self.result()["context"]["voxspring"]["study"]["sessions"], 2)
+
+    def test_ranks_of_another_build_and_other_studies_are_refused(self):
+        self.study(backends=["cpu_reference"], scenes=[{"scene": "box@4"}])
+        ran = subprocess.run([*self.command(1), ":", "-n", "1", OTHER_BUILD], capture_output=True, text=True, timeout=PATIENCE)
+        self.assertEqual(ran.returncode, 2, ran.stderr)
+        self.assertIn("rank 1 on this host", ran.stderr)
+        self.assertIn("same build", ran.stderr)
+        self.study(kind="timing", backends=["cpu_reference"], scenes=[{"scene": "box@4"}])
+        self.assertIn("a study of the kind scaling", self.run_study(2, code=2).stderr)
+
+    def test_says_why_there_is_no_open_mpi(self):
+        (self.folder / "libmpi.so.40").write_text("no library")
+        self.study(backends=["cpu_reference"], scenes=[{"scene": "box@4"}])
+        command = [FAULTY, "study", self.folder / "study.json", "--ranks", "2"]
+        surroundings = os.environ | {"LD_LIBRARY_PATH": str(self.folder)}
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=surroundings)
+        self.assertEqual(ran.returncode, 0, "without mpirun none is needed: " + ran.stderr)
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE,
+                             env=surroundings | {"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "0"})
+        self.assertEqual(ran.returncode, 2)
+        self.assertIn("libmpi.so.40", ran.stderr)
+
+
+if __name__ == "__main__":
+    if shutil.which("mpirun") is None:
+        print("there is no mpirun")
+        sys.exit(77)
+    unittest.main()
