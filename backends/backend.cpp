@@ -6,7 +6,18 @@ namespace voxspring {
 
 std::string to_string(Precision precision) { return precision == Precision::float32 ? "float32" : "float64"; }
 
-std::string Backend::unsupported(const Problem&) const { return {}; }
+namespace {
+
+constexpr const char* no_tool = "the backend has no tool";
+
+}  // namespace
+
+std::string Backend::unsupported(const Problem& problem) const {
+    return problem.has_tool() && !has_tool() ? no_tool : std::string();
+}
+
+void Backend::move_tool(const glm::dvec3&) { throw DeviceError(no_tool); }
+glm::dvec3 Backend::tool_force() { throw DeviceError(no_tool); }
 
 Timing Backend::timed(const std::function<void()>& run) {
     synchronize();

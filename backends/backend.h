@@ -137,7 +137,8 @@ public:
     virtual Capabilities capabilities() const = 0;
 
     /// Empty, or why this backend cannot run `problem` ("grid of 40000 x 1 exceeds the texture limit of
-    /// 16384"). Cheap: allocates nothing on the device.
+    /// 16384"). Cheap: allocates nothing on the device. Unless overridden: a problem with a tool, of a
+    /// backend that has none.
     virtual std::string unsupported(const Problem& problem) const;
 
     /// Allocate, copy in, and stand at step 0. May be called again, with the same problem or another.
@@ -166,6 +167,16 @@ public:
     virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
         return nullptr;
     }
+    /// Whether problems may have a tool; it then overrides the two functions below.
+    virtual bool has_tool() const { return false; }
+    /// Enqueue a move of the tool between the steps before and the steps after: from here on it has moved by
+    /// `displacement` (a length) since it took hold. upload() and rewind() leave it where it took hold. Both
+    /// functions are for problems with a tool.
+    virtual void move_tool(const glm::dvec3& displacement);
+    /// Synchronize; the force on the tool in the latest step: minus the sum of what it did to the particles
+    /// that it holds (Problem::tool), each in the backend's precision, added in float64 and in their order.
+    /// Zero before the first step.
+    virtual glm::dvec3 tool_force();
 
     /// Enqueue `count` steps; may return before they have run.
     virtual void step(int count) = 0;

@@ -75,6 +75,9 @@ public:
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }
 
+    /// A launch takes many steps, and reads no load that changes meanwhile.
+    bool has_tool() const override { return false; }
+
     /// Every table anew: which particles a block steps stays, but not what its neighbours are.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <glm/geometric.hpp>
 #include <memory>
 #include <string>
 #include <vector>
@@ -262,6 +263,124 @@ TEST_P(Conformance, RestStaysRestToTheBit) {
     EXPECT_EQ(state.increment, rest.increment);
 }
 
+// --- The tool --------------------------------------------------------------------------------------------
+
+/// `problem` with a tool that holds every ninth particle, which were where `start` has them.
+Problem held_by_a_tool(Problem problem, const State& start) {
+    Tool tool{.particles = {}, .held = {}, .stiffness = 0.125};
+    for (std::uint32_t i = 0; i < problem.particle_count(); i += 9) {
+        tool.particles.push_back(i);
+        tool.held.push_back(start.displacement[i]);
+    }
+    take_hold(problem, tool);
+    return problem;
+}
+
+bool may_refuse_a_tool(const BackendSpec& spec) {
+    const std::string& backend = spec.entry->name;
+    return backend.starts_with("gl_fragment") || backend == "cuda_march" || backend == "cuda_resident";
+}
+
+/// Backends at their default tuning: a shader of its own for each scene takes long to compile.
+class ConformanceWithATool : public Conformance {};
+
+TEST_P(ConformanceWithATool, PullsAsInTheReference) {
+    const std::vector<std::string> chosen =
+        backend->capabilities().family == ApiFamily::cpu
+            ? std::vector<std::string>{"loads", "network_without_a_grid", "several_labels", "pinned"}
+            : std::vector<std::string>{"loads", "network_without_a_grid"};
+    for (const Case& c : cases()) {
+        SCOPED_TRACE(c.name);
+        if (std::find(chosen.begin(), chosen.end(), c.name) == chosen.end()) continue;
+        const Problem without = c.make();
+        if (!backend->unsupported(without).empty()) continue;
+        const State start = random_state(without, 0.05, 7);
+        const Problem problem = held_by_a_tool(without, start);
+        if (const std::string why = backend->unsupported(problem); !why.empty()) {
+            EXPECT_TRUE(may_refuse_a_tool(spec)) << "unsupported: " << why;
+            EXPECT_FALSE(backend->has_tool());
+            continue;
+        }
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        oracle->upload(problem, start);
+        backend->upload(problem, start);
+        EXPECT_EQ(backend->tool_force(), glm::dvec3(0));
+        int steps = 0;
+        for (const glm::dvec3& moved :
+             {glm::dvec3(0.05, 0, 0), glm::dvec3(0.05, -0.1, 0.02), glm::dvec3(-0.1, 0, 0.1)}) {
+            for (Backend* const b : {oracle.get(), backend.get()}) {
+                b->move_tool(moved);
+                b->step(1);
+                b->step(4);
+            }
+            steps += 5;
+            const Comparison comparison = compare(problem, backend->download(), oracle->download(),
+                                                  spec.options.precision, steps, spec.options.formulation);
+            EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+            // Each force is the stiffness times a distance whose end is off by no more than particles are.
+            const double tolerance = double(problem.tool.particles.size()) * problem.tool.stiffness *  //
+                                     2 * comparison.tolerance;
+            const glm::dvec3 force = oracle->tool_force();
+            EXPECT_LT(glm::distance(backend->tool_force(), force), tolerance)
+                << "after " << steps << " steps";
+            EXPECT_GT(glm::length(force), tolerance) << "tells nothing";
+        }
+    }
+}
+
+TEST_P(ConformanceWithATool, ThatPullsNobodyChangesNoBitAndARewindLetsItRest) {
+    if (spec.options.formulation != spec.entry->formulations.front()) GTEST_SKIP() << "one is enough";
+    const Problem without = lattice(random_grid({11, 9, 10}, 0.7, 9));
+    const State start = random_state(without, 0.05, 8);
+    Problem problem = held_by_a_tool(without, start);
+    if (!backend->unsupported(problem).empty()) GTEST_SKIP() << "has no tool";
+    const auto play = [&](const Problem& played) {
+        backend->upload(played, start);
+        backend->step(7);
+        return backend->download();
+    };
+    const State plain = play(without);
+    const State pulled = play(problem);
+    EXPECT_NE(pulled.displacement, plain.displacement);
+    if (backend->keep_start()) {
+        backend->upload(problem, start);
+        ASSERT_TRUE(backend->keep_start());
+        backend->move_tool({0.3, 0.2, 0.1});
+        backend->step(3);
+        backend->rewind();
+        EXPECT_EQ(backend->tool_force(), glm::dvec3(0));
+        backend->step(7);
+        if (backend->capabilities().deterministic) expect_same_bits(backend->download(), pulled);
+    }
+    // A spring without stiffness.
+    problem.tool.stiffness = 0;
+    if (backend->capabilities().deterministic) expect_same_bits(play(problem), plain);
+    EXPECT_EQ(backend->tool_force(), glm::dvec3(0));
+}
+
+TEST_P(ConformanceWithATool, CostsNothingWhereThereIsNone) {
+    if (spec.options.formulation != spec.entry->formulations.front()) GTEST_SKIP() << "one is enough";
+    const Problem without = lattice(solid({9, 8, 7}));
+    const State start = state_at_rest(without);
+    const Problem problem = held_by_a_tool(without, start);
+    if (!backend->unsupported(problem).empty()) GTEST_SKIP() << "has no tool";
+    const auto work_of = [&](const Problem& played) {
+        backend->upload(played, start);
+        backend->step(2);
+        return backend->count_work();
+    };
+    const WorkCount fresh = work_of(without), held = work_of(problem), again = work_of(without);
+    EXPECT_EQ(fresh, again);
+    if (fresh.contains("compute_shader_invocations")) {
+        const std::uint64_t group = 64;  // of shaders/tool.comp
+        EXPECT_EQ(held.at("compute_shader_invocations"), fresh.at("compute_shader_invocations") + group);
+    }
+    // Loads aside, which its scene has.
+    Problem loaded = without;
+    loaded.load.assign(loaded.particle_count(), glm::dvec3(0));
+    EXPECT_EQ(spec.entry->bytes(problem, spec.options), spec.entry->bytes(loaded, spec.options));
+}
+
 // --- Edits ---------------------------------------------------------------------------------------------
 
 struct EditCase {
@@ -427,6 +546,9 @@ std::vector<std::string> every_specification() {
 
 INSTANTIATE_TEST_SUITE_P(Backends, Conformance, ::testing::ValuesIn(every_specification()), test_name);
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(Conformance);
+INSTANTIATE_TEST_SUITE_P(Backends, ConformanceWithATool, ::testing::ValuesIn(in_every_formulation()),
+                         test_name);
+GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(ConformanceWithATool);
 
 }  // namespace
 }  // namespace voxspring::testing

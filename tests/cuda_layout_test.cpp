@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <glm/geometric.hpp>
 #include <limits>
 #include <map>
 #include <memory>
@@ -125,6 +126,41 @@ using Variants =
                      Variant<double, Formulation::displacement>, Variant<double, Formulation::increment>,
                      Variant<double, Formulation::compensated>>;
 TYPED_TEST_SUITE(KernelBodies, Variants);
+
+TYPED_TEST(KernelBodies, TheTool) {
+    for (Problem problem :
+         {lattices().at("prime_box"), lattices().at("loads_and_pins"), lattices().at("materials")}) {
+        const State start = random_state(problem, 0.05, 7);
+        take_hold(
+            problem,
+            {.particles = {0, 17, 18, 300}, .held = std::vector(4, glm::dvec3(0.02)), .stiffness = 0.125});
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        oracle->upload(problem, start);
+        ImplicitSimulation<TypeParam> implicit(problem, start, BlockShape{8, 8, 4});
+        ExplicitSimulation<TypeParam> by_springs(
+            problem, start,
+            list_by_springs<typename TypeParam::Real>(problem, ListLayout::vertical, TypeParam::formulation));
+        DeltaSimulation<TypeParam> by_deltas(problem, start);
+        ScatterSimulation<TypeParam> scatter(problem, start);
+        const std::array<Simulation<TypeParam>*, 4> all{&implicit, &by_springs, &by_deltas, &scatter};
+        int steps = 0;
+        for (const glm::dvec3& moved : {glm::dvec3(0.1, 0, 0), glm::dvec3(0.1, -0.2, 0)}) {
+            oracle->move_tool(moved);
+            oracle->step(3);
+            steps += 3;
+            for (Simulation<TypeParam>* const simulation : all) {
+                simulation->move_tool(moved);
+                simulation->step(3);
+                const Comparison comparison =
+                    compare(problem, simulation->download(), oracle->download(), this->precision, steps);
+                EXPECT_TRUE(comparison.passed()) << comparison.reason;
+                // Each of four forces is the stiffness times a distance, off by no more than particles are.
+                EXPECT_LT(glm::distance(simulation->tool_force(), oracle->tool_force()),
+                          4 * problem.tool.stiffness * 2 * comparison.tolerance);
+            }
+        }
+    }
+}
 
 TYPED_TEST(KernelBodies, ImplicitFromMemory) {
     for (const auto& [name, problem] : lattices()) {

@@ -18,10 +18,13 @@
 #include "backends/layout/particles.h"
 #include "backends/layout/spring_array.h"
 #include "backends/layout/springs.h"
+#include "backends/layout/tool.h"
+#include "backends/layout/vectors.h"
 #include "cuda/kernels/delta.h"
 #include "cuda/kernels/explicit.h"
 #include "cuda/kernels/implicit.h"
 #include "cuda/kernels/scatter.h"
+#include "cuda/kernels/tool.h"
 
 namespace voxspring::cuda {
 
@@ -95,6 +98,8 @@ public:
           placement_(placement),
           packed_(pack<Real>(problem, start, placement, bits, V::formulation)),
           load_(pack_load<Real>(problem, placement)),
+          held_(pack_held<Real>(problem, placement, V::formulation)),
+          held_forces_(held_.size()),
           inverse_masses_(pack_inverse_masses<Real>(problem, placement)) {
         if (packed_.previous.empty()) packed_.previous.resize(placement.words);
         next_low_.resize(packed_.current_low.size());
@@ -103,6 +108,7 @@ public:
 
     void step(int count) {
         for (int n = 0; n < count; ++n) {
+            use_tool();
             const HostFetch<Real> high{&packed_.current, lists()}, low{&packed_.current_low, lists()};
             step_once(Current{high, low},
                       {packed_.previous.data(), next_low_.data(), packed_.increment.data(),
@@ -111,6 +117,8 @@ public:
             std::swap(packed_.current_low, next_low_);
         }
     }
+    void move_tool(const glm::dvec3& displacement) { tool_.moved = vector_of<Real>(displacement); }
+    glm::dvec3 tool_force() const { return force_on_tool(held_forces_); }
     State download() const { return unpack<Real>(*problem_, packed_, placement_, V::formulation); }
 
     /// Words that are no particle's hold NaN.
@@ -136,11 +144,26 @@ protected:
     virtual void step_once(const Current& current, const Output<Real>& output) = 0;
 
 private:
+    void use_tool() {
+        tool_.stiffness = Real(problem_->tool.stiffness);
+        const Holding<Real> holding{held_.data(),
+                                    held_.size(),
+                                    &tool_,
+                                    packed_.current.data(),
+                                    packed_.current_low.empty() ? nullptr : packed_.current_low.data(),
+                                    load_.data(),
+                                    held_forces_.data()};
+        for (std::size_t n = 0; n < held_.size(); ++n) pull_held(holding, n);
+    }
+
     const Problem* problem_;
     Placement placement_;
     PackedState<Real> packed_;
     std::vector<ParticleRecord<Real>> next_low_;
     std::vector<Vector<Real>> load_;
+    std::vector<HeldWord<Real>> held_;
+    std::vector<HeldForce<Real>> held_forces_;
+    ToolState<Real> tool_{};
     std::vector<Real> inverse_masses_;
 };
 

@@ -53,6 +53,10 @@ std::vector<std::pair<std::string, Problem>> problems() {
     add("sutured", make_lattice_problem(random_grid({9, 8, 7}, 0.9, 6), FACE_BITS | EDGE_BITS));
     all.back().second.springs = {{0, 7, 0.5, 3.0}, {1, 20, 0.25, 2.0}};
     all.back().second.load.assign(all.back().second.particle_count(), glm::dvec3(0.01, 0, -0.02));
+    add("held", make_lattice_problem(random_grid({9, 8, 7}, 0.9, 6), FACE_BITS | EDGE_BITS));
+    take_hold(
+        all.back().second,
+        {.particles = {2, 40, 41, 200}, .held = std::vector(4, glm::dvec3(0.1, 0, -0.2)), .stiffness = 0.25});
     return all;
 }
 

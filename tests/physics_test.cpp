@@ -193,6 +193,33 @@ TEST_P(Physics, ParticlesWithoutSpringsFallFreely) {
     }
 }
 
+// What the tool gives to a free body, the body gives back: the momentum of a step is the tool's force on it.
+TEST_P(Physics, TheForceOnTheToolIsWhatItsBodyGains) {
+    Problem problem = make_lattice_problem(random_grid({9, 8, 7}, 0.8, 22), FACE_BITS | EDGE_BITS);
+    problem.materials = {{2, 1}};
+    problem.time_step = 0.3;
+    take_hold(problem, {.particles = {3, 4, 50, 51, 120}, .held = {}, .stiffness = 0.5});
+    if (!backend->unsupported(problem).empty()) GTEST_SKIP() << backend->unsupported(problem);
+    const State start = random_state(problem, 0.05, 23);
+    backend->upload(problem, start);
+    glm::dvec3 momentum(0);
+    for (const glm::dvec3& v : start.increment) momentum += 2.0 / problem.time_step * v;
+    for (int step = 1; step <= 20; ++step) {
+        backend->move_tool(glm::dvec3(0.02, 0.01, -0.005) * double(step));
+        backend->step(1);
+        const State now = backend->download();
+        glm::dvec3 then(0);
+        for (const glm::dvec3& v : now.increment) then += 2.0 / problem.time_step * v;
+        // Of positions each increment is off by two roundings, in the same direction at worst.
+        const double tolerance = 2 / problem.time_step * double(problem.particle_count()) *
+                                 rounding_tolerance(problem, now, spec.options.precision, 1) /
+                                 problem.time_step;
+        EXPECT_LT(glm::distance((then - momentum) / problem.time_step, -backend->tool_force()), tolerance);
+        EXPECT_GT(glm::length(backend->tool_force()), 0.01);
+        momentum = then;
+    }
+}
+
 TEST_P(Physics, ALatticeAtRestStaysAtRest) {
     for (const double lambda : {0.0, 0.01}) {
         Problem problem = make_lattice_problem(random_grid({19, 8, 7}, 0.8, 22), NEIGHBOUR_BITS);

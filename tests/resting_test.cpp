@@ -101,6 +101,26 @@ TEST_P(Resting, EditsAndUploadsWakeWhatTheyTouch) {
     }
 }
 
+TEST_P(Resting, AToolThatMovesWakesWhatItHolds) {
+    Poked poked;
+    // Far from the wave.
+    const auto last = std::uint32_t(poked.problem.particle_count() - 1);
+    take_hold(poked.problem, {.particles = {last - 1, last}, .held = {}, .stiffness = 0.25});
+    const auto end = [&](const std::string& how) {
+        const auto backend = make(how);
+        backend->upload(poked.problem, poked.start);
+        backend->step(12);
+        backend->move_tool({0.01, 0, 0});
+        backend->step(7);
+        backend->move_tool({0.01, 0.02, 0});
+        backend->step(8);
+        return backend->download();
+    };
+    const State plain = end("rest=step");
+    expect_same_bits(plain, end("rest=skip"));
+    EXPECT_GT(plain.displacement[last].y, 0);
+}
+
 // An edit changes the forces of what rests where the springs that it adds are not at rest.
 TEST_P(Resting, AnEditOfWhatRestsUnderStressMovesIt) {
     Problem problem = make_lattice_problem(solid({40, 8, 8}), FACE_BITS);

@@ -82,7 +82,7 @@ TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
         names.push_back(scene.name);
         EXPECT_EQ(load_scene(scene.name).description, scene.description);
     }
-    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "heart", "incision", "poke",
+    EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "grasp", "heart", "incision", "poke",
                                                "scalpel_1", "scalpel_10", "scalpel_100"}));
 }
 
@@ -120,6 +120,81 @@ TEST(Scene, EditsAreFoundOneAfterTheOther) {
         {"step": 1, "suture": {"pairs": [[[0, 0, 0], [3, 0, 0]]], "stiffness": 100}}])");
     EXPECT_LT(stiff.stable_time_step, scene.stable_time_step / 2);
     EXPECT_EQ(stiff.problem.time_step, 0.8 * stiff.stable_time_step);
+}
+
+constexpr const char* samples = "time,x,y,z\n0.5,1,1,1\n1,1.5,1,1\r\n2,1.5,0,3\n";
+
+TEST(ToolMotion, IsStraightBetweenSamplesAndRestsBeforeAndAfter) {
+    const ToolMotion motion = parse_tool_motion(samples, "hand.csv", 2, 10);
+    EXPECT_EQ(motion.time, (std::vector<double>{0, 1, 3}));
+    EXPECT_EQ(motion.at(-1), glm::dvec3(0));
+    EXPECT_EQ(motion.at(0.5), glm::dvec3(2.5, 0, 0));
+    EXPECT_EQ(motion.at(1), glm::dvec3(5, 0, 0));
+    EXPECT_EQ(motion.at(2), glm::dvec3(5, -5, 10));
+    EXPECT_EQ(motion.at(99), glm::dvec3(5, -10, 20));
+    EXPECT_EQ(ToolMotion{}.at(1), glm::dvec3(0));
+}
+
+TEST(ToolMotion, BadFilesAreRefused) {
+    const auto said = [](const std::string& text) {
+        return refusal([&] { (void)parse_tool_motion(text, "hand.csv", 1, 1); });
+    };
+    const std::string head = "time,x,y,z\n";
+    EXPECT_EQ(said("0,1,2,3\n"), "hand.csv: line 1: 0,1,2,3 is not accepted; expected time,x,y,z");
+    EXPECT_EQ(said(head + "0,1,2\n"),
+              "hand.csv: line 2: 0,1,2 is not accepted; expected four numbers: time,x,y,z");
+    EXPECT_EQ(said(head + "0,1,2,3\n1,1,,3\n"),
+              "hand.csv: line 3, y:  is not accepted; expected a number from -1e12 to 1e12");
+    EXPECT_EQ(said(head + "0,1,nan,3\n"),
+              "hand.csv: line 2, y: nan is not accepted; expected a number from -1e12 to 1e12");
+    EXPECT_THAT(said(head + "0,1,2,inf\n"), HasSubstr("line 2, z: inf is not accepted"));
+    EXPECT_THAT(said(head + "0,1,2,3x\n"), HasSubstr("line 2, z: 3x is not accepted"));
+    EXPECT_EQ(said(head + "0,0,0,0\n1,0,0,0\n1,0,0,0\n"),
+              "hand.csv: line 4, time: 1 is not accepted; expected a time after 1 of the line before");
+    EXPECT_EQ(said(head + "0,0,0,0\n1,0,0,0\n2,0,0,0\n13,0,0,0\n"),
+              "hand.csv: line 5, time: a gap of 11 is not accepted; expected samples at most 10 times their "
+              "median interval of 1 apart");
+    EXPECT_EQ(said(head), "hand.csv: 0 samples is not accepted; expected two samples at least");
+    EXPECT_EQ(said(head + "0,0,0,0\n\n1,0,0,0\n"),
+              "hand.csv: line 3:  is not accepted; expected four numbers: time,x,y,z");
+    EXPECT_THAT(refusal([] { (void)read_tool_motion("no/such.csv", 1, 1); }), HasSubstr("a missing file"));
+}
+
+TEST(Scene, AToolHoldsARegionAndMovesTickByTick) {
+    const TemporaryFolder folder;
+    std::ofstream(folder.path() / "hand.csv") << samples;
+    const std::string file = (folder.path() / "scene.json").string();
+    const Scene scene = parse_scene(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}, "time_step": 0.125,
+        "tool": {"side": "x+", "stiffness": 0.5, "motion": "hand.csv", "length_scale": 0.5, "every": 3}})",
+                                    file, small);
+    EXPECT_EQ(scene.problem.tool.particles, (std::vector<std::uint32_t>{3, 7, 11, 15, 19, 23}));
+    EXPECT_EQ(scene.problem.load.size(), scene.problem.particle_count());
+    EXPECT_EQ(scene.tool_motion.every, 3);
+    const auto backend = BackendSpec::parse("cpu_reference").make();
+    backend->upload(scene.problem, scene.state);
+    for (int tick = 0; tick < 5; ++tick) {
+        backend->move_tool(scene.tool_motion.at(tick * 0.375));
+        backend->step(tick == 4 ? 2 : 3);
+    }
+    const State by_hand = backend->download();
+    EXPECT_NE(by_hand.displacement[3], glm::dvec3(0));
+    SceneRunner runner(scene);
+    EXPECT_EQ(runner.unsupported(*backend), "");
+    for (const std::vector<int>& pieces : {std::vector<int>{14}, {1, 4, 2, 7}}) {
+        runner.rewind(*backend);
+        for (const int steps : pieces) runner.run(*backend, steps);
+        EXPECT_EQ(backend->download().displacement, by_hand.displacement);
+    }
+    // A stiff tool has a short time step.
+    const std::string stiff = R"({"dataset": {"type": "box", "dims": [4, 3, 2]},
+        "tool": {"side": "x+", "stiffness": 500, "motion": "hand.csv"}})";
+    EXPECT_LT(parse_scene(stiff, file, small).problem.time_step, 0.1);
+    EXPECT_THAT(refusal([&] {
+                    (void)parse_scene(R"({"dataset": {"type": "box", "dims": [4, 3, 2]},
+        "tool": {"side": "x+", "stiffness": 1, "motion": "other.csv"}})",
+                                      file, small);
+                }),
+                HasSubstr("tool.motion: \"other.csv\" is not accepted; expected a file that exists"));
 }
 
 TEST(Scene, EditsPlayBetweenTheirSteps) {
@@ -463,7 +538,8 @@ TEST(Scene, BadArgumentsAreRefused) {
     };
     EXPECT_EQ(
         refused("bax"),
-        "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, heart, incision, poke, "
+        "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, grasp, heart, "
+        "incision, poke, "
         "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .hdr, "
         ".hdr.gz, .img, .img.gz, .nrrd, .nhdr, .mha or .mhd); did you mean box?");
     for (const std::string suffix :

@@ -56,6 +56,19 @@ TEST(Stability, DenseLattice) {
     EXPECT_NEAR(stable_time_step(faces_and_edges), 2 / std::sqrt(12), rounding);
 }
 
+// A particle on a tool's spring alone oscillates with omega^2 = k / m.
+TEST(Stability, AParticleThatAToolHolds) {
+    Problem problem;
+    problem.rest_position = {{0, 0, 0}};
+    problem.materials = {{2, 1}};
+    take_hold(problem, {.particles = {0}, .held = {}, .stiffness = 3});
+    EXPECT_NEAR(frequency_bound_squared(problem), 1.5, rounding);
+    EXPECT_NEAR(true_frequency_squared(problem).squared.value(), 1.5, rounding);
+    const double limit = stable_time_step(problem);
+    EXPECT_LT(growth(problem, 0.999 * limit, 10000, 0.01), 1);
+    EXPECT_GT(growth(problem, 1.01 * limit, 10000, 0.01), 1);
+}
+
 TEST(Stability, SingleSpring) {
     // omega^2 = k (1/m1 + 1/m2); the bound 2 k / min(m) is that for equal masses and above it otherwise.
     EXPECT_NEAR(frequency_bound_squared(single_spring(3, 1.5, 1.5)), 4, rounding);

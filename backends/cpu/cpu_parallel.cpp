@@ -29,6 +29,7 @@
 #include "backends/cpu/tiles.h"
 #include "backends/physics/addressing.h"
 #include "backends/physics/neighbours.h"
+#include "backends/physics/spring.h"
 #include "backends/registry.h"
 #include "backends/rest_policy.h"
 
@@ -77,10 +78,7 @@ public:
             const std::ptrdiff_t element = state_.element_of(edited, touched.particle);
             state_.mask[std::size_t(element)] = touched.mask;
             bits |= touched.mask & NEIGHBOUR_BITS;
-            // A block with a particle is listed, and has no other guards than those that end its row.
-            const auto next = std::upper_bound(blocks_.begin(), blocks_.end(), element,
-                                               [](auto e, const Block& block) { return e < block.first; });
-            Block& block = *std::prev(next);
+            Block& block = blocks_[block_of(element)];
             block.full_stencil = has_full_stencil(block.first);
             tiles_->mark_active(block.tile, step_);
         }
@@ -89,6 +87,20 @@ public:
         bits_ = bits;
         list_blocks();
         deal_out();
+    }
+
+    bool has_tool() const override { return true; }
+    void move_tool(const glm::dvec3& displacement) override {
+        tool_moved_ = vector_of(displacement);
+        // Those that it holds, though they may rest, no longer do so where they are.
+        for (const Share& share : shares_) {
+            for (const Held& held : share.held) tiles_->mark_active(held.tile, step_);
+        }
+    }
+    glm::dvec3 tool_force() override {
+        glm::dvec3 sum(0);
+        for (const std::array<T, 3>& force : tool_forces_) sum -= glm::dvec3(force[0], force[1], force[2]);
+        return sum;
     }
 
     State download() override { return state_.unpack(*problem_, formulation_, std::size_t(step_ % 2)); }
@@ -148,11 +160,20 @@ private:
     /// Tiles from which on rest=auto checks at all: a step of less takes some 50 us.
     static constexpr std::size_t min_checked_tiles = 128;
 
+    /// A particle that the tool holds.
+    struct Held {
+        std::size_t number = 0;  ///< in Tool::particles
+        std::ptrdiff_t element = 0;
+        std::uint32_t tile = 0;
+        std::array<T, 3> anchor{}, load{};  ///< where it was taken hold of; Problem::load
+    };
+
     /// A thread's part of every step.
     struct Share {
         Array<T> density;
         std::array<std::vector<Opposites<T>>, 2> opposites;
         Tiles::Share tiles;
+        std::vector<Held> held;
         Task<T> task{};
     };
 
@@ -210,12 +231,16 @@ private:
         std::vector<Place> places_;
     };
 
+    static std::array<T, 3> vector_of(const glm::dvec3& v) { return {T(v.x), T(v.y), T(v.z)}; }
+
     void begin(const Problem& problem, const State& state) override {
         problem_ = &problem;
         step_ = 0;
         state_ = {};  // the old arrays go before the new ones come
         state_ = PaddedState<T>(problem, options_, state);
         bits_ = bits_in_use(problem, options_);
+        tool_moved_ = {};
+        tool_forces_.assign(problem.tool.particles.size(), {});
         list_blocks();
         deal_out();
         start_policy();
@@ -269,6 +294,7 @@ private:
                 for (auto s = std::size_t(omp_get_thread_num()); s < shares_.size(); s += threads) {
                     Share& share = shares_[s];
                     Task<T> task = task_from(share, step - 1);
+                    use_tool(share, task);
                     if (checks) {
                         tiles_->decide(share.tiles, step);
                         task.action = share.tiles.action.data();
@@ -283,6 +309,19 @@ private:
         step_ += count;
     }
 
+    /// Adds the tool's forces to the loads of the share's particles, which no other thread reads.
+    void use_tool(const Share& share, const Task<T>& task) {
+        for (const Held& held : share.held) {
+            std::array<T, 3>& force = tool_forces_[held.number];
+            for (std::size_t axis = 0; axis < 3; ++axis) {
+                const T low = task.at_low[axis] != nullptr ? task.at_low[axis][held.element] : T(0);
+                force[axis] = hold_force(held.anchor[axis], task.at[axis][held.element], low,
+                                         tool_moved_[axis], T(problem_->tool.stiffness));
+                state_.load[axis][std::size_t(held.element)] = held.load[axis] + force[axis];
+            }
+        }
+    }
+
     bool within(double largest_increment) override {
         bool all = true;
 #pragma omp parallel for num_threads(int(shares_.size())) schedule(static, 1) reduction(&& : all)
@@ -290,6 +329,13 @@ private:
             all = all && cpu_parallel::within(task_from(shares_[s], step_), formulation_, largest_increment);
         }
         return all;
+    }
+
+    /// The block of a particle: it is listed, and has no other guards than those that end its row.
+    std::size_t block_of(std::ptrdiff_t element) const {
+        const auto next = std::upper_bound(blocks_.begin(), blocks_.end(), element,
+                                           [](auto e, const Block& block) { return e < block.first; });
+        return std::size_t(next - blocks_.begin()) - 1;
     }
 
     bool has_full_stencil(std::ptrdiff_t first) const {
@@ -343,7 +389,24 @@ private:
             const auto [lowest, highest] = std::minmax_element(
                 task.lead, task.end, [](const Block& a, const Block& b) { return a.tile < b.tile; });
             share.tiles = tiles_->share(lowest->tile, highest->tile + 1);
+            share.held = held_of(task);
         }
+    }
+
+    /// What the tool holds in the blocks that a task steps.
+    std::vector<Held> held_of(const Task<T>& task) const {
+        std::vector<Held> held;
+        const Tool& tool = problem_->tool;
+        for (std::size_t n = 0; n < tool.particles.size(); ++n) {
+            const std::uint32_t i = tool.particles[n];
+            const std::ptrdiff_t element = state_.element_of(*problem_, i);
+            const Block* const block = &blocks_[block_of(element)];
+            if (block < task.begin || block >= task.end) continue;
+            glm::dvec3 anchor = tool.held_at(n);
+            if (on_positions(formulation_)) anchor += problem_->rest_position[i];
+            held.push_back({n, element, block->tile, vector_of(anchor), vector_of(problem_->load[i])});
+        }
+        return held;
     }
 
     /// The share's next step, from state `step`.
@@ -427,6 +490,8 @@ private:
     const int threads_;
     const Problem* problem_ = nullptr;
     std::int64_t step_ = 0;  ///< since upload()
+    std::array<T, 3> tool_moved_{};
+    std::vector<std::array<T, 3>> tool_forces_;  ///< of the latest step, in the order of Tool::particles
     PaddedState<T> state_;
     std::uint32_t bits_ = 0;  ///< of the directions to visit
     std::vector<Block> blocks_;

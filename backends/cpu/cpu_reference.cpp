@@ -24,6 +24,10 @@ public:
         return all;
     }
 
+    bool has_tool() const override { return true; }
+    void move_tool(const glm::dvec3& displacement) override { tool_moved_ = displacement; }
+    glm::dvec3 tool_force() override { return tool_force_; }
+
     // Anew, which is plainly right.
     void edit(const Problem& edited, const SpringEdit&) override {
         problem_ = &edited;
@@ -109,6 +113,7 @@ private:
         for (std::size_t i = 0; i < at_.size(); ++i) previous_[i] -= increment_[i];
         at_low_.assign(at_.size(), glm::dvec3(0));
         increment_low_ = at_low_;
+        tool_moved_ = tool_force_ = glm::dvec3(0);
     }
 
     void integrate(int count) override {
@@ -153,6 +158,20 @@ private:
             force_[springs_[s].second] -= force;
         }
         for (std::size_t i = 0; i < problem_->load.size(); ++i) force_[i] += problem_->load[i];
+        use_tool();
+    }
+
+    void use_tool() {
+        const Tool& tool = problem_->tool;
+        tool_force_ = glm::dvec3(0);
+        for (std::size_t n = 0; n < tool.particles.size(); ++n) {
+            const std::uint32_t i = tool.particles[n];
+            const glm::dvec3 rest = on_positions(formulation_) ? problem_->rest_position[i] : glm::dvec3(0);
+            const glm::dvec3 force =
+                hold_force(rest + tool.held_at(n), at_[i], at_low_[i], tool_moved_, tool.stiffness);
+            force_[i] += force;
+            tool_force_ -= force;
+        }
     }
 
     void hold(std::size_t i) {
@@ -200,6 +219,7 @@ private:
     /// The low parts are zero but in `compensated`.
     std::vector<glm::dvec3> at_, previous_, increment_, at_low_, increment_low_;
     std::vector<glm::dvec3> force_;
+    glm::dvec3 tool_moved_{0}, tool_force_{0};
 };
 
 const Registered entry({

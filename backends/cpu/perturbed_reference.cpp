@@ -78,6 +78,10 @@ public:
         follow_springs();
     }
 
+    bool has_tool() const override { return true; }
+    void move_tool(const glm::dvec3& displacement) override { tool_moved_ = displacement; }
+    glm::dvec3 tool_force() override { return tool_force_; }
+
     void edit(const Problem& edited, const SpringEdit& edit) override {
         problem_ = &edited;
         for (const SpringEdit::Touched& touched : edit.touched)
@@ -95,8 +99,11 @@ public:
 #pragma omp single
             barrier.expect(int(team));
             for (std::int64_t n = step_; n < step_ + count; ++n) {
-                if (!springs_.empty()) {
-                    if (thread == 0) pull_beyond(std::size_t(n % 2));
+                if (!springs_.empty() || problem_->has_tool()) {
+                    if (thread == 0) {
+                        pull_beyond(std::size_t(n % 2));
+                        use_tool(std::size_t(n % 2));
+                    }
                     barrier.wait();
                 }
                 perturbed::step(share(n, thread, team), formulation_);
@@ -179,19 +186,25 @@ private:
         }
     }
 
+    /// A number of particle i's state as an upload rounds it; the same number of `which` each time.
+    double stored_at_start(double value, std::size_t i, std::uint64_t which) const {
+        if (formulation_ == Formulation::compensated) return value;
+        RoundingBits bits = rounding_;
+        bits.key = mixed(perturbation_.seed + 1);
+        return rounded(value, bits, i, which);
+    }
+
     void fill(const State& state) {
         const Problem& problem = *problem_;
         fill_with_zeros(place_[0], true);
         fill_with_zeros(place_[1], true);
         fill_with_zeros(increment_, by_increments(formulation_));
         fill_with_zeros(load_, !problem.load.empty());
+        tool_moved_ = tool_force_ = glm::dvec3(0);
         inverse_mass_ = filled(size_, parameter(1 / problem.materials[0].mass, 0));
         compliance_ = problem.has_materials() ? filled(size_, 1.0) : nullptr;
-        const bool stores = formulation_ != Formulation::compensated;
-        const auto stored = [&](double value, std::size_t i, std::uint64_t which) {
-            RoundingBits bits = rounding_;
-            bits.key = mixed(perturbation_.seed + 1);
-            return stores ? rounded(value, bits, i, which) : value;
+        const auto stored = [this](double value, std::size_t i, std::uint64_t which) {
+            return stored_at_start(value, i, which);
         };
         each_particle([&](std::size_t i) {
             const auto e = std::size_t(element_[i]);
@@ -277,6 +290,25 @@ private:
         }
     }
 
+    /// Adds the tool's forces to the loads, from the places `now`.
+    void use_tool(std::size_t now) {
+        const Tool& tool = problem_->tool;
+        tool_force_ = glm::dvec3(0);
+        for (std::size_t n = 0; n < tool.particles.size(); ++n) {
+            const std::size_t i = tool.particles[n];
+            const auto e = std::size_t(element_[i]);
+            const auto& at = place_[now];
+            glm::dvec3 anchor = tool.held_at(n);
+            if (on_positions(formulation_)) anchor += problem_->rest_position[i];
+            // Where a particle was taken hold of is rounded as the particle's own place was.
+            for (int c = 0; c < 3; ++c) anchor[c] = stored_at_start(anchor[c], i, std::uint64_t(c));
+            const glm::dvec3 force = hold_force(anchor, glm::dvec3(at[0][e], at[1][e], at[2][e]),
+                                                glm::dvec3(0), tool_moved_, tool.stiffness);
+            for (std::size_t c = 0; c < 3; ++c) load_[c][e] = problem_->load[i][int(c)] + force[int(c)];
+            tool_force_ -= force;
+        }
+    }
+
     Task share(std::int64_t n, std::size_t thread, std::size_t team) {
         const Problem& problem = *problem_;
         const auto now = std::size_t(n % 2);
@@ -322,6 +354,7 @@ private:
     std::vector<Pull> pulls_;
     std::vector<Spring> springs_;
     std::vector<RestSpring> rest_springs_;
+    glm::dvec3 tool_moved_{0}, tool_force_{0};
 };
 
 }  // namespace

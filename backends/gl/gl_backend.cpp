@@ -25,6 +25,7 @@ GlBackend::GlBackend(const Options& options)
 
 std::string GlBackend::unsupported(const Problem& problem) const {
     context_.make_current();
+    if (std::string why = Backend::unsupported(problem); !why.empty()) return why;
     if (std::string why = refused(problem); !why.empty()) return why;
     return glsl::memory_refusal(bytes_needed(problem), held_bytes_, context_.free_memory_bytes());
 }

@@ -33,6 +33,9 @@ protected:
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return all_terms_; }
 
+    /// Since upload() or rewind().
+    std::int64_t steps() const { return steps_; }
+
     /// Stands at step 0, checked from here on as monitor() last said.
     void stand_at_start();
 

@@ -24,6 +24,8 @@ enum Binding : unsigned {
     loads,
     inverse_masses,
     first_own_binding,
+    held_words = 11,  ///< of shaders/tool.comp
+    held_forces,
 };
 inline constexpr int storage_blocks = 13;
 

@@ -174,6 +174,7 @@ SpringEdit Slab::part_of(const SpringEdit& edit) const {
 
 std::string SlabCuts::refusal(const Problem& problem, int slabs) {
     if (problem.lattice.voxel_count() == 0) return "slabs are of a lattice, and the particles lie on none";
+    if (problem.has_tool()) return "a slab has no tool, which may hold particles of several";
     if (!problem.springs.empty())
         return "a slab has ghosts of one layer of voxels, and springs beyond the lattice reach farther";
     const std::vector<std::size_t> layers =

@@ -202,4 +202,9 @@ void pin(Problem& problem, std::vector<std::uint8_t> pinned) {
     problem.pinned = any ? std::move(pinned) : std::vector<std::uint8_t>{};
 }
 
+void take_hold(Problem& problem, Tool tool) {
+    problem.tool = std::move(tool);
+    if (problem.has_tool()) problem.load.resize(problem.particle_count(), glm::dvec3(0));
+}
+
 }  // namespace voxspring

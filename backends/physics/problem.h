@@ -57,6 +57,21 @@ struct Spring {
     double rest_length;
 };
 
+/// A tool that has taken hold of some particles, each by a spring of rest length 0 to the place to which the
+/// tool has carried it. With the tool moved by d since then (Backend::move_tool()) the force on a particle is
+///
+///     stiffness (held + d - u)
+///
+/// with u its displacement and `held` what that was when the tool took hold. The force on the tool is minus
+/// the sum of these. A cut does not part the tool from what it holds, and it may hold pinned particles.
+struct Tool {
+    std::vector<std::uint32_t> particles;  ///< ascending, each once; empty: there is no tool
+    std::vector<glm::dvec3> held;          ///< one each; empty: all were at rest
+    double stiffness = 0;                  ///< of each spring, force per length
+
+    glm::dvec3 held_at(std::size_t n) const { return held.empty() ? glm::dvec3(0) : held[n]; }
+};
+
 /// Everything that does not change while a simulation runs. Particles are in canonical order: active
 /// voxels only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip
 /// what they stand for.
@@ -66,6 +81,7 @@ struct Problem {
     std::vector<std::uint8_t> material;  ///< one a particle, index into `materials`; empty: all materials[0]
     std::vector<std::uint8_t> pinned;    ///< one a particle, 1 = does not move; empty: none
     std::vector<glm::dvec3> load;        ///< one a particle, constant force; empty: none
+    Tool tool;                           ///< one that holds particles comes with loads, see take_hold()
 
     Lattice lattice;
     /// Rest length of each direction of the lattice, by mask bit.
@@ -91,6 +107,7 @@ struct Problem {
     /// More than one material: springs take their stiffness from the two particles they join.
     bool has_materials() const { return !material.empty(); }
     bool has_gravity() const { return gravity != glm::dvec3(0); }
+    bool has_tool() const { return !tool.particles.empty(); }
     /// Stiffness of the lattice spring from `particle` along `direction` to `neighbour`.
     double spring_stiffness(std::size_t particle, std::size_t neighbour, const Direction& direction) const;
     /// |d|^2 under which two particles count as coincident (spring.h): (1e-6 of the shortest spacing, or of
@@ -200,5 +217,9 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits);
 
 /// Pin the particles for which `pinned` (one a particle) is not zero.
 void pin(Problem& problem, std::vector<std::uint8_t> pinned);
+
+/// Gives the problem a tool, and loads of zero where it has none: a step adds the tool's forces to those, so
+/// that a problem without a tool pays nothing for it.
+void take_hold(Problem& problem, Tool tool);
 
 }  // namespace voxspring

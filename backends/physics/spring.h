@@ -52,6 +52,14 @@ strain_force(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_defici
     return force;
 }
 
+/// Force of a tool (problem.h) on a particle that it holds. `here` and `here_low` are the particle's place,
+/// `anchor` is where it was when the tool took hold, and `moved` is how far the tool has moved since then.
+SHARED(Vec3)
+hold_force(Vec3 anchor, Vec3 here, Vec3 here_low, Vec3 moved, Real stiffness) {
+    PRECISE Vec3 force = (((anchor - here) - here_low) + moved) * stiffness;
+    return force;
+}
+
 /// Stiffness of a spring between two materials: half of each spring in series, 2 / (1/k_a + 1/k_b).
 SHARED_SCALAR(Real)
 series_stiffness(Real compliance_a, Real compliance_b) { return Real(2) / (compliance_a + compliance_b); }

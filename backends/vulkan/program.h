@@ -46,6 +46,9 @@ public:
     Pass(Queue& queue, std::shared_ptr<const Program> program, const Uniforms& uniforms,
          const Buffers& buffers, const Buffer& nothing);
 
+    const Module& module() const { return program_->module(); }
+    /// Enqueues other values of the uniforms: what is enqueued later reads those.
+    void set(Queue& queue, const Uniforms& uniforms) const { queue.update(uniforms_, uniforms.bytes()); }
     /// What dispatch() runs from here on.
     void bind_program(const Commands& commands) const;
     /// Binds uniforms and buffers, and dispatches. Passes of one program may follow one bind_program().

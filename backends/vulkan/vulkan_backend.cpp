@@ -4,6 +4,7 @@
 #include <limits>
 #include <numeric>
 
+#include "backends/layout/tool.h"
 #include "backends/vulkan/limits.h"
 
 namespace voxspring::vulkan {
@@ -38,6 +39,11 @@ struct VulkanBackend::Stepping {
     std::array<Pass, 2> pass;  ///< from words 0, from words 1
     glm::uvec3 groups;
     std::map<std::pair<int, std::size_t>, Commands> recorded = {};  ///< by power, and the words at first
+};
+
+struct VulkanBackend::Holding {
+    Buffer held, forces;
+    std::vector<Pass> pass = {};  ///< from words 0, from words 1
 };
 
 struct VulkanBackend::Checking {
@@ -129,6 +135,9 @@ void VulkanBackend::upload(const Problem& problem, const State& state) {
             upload_state<double>(problem, state);
         }
         make_stepping();
+        holding_ = nullptr;
+        if (problem.has_tool() && is_single(options_)) make_holding<float>();
+        if (problem.has_tool() && !is_single(options_)) make_holding<double>();
         stand_at_start();
         held_bytes_ = bytes_needed(problem);
         queue_.wait();
@@ -163,6 +172,59 @@ void VulkanBackend::make_stepping() {
     auto stepping = std::make_shared<Stepping>(Stepping{{pass(0), pass(1)}, glm::uvec3(layout_.groups)});
     if (stepping_) queue_.keep(std::move(stepping_));
     stepping_ = std::move(stepping);
+}
+
+template <class Real>
+void VulkanBackend::make_holding() {
+    const auto held = cuda::pack_held<Real>(*problem_, layout_.placement, formulation());
+    auto holding = std::make_shared<Holding>();
+    put(holding->held, held);
+    put(holding->forces, std::vector<cuda::HeldForce<Real>>(held.size()));
+    const auto pull = program(formulation() == Formulation::compensated ? "tool_compensated" : "tool");
+    for (const std::size_t current : {0, 1}) {
+        const Buffers buffers = {{glsl::words, &words_[current]},
+                                 {glsl::words_low, &low_[current]},
+                                 {glsl::loads, &load_},
+                                 {glsl::held_words, &holding->held},
+                                 {glsl::held_forces, &holding->forces}};
+        holding->pass.emplace_back(queue_, pull, tool_uniforms<Real>(pull->module(), glm::dvec3(0)), buffers,
+                                   nothing_);
+    }
+    holding_ = std::move(holding);
+}
+
+template <class Real>
+Uniforms VulkanBackend::tool_uniforms(const Module& module, const glm::dvec3& moved) const {
+    Uniforms uniforms(module);
+    uniforms.set("count", int(problem_->tool.particles.size()));
+    uniforms.set("stiffness", Real(problem_->tool.stiffness));
+    uniforms.set("moved", glm::vec<3, Real>(moved));
+    return uniforms;
+}
+
+void VulkanBackend::move_tool(const glm::dvec3& displacement) {
+    guarded("moving the tool", [&] {
+        for (Pass& pass : holding_->pass) {
+            pass.set(queue_, is_single(options_) ? tool_uniforms<float>(pass.module(), displacement)
+                                                 : tool_uniforms<double>(pass.module(), displacement));
+        }
+    });
+}
+
+template <class Real>
+glm::dvec3 VulkanBackend::read_tool_force() {
+    std::vector<cuda::HeldForce<Real>> forces(problem_->tool.particles.size());
+    queue_.download(holding_->forces, std::as_writable_bytes(std::span(forces)));
+    return cuda::force_on_tool(forces);
+}
+
+glm::dvec3 VulkanBackend::tool_force() {
+    if (steps_ == 0) return glm::dvec3(0);
+    const glm::dvec3 force = guarded("reading the tool's force", [&] {
+        return is_single(options_) ? read_tool_force<float>() : read_tool_force<double>();
+    });
+    device_.check("reading the tool's force");
+    return force;
 }
 
 void VulkanBackend::make_checking() {
@@ -203,6 +265,7 @@ void VulkanBackend::make_checking() {
 void VulkanBackend::stand_at_start() {
     steps_ = 0;
     current_ = 0;
+    if (holding_) move_tool(glm::dvec3(0));
     monitor_ = next_monitor_;
     if (checking_) queue_.keep(std::move(checking_));
     checking_ = nullptr;
@@ -237,16 +300,26 @@ void VulkanBackend::rewind() {
     });
 }
 
+void VulkanBackend::dispatch_step(const Commands& commands, std::size_t current) const {
+    if (holding_) {
+        const Pass& hold = holding_->pass[current];
+        hold.bind_program(commands);
+        hold.dispatch(commands, {glsl::striding_groups(problem_->tool.particles.size()), 1, 1});
+        shaders_then_shaders(commands);
+        stepping_->pass[current].bind_program(commands);
+    }
+    stepping_->pass[current].dispatch(commands, stepping_->groups);
+    shaders_then_shaders(commands);
+}
+
 const Commands& VulkanBackend::steps(int power) {
     const std::pair key(power, current_);
     auto found = stepping_->recorded.find(key);
     if (found == stepping_->recorded.end()) {
         Commands recorded = queue_.record([&](const Commands& commands) {
             stepping_->pass[0].bind_program(commands);
-            for (std::size_t n = 0; n < std::size_t(1) << power; ++n) {
-                stepping_->pass[(current_ + n) % 2].dispatch(commands, stepping_->groups);
-                shaders_then_shaders(commands);
-            }
+            for (std::size_t n = 0; n < std::size_t(1) << power; ++n)
+                dispatch_step(commands, (current_ + n) % 2);
         });
         found = stepping_->recorded.emplace(key, std::move(recorded)).first;
     }
@@ -390,8 +463,7 @@ WorkCount VulkanBackend::count_work() {
             commands.resetQueryPool(*query, 0, 1);
             commands.beginQuery(*query, 0, {});
             stepping_->pass[current_].bind_program(commands);
-            stepping_->pass[current_].dispatch(commands, stepping_->groups);
-            shaders_then_shaders(commands);
+            dispatch_step(commands, current_);
             commands.endQuery(*query, 0);
         });
         have_enqueued(1);

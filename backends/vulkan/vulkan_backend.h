@@ -31,6 +31,9 @@ public:
     void step(int count) final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
+    bool has_tool() const final { return true; }
+    void move_tool(const glm::dvec3& displacement) final;
+    glm::dvec3 tool_force() final;
     void synchronize() final;
     State download() final;
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.
@@ -114,6 +117,8 @@ private:
     /// A pass for words 0 and one for words 1, and what was recorded of them.
     struct Stepping;
     struct Checking;
+    /// A tool's pass before a step for words 0 and one for words 1, and how the tool is at the moment.
+    struct Holding;
 
     void mark(Mark which) final;
     double seconds_between_marks() const final;
@@ -125,7 +130,15 @@ private:
     State download_state();
     void make_stepping();
     void make_checking();
+    template <class Real>
+    void make_holding();
+    template <class Real>
+    Uniforms tool_uniforms(const Module& module, const glm::dvec3& moved) const;
+    template <class Real>
+    glm::dvec3 read_tool_force();
     void stand_at_start();
+    /// The program of stepping_ is bound, before and after.
+    void dispatch_step(const Commands& commands, std::size_t current) const;
     /// 2^power steps from the words that are current.
     const Commands& steps(int power);
     /// So many steps are enqueued, and a check if it is due.
@@ -153,6 +166,7 @@ private:
     std::array<Commands, 2> mark_;
     std::shared_ptr<Stepping> stepping_;
     std::shared_ptr<Checking> checking_;  // null: never
+    std::shared_ptr<Holding> holding_;    // null: there is no tool
     CompileTime compile_time_;
 
     const Problem* problem_ = nullptr;

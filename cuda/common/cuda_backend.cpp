@@ -32,6 +32,7 @@ Capabilities CudaBackend::capabilities() const {
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {
+    if (std::string why = Backend::unsupported(problem); !why.empty()) return why;
     if (std::string why = refused(problem); !why.empty()) return why;
     // What the last upload took is given back, or taken over, by the next.
     std::uint64_t available = device_.free_bytes() + bytes_held();
@@ -89,6 +90,7 @@ void CudaBackend::stand_at_start() {
     current_ = 0;
     monitor_ = next_monitor_;
     steps_ = last_check_ = 0;
+    rest_tool();
     const FirstDivergence none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
     if (monitor_.every > 0) first_divergence_.upload(std::span(&none, 1), stream_);
 }
@@ -111,7 +113,10 @@ void CudaBackend::enqueue_steps(int count) {
                 graphs_[std::size_t(kind_of_step())][std::size_t(current_)][std::size_t(k)];
             if (!graph) {
                 graph.emplace(Graph::capture(stream_, [&] {
-                    for (int n = 0; n < 1 << k; ++n) enqueue_step((current_ + n) % 2);
+                    for (int n = 0; n < 1 << k; ++n) {
+                        enqueue_tool((current_ + n) % 2);
+                        enqueue_step((current_ + n) % 2);
+                    }
                 }));
             }
             graph->launch(stream_);

@@ -57,6 +57,8 @@ protected:
         return Kernel::get(source, device_, compile_time_);
     }
 
+    /// Since upload() or rewind().
+    std::int64_t steps() const { return steps_; }
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
@@ -84,6 +86,10 @@ private:
     virtual std::vector<StateArray> state_arrays() const = 0;
     /// The state arrays are those of step 0 again.
     virtual void rewound() {}
+    /// Enqueues what the tool does before a step that reads buffer `reading`, if there is one.
+    virtual void enqueue_tool(int) {}
+    /// The tool, if there is one, is where it took hold.
+    virtual void rest_tool() {}
     /// Enqueues one step that reads buffer `reading`. Not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
     /// Which of two kinds of step the next one is, 0 or 1. Each kind has graphs of its own.

@@ -41,6 +41,8 @@ public:
         }
         return buffer_.data();
     }
+    /// Where send() puts them; stays as long as no call brings more than any before.
+    const T* data() const { return buffer_.data(); }
     std::size_t bytes() const { return buffer_.bytes(); }
 
 private:

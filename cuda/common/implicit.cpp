@@ -81,6 +81,11 @@ public:
         resting_.wake(this->current(), this->stream());
     }
 
+    void move_tool(const glm::dvec3& displacement) override {
+        ParticleBackend<Real, ImplicitStep<Real>>::move_tool(displacement);
+        resting_.wake(this->current(), this->stream());
+    }
+
     WorkCount count_work() override {
         if (!resting_.may_check()) return {};
         const bool checks = resting_.checks();

@@ -12,9 +12,12 @@
 
 #include "backends/layout/particles.h"
 #include "backends/layout/rounding.h"
+#include "backends/layout/tool.h"
+#include "backends/layout/vectors.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
+#include "cuda/common/tool.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/texture.h"
 
@@ -87,6 +90,18 @@ public:
         return unpack(problem(), packed, placement_, family_.formulation);
     }
 
+    bool has_tool() const override { return true; }
+    void move_tool(const glm::dvec3& displacement) override {
+        const ToolState<Real> now{vector_of<Real>(displacement), Real(problem().tool.stiffness)};
+        tool_.send(std::span(&now, 1), stream());
+    }
+    glm::dvec3 tool_force() final {
+        if (steps() == 0) return glm::dvec3(0);
+        std::vector<HeldForce<Real>> forces(held_forces_.size());
+        held_forces_.download(forces, stream());
+        return force_on_tool(forces);
+    }
+
 protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family) {}
 
@@ -144,6 +159,7 @@ protected:
             moved = upload_axes(increment_, packed.increment) || moved;
             moved = upload_axes(increment_low_, packed.increment_low) || moved;
         }
+        moved = upload_held(pack_held<Real>(problem, placement, family_.formulation)) || moved;
         load_.upload(pack_load<Real>(problem, placement), stream());
         inverse_masses_.upload(pack_inverse_masses<Real>(problem, placement), stream());
         launch.step.motion.load = load_.data();
@@ -190,7 +206,7 @@ protected:
     std::uint64_t particle_bytes_held() const {
         return words_[0].bytes() + words_[1].bytes() + low_[0].bytes() + low_[1].bytes() +
                increment_.bytes() + increment_low_.bytes() + load_.bytes() + inverse_masses_.bytes() +
-               edited_words_.bytes();
+               edited_words_.bytes() + held_.bytes() + held_forces_.bytes() + tool_.bytes();
     }
 
     /// Enqueues a kernel with the arguments that all have.
@@ -236,6 +252,12 @@ private:
                                                                          : cudaChannelFormatKindSigned);
         return moved;
     }
+    bool upload_held(const std::vector<HeldWord<Real>>& held) {
+        const bool moved = held_.size() != held.size();
+        held_.upload(held, stream());
+        held_forces_.resize(held.size());
+        return moved;
+    }
     bool upload_axes(Buffer<Real>& buffer, const std::vector<Real>& values) {
         const bool moved = buffer.size() != values.size();
         buffer.upload(values, stream());
@@ -251,6 +273,16 @@ private:
     std::vector<StateArray> state_arrays() const final {
         return {state_array(words_[0]), state_array(words_[1]),  state_array(low_[0]),
                 state_array(low_[1]),   state_array(increment_), state_array(increment_low_)};
+    }
+
+    void enqueue_tool(int reading) final {
+        const auto from = std::size_t(reading);
+        pull_held(Holding<Real>{held_.data(), held_.size(), tool_.data(), words_[from].data(),
+                                low_[from].data(), load_.data(), held_forces_.data()},
+                  stream());
+    }
+    void rest_tool() final {
+        if (held_.size() > 0) move_tool(glm::dvec3(0));
     }
 
     void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) override {
@@ -269,6 +301,9 @@ private:
     Buffer<Vector<Real>> load_;
     Buffer<Real> inverse_masses_;
     Staging<EditedWord> edited_words_;
+    Buffer<HeldWord<Real>> held_;
+    Buffer<HeldForce<Real>> held_forces_;
+    Staging<ToolState<Real>> tool_;  // one, which stays where it is: graphs hold its address
     Launch launch_{};
 };
 

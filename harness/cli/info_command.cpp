@@ -88,6 +88,7 @@ nlohmann::json to_json(const SceneFacts& facts) {
         {"fraction_of_stable", problem.time_step / scene.stable_time_step},
         {"damping", problem.damping},
         {"edits", scene.edits.size()},
+        {"held_particles", problem.tool.particles.size()},
         {"bytes", facts.bytes},
     };
 }
@@ -118,6 +119,11 @@ void print_body(const SceneFacts& facts, std::ostream& out) {
     if (!scene.edits.empty()) {
         row(out, "edits",
             fmt::format("{}, the last after step {}", scene.edits.size(), scene.edits.back().step));
+    }
+    if (problem.has_tool()) {
+        row(out, "tool",
+            fmt::format("holds {} particles; its motion ends after step {:.0f}",
+                        problem.tool.particles.size(), scene.tool_motion.time.back() / problem.time_step));
     }
 }
 

@@ -45,13 +45,19 @@ template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        auto& [name, source, description, problem, state, edits, stable_time_step] = value;
-        pass_all(stream, name, source, description, problem, state, edits, stable_time_step);
+        auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step] = value;
+        pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step);
     } else if constexpr (std::is_same_v<Plain, Problem>) {
-        auto& [rest_position, materials, material, pinned, load, lattice, rest_length, group_stiffness,
+        auto& [rest_position, materials, material, pinned, load, tool, lattice, rest_length, group_stiffness,
                group_bits, springs, gravity, damping, time_step] = value;
-        pass_all(stream, rest_position, materials, material, pinned, load, lattice, rest_length,
+        pass_all(stream, rest_position, materials, material, pinned, load, tool, lattice, rest_length,
                  group_stiffness, group_bits, springs, gravity, damping, time_step);
+    } else if constexpr (std::is_same_v<Plain, Tool>) {
+        auto& [particles, held, stiffness] = value;
+        pass_all(stream, particles, held, stiffness);
+    } else if constexpr (std::is_same_v<Plain, ToolMotion>) {
+        auto& [every, time, displacement] = value;
+        pass_all(stream, every, time, displacement);
     } else if constexpr (std::is_same_v<Plain, Lattice>) {
         auto& [dims, spacing, voxel, mask] = value;
         pass_all(stream, dims, spacing, voxel, mask);

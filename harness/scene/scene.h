@@ -10,6 +10,7 @@
 
 #include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
+#include "harness/scene/tool_motion.h"
 #include "harness/volume/dataset.h"
 
 namespace voxspring {
@@ -31,6 +32,8 @@ struct Scene {
     State state;  ///< at step 0
     /// By step; each one's springs are those that the edits before it left.
     std::vector<ScheduledEdit> edits;
+    /// Of Problem::tool; empty: it stays where it took hold, if there is one.
+    ToolMotion tool_motion = {};
     /// The largest stable time step for small displacements (stability.h), with the springs that edits add;
     /// infinite where nothing oscillates.
     double stable_time_step = 0;

@@ -285,6 +285,19 @@ EditSpec read_edit(const JsonValue& value) {
     return edit;
 }
 
+ToolSpec read_tool(const JsonValue& value) {
+    JsonObject object = value.object();
+    const JsonValue motion = object.require("motion", "the path of a file of times and positions (CSV)");
+    ToolSpec tool{.region = read_region(object), .motion = motion.string(), .motion_source = motion};
+    tool.stiffness =
+        positive(object.require("stiffness", "force per length, of the spring to each particle"));
+    if (const auto scale = object.find("time_scale")) tool.time_scale = positive(*scale);
+    if (const auto scale = object.find("length_scale")) tool.length_scale = positive(*scale);
+    if (const auto every = object.find("every")) tool.every = int(every->integer(1, max_edit_steps));
+    object.finish();
+    return tool;
+}
+
 }  // namespace
 
 std::string to_string(SpringGroup group) {
@@ -349,6 +362,7 @@ SceneFile read_scene_file(JsonObject document) {
     if (const auto edits = document.find("edits")) {
         for (const JsonValue& element : edits->array()) scene.edits.push_back(read_edit(element));
     }
+    if (const auto tool = document.find("tool")) scene.tool = read_tool(*tool);
     document.finish();
     return scene;
 }

@@ -83,6 +83,16 @@ struct EditSpec {
     JsonValue source;                   ///< for messages
 };
 
+/// A tool that holds the particles of a region while a recorded hand moves it.
+struct ToolSpec {
+    Region region;
+    double stiffness = 1;
+    std::string motion;                       ///< the file, relative to the scene file
+    JsonValue motion_source;                  ///< for messages
+    double time_scale = 1, length_scale = 1;  ///< units of the scene in one of the file
+    int every = 1;                            ///< steps for which the tool stays where it is
+};
+
 struct SceneFile {
     std::string description;
     DatasetSpec dataset;
@@ -98,6 +108,7 @@ struct SceneFile {
     InitialField velocity;
     std::vector<PointLoad> loads;
     std::vector<EditSpec> edits;
+    std::optional<ToolSpec> tool;
 };
 
 /// Throws BadInput.

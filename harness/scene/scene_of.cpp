@@ -36,6 +36,18 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
     require(lattice.voxel.back() < lattice.voxel_count(), "a voxel is outside of its grid");
 }
 
+void check_tool(const Problem& problem) {
+    if (!problem.has_tool()) return;
+    const auto& held = problem.tool.particles;
+    require(std::adjacent_find(held.begin(), held.end(), std::greater_equal<>()) == held.end(),
+            "what its tool holds does not ascend");
+    require(held.back() < problem.particle_count(), "its tool holds a particle that it does not have");
+    require(problem.tool.held.empty() || problem.tool.held.size() == held.size(),
+            "its tool's held is neither empty nor one for each particle that it holds");
+    require(is_positive(problem.tool.stiffness), "its tool's stiffness is not positive");
+    require(problem.load.size() == problem.particle_count(), "it has a tool and no loads (take_hold())");
+}
+
 void check(const Problem& problem) {
     const std::size_t particles = problem.particle_count();
     const auto fits = [&](const auto& array) { return array.empty() || array.size() == particles; };
@@ -57,6 +69,7 @@ void check(const Problem& problem) {
         require(std::isfinite(spring.rest_length) && spring.rest_length >= 0,
                 "a spring's rest length is negative");
     }
+    check_tool(problem);
     require(problem.damping >= 0 && problem.damping < 2, "damping is not in [0, 2)");
     check_lattice(problem.lattice, particles);
 }

@@ -11,6 +11,7 @@ SceneRunner::SceneRunner(const Scene& scene) : scene_(scene) {
 void SceneRunner::restart() {
     step_ = 0;
     next_ = 0;
+    tick_ = -1;
     if (!edited_) return;
     edited_->lattice.mask = scene_.problem.lattice.mask;
     edited_->springs = scene_.problem.springs;
@@ -60,8 +61,7 @@ void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {
     const int end = step_ + steps;
     for (; next_ < scene_.edits.size() && scene_.edits[next_].step < end; ++next_) {
         const ScheduledEdit& scheduled = scene_.edits[next_];
-        backend.step(scheduled.step - step_);
-        step_ = scheduled.step;
+        step_to(backend, scheduled.step);
         apply(*edited_, scheduled.edit);
         if (edit) {
             edit(*edited_, scheduled.edit);
@@ -69,7 +69,21 @@ void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {
             backend.edit(*edited_, scheduled.edit);
         }
     }
-    backend.step(end - step_);
+    step_to(backend, end);
+}
+
+void SceneRunner::step_to(Backend& backend, int end) {
+    const ToolMotion& motion = scene_.tool_motion;
+    while (!motion.empty() && step_ < end) {
+        if (const int tick = step_ / motion.every; tick != tick_) {
+            backend.move_tool(motion.at(double(tick) * motion.every * scene_.problem.time_step));
+            tick_ = tick;
+        }
+        const int steps = std::min(end - step_, motion.every - step_ % motion.every);
+        backend.step(steps);
+        step_ += steps;
+    }
+    if (motion.empty()) backend.step(end - step_);
     step_ = end;
 }
 

@@ -29,8 +29,8 @@ public:
     /// For those who rewind often, right after the first rewind(): later ones of this backend copy the state
     /// on the device where it can and the scene has no edits.
     void keep_start(Backend& backend);
-    /// Goes on from the last rewind() by `steps` steps and the edits due before them. Asynchronous, as step()
-    /// is. `edit` takes the place of Backend::edit() where somebody has to watch.
+    /// Goes on from the last rewind() by `steps` steps, the edits due before them and the moves of the tool.
+    /// Asynchronous, as step() is. `edit` takes the place of Backend::edit() where somebody has to watch.
     using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;
     void run(Backend& backend, int steps, const Edit& edit = {});
 
@@ -42,6 +42,8 @@ public:
 
 private:
     void restart();
+    /// Steps up to step `end`; the tool moves as the scene has it.
+    void step_to(Backend& backend, int end);
 
     const Scene& scene_;
     std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty where a scene has none
@@ -51,6 +53,7 @@ private:
     const Backend* keeps_start_ = nullptr;  ///< null: none
     std::size_t next_ = 0;                  ///< edit
     int step_ = 0;
+    int tick_ = -1;  ///< of the tool's motion, which the tool is at; -1: none yet
 };
 
 /// The scene's problem as the edits within its first `steps` steps leave it.

@@ -29,10 +29,13 @@ double largest_eigenvalue(const Eigen::Matrix3d& symmetric) {
 }
 
 /// For each particle the matrix sum_j k_ij r r^T of its springs beyond the lattice; empty if there are none.
+/// A tool's end of a spring does not move with the particle: half of its stiffness counts.
 std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     std::vector<Eigen::Matrix3d> sum;
-    if (problem.springs.empty()) return sum;
+    if (problem.springs.empty() && !problem.has_tool()) return sum;
     sum.assign(problem.particle_count(), Eigen::Matrix3d::Zero());
+    for (const std::uint32_t held : problem.tool.particles)
+        sum[held] += problem.tool.stiffness / 2 * Eigen::Matrix3d::Identity();
     for (const Spring& spring : problem.springs) {
         const glm::dvec3 offset = problem.rest_position[spring.first] - problem.rest_position[spring.second];
         const double length = glm::length(offset);
@@ -79,8 +82,12 @@ std::vector<LinearSpring> linear_springs(const Problem& problem, const std::vect
 /// M^-1/2 K M^-1/2 with zeros in the rows and columns of pinned particles.
 class Oscillations {
 public:
-    Oscillations(const Problem& problem, std::vector<LinearSpring> springs)
-        : springs_(std::move(springs)), inverse_root_mass_(problem.particle_count()) {
+    /// `stiffness`: the unit of the springs' own.
+    Oscillations(const Problem& problem, std::vector<LinearSpring> springs, double stiffness)
+        : springs_(std::move(springs)),
+          held_(problem.tool.particles),
+          tool_stiffness_(problem.tool.stiffness / stiffness),
+          inverse_root_mass_(problem.particle_count()) {
         for (std::size_t i = 0; i < problem.particle_count(); ++i) {
             inverse_root_mass_[Eigen::Index(i)] =
                 problem.is_pinned(i) ? 0 : 1 / std::sqrt(problem.material_of(i).mass);
@@ -108,11 +115,14 @@ public:
             out.col(spring.first) += force;
             out.col(spring.second) -= force;
         }
+        for (const std::uint32_t i : held_) out.col(i) += tool_stiffness_ * inverse_root_mass_[i] * in.col(i);
         out *= inverse_root_mass_.asDiagonal();
     }
 
 private:
     std::vector<LinearSpring> springs_;
+    std::vector<std::uint32_t> held_;  ///< by the tool, with springs of that stiffness
+    double tool_stiffness_;
     Eigen::VectorXd inverse_root_mass_;  ///< 0 where pinned
 };
 
@@ -227,7 +237,7 @@ Frequency true_frequency_squared(const Problem& problem, const std::vector<glm::
     }
     const double bound = frequency_bound_squared(problem);
     if (bound == 0) return {0, {}};
-    Oscillations oscillations(problem, linear_springs(problem, displacement, bound));
+    const Oscillations oscillations(problem, linear_springs(problem, displacement, bound), bound);
     const std::optional<double> largest = largest_eigenvalue(oscillations, fast_start(problem));
     if (!largest) {
         return {{},

@@ -12,7 +12,8 @@ namespace voxspring {
 /// Upper bound on omega^2, the largest eigenvalue of M^-1 K of the unpinned particles at rest:
 /// 2 max_i lambda_max( sum_j k_ij r r^T / m_i ), r the unit direction of the spring between i and j, the sum
 /// a 3x3 matrix over all springs at i. Follows from (r.(u_i - u_j))^2 <= 2 (r.u_i)^2 + 2 (r.u_j)^2. A spring
-/// that is longer at rest than its rest length l < d adds k (1 - l/d) (I - r r^T). 0 if nothing oscillates.
+/// that is longer at rest than its rest length l < d adds k (1 - l/d) (I - r r^T). A tool's spring, whose
+/// other end stays, adds k I to twice the sum. 0 if nothing oscillates.
 double frequency_bound_squared(const Problem& problem);
 
 /// An omega^2, or why it is not known.

@@ -122,6 +122,7 @@ std::vector<StabilityStudy::Search> StabilityStudy::planned_searches(const Scene
     Problem problem = scene.problem;
     problem.gravity = glm::dvec3(0);
     problem.load.clear();
+    problem.tool = {};
     std::vector<Search> searches;
     for (const double damping : dampings)
         searches.push_back(

@@ -31,7 +31,8 @@ double largest_increment(const Scene& scene, int steps) {
     const double acceleration = forced_acceleration(problem);
     const double forced = problem.damping > 0 ? std::min(double(steps), 1 / problem.damping) : steps;
     return springs.longest + longest(scene.state.increment) + 2 * longest(scene.state.displacement) +
-           springs.strain + problem.time_step * problem.time_step * acceleration * forced;
+           4 * longest(scene.tool_motion.displacement) + springs.strain +
+           problem.time_step * problem.time_step * acceleration * forced;
 }
 
 DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {

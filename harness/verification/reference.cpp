@@ -95,6 +95,14 @@ void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(problem.time_step);
     hash.add_numbers(scene.state.displacement);
     hash.add_numbers(scene.state.increment);
+    if (problem.has_tool()) {  // which leaves the seeds of scenes without one as they are
+        hash.add_numbers(problem.tool.particles);
+        hash.add_numbers(problem.tool.held);
+        hash.add_number(problem.tool.stiffness);
+        hash.add_number(scene.tool_motion.every);
+        hash.add_numbers(scene.tool_motion.time);
+        hash.add_numbers(scene.tool_motion.displacement);
+    }
     for (const ScheduledEdit& scheduled : scene.edits) {
         if (scheduled.step >= steps) break;
         hash.add_number(scheduled.step);
@@ -317,6 +325,10 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     Refined result;
     if (!scene.edits.empty()) {
         result.reason = "its springs change on the way, which makes the order in time one";
+        return result;
+    }
+    if (scene.problem.has_tool()) {
+        result.reason = "its tool moves by jerks, which makes the order in time one";
         return result;
     }
     const std::size_t asked = counts.size();

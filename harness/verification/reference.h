@@ -33,7 +33,8 @@ namespace voxspring {
 /// nothing in the step before its start: its velocity is half a step of acceleration, and refined starts have
 /// moved.
 ///
-/// Of no use for a scene with edits: a force that changes from one step to the next makes the order one.
+/// Of no use for a scene with edits or a tool: a force that changes from one step to the next makes the order
+/// one.
 Scene at_time_step(const Scene& scene, double time_step);
 
 /// A span of time as a number of steps of some size.

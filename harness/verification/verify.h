@@ -63,6 +63,8 @@ double forced_acceleration(const Problem& problem);
 /// U; where a dt^2 is the smaller one, motion stalls. `increment` adds to v, which is as small as what is
 /// added.
 ///
+/// A tool's springs are as others, as long as it moves no farther than the longest spring.
+///
 /// The reference has been rounded too, in float64 and at worst in `position`: d is no less than its.
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position);

@@ -1,0 +1,30 @@
+// What a tool holds, as devices read it, and what it does there.
+#pragma once
+
+#include "backends/layout/records/particle.h"
+
+namespace voxspring::cuda {
+
+/// A particle that the tool holds. In GLSL: vec3, uint, vec3.
+template <class Real>
+struct alignas(4 * sizeof(Real)) HeldWord {
+    Vector<Real> anchor;  ///< where the tool took hold of it: a position or a displacement (formulation.h)
+    std::uint32_t word;
+    alignas(4 * sizeof(Real)) Vector<Real> load;  ///< Problem::load
+    bool operator==(const HeldWord&) const = default;
+};
+
+/// The force of the tool on a held particle in the latest step. In GLSL: vec4.
+template <class Real>
+struct alignas(4 * sizeof(Real)) HeldForce {
+    Vector<Real> force;
+};
+
+/// How the tool is at the moment.
+template <class Real>
+struct alignas(16) ToolState {
+    Vector<Real> moved;
+    Real stiffness;
+};
+
+}  // namespace voxspring::cuda

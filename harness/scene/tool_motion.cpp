@@ -1,0 +1,120 @@
+#include "harness/scene/tool_motion.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "harness/base/bad_input.h"
+#include "harness/volume/dataset.h"
+
+namespace voxspring {
+namespace {
+
+constexpr std::string_view header = "time,x,y,z";
+constexpr std::array<std::string_view, 4> columns = {"time", "x", "y", "z"};
+constexpr std::uintmax_t max_file_bytes = std::uintmax_t(64) << 20;
+/// An interval of more than so many times the median is a gap.
+constexpr double max_gap = 10;
+
+/// What stands before `end` in `text`, which is left with what stands behind.
+std::string_view cut(std::string_view& text, char end) {
+    const std::size_t at = text.find(end);
+    const std::string_view before = text.substr(0, at);
+    text.remove_prefix(at == std::string_view::npos ? text.size() : at + 1);
+    return before;
+}
+
+/// A sample of four finite numbers of at most max_quantity.
+std::array<double, 4> parse_sample(std::string_view line, const std::string& file, const std::string& where) {
+    std::array<double, 4> sample{};
+    if (std::count(line.begin(), line.end(), ',') != 3)
+        throw BadInput(file, where, line, "four numbers: " + std::string(header));
+    for (std::size_t c = 0; c < sample.size(); ++c) {
+        const std::string_view field = cut(line, ',');
+        const auto [stop, error] = std::from_chars(field.data(), field.data() + field.size(), sample[c]);
+        const bool is_number = error == std::errc() && stop == field.data() + field.size() && !field.empty();
+        // Of NaN nothing is true.
+        if (!is_number || !(std::abs(sample[c]) <= max_quantity))
+            throw BadInput(file, where + ", " + std::string(columns[c]), field,
+                           "a number from -1e12 to 1e12");
+    }
+    return sample;
+}
+
+/// Intervals between `time`, line 2 of the file being the first.
+void check_gaps(const std::vector<double>& time, const std::string& file) {
+    std::vector<double> interval;
+    for (std::size_t n = 1; n < time.size(); ++n) interval.push_back(time[n] - time[n - 1]);
+    std::vector<double> sorted = interval;
+    const auto middle = sorted.begin() + std::ptrdiff_t(sorted.size() / 2);
+    std::nth_element(sorted.begin(), middle, sorted.end());
+    const auto longest = std::max_element(interval.begin(), interval.end());
+    if (*longest <= max_gap * *middle) return;
+    std::ostringstream value, accepted;
+    value << "a gap of " << *longest;
+    accepted << "samples at most " << max_gap << " times their median interval of " << *middle << " apart";
+    throw BadInput(file, "line " + std::to_string(longest - interval.begin() + 3) + ", time", value.str(),
+                   accepted.str());
+}
+
+}  // namespace
+
+glm::dvec3 ToolMotion::at(double when) const {
+    if (time.empty()) return glm::dvec3(0);
+    const auto next = std::upper_bound(time.begin(), time.end(), when);
+    if (next == time.begin()) return displacement.front();
+    if (next == time.end()) return displacement.back();
+    const auto n = std::size_t(next - time.begin());
+    const double part = (when - time[n - 1]) / (time[n] - time[n - 1]);
+    return displacement[n - 1] + part * (displacement[n] - displacement[n - 1]);
+}
+
+ToolMotion parse_tool_motion(std::string_view text, const std::string& file, double time_scale,
+                             double length_scale) {
+    const auto next_line = [&text] {
+        std::string_view line = cut(text, '\n');
+        if (line.ends_with('\r')) line.remove_suffix(1);
+        return line;
+    };
+    if (const std::string_view first = next_line(); first != header)
+        throw BadInput(file, "line 1", first, header);
+    ToolMotion motion;
+    std::array<double, 4> start{}, before{};
+    for (int line = 2; !text.empty(); ++line) {
+        const std::string where = "line " + std::to_string(line);
+        const std::array<double, 4> sample = parse_sample(next_line(), file, where);
+        if (motion.empty()) start = sample;
+        if (!motion.empty() && !(sample[0] > before[0])) {
+            std::ostringstream value, accepted;
+            value << sample[0];
+            accepted << "a time after " << before[0] << " of the line before";
+            throw BadInput(file, where + ", time", value.str(), accepted.str());
+        }
+        before = sample;
+        motion.time.push_back(time_scale * (sample[0] - start[0]));
+        motion.displacement.push_back(
+            length_scale * glm::dvec3(sample[1] - start[1], sample[2] - start[2], sample[3] - start[3]));
+    }
+    if (motion.time.size() < 2)
+        throw BadInput(file, "", std::to_string(motion.time.size()) + " samples", "two samples at least");
+    check_gaps(motion.time, file);
+    return motion;
+}
+
+ToolMotion read_tool_motion(const std::string& file, double time_scale, double length_scale) {
+    require_regular_file(file, "a file of a tool's motion (CSV)");
+    std::error_code error;
+    if (const auto size = std::filesystem::file_size(file, error); error || size > max_file_bytes)
+        throw BadInput(file, "", std::to_string(size) + " bytes",
+                       "a file of at most " + std::to_string(max_file_bytes) + " bytes");
+    std::ostringstream text;
+    text << std::ifstream(file, std::ios::binary).rdbuf();
+    if (!text) throw BadInput(file, "", "an unreadable or empty file", "a file that can be read");
+    return parse_tool_motion(text.str(), file, time_scale, length_scale);
+}
+
+}  // namespace voxspring
