@@ -37,9 +37,10 @@ IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # What tells the rows of one identity apart, by the list they are in.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
-          "overhead": ("handed_over",), "scaling": ("ranks", "way")}
+          "overhead": ("handed_over",), "scaling": ("ranks", "way"), "haptic": ("hertz", "edited")}
 # What a row's time is called, in units of its own: to an end time, or a step.
-CLOCKS = {"energy": "seconds_per_step", "overhead": "seconds_per_step", "scaling": "seconds_per_step"}
+CLOCKS = {"energy": "seconds_per_step", "overhead": "seconds_per_step", "scaling": "seconds_per_step",
+          "haptic": "median_seconds"}
 # Errors, and the field that says how well float64 knows what they are taken against.
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty"}
 STRESS_ERRORS = ("relative", "spacings")  # units; growth, energies and counts have gates alone

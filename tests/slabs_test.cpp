@@ -109,6 +109,9 @@ TEST(Slabs, RefuseWhatTheyCannotCut) {
     Problem beyond = problems()[0];
     beyond.springs.push_back({0, 7, 1, 2});
     EXPECT_THAT(SlabCuts::refusal(beyond, 2), HasSubstr("springs beyond the lattice"));
+    Problem held = problems()[0];
+    take_hold(held, {.particles = {0, 1}, .held = {}, .stiffness = 1});
+    EXPECT_THAT(SlabCuts::refusal(held, 2), HasSubstr("tool"));
 }
 
 TEST(Slabs, AreNeverEmptyWhereLayersAre) {
