@@ -227,7 +227,8 @@ protected:
         ParticleRecord<Real>* const previous = words_[std::size_t(1 - current())].data();
         Real* const increment = increment_.data();
         const std::size_t pitch = increment_pitch(placement_);
-        kernel.launch_together(stream(), grid, block, 0, step, words, previous, increment, pitch, arguments...);
+        kernel.launch_together(stream(), grid, block, 0, step, words, previous, increment, pitch,
+                               arguments...);
     }
 
     void enqueue_step(int reading) override {
