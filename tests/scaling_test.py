@@ -89,7 +89,7 @@ class Scaling(unittest.TestCase):
         self.study(backends=["part_crashes", "part_hangs", "cpu_reference:formulation=position"], ranks=[2],
                    scenes=[{"scene": "box@6"}])
         begin = time.monotonic()
-        self.run_study(2, "--timeout", "6", code=1)
+        self.run_study(2, "--timeout", "4", code=1)
         self.assertLess(time.monotonic() - begin, 60)
         self.assertEqual([row["way"] for row in self.result()["scaling"]], ["memory", "mpi"])
         reasons = {(row["backend"], row["reason"].partition(":")[0]): row["reason"] for row in self.result()["failed"]}
@@ -97,10 +97,10 @@ class Scaling(unittest.TestCase):
         self.assertRegex(reasons["part_crashes", "as 2 ranks by memory"], "killed by signal 11")
         self.assertRegex(reasons["part_crashes", "as 2 ranks by mpi"], f"rank 1 on {host}: was killed by signal 11")
         for way in ("memory", "mpi"):
-            self.assertRegex(reasons["part_hangs", f"as 2 ranks by {way}"], "rank 0 heard nothing of rank 1 for 1.5 s")
+            self.assertRegex(reasons["part_hangs", f"as 2 ranks by {way}"], "rank 0 heard nothing of rank 1 for 1 s")
 
     def test_a_study_whose_rank_was_killed_is_resumed(self):
-        self.study(backends=["cpu_reference:formulation=position", "slow"], ranks=[1, 2], steps=40, scenes=[{"scene": "box@5"}])
+        self.study(backends=["cpu_reference:formulation=position", "slow"], ranks=[2], steps=20, scenes=[{"scene": "box@5"}])
         with subprocess.Popen(self.command(2), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as study:
             journal = self.folder / "result.json.journal"
             until = time.monotonic() + PATIENCE
@@ -115,7 +115,7 @@ class Scaling(unittest.TestCase):
             self.assertNotEqual(study.returncode, 0)
         self.assert_nothing_runs()
         self.run_study(2, "--resume")
-        self.assertEqual(len(self.result()["scaling"]), 6)
+        self.assertEqual(len(self.result()["scaling"]), 4)
         self.assertEqual(self.result()["context"]["voxspring"]["study"]["sessions"], 2)
 
     def test_ranks_of_another_build_and_other_studies_are_refused(self):
@@ -125,7 +125,7 @@ class Scaling(unittest.TestCase):
         self.assertIn("rank 1 on this host", ran.stderr)
         self.assertIn("same build", ran.stderr)
         self.study(kind="timing", backends=["cpu_reference"], scenes=[{"scene": "box@4"}])
-        self.assertIn("a study of the kind scaling", self.run_study(2, code=2).stderr)
+        self.assertIn("a study of the kind scaling", self.run_study(1, code=2).stderr)
 
     def test_says_why_there_is_no_open_mpi(self):
         (self.folder / "libmpi.so.40").write_text("no library")

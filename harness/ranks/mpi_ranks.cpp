@@ -204,7 +204,7 @@ void Carrier::hear() {
 
 /// One that waits for a neighbour has seen by itself that a rank failed.
 void Carrier::end_worker_that_hangs() {
-    constexpr std::chrono::seconds grace(3);
+    constexpr std::chrono::seconds grace(1);
     if (!mailroom_.has_failed() || !is_own_missing()) return;
     if (!failed_) failed_ = Clock::now();
     if (worker_ && Clock::now() - *failed_ > grace) kill(*worker_, SIGKILL);

@@ -101,7 +101,7 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
 
 /// Waits for all, or where one has failed a little longer for those that can still end.
 void wait_for(Together& all) {
-    constexpr Seconds between_looks(0.05), grace(2);
+    constexpr Seconds between_looks(0.05), grace(1);
     std::unique_lock lock(all.mutex);
     const auto done = [&] { return all.at_work == 0; };
     while (!done() && !all.mailroom.has_failed()) all.changed.wait_for(lock, between_looks, done);
