@@ -242,6 +242,26 @@ class Input(InTemporaryFolder):
             row["step_bytes"] = None
         self.assertNotIn("intensity", drawn(result))
 
+    def test_a_scaling_study_has_its_figure(self):
+        def row(family, ranks, way, efficiency):
+            return {"name": f"{family}/cpu_parallel/position/float32/threads=1", "scene": family, "backend": "cpu_parallel",
+                    "formulation": "position", "precision": "float32", "tuning": "threads=1", "family": family,
+                    "scaling": "strong", "ranks": ranks, "way": way, "particles": 4096, "seconds_per_step": 1e-5 / ranks / efficiency,
+                    "compute_seconds": 1e-5 / ranks, "exchange_seconds": 1e-7, "waiting_seconds": 0.0, "efficiency": efficiency,
+                    "predicted_seconds": 1e-5 / ranks}
+
+        result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
+        result["scaling"] = [row("box@16", 1, "none", 1.0), row("box@16", 2, "memory", 0.9), row("box@16", 2, "mpi", 0.625),
+                             row("heart", 1, "none", 1.0), {**row("heart", 4, "mpi", 0.5), "efficiency": None}]
+        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
+        figure, = json.loads(page.replace("<\\/", "</"))["figures"]
+        self.assertEqual(figure["name"], "scaling")
+        self.assertEqual([panel["match"]["compared"] for panel in figure["panels"]], ["box@16", "heart"])
+        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        self.assertEqual([row["predicted"] for row in rows], [1, 1, 1, 1])
+        self.assertIn("2 ranks have 62\N{NO-BREAK SPACE}% to 90\N{NO-BREAK SPACE}% of the efficiency of one", self.out.read_text())
+
     def test_nothing_in_the_page_can_end_its_data_early(self):
         result = h200("table1")
         for row in result["benchmarks"]:

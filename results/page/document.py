@@ -238,7 +238,7 @@ def answer(charts, results, rows, runs, drawn, pictures):
 
 
 def filters(charts, results):
-    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress")
+    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling")
     scenes = sorted({row["scene"] for result in results for name in lists for row in result.lists[name]},
                     key=reading.natural)
     options = "".join(f'<option value="{escape(scene)}">{escape(scene)}</option>' for scene in scenes)

@@ -621,6 +621,45 @@ def edits(charts, results, rows):
                   files)
 
 
+RANKS = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("scene", "scene", None),
+         ("contender", "strategy", None), ("ranks", "ranks", 4), ("way", "way", None), ("microseconds", "time a step (µs)", 4),
+         ("compute", "compute (µs)", 4), ("exchange", "exchange (µs)", 4), ("waiting", "waiting (µs)", 4),
+         ("efficiency", "efficiency", 3), ("predicted", "efficiency predicted", 3), ("noisy", "not to be trusted", None)]
+
+
+WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square"}
+
+
+def scaling(charts, results):
+    rows = reading.latest(reading.scaling(results), "machine", "compared", "contender", "ranks", "way")
+    several = [row for row in rows if row["ranks"] > 1]
+    if not several:
+        return None
+    findings, panels = [], []
+    for (machine,), group in groups(several, "machine").items():
+        told = [row for row in group if not row["noisy"]] or group
+        most = max(row["ranks"] for row in told)
+        reached = [row["efficiency"] for row in told if row["ranks"] == most]
+        findings.append((machine, f"{most} ranks have {between(reached, percent)} of the efficiency of one"))
+    for (machine, compared), group in groups(rows, "machine", "compared").items():
+        ranks = sorted(distinct(group, "ranks"))
+        lines = source().encode(
+            x=alt.X("ranks:Q", title="ranks", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
+            color=charts.colour(), detail=["contender:N", "way:N"])
+        y = alt.Y("efficiency:Q", title="efficiency", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0))
+        predicted = lines.transform_filter("datum.ranks > 1").mark_line(strokeWidth=1.1, strokeDash=[2, 3]).encode(y="predicted:Q")
+        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), lines.mark_point(filled=True, size=45).encode(
+            y=y, shape=charts.shape("way", WAYS), tooltip=charts.tooltip(RANKS)))
+        alternative = (f"Lines for {compared} on {machine}: efficiency against one rank over {len(ranks)} numbers of ranks, and "
+                       "dotted what the model predicts.")
+        panels.append(charts.panel(f"{compared}, {group[0]['scaling']} scaling, {machine}",
+                                   {"machine": machine, "compared": compared}, chart, alternative, 300))
+    return Figure("scaling", by_machine(findings), "Particles that a rank steps in a second, as a fraction of what one rank by "
+                  "itself steps: of one size (strong scaling), or of one that grows with the ranks (weak). Borders travel "
+                  "through the memory of one process (triangles) or by MPI (squares). Dotted: what a model predicts from the "
+                  "latency and bandwidth of the exchange.", RANKS, rows, panels, used(results, having="scaling"))
+
+
 HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
            ("backend", "backend", None), ("contender", "strategy", None), ("commit", "commit", None),
            ("day", "date", None), *TIME, ("rounding", "rounding error", 3), ("verdict", "first to last run", None),
@@ -765,10 +804,10 @@ def latest_runs(results):
 def all_figures(results):
     """The colours of the page, and the figures that these results have something for in its order."""
     rows, runs = reading.measured(results), latest_runs(results)
-    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "failed")
+    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling", "failed")
     charts = Charts({row["backend"] for result in results for name in lists for row in result.lists[name]})
     figures = [datasets(charts, results, rows), figure7(charts, results, rows), figure8(charts, results, rows),
                front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows), intensity(charts, results, rows),
                stability_map(charts, results), stability(charts, results), edits(charts, results, rows),
-               history(charts, results, rows), stress(charts, results)]
+               scaling(charts, results), history(charts, results, rows), stress(charts, results)]
     return charts, [figure for figure in figures if figure]

@@ -32,6 +32,9 @@ REQUIRED = {
                       "amplitude": float, "steps": int},
     "stress": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "measurement": str,
                "steps": int, "gate_is": str, "passed": bool},
+    "scaling": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "family": str, "scaling": str,
+                "ranks": int, "way": str, "particles": int, "seconds_per_step": Positive, "compute_seconds": float,
+                "exchange_seconds": float, "waiting_seconds": float},
     "failed": {"name": str, "scene": str, "backend": str, "reason": str},
     "skipped": {"name": str, "scene": str, "backend": str, "reason": str},
 }
@@ -39,7 +42,7 @@ REQUIRED = {
 OPTIONAL = {
     **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
                      "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
-                     "measured", "particles", "step_bytes", "step_footprint_bytes", "step_operations"), float),
+                     "measured", "particles", "step_bytes", "efficiency", "predicted_seconds", "step_footprint_bytes", "step_operations"), float),
     **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str),
 }
 WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
@@ -304,6 +307,18 @@ def pareto(results):
              "rounding": row.get("error_relative_l2"), "front": row["on_front"]}
             for result in results for row in result.lists["pareto"]
             if row.get("seconds") and row.get("total_error_relative_l2")]
+
+
+def scaling(results):
+    """A row a number of ranks and way that has an efficiency; what the model predicts is an efficiency as well."""
+    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
+             "contender": contender(row), "compared": row["family"], "scaling": row["scaling"], "ranks": row["ranks"],
+             "way": row["way"], "particles": row["particles"], "microseconds": row["seconds_per_step"] * 1e6,
+             **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
+             "efficiency": row["efficiency"],
+             "predicted": row["efficiency"] * row["seconds_per_step"] / row["predicted_seconds"],
+             "noisy": "; ".join(row.get("noisy", []))}
+            for result in results for row in result.lists["scaling"] if row.get("efficiency") and row.get("predicted_seconds")]
 
 
 def natural(text):
