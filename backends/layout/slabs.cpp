@@ -59,6 +59,7 @@ public:
         problem.gravity = whole.gravity;
         problem.damping = whole.damping;
         problem.time_step = whole.time_step;
+        problem.tool.stiffness = whole.tool.stiffness;
         problem.lattice.spacing = whole.lattice.spacing;
         problem.lattice.dims = whole.lattice.dims;
         problem.lattice.dims[axis] = std::min(whole.lattice.dims[axis], end + 1) - begin_;
@@ -102,6 +103,16 @@ private:
         problem.pinned.push_back(!own || whole_.is_pinned(i) ? 1 : 0);
         if (whole_.has_materials()) problem.material.push_back(whole_.material[i]);
         if (!whole_.load.empty()) problem.load.push_back(whole_.load[i]);
+        if (own) take_hold_of(i, here);
+    }
+
+    /// Each particle that the tool holds is held where it is stepped.
+    void take_hold_of(std::uint32_t i, std::uint32_t here) {
+        const auto held = index_in(whole_.tool.particles, i);
+        if (!held) return;
+        Tool& tool = slab_.problem.tool;
+        tool.particles.push_back(here);
+        if (!whole_.tool.held.empty()) tool.held.push_back(whole_.tool.held[*held]);
     }
 
     const Problem& whole_;
@@ -174,7 +185,6 @@ SpringEdit Slab::part_of(const SpringEdit& edit) const {
 
 std::string SlabCuts::refusal(const Problem& problem, int slabs) {
     if (problem.lattice.voxel_count() == 0) return "slabs are of a lattice, and the particles lie on none";
-    if (problem.has_tool()) return "a slab has no tool, which may hold particles of several";
     if (!problem.springs.empty())
         return "a slab has ghosts of one layer of voxels, and springs beyond the lattice reach farther";
     const std::vector<std::size_t> layers =

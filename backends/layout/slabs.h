@@ -4,6 +4,7 @@
 // A slab is a problem of its own: the particles that it steps, and as ghosts those of one layer of voxels on
 // either side, since no spring of the lattice reaches farther. Ghosts are pinned, for their motion comes from
 // the slab that steps them: whoever runs a slab writes their places after every step (Backend::border()).
+// A tool holds in each slab those of its particles that are stepped there.
 // Particles keep their order and their rest positions, so that a backend which sums forces in the order of
 // neighbours.h gives the bits that it gives for the whole.
 #pragma once

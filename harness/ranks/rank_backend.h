@@ -32,6 +32,10 @@ public:
     std::string unsupported(const Problem& problem) const override;
     void upload(const Problem& problem, const State& state) override;
     void edit(const Problem& edited, const SpringEdit& edit) override { inner_.edit(edited, edit); }
+    bool has_tool() const override { return inner_.has_tool(); }
+    void move_tool(const glm::dvec3& displacement) override { inner_.move_tool(displacement); }
+    /// Of what the tool holds of this slab.
+    glm::dvec3 tool_force() override { return inner_.tool_force(); }
     void step(int count) override;
     void monitor(const DivergenceMonitor& monitor) override { inner_.monitor(monitor); }
     std::optional<Divergence> divergence() override { return inner_.divergence(); }

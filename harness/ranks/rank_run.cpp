@@ -30,6 +30,7 @@ Scene part_of(const Scene& scene, const Slab& slab) {
                .problem = slab.problem,
                .state = slab.part_of(scene.state),
                .edits = {},
+               .tool_motion = slab.problem.has_tool() ? scene.tool_motion : ToolMotion{},
                .stable_time_step = scene.stable_time_step};
     for (const ScheduledEdit& scheduled : scene.edits) {
         SpringEdit edit = slab.part_of(scheduled.edit);
