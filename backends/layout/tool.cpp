@@ -26,11 +26,9 @@ glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>& forces) {
     return sum;
 }
 
-#define FOR_PRECISION(Real)                                                                        \
-    template std::vector<HeldWord<Real>> pack_held(const Problem&, const Placement&, Formulation); \
-    template glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>&);
-FOR_PRECISION(float)
-FOR_PRECISION(double)
-#undef FOR_PRECISION
+template std::vector<HeldWord<float>> pack_held(const Problem&, const Placement&, Formulation);
+template std::vector<HeldWord<double>> pack_held(const Problem&, const Placement&, Formulation);
+template glm::dvec3 force_on_tool(const std::vector<HeldForce<float>>&);
+template glm::dvec3 force_on_tool(const std::vector<HeldForce<double>>&);
 
 }  // namespace voxspring::cuda
