@@ -201,12 +201,14 @@ private:
         void write(const std::byte* from) override {
             for (T* const array : arrays()) {
                 for (const Place& place : places_) {
-                    // A tile may rest until a bit beside it changes.
-                    if (std::memcmp(array + place.element, from, sizeof(T)) != 0) {
-                        std::memcpy(array + place.element, from, sizeof(T));
-                        of_.tiles_->mark_active(place.tile, of_.step_);
-                    }
+                    T value{};
+                    std::memcpy(&value, from, sizeof(T));
                     from += sizeof(T);
+                    // A tile may rest until a bit beside it changes.
+                    T& here = array[place.element];
+                    if (std::bit_cast<MaskOf<T>>(here) == std::bit_cast<MaskOf<T>>(value)) continue;
+                    here = value;
+                    of_.tiles_->mark_active(place.tile, of_.step_);
                 }
             }
         }
