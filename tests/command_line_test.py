@@ -517,6 +517,44 @@ class Study(InTemporaryFolder):
         self.assert_refused(voxspring("study", "smoke", "--out", "/proc/smoke.json"), "/proc/smoke.json")
 
 
+class Haptic(InTemporaryFolder):
+    SCENE = {"dataset": {"type": "box", "dims": [4, 4, 4]}, "pinned": {"side": "x-"},
+             "tool": {"side": "x+", "stiffness": 0.5, "motion": "hand.csv"}}
+
+    def write(self, motion):
+        (self.folder / "hand.csv").write_text(motion)
+        (self.folder / "held.json").write_text(json.dumps(self.SCENE))
+        study = {"kind": "haptic", "rates": [500], "motion_seconds": 0.1, "steps": 20, "backends": ["cpu_parallel"],
+                 "scenes": [{"scene": "held.json"}]}
+        (self.folder / "study.json").write_text(json.dumps(study))
+        return self.folder / "study.json"
+
+    def test_result_follows_its_schema_and_is_compared(self):
+        study, out = self.write("time,x,y,z\n0,0,0,0\n1,0.2,0,0\n"), self.folder / "result.json"
+        ran = voxspring("study", study, "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        self.assertIn("SCHED_FIFO", ran.stdout)
+        result = json.loads(out.read_text())
+        with open("results/schema.json") as file:
+            schema = jsonschema.Draft202012Validator(json.load(file))
+        schema.validate(result)
+        self.assertEqual([row["edited"] for row in result["haptic"]], [False, True])
+        row = result["haptic"][0]
+        for change in ({"hertz": 0}, {"ticks": 0}, {"missed": -1}, {"real_time": None}):
+            self.assertFalse(schema.is_valid(result | {"haptic": [row | change]}), change)
+        compared = json.loads(subprocess.run([sys.executable, "results/diff.py", out, out, "--json", "--all"],
+                                             capture_output=True, text=True, check=True).stdout)
+        self.assertEqual([row["place"] for row in compared["rows"]],
+                         [{"hertz": 500.0, "edited": False}, {"hertz": 500.0, "edited": True}])
+
+    def test_what_cannot_be_played_is_refused(self):
+        self.assert_refused(voxspring("study", "haptic", "--scene", "box@4"), "box@4", "no tool")
+        for motion, said in (("time,x,y,z\n0,0,0,0\n0,0,0,0\n", "line 3, time"),
+                             ("time,x,y,z\n0,0,0,0\n1,nan,0,0\n", "line 3, x: nan"),
+                             ("time,x,y,z\n0,0,0,0\n1,0,0,0\n2,0,0,0\n99,0,0,0\n", "line 5, time: a gap of 97")):
+            self.assert_refused(voxspring("study", self.write(motion)), "hand.csv", said)
+
+
 class Pareto(InTemporaryFolder):
     SCENES = ("box@6", "beam@3x3x7")
 
