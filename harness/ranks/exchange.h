@@ -43,6 +43,8 @@ public:
     virtual void set_patience(std::chrono::duration<double> patience) = 0;
 };
 
+/// Sends each neighbour an empty message, and waits for theirs.
+void greet(Exchange& exchange);
 /// Returns once every rank is here.
 void meet(Exchange& exchange);
 

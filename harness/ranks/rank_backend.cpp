@@ -29,11 +29,11 @@ void RankBackend::step(int count) {
         inner_.step(1);
         inner_.synchronize();
         seconds_.compute += seconds_from(begin, Clock::now());
-        hand_on();
+        exchange_borders();
     }
 }
 
-void RankBackend::hand_on() {
+void RankBackend::exchange_borders() {
     const auto begin = Clock::now();
     for (const Link& link : links_) {
         link.sent->read(exchange_.outbox(link.rank, link.sent->bytes()));

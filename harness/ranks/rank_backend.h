@@ -44,6 +44,8 @@ public:
     DeviceLimits measure_limits() override { return inner_.measure_limits(); }
     StepWork step_work(const Problem& problem) const override { return inner_.step_work(problem); }
 
+    /// What follows every step: borders go to the neighbours, and theirs to the ghosts.
+    void exchange_borders();
     /// Since the latest call of this.
     RankSeconds take_seconds() { return std::exchange(seconds_, {}); }
     /// Of the largest message of a step.
@@ -57,7 +59,6 @@ private:
         std::unique_ptr<Border> sent, received;
     };
 
-    void hand_on();
     void mark(Mark which) override { (which == Mark::begin ? begin_ : end_) = Clock::now(); }
     double seconds_between_marks() const override {
         return std::chrono::duration<double>(end_ - begin_).count();

@@ -33,7 +33,8 @@ struct RankReport {
     std::size_t own = 0, ghosts = 0;  ///< particles
     std::size_t border_bytes = 0;     ///< of its largest message in a step
     /// Of an exchange in which each rank sends to and hears from each neighbour: without anything in the
-    /// messages, and what each byte of a message adds. Zero for a rank by itself.
+    /// messages, and what each byte of the largest border adds, with reading and writing it. Zero for a rank
+    /// by itself.
     double latency = 0, seconds_per_byte = 0;
 };
 nlohmann::json to_json(const RankReport& report);
