@@ -278,8 +278,7 @@ Problem held_by_a_tool(Problem problem, const State& start) {
 
 bool may_refuse_a_tool(const BackendSpec& spec) {
     const std::string& backend = spec.entry->name;
-    return backend.starts_with("gl_fragment") || backend == "cuda_bricks" || backend == "cuda_march" ||
-           backend == "cuda_resident";
+    return backend == "cuda_bricks" || backend == "cuda_march" || backend == "cuda_resident";
 }
 
 /// Backends at their default tuning: a shader of its own for each scene takes long to compile.

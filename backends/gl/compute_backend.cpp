@@ -8,13 +8,11 @@
 
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
-#include "backends/layout/tool.h"
 
 namespace voxspring::gl {
 namespace {
 
-using glsl::held_forces, glsl::held_words, glsl::increments, glsl::increments_low, glsl::inverse_masses,
-    glsl::loads, glsl::words, glsl::words_low;
+using glsl::increments, glsl::increments_low, glsl::inverse_masses, glsl::loads, glsl::words, glsl::words_low;
 
 }  // namespace
 
@@ -84,7 +82,7 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
     load_.upload(context(), operands.loads);
     inverse_mass_.upload(context(), operands.inverse_masses);
     make_program(problem);
-    make_tool(problem);
+    tool().make(context(), problem, placement, formulation(), {});
     stand_at_start();
     bind();
     hold(bytes_needed(problem));
@@ -110,41 +108,6 @@ void ComputeBackend::restore_start() {
     for (std::size_t n = 0; n < buffers.size(); ++n) buffers[n]->copy(context(), start_[n]);
     glMemoryBarrier(barrier_);
     current_ = 0;
-    if (problem_->has_tool()) move_tool(glm::dvec3(0));
-}
-
-void ComputeBackend::make_tool(const Problem& problem) {
-    const auto held = cuda::pack_held<float>(problem, layout_.placement, formulation());
-    held_.upload(context(), held);
-    held_forces_.upload(context(), std::vector<cuda::HeldForce<float>>(held.size()));
-    if (held.empty()) return;
-    if (tool_program_.get() == 0)
-        tool_program_ =
-            Program(context(), load_source("tool.comp", glsl::formulation_defines(formulation())));
-    tool_program_.set("count", int(held.size()));
-    tool_program_.set("stiffness", float(problem.tool.stiffness));
-    tool_program_.set("moved", glm::vec3(0));
-}
-
-void ComputeBackend::move_tool(const glm::dvec3& displacement) {
-    context().make_current();
-    tool_program_.set("moved", glm::vec3(displacement));
-}
-
-glm::dvec3 ComputeBackend::tool_force() {
-    if (steps() == 0) return glm::dvec3(0);
-    context().make_current();
-    std::vector<cuda::HeldForce<float>> forces(held_forces_.bytes() / sizeof(cuda::HeldForce<float>));
-    held_forces_.download(forces);
-    context().check("reading the tool's force");
-    return cuda::force_on_tool(forces);
-}
-
-void ComputeBackend::enqueue_tool() const {
-    glUseProgram(tool_program_.get());
-    glDispatchCompute(glsl::striding_groups(problem_->tool.particles.size()), 1, 1);
-    glMemoryBarrier(barrier_);
-    glUseProgram(program_->get());
 }
 
 void ComputeBackend::make_program(const Problem& problem) {
@@ -173,8 +136,6 @@ void ComputeBackend::bind() const {
     increment_low_.bind(increments_low);
     load_.bind(loads);
     inverse_mass_.bind(inverse_masses);
-    held_.bind(held_words);
-    held_forces_.bind(held_forces);
     bind_own();
 }
 
@@ -193,7 +154,11 @@ void ComputeBackend::bind_words() const {
 
 void ComputeBackend::enqueue_step() {
     bind_words();
-    if (problem_->has_tool()) enqueue_tool();
+    if (tool().has_tool()) {
+        tool().dispatch();
+        glMemoryBarrier(barrier_);
+        glUseProgram(program_->get());
+    }
     glDispatchCompute(GLuint(layout_.groups.x), GLuint(layout_.groups.y), GLuint(layout_.groups.z));
     glMemoryBarrier(barrier_);
     current_ = 1 - current_;

@@ -21,9 +21,6 @@ public:
     Capabilities capabilities() const final;
     void upload(const Problem& problem, const State& state) final;
     bool keep_start() final;
-    bool has_tool() const final { return true; }
-    void move_tool(const glm::dvec3& displacement) final;
-    glm::dvec3 tool_force() final;
     State download() final;
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
@@ -78,9 +75,6 @@ private:
     void enqueue_divergence_check() final;
 
     void make_program(const Problem& problem);
-    void make_tool(const Problem& problem);
-    /// Enqueues what the tool does before a step.
-    void enqueue_tool() const;
     /// What stays bound from step to step.
     void bind() const;
     void bind_words() const;
@@ -98,8 +92,6 @@ private:
     double compile_seconds_ = 0;
     Program bits_program_;
     StorageBuffer edited_;
-    Program tool_program_;  // made with the first upload that has a tool
-    StorageBuffer held_, held_forces_;
 
     const Problem* problem_ = nullptr;
     Layout layout_;

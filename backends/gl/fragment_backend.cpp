@@ -78,12 +78,21 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     make_particle_textures(problem, layout);
     make_program(problem);
     texel_ = std::move(layout.texel);
+    make_tool(problem);
     stand_at_start();
 
     glViewport(0, 0, size_.x, size_.y);
     hold(bytes_needed(problem));
     glFinish();
     context().check("uploading");
+}
+
+void FragmentBackend::make_tool(const Problem& problem) {
+    // Of the particles that are held, in the places of others nothing.
+    std::vector<std::uint32_t> texels(problem.has_tool() ? problem.particle_count() : 0);
+    for (const std::uint32_t held : problem.tool.particles) texels[held] = texel_of(held);
+    tool().make(context(), problem, {.words = texels.size(), .voxel = &texels}, formulation(),
+                {{"TEXELS", ""}});
 }
 
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
@@ -235,9 +244,19 @@ void FragmentBackend::write(const TexelEdit& edit) {
 
 void FragmentBackend::enqueue_step() {
     bind_state();
+    if (tool().has_tool()) enqueue_tool();
     current_ = (current_ + 1) % frames_.size();
     glBindFramebuffer(GL_FRAMEBUFFER, frame(0).framebuffer.get());
     glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+void FragmentBackend::enqueue_tool() const {
+    glBindImageTexture(0, load_.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
+    // As in write(): image stores may overtake the fetches of the step before.
+    glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
+    tool().dispatch();
+    glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_STORAGE_BARRIER_BIT);
+    glUseProgram(program_.get());
 }
 
 void FragmentBackend::bind_state() const {

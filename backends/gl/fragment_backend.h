@@ -91,6 +91,8 @@ protected:
 
 private:
     void enqueue_step() final;
+    void enqueue_tool() const;
+    void make_tool(const Problem& problem);
     void restore_start() final;
     void enqueue_divergence_check() final;
 

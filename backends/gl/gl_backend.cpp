@@ -43,6 +43,7 @@ bool GlBackend::has_room_for(std::uint64_t bytes) const {
 
 void GlBackend::stand_at_start() {
     steps_ = 0;
+    if (tool_.has_tool()) tool_.move(glm::dvec3(0));
     monitor_ = next_monitor_;
     if (monitor_.every == 0) return;
     if (monitor_program_.get() == 0) {
@@ -54,6 +55,19 @@ void GlBackend::stand_at_start() {
     }
     monitor_program_.set("inverse_largest", float(1 / monitor_.largest_increment));
     glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
+}
+
+void GlBackend::move_tool(const glm::dvec3& displacement) {
+    context_.make_current();
+    tool_.move(displacement);
+}
+
+glm::dvec3 GlBackend::tool_force() {
+    if (steps_ == 0) return glm::dvec3(0);
+    context_.make_current();
+    const glm::dvec3 force = tool_.force();
+    context_.check("reading the tool's force");
+    return force;
 }
 
 void GlBackend::step(int count) {

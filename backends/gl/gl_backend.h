@@ -11,6 +11,7 @@
 #include "backends/gl/program.h"
 #include "backends/gl/step_queue.h"
 #include "backends/gl/storage_buffer.h"
+#include "backends/gl/tool_pass.h"
 #include "backends/registry.h"
 
 namespace voxspring::gl {
@@ -20,6 +21,9 @@ public:
     std::string unsupported(const Problem& problem) const final;
     void rewind() final;
     void step(int count) final;
+    bool has_tool() const final { return true; }
+    void move_tool(const glm::dvec3& displacement) final;
+    glm::dvec3 tool_force() final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
     void synchronize() final;
@@ -33,8 +37,9 @@ protected:
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return all_terms_; }
 
-    /// Since upload() or rewind().
-    std::int64_t steps() const { return steps_; }
+    /// The tool's, which upload() makes and a step dispatches first.
+    ToolPass& tool() { return tool_; }
+    const ToolPass& tool() const { return tool_; }
 
     /// Stands at step 0, checked from here on as monitor() last said.
     void stand_at_start();
@@ -76,7 +81,8 @@ private:
     std::uint64_t held_bytes_ = 0;
     Query begin_, end_;
     Program measure_program_;
-    Program monitor_program_;         // made with the first upload that is monitored
+    Program monitor_program_;  // made with the first upload that is monitored
+    ToolPass tool_;
     Buffer found_;                    // shaders/divergence_check.comp's
     std::int64_t steps_ = 0;          // since upload()
     DivergenceMonitor monitor_;       // of this run
