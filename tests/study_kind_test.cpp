@@ -202,6 +202,17 @@ TEST_F(StudyKinds, ScalingComparesRanksWithOne) {
     EXPECT_EQ(result.at("scaling")[1].at("largest_slab"), 5 * 64);
 }
 
+TEST_F(StudyKinds, ScalingLetsTilesFallAsleepOtherwiseInSlabs) {
+    const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 100,
+        "ranks": [1, 2], "backends": ["cpu_parallel:formulation=increment,sleep=1e-3"],
+        "scenes": [{"scene": "poke@12"}]})");
+    StudyOptions options;
+    options.ranks = 2;
+    const nlohmann::json result = run_study(load_study(file), options);
+    ASSERT_EQ(result.at("scaling").size(), 2u) << result.at("failed");
+    EXPECT_EQ(result.at("scaling")[1].at("same_bits"), false);
+}
+
 TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
     const auto load = [&](const std::string& keys) {
         const std::string file = write(
