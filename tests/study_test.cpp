@@ -416,6 +416,20 @@ TEST(Study, AStarStandsForEachValueThatTheBackendHas) {
     EXPECT_EQ(measured.size(), entry.formulations.size() * entry.precisions.size());
 }
 
+TEST(Study, MeasuresInGroupsWhereThereAreManyBackends) {
+    const std::string every = "cpu_parallel:formulation=*";
+    const std::size_t backends = registry().at("cpu_parallel").formulations.size();
+    StudyOptions options;
+    options.together = 2;  // of five: two, then three in two groups
+    const nlohmann::json result = run_study(study_of({every}), options);
+    EXPECT_EQ(result.at("verification").size(), backends);
+    std::set<int> families;
+    for (const auto& row : result.at("benchmarks")) families.insert(row.at("family_index").get<int>());
+    EXPECT_EQ(families.size(), backends);
+    EXPECT_EQ(*families.rbegin(), int(backends) - 1);
+    EXPECT_TRUE(result.at("failed").empty());
+}
+
 TEST(Study, TakesAProblemThatIsAtHand) {
     Problem chain;
     for (int i = 0; i < 5; ++i) chain.rest_position.emplace_back(i, 0, 0);

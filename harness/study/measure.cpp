@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <random>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -293,6 +295,17 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     for (const Row& one : google_benchmark_rows(row, repetitions, number)) bench.add("benchmarks", one);
 }
 
+/// `specs` in as few groups of at most `most` as it takes, whose sizes differ by one at most.
+std::vector<std::span<const BackendSpec>> groups_of(const std::vector<BackendSpec>& specs, int most) {
+    const std::size_t count = (specs.size() + std::size_t(most) - 1) / std::size_t(most);
+    std::vector<std::span<const BackendSpec>> groups;
+    for (std::size_t n = 0; n < count; ++n) {
+        const std::size_t begin = specs.size() * n / count, end = specs.size() * (n + 1) / count;
+        groups.push_back(std::span(specs).subspan(begin, end - begin));
+    }
+    return groups;
+}
+
 /// Has every case make its repetitions, interleaved in random order, so that what changes on the machine with
 /// time changes all of them alike.
 void repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
@@ -325,11 +338,7 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
     const int steps = steps_in_all(batch);
     References& references = bench.references();
     ReferenceSolution solution{last, steps, references.after(scene, steps), {}, scene.state};
-    for (const BackendSpec& spec : specs) {
-        const RoundingModel model = rounding_model_of(spec);
-        if (spread_of(solution, model) != nullptr) continue;
-        solution.spreads.emplace_back(model, references.spread(scene, steps, solution.same_step, model));
-    }
+    add_spreads(bench, specs, solution);
     solution.conserved = conserved(last, solution.same_step);
     if (batch.total_error) {
         solution.refined = references.refined(scene, {scene.problem.time_step, steps}, {steps});
@@ -337,6 +346,15 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
         solution.refined.reason = "the study does not ask for it";
     }
     return solution;
+}
+
+void add_spreads(StudyBench& bench, const std::vector<BackendSpec>& specs, ReferenceSolution& solution) {
+    for (const BackendSpec& spec : specs) {
+        const RoundingModel model = rounding_model_of(spec);
+        if (spread_of(solution, model) != nullptr) continue;
+        solution.spreads.emplace_back(
+            model, bench.references().spread(bench.scene(), solution.steps, solution.same_step, model));
+    }
 }
 
 void check_batch(const Study& study, const Scene& scene, const Batch& batch) {
@@ -354,35 +372,42 @@ void check_batch(const Study& study, const Scene& scene, const Batch& batch) {
 void measure(StudyBench& bench, const Batch& batch) {
     const Scene& scene = bench.scene();
     SharedState state(scene.problem.particle_count());
-    std::vector<Case> entered = bench.enter_all(timing_program(batch, state), true);
-    if (entered.empty()) return;
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = problem_after(scene, steps_in_all(batch));
-    std::vector<BackendSpec> specs;
-    for (const Case& one : entered) specs.push_back(one.spec());
-    const ReferenceSolution solution = solution_of(bench, edited ? *edited : scene.problem, batch, specs);
+    std::optional<ReferenceSolution> solution;
     State left;
-    const MeasurementContext context{scene,
-                                     batch,
-                                     solution,
-                                     state,
-                                     left,
-                                     count_springs(scene.problem).total(),
-                                     SceneRunner(scene).edits_within(batch.steps),
-                                     bench.card(),
-                                     entered};
-    std::vector<TimedCase> cases;
-    cases.reserve(entered.size());
-    for (Case& one : entered) cases.emplace_back(one, context);
-    repeat_interleaved(bench, cases);
-    for (TimedCase& one : cases) {
-        if (!interrupted()) one.measure_edits();
-    }
-    for (Case& one : entered) one.dismiss();
     int number = 0;
-    for (TimedCase& one : cases) {
-        if (one.finished()) one.add_rows(bench, number);
-        ++number;
+    for (const std::span<const BackendSpec> group : groups_of(bench.specs(), bench.options().together)) {
+        std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state), true);
+        if (entered.empty()) continue;
+        std::vector<BackendSpec> specs;
+        for (const Case& one : entered) specs.push_back(one.spec());
+        if (!solution) {
+            solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, specs));
+        } else {
+            add_spreads(bench, specs, *solution);
+        }
+        const MeasurementContext context{scene,
+                                         batch,
+                                         *solution,
+                                         state,
+                                         left,
+                                         count_springs(scene.problem).total(),
+                                         SceneRunner(scene).edits_within(batch.steps),
+                                         bench.card(),
+                                         entered};
+        std::vector<TimedCase> cases;
+        cases.reserve(entered.size());
+        for (Case& one : entered) cases.emplace_back(one, context);
+        repeat_interleaved(bench, cases);
+        for (TimedCase& one : cases) {
+            if (!interrupted()) one.measure_edits();
+        }
+        for (Case& one : entered) one.dismiss();
+        for (TimedCase& one : cases) {
+            if (one.finished()) one.add_rows(bench, number);
+            ++number;
+        }
     }
 }
 

@@ -17,11 +17,15 @@ constexpr int max_steps_in_all = 1000000000;
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
                               const std::vector<BackendSpec>& specs);
 
+/// The same for more backends, of which some may round in other ways.
+void add_spreads(StudyBench& bench, const std::vector<BackendSpec>& specs, ReferenceSolution& solution);
+
 /// Runs every backend of the bench `repetitions` times for `steps` steps, from the same state each time,
 /// interleaved in random order after one warm-up batch each, and compares the state that its last timed batch
 /// left with float64 (errors.h). A DeviceError fails that case only, and so does the end of its process, or a
-/// run that diverges. What the journal has is not run again. The rows say what speaks against trusting their
-/// times (noise.h). Once interrupted, cases that are not finished are left out.
+/// run that diverges. What the journal has is not run again. Where there are more than
+/// StudyOptions::together, one group follows another, and interleaving is within each. The rows say what
+/// speaks against trusting their times (noise.h). Once interrupted, cases that are not finished are left out.
 ///
 /// Lists: `benchmarks`, Google Benchmark's rows of the cases that passed; `verification`, one row a case that
 /// reached the last step; `failed`, cases that failed, each with a `reason`.

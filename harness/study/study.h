@@ -65,6 +65,9 @@ struct StudyOptions {
     std::optional<int> ranks;
     /// Of a scaling study: the processes that mpirun started, of which this one is rank 0. Null: it did not.
     MpiRanks* mpi = nullptr;
+    /// So many processes measure in turns at most; each makes starting the next take longer, where all have a
+    /// context on a GPU.
+    int together = 32;
     /// The first SIGINT or SIGTERM ends the process, where nobody wants what is finished.
     bool stops_at_once = false;
     std::optional<std::filesystem::path> out;

@@ -89,13 +89,14 @@ std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram
     return entered;
 }
 
-std::vector<Case> StudyBench::enter_all(const CaseProgram& program, bool limits) {
+std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
+                                        bool limits) {
     std::vector<Case> cases;
-    for (const BackendSpec& spec : specs_) {
+    for (const BackendSpec& spec : specs) {
         show(spec.label(), 0, 1);
         if (auto entered = enter(spec, program, limits)) cases.push_back(*std::move(entered));
     }
-    if (!specs_.empty()) progress_.narrow(double(cases.size()) / double(specs_.size()));
+    if (!specs.empty()) progress_.narrow(double(cases.size()) / double(specs.size()));
     return cases;
 }
 

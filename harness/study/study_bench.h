@@ -6,6 +6,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -46,8 +47,9 @@ public:
     /// The case of a backend, ready to be asked; nothing where it cannot run the scene, which the result then
     /// says. With `limits` what its device can do at best is measured as well, once a device.
     std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, bool limits = false);
-    /// All that can run the scene.
-    std::vector<Case> enter_all(const CaseProgram& program, bool limits = false);
+    /// Those of `specs` that can run the scene.
+    std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
+                                bool limits = false);
 
     /// Adds a row to a list of the result.
     void add(const std::string& list, nlohmann::json row);

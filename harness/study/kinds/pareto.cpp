@@ -221,6 +221,7 @@ void ParetoStudy::run(StudyBench& bench) {
     const Span span = time_steps.span(scene);
     SharedState state(scene.problem.particle_count());
     std::vector<Case> cases = bench.enter_all(
+        bench.specs(),
         {"pareto",
          {{"time_step", span.time_step}, {"steps", span.steps}, {"repetitions", time_steps.repetitions}},
          &state});
