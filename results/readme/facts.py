@@ -4,6 +4,7 @@ A case is named as in the tables: `cuda_implicit_cached fetch=l1`. Formulation a
 said otherwise.
 """
 
+import re
 import statistics
 
 from readme import addressing, tables
@@ -122,9 +123,14 @@ def addressing_ratios(kind):
     return [one.ratio for one in addressing.datasets() if one.kind == kind]
 
 
-def concatenated(case, scene="box@256"):
-    """How many times as long concatenated lists take as vertical ones."""
-    return ratio("tuning", scene, case + " layout=concatenated", case)
+def largest_box(study):
+    """`256` of box@256, the largest of a study."""
+    return max(int(one["scene"][4:]) for one in medians(study) if re.fullmatch(r"box@\d+", one["scene"]))
+
+
+def concatenated(case, scene=None):
+    """How many times as long concatenated lists take as vertical ones, on the largest box unless a scene is named."""
+    return ratio("tuning", scene or f"box@{largest_box('tuning')}", case + " layout=concatenated", case)
 
 
 def vertical_verdict():
