@@ -61,7 +61,7 @@ class Remake(unittest.TestCase):
         self.install("aaaaaaaaaaaa", "GPU-1")
         _, calls = self.remake(self.folder / "gpu")
         self.assertIn("study figure8", calls)
-        self.assertEqual(len(calls), 12)
+        self.assertEqual(len(calls), 13)
 
     def test_leaves_what_is_of_this_commit_and_card(self):
         self.install("aaaaaaaaaaaa", "GPU-1")
