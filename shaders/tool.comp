@@ -1,6 +1,6 @@
-// What the tool does to the particles that it holds, before each step: one invocation a particle. Its force and
-// the particle's own load are the load of the step. COMPENSATED as in motion.glsl; with TEXELS the state lies in
-// textures, as in particle.glsl, and a word is a texel, x in its lower half and y in the upper.
+// What the tool does to the particles that it holds, before each step: one invocation a particle. Its force
+// and the particle's own load are the load of the step. COMPENSATED as in motion.glsl; with TEXELS the state
+// lies in textures, as in particle.glsl, and a word is a texel, x in its lower half and y in the upper.
 #include "spring.h"
 #include "uniforms.glsl"
 
