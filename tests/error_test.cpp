@@ -18,6 +18,7 @@
 #include "harness/study/pareto.h"
 #include "harness/verification/conserved.h"
 #include "harness/verification/divergence.h"
+#include "harness/verification/error_threshold.h"
 #include "harness/verification/errors.h"
 #include "harness/verification/reference.h"
 #include "tests/support.h"

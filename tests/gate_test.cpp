@@ -14,6 +14,7 @@
 
 #include "backends/disk_cache.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/verification/error_threshold.h"
 #include "harness/verification/errors.h"
 #include "tests/required.h"
 #include "tests/specifications.h"

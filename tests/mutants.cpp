@@ -20,7 +20,7 @@
 
 #include "backends/cpu/perturbed_reference.h"
 #include "backends/registry.h"
-#include "harness/verification/spread.h"
+#include "harness/verification/error_threshold.h"
 #include "harness/verification/verify.h"
 #include "tests/host_kernels.h"
 #include "tests/support.h"

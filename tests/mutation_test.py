@@ -22,7 +22,7 @@ FLAGS = ["-std=c++20", "-O1", "-ffp-contract=off", "-fopenmp", "-DHWY_COMPILE_ON
 LIBRARIES = ["-fopenmp", "-lhwy"]
 SOURCES = ["backends/backend.cpp", "backends/limits.cpp", "backends/registry.cpp", "backends/rest_policy.cpp", "backends/suggestion.cpp",
            "backends/cpu/*.cpp", *(f"backends/layout/{name}.cpp" for name in ("blocks", "delta_lists", "neighbour_lists", "particles", "spring_array", "springs", "tool", "work")),
-           "backends/physics/*.cpp", "harness/verification/conserved.cpp",
+           "backends/physics/*.cpp", "harness/verification/conserved.cpp", "harness/verification/error_threshold.cpp",
            "harness/verification/statistics.cpp", "harness/verification/spread.cpp", "harness/verification/verify.cpp",
            "tests/mutants.cpp"]
 SPRING, PROBLEM, KERNEL = "backends/physics/spring.h", "backends/physics/problem.cpp", "backends/cpu/kernel.cpp"

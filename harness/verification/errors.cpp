@@ -6,6 +6,8 @@
 #include <limits>
 #include <sstream>
 
+#include "harness/verification/error_threshold.h"
+
 namespace voxspring {
 
 namespace {

@@ -30,9 +30,9 @@ struct ReferenceSolution {
 /// Null where there is none.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
-/// The differences from the reference, each against its gate() (spread.h), which admits the error that a
-/// tuning asks for (`sleep`): the largest and the root mean square. Of a chaotic scene neither is judged, and
-/// the state fails only where it is not finite or one of its statistics exceeds statistic_gate().
+/// The differences from the reference, each against its gate() (error_threshold.h), which admits the error
+/// that a tuning asks for (`sleep`): the largest and the root mean square. Of a chaotic scene neither is
+/// judged, and the state fails only where it is not finite or one of its statistics exceeds statistic_gate().
 Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
 
 /// What a row says of its accuracy; nothing where that is not known. results/schema.json defines each.

@@ -15,6 +15,7 @@
 #include "backends/registry.h"
 #include "harness/base/executable.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/verification/error_threshold.h"
 #include "harness/verification/verify.h"
 
 namespace voxspring {

@@ -1,8 +1,5 @@
 #include "harness/verification/spread.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
 #include <sstream>
 
 namespace voxspring {
@@ -21,25 +18,6 @@ std::string to_string(const RoundingModel& model) {
 int random_runs(std::size_t particles) {
     if (particles <= 1 << 12) return 15;
     return particles > 1 << 18 ? 1 : 3;
-}
-
-double gate(double spread, double motion, double admitted) {
-    // Where nothing moves, standing still is right: the spread alone decides.
-    if (motion == 0) return gate_in_spreads * spread + admitted;
-    const double bound = std::min(gate_in_spreads * spread, max_share_of_motion * motion);
-    if (!(bound >= min_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
-    return bound + admitted;
-}
-
-bool is_chaotic(const Spread& spread) {
-    return std::isinf(gate(spread.max, spread.motion_max, 0)) &&
-           std::isinf(gate(spread.rms, spread.motion_rms, 0));
-}
-
-double statistic_gate(double spread, double size) {
-    const double bound =
-        std::clamp(gate_in_spreads * spread, min_statistics_share * size, max_statistics_share * size);
-    return bound >= min_gate_in_spreads * spread ? bound : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace voxspring

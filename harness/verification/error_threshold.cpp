@@ -1,0 +1,28 @@
+#include "harness/verification/error_threshold.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace voxspring {
+
+double gate(double spread, double motion, double admitted) {
+    // Where nothing moves, standing still is right: the spread alone decides.
+    if (motion == 0) return gate_in_spreads * spread + admitted;
+    const double bound = std::min(gate_in_spreads * spread, max_share_of_motion * motion);
+    if (!(bound >= min_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
+    return bound + admitted;
+}
+
+bool is_chaotic(const Spread& spread) {
+    return std::isinf(gate(spread.max, spread.motion_max, 0)) &&
+           std::isinf(gate(spread.rms, spread.motion_rms, 0));
+}
+
+double statistic_gate(double spread, double size) {
+    const double bound =
+        std::clamp(gate_in_spreads * spread, min_statistics_share * size, max_statistics_share * size);
+    return bound >= min_gate_in_spreads * spread ? bound : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace voxspring
