@@ -45,10 +45,7 @@ std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
 class BricksBackend final : public AxesBackend<float> {
 public:
     explicit BricksBackend(const Options& options)
-        : AxesBackend(options.formulation),
-          options_(options),
-          size_(size_of(options.tuning.at("tile"))),
-          votes_(options.tuning.at("interior") == "vote") {}
+        : AxesBackend(options.formulation), options_(options), size_(size_of(options.tuning.at("tile"))) {}
 
     void upload(const Problem& problem, const State& state) override {
         begin_upload();
@@ -70,10 +67,8 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
         if (edit.empty()) return;
-        const EditedBricks changed = layout_->edit(edit);
-        write_words(masks_.data(), staging_.send(std::span(changed.words), stream()), changed.words.size(),
-                    stream());
-        if (changed.blocks && votes_) send_blocks();
+        const std::vector<EditedWord> changed = layout_->edit(edit);
+        write_words(masks_.data(), staging_.send(std::span(changed), stream()), changed.size(), stream());
     }
 
     std::optional<Choice> choice() const override {
@@ -115,7 +110,6 @@ private:
         source.macros["BLOCKS"] = "1";
         source.macros["POLLERS"] = std::to_string(plan_.pollers);
         source.macros["ROUNDS"] = std::to_string(layout_->rounds());
-        source.macros["FULL"] = votes_ ? "1" : "0";
         source.macros["LANE_REGISTERS"] = std::to_string(plan_.lane_registers);
         source.macros["POLLER_REGISTERS"] = std::to_string(plan_.poller_registers);
         return source;
@@ -124,9 +118,7 @@ private:
     void upload_tables(const Problem& problem) {
         masks_.upload(layout_->masks(), stream());
         polls_.upload(layout_->polls(), stream());
-        // Room for the whole words in which they may be sent.
-        blocks_.resize(layout_->blocks().size() + 1);
-        send_blocks();
+        blocks_.upload(layout_->blocks(), stream());
         exchange_.resize(exchange_bytes(problem.lattice) / sizeof(TaggedPoint));
         exchange_.fill_with_zeros(stream());
         joint_.start_anew(stream());
@@ -138,15 +130,6 @@ private:
         step_.started_blocks = joint_.started_blocks();
         step_.stall = joint_.stall();
     }
-    void send_blocks() {
-        const std::span<const std::byte> bytes = std::as_bytes(std::span(layout_->blocks()));
-        auto* const to = reinterpret_cast<std::byte*>(blocks_.data());
-        for (std::size_t begin = 0; begin < bytes.size(); begin += max_argument_bytes)
-            send_as_argument(to + begin,
-                             bytes.subspan(begin, std::min(max_argument_bytes, bytes.size() - begin)),
-                             stream());
-    }
-
     void enqueue_steps(int count) override {
         float* const before = by_increments(formulation()) ? increment() : positions(1);
         joint_.enqueue(
@@ -179,7 +162,6 @@ private:
 
     const Options options_;
     const std::optional<BrickTileSize> size_;
-    const bool votes_;
     BrickPlan plan_;
     std::optional<BrickLayout> layout_;
     BrickStep step_{};
@@ -212,7 +194,7 @@ const Registered entry({
                "particles a thread, "
                "borders through L2; one material, face and edge springs.",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
-    .tuning = {{"tile", tile_names()}, {"interior", {"mask", "vote"}}},
+    .tuning = {{"tile", tile_names()}},
     .make = [](const Options& options) { return std::make_unique<BricksBackend>(options); },
     .bytes = bricks_bytes,
 });

@@ -166,16 +166,16 @@ TEST(Compiler, CompilesTheMarch) {
 // Tiles of every size, the largest with registers moved to them.
 TEST(Compiler, CompilesBricks) {
     struct Variant {
-        const char *shape, *formulation, *full;
+        const char *shape, *formulation;
         int registers;
         int architecture;
     };
-    for (const auto& [shape, formulation, full, registers, architecture] :
-         {Variant{"3,1,1,8,6,6,true,1,2", "position", "1", 0, 75},
-          Variant{"2,1,2,16,6,4,false,0,0", "displacement", "0", 0, 90},
-          Variant{"2,2,2,16,4,4,false,0,0", "increment", "1", 0, 90},
-          Variant{"3,2,2,16,4,4,false,0,0", "position", "0", 0, 120},
-          Variant{"3,2,3,16,6,4,false,0,0", "position", "0", 152, 90}}) {
+    for (const auto& [shape, formulation, registers, architecture] :
+         {Variant{"3,1,1,8,6,6,true,1,2", "position", 0, 75},
+          Variant{"2,1,2,16,6,4,false,0,0", "displacement", 0, 90},
+          Variant{"2,2,2,16,4,4,false,0,0", "increment", 0, 90},
+          Variant{"3,2,2,16,4,4,false,0,0", "position", 0, 120},
+          Variant{"3,2,3,16,6,4,false,0,0", "position", 152, 90}}) {
         SCOPED_TRACE(shape);
         const KernelSource source{
             "brick.cu",
@@ -186,7 +186,6 @@ TEST(Compiler, CompilesBricks) {
              {"SHAPE", std::string("BrickShape{") + shape + "}"},
              {"POLLERS", "128"},
              {"ROUNDS", "12"},
-             {"FULL", full},
              {"EQUAL_EDGES", "true"},
              {"LANE_REGISTERS", std::to_string(registers)},
              {"POLLER_REGISTERS", "56"},

@@ -109,7 +109,7 @@ private:
 
 /// How often lanes of a warp want different words of a bank, summed over all loads of a tile.
 int bank_conflicts(const BrickShape& shape) {
-    const BrickBlock inner{0, 0, 0, 1, brick_low_y | brick_high_y | brick_low_z | brick_high_z, 0};
+    const BrickBlock inner{0, 0, 0, 1, brick_low_y | brick_high_y | brick_low_z | brick_high_z};
     int conflicts = 0;
     for (int first = 0; first < shape.threads(); first += warp) {
         for (int k = -1; k <= shape.tz; ++k) {
@@ -150,13 +150,22 @@ BrickShape padded(const BrickShape& shape, std::size_t bytes) {
 /// largest.
 int registers_of(const BrickShape& shape, Formulation formulation) {
     const int particles = shape.tile();
-    const int points = particles <= 4 ? 88 : particles <= 8 ? 128 : particles <= 12 ? 136 : 152;
+    const int points = particles <= 3    ? 88
+                       : particles <= 4  ? 104
+                       : particles <= 8  ? 128
+                       : particles <= 12 ? 136
+                                         : 152;
     return points + (by_increments(formulation) ? rounded_up(4 * particles, 8) : 0);
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
 constexpr int poller_registers = 56;
 constexpr int max_threads = 1024;
+
+/// Of a thread of a block that has a multiprocessor to itself. Each of its quarters takes every fourth warp.
+int registers_at_launch(int threads) {
+    return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
+}
 
 /// Gives `plan` pollers and registers. False: there are too few.
 bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool moves_registers) {
@@ -168,9 +177,11 @@ bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool mov
         if (lanes + pollers > max_threads) continue;
         plan.pollers = pollers;
         plan.lane_registers = plan.poller_registers = 0;
-        if (registers_of_multiprocessor / (lanes + pollers) >= needed) return true;
+        const int at_launch = registers_at_launch(lanes + pollers);
+        if (at_launch >= needed) return true;
         if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
-        const int left = (registers_of_multiprocessor - poller_registers * pollers) / lanes / 8 * 8;
+        // What the launch gave them is all that they have together: who asks for more waits for ever.
+        const int left = (at_launch * (lanes + pollers) - poller_registers * pollers) / lanes / 8 * 8;
         if (left < needed) continue;
         plan.lane_registers = std::min(left, 240);
         plan.poller_registers = poller_registers;
@@ -186,14 +197,14 @@ std::size_t frame_of(const BrickShape& shape) {
     return with - std::size_t(shape.nx()) * std::size_t(shape.ny()) * std::size_t(shape.nz());
 }
 
-/// A step as predicted. Counted in machine code of compute capability 9.0, and of the share of its slots that
-/// a quarter of a multiprocessor issues with so many warps, in prototypes on an H200.
+/// A step as predicted: instructions counted in machine code of compute capability 9.0, and the share of its
+/// slots that a quarter of a multiprocessor fills with so many warps, by the waits that are written there.
 double seconds_of(const BrickShape& shape, const MarchDevice& device) {
     NoVisit none;
     const BrickMask mask = visit_tile(shape, none);
-    const double instructions = 13.2 * mask.springs + 20.0 * mask.particles + 60;
+    const double instructions = 15.5 * mask.springs + 25.0 * mask.particles + 50;
     const int warps = units_of(shape.lanes() / warp, 4);
-    const double issued = warps == 1 ? 0.35 : warps == 2 ? 0.7 : 0.75;
+    const double issued = warps == 1 ? 0.62 : warps == 2 ? 0.83 : 0.89;
     // What fetches a point of the frame and publishes one takes its share of all quarters.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued + exchange) / device.hertz;
@@ -267,7 +278,7 @@ public:
         : shape_(shape), springs_(springs) {}
     void both(int bit, int i, int j, int k, int i2, int j2, int k2) { half(bit, i, j, k, i2, j2, k2); }
     void half(int bit, int i, int j, int k, int i2, int j2, int k2) {
-        springs_.push_back({i, j, k, i2 - i, j2 - j, k2 - k, bit, i2 == -1, i2 == shape_.tx});
+        springs_.push_back({i, j, k, i2 - i, j2 - j, k2 - k, bit});
     }
 
 private:
@@ -297,7 +308,6 @@ BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
     for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n) {
         const auto block = std::size_t(n);
         for (int lane = 0; lane < plan_.shape.threads(); ++lane) write_masks(block, lane);
-        for (int first = 0; first < plan_.shape.lanes(); first += warp) find_full(block, first);
     }
     collect_polls();
 }
@@ -333,8 +343,8 @@ void BrickLayout::find_blocks() {
                 side(y + 1 < bricks_.y, brick_high_y);
                 side(z > 0, brick_low_z);
                 side(z + 1 < bricks_.z, brick_high_z);
-                blocks_.push_back({mirrored ? begin.x + size.x - 1 : begin.x, begin.y, begin.z,
-                                   mirrored ? -1 : 1, sides, 0});
+                blocks_.push_back(
+                    {mirrored ? begin.x + size.x - 1 : begin.x, begin.y, begin.z, mirrored ? -1 : 1, sides});
             }
         }
     }
@@ -365,33 +375,6 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
     const std::size_t at = block * std::size_t(plan_.shape.lanes()) + std::size_t(lane);
     for (int n = 0; n < bits_.words(); ++n)
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
-}
-
-bool BrickLayout::is_full(std::size_t block, int first) const {
-    if (first + warp > plan_.shape.threads()) return false;
-    for (int lane = first; lane < first + warp; ++lane) {
-        const TilePlace place(plan_.shape, blocks_[block], lane);
-        const std::size_t at = block * std::size_t(plan_.shape.lanes()) + std::size_t(lane);
-        const auto has = [&](int bit) {
-            return (masks_[std::size_t(bit / 32) * lane_count() + at] >> bit % 32 & 1U) != 0;
-        };
-        for (int n = 0; n < bits_.particles; ++n) {
-            if (!has(bits_.exists(n)) || !has(bits_.moves(n))) return false;
-        }
-        for (const TileSpring& s : springs_) {
-            const bool face = std::abs(s.dx) + std::abs(s.dy) + std::abs(s.dz) == 1;
-            if ((group_bits_ & (face ? FACE_BITS : EDGE_BITS)) == 0) continue;
-            if ((s.beyond_left && !place.left) || (s.beyond_right && !place.right)) continue;
-            if (!has(s.bit)) return false;
-        }
-    }
-    return true;
-}
-
-void BrickLayout::find_full(std::size_t block, int lane) {
-    const int number = lane / warp;
-    std::uint32_t& full = blocks_[block].full_warps;
-    full = (full & ~(1U << number)) | std::uint32_t(is_full(block, number * warp)) << number;
 }
 
 std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
@@ -448,7 +431,7 @@ void BrickLayout::collect_polls() {
     }
 }
 
-EditedBricks BrickLayout::edit(const SpringEdit& edit) {
+std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {
     const BrickShape& shape = plan_.shape;
     const glm::ivec3 size = size_of(shape);
     std::vector<std::pair<std::size_t, int>> lanes;  // block and number
@@ -467,7 +450,7 @@ EditedBricks BrickLayout::edit(const SpringEdit& edit) {
     }
     std::sort(lanes.begin(), lanes.end());
     lanes.erase(std::unique(lanes.begin(), lanes.end()), lanes.end());
-    EditedBricks edited;
+    std::vector<EditedWord> edited;
     std::vector<std::uint32_t> before(std::size_t(bits_.words()));
     for (const auto& [block, lane] : lanes) {
         const std::size_t at = block * std::size_t(shape.lanes()) + std::size_t(lane);
@@ -475,11 +458,8 @@ EditedBricks BrickLayout::edit(const SpringEdit& edit) {
         write_masks(block, lane);
         for (std::size_t w = 0; w < before.size(); ++w) {
             const std::size_t word = w * lane_count() + at;
-            if (masks_[word] != before[w]) edited.words.push_back({std::uint32_t(word), masks_[word]});
+            if (masks_[word] != before[w]) edited.push_back({std::uint32_t(word), masks_[word]});
         }
-        const std::uint32_t full = blocks_[block].full_warps;
-        find_full(block, lane);
-        if (full != blocks_[block].full_warps) edited.blocks = true;
     }
     return edited;
 }

@@ -45,12 +45,6 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                                      const MarchDevice& device, bool moves_registers,
                                      std::optional<BrickTileSize> size = std::nullopt);
 
-/// What an edit changes on the device.
-struct EditedBricks {
-    std::vector<EditedWord> words;  ///< of the masks
-    bool blocks = false;            ///< other warps are full
-};
-
 /// The tables of BrickStep, and what edits of them take.
 class BrickLayout {
 public:
@@ -66,23 +60,19 @@ public:
         return std::uint32_t(blocks_.size()) * std::uint32_t(plan_.shape.lanes());
     }
 
-    EditedBricks edit(const SpringEdit& edit);
+    /// Words of the masks that an edit changes.
+    std::vector<EditedWord> edit(const SpringEdit& edit);
 
 private:
     /// A spring of a tile: its particle, where it leads, and its bit.
     struct TileSpring {
         int i, j, k, dx, dy, dz, bit;
-        bool beyond_left, beyond_right;  ///< its other end is at i = -1 or i = tx
     };
     class ListSprings;
 
     std::uint32_t mask_at(const glm::ivec3& voxel) const;
     void find_blocks();
     void write_masks(std::size_t block, int lane);
-    /// Whether the warp of lane `first` needs no masks.
-    bool is_full(std::size_t block, int first) const;
-    /// Sets the bit of the lane's warp.
-    void find_full(std::size_t block, int lane);
     std::vector<BrickPoll> polls_of(const BrickBlock& block) const;
     void collect_polls();
 

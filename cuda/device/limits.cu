@@ -79,7 +79,7 @@ __global__ void __launch_bounds__(block) exchange(TaggedPoint* points, int excha
     Vector<float> point{0, 0, 0};
     for (int n = 1; n <= exchanges; ++n) {
         TaggedPoint* const half = points + (n % 2) * gridDim.x * blockDim.x + threadIdx.x;
-        publish(half + blockIdx.x * blockDim.x, point, tag + std::uint32_t(n));
+        publish_if(true, half + blockIdx.x * blockDim.x, point, tag + std::uint32_t(n));
         TaggedPoint left{}, right{};
         do {
             left = look_up(half + before * blockDim.x);

@@ -1,6 +1,6 @@
 // SHAPE: a BrickShape, EQUAL_EDGES as in march.cu. POLLERS threads beside those with tiles wait for ROUNDS
-// points of other blocks each. FULL: 0 where all warps are to go by masks. LANE_REGISTERS, POLLER_REGISTERS:
-// what a thread of either kind has, if they are moved from the one to the other; 0: all have the same.
+// points of other blocks each. LANE_REGISTERS, POLLER_REGISTERS: what a thread of either kind has, if they
+// are moved from the one to the other; 0: all have the same.
 #include "cuda/kernels/brick.h"
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/wait.h"
@@ -35,9 +35,6 @@ struct TileWords {
         return any == 0;
     }
 };
-struct NoWords {
-    __device__ bool has(int) const { return true; }
-};
 
 __device__ std::uint32_t lane_of(int thread) { return blockIdx.x * lanes + std::uint32_t(thread); }
 
@@ -59,22 +56,23 @@ private:
     int now_ = 0, next_ = shape.half();
 };
 
-/// Takes the steps of a thread with a tile. `masked` is the same for a warp.
-template <bool masked, class Words>
-__device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool idle, int thread, int count,
-                          std::uint32_t tag) {
+/// Takes the steps of a thread with a tile. `idle` is the same for a warp.
+__device__ void run_steps(const BrickStep& step, Tile& tile, TileWords& words, bool idle, int thread,
+                          int count, std::uint32_t tag) {
     Turns turns;
+    tile.start(points, words);
+    TaggedPoint* const first = step.exchange + tile.element(step, 0, 0, 0);
     ROLLED
     for (int n = 1; n <= count; ++n) {
-        if constexpr (masked && !keeps_masks) words.load(step, lane_of(thread));
-        if (!idle) tile.template add_early<masked>(step, turns.now(), words);
+        if constexpr (!keeps_masks) words.load(step, lane_of(thread));
+        if (!idle) tile.add_early(step, turns.now(), words);
         border_is_here();
         if (!idle) {
-            tile.template add_late<masked>(step, turns.now(), words);
-            tile.template integrate<masked>(
-                step, turns.next(), words, [&](int i, int j, int k, Vector<float> point) {
-                    const std::size_t element = tile.element(step, i, j, k);
-                    publish(step.exchange + turns.exchange(step) + element, point, tag + std::uint32_t(n));
+            tile.add_late(step, turns.now(), words);
+            TaggedPoint* const to = first + turns.exchange(step);
+            tile.integrate(
+                step, turns.next(), words, [&](bool here, int i, int j, int k, Vector<float> point) {
+                    publish_if(here, to + tile.from_first(step, i, j, k), point, tag + std::uint32_t(n));
                 });
         }
         step_is_done();
@@ -157,13 +155,8 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
             if constexpr (Terms::increments) tile.increment(n) = previous;
         });
         __syncthreads();
-        if (FULL != 0 && (block.full_warps >> (thread / 32) & 1U) != 0) {
-            NoWords none;
-            run_steps<false>(step, tile, none, false, thread, count, tag);
-        } else {
-            const bool idle = __all_sync(0xFFFFFFFFU, words.none());
-            run_steps<true>(step, tile, words, idle, thread, count, tag);
-        }
+        const bool idle = __all_sync(0xFFFFFFFFU, words.none());
+        run_steps(step, tile, words, idle, thread, count, tag);
         wait_until_all_have_started(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
         const float* const last = points + ((count & 1) != 0 ? shape.half() : 0);

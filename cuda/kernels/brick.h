@@ -58,34 +58,47 @@ public:
         }
     }
 
+    /// Before the first step: takes the particles from a half of `points`. Of those at the border of the
+    /// brick the ones that are there will be published. `words`: the masks.
+    template <class Words>
+    VOXSPRING_HOST_DEVICE void start(const float* points, const Words& words) {
+        load_own(points);
+        UNROLLED
+        for (int n = 0; n < particles; ++n) {
+            if (!words.has(exists_bit + n)) place_.published &= ~(1U << n);
+        }
+    }
+    /// How far the element of particle (i, j, k) is from that of (0, 0, 0).
+    VOXSPRING_HOST_DEVICE int from_first(const BrickStep& step, int i, int j, int k) const {
+        return i * place_.dx + j * place_.dy * int(step.row) + k * place_.dz * int(step.plane);
+    }
+
     /// What the step overwrites besides points: v, by increments.
     VOXSPRING_HOST_DEVICE Vector<float>& increment(int number) { return increment_[number]; }
 
-    /// Forces of springs that end in the tile or near it, from a half of `points`. `words`: the masks, if
-    /// `masked`.
-    template <bool masked, class Words>
+    /// Forces of springs that end in the tile or near it, from a half of `points`.
+    template <class Words>
     VOXSPRING_HOST_DEVICE void add_early(const BrickStep& step, const float* points, const Words& words) {
         visit_particles([&](int n, int, int, int) { force_[n] = {0, 0, 0}; });
-        load_own(points);
-        Springs<masked, Words> springs{*this, step, points, words};
+        if (!keeps_own) load_own(points);
+        Springs<Words> springs{*this, step, points, words};
         visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, false>(springs, 0);
     }
     /// Forces of the others, once the points of other blocks have come.
-    template <bool masked, class Words>
+    template <class Words>
     VOXSPRING_HOST_DEVICE void add_late(const BrickStep& step, const float* points, const Words& words) {
-        // A large tile leaves no registers in which to keep them until now.
-        if (particles > 8) load_own(points);
-        Springs<masked, Words> springs{*this, step, points, words};
+        if (!keeps_own) load_own(points);
+        Springs<Words> springs{*this, step, points, words};
         visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, true>(springs, late_bit);
     }
     /// Moves the particles on. `next`: the other half, which holds x(t - dt) unless by increments.
-    /// publish(i, j, k, point) is called for those at the border.
-    template <bool masked, class Words, class Publish>
+    /// publish(whether, i, j, k, point) is called for each of them. No branch goes round a particle that is
+    /// not there: the compiler then has all of them to fill its waits with, in about half of the time.
+    template <class Words, class Publish>
     VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
                                          Publish publish) {
         visit_particles([&](int n, int i, int j, int k) {
-            if (masked && !words.has(exists_bit + n)) return;
-            const bool moves = !masked || words.has(moves_bit + n);
+            const bool moves = words.has(moves_bit + n);
             const int at = slot(i, j, k);
             const Vector<float> before = Terms::increments ? increment_[n] : load(next, at);
             Vector<float> point{
@@ -100,7 +113,8 @@ public:
                 if (!moves) point = own_[n];
             }
             store(next, at, point);
-            if ((place_.published >> n & 1U) != 0) publish(i, j, k, point);
+            if (keeps_own) own_[n] = point;
+            publish((place_.published >> n & 1U) != 0, i, j, k, point);
         });
     }
 
@@ -114,11 +128,14 @@ public:
     }
 
 private:
+    /// Whether particles stay in registers from step to step. A large tile leaves none, not even from early
+    /// to late springs.
+    static constexpr bool keeps_own = particles <= 8;
     VOXSPRING_HOST_DEVICE void load_own(const float* points) {
         visit_particles([&](int n, int i, int j, int k) { own_[n] = load(points, slot(i, j, k)); });
     }
 
-    template <bool masked, class Words>
+    template <class Words>
     struct Springs {
         BrickTile& tile;
         const BrickStep& step;
@@ -130,7 +147,7 @@ private:
             if (!has_class<Terms>(c)) return;
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - tile.own_[b], c, i2 - i, j2 - j, k2 - k);
-            const bool is_there = !masked || words.has(bit);
+            const bool is_there = words.has(bit);
             add(spring.offset, spring.density, is_there, tile.force_[a]);
             add(spring.offset, -spring.density, is_there, tile.force_[b]);
         }
@@ -140,11 +157,7 @@ private:
             const Vector<float> other = load(points, tile.slot(i2, j2, k2));
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - other, c, i2 - i, j2 - j, k2 - k);
-            const bool is_there = masked           ? words.has(bit)
-                                  : i2 == -1       ? tile.place_.left
-                                  : i2 == shape.tx ? tile.place_.right
-                                                   : true;
-            add(spring.offset, spring.density, is_there, tile.force_[a]);
+            add(spring.offset, spring.density, words.has(bit), tile.force_[a]);
         }
         /// The sum is selected, not what is added: of a point that is not finite nothing comes through.
         static VOXSPRING_HOST_DEVICE void add(Vector<float> offset, float density, bool is_there,

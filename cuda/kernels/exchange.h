@@ -8,17 +8,20 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-__device__ inline void publish(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
+/// Where `here` is false nothing is sent, without a branch.
+__device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     asm volatile(
         "{\n"
+        " .reg .pred here;\n"
         " .reg .b64 low, high;\n"
         " .reg .b128 word;\n"
+        " setp.ne.u32 here, %5, 0;\n"
         " mov.b64 low, {%1, %2};\n"
         " mov.b64 high, {%3, %4};\n"
         " mov.b128 word, {low, high};\n"
-        " st.relaxed.gpu.global.b128 [%0], word;\n"
+        " @here st.relaxed.gpu.global.b128 [%0], word;\n"
         "}" ::"l"(to),
-        "f"(point.x), "f"(point.y), "f"(point.z), "r"(tag)
+        "f"(point.x), "f"(point.y), "f"(point.z), "r"(tag), "r"(std::uint32_t(here))
         : "memory");
 }
 

@@ -66,10 +66,9 @@ inline constexpr std::uint32_t brick_low_x = 1, brick_high_x = 2, brick_low_y = 
                                brick_low_z = 16, brick_high_z = 32;
 
 struct BrickBlock {
-    int x, y, z;               ///< voxel of (0, 0, 0)
-    int direction;             ///< of X along x, 1 or -1
-    std::uint32_t sides;       ///< in the brick's coordinates
-    std::uint32_t full_warps;  ///< a bit for each warp that needs no masks
+    int x, y, z;          ///< voxel of (0, 0, 0)
+    int direction;        ///< of X along x, 1 or -1
+    std::uint32_t sides;  ///< in the brick's coordinates
     bool operator==(const BrickBlock&) const = default;
 };
 
@@ -80,7 +79,6 @@ struct TilePlace {
     int sy, sz;               ///< slots to the next j and k
     int dx, dy, dz;           ///< 1, or -1 where i, j or k runs against the lattice
     int x, y, z;              ///< voxel of its particle (0, 0, 0)
-    bool left, right;         ///< points at i = -1 and i = tx are in a brick
     std::uint32_t published;  ///< a bit for each particle at the border of the brick
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
@@ -99,8 +97,6 @@ struct TilePlace {
         x = block.x + dx * X;
         y = block.y + Y;
         z = block.z + Z;
-        left = tile_x > 0 || (block.sides & brick_low_x) != 0;
-        right = tile_x + 1 < shape.wx || (block.sides & brick_high_x) != 0;
         published = 0;
         UNROLLED
         for (int k = 0; k < shape.tz; ++k) {
