@@ -175,7 +175,7 @@ TEST(Compiler, CompilesBricks) {
           Variant{"2,1,2,16,6,4,false,0,0", "displacement", 0, 90},
           Variant{"2,2,2,16,4,4,false,0,0", "increment", 0, 90},
           Variant{"3,2,2,16,4,4,false,0,0", "position", 0, 120},
-          Variant{"3,2,3,16,6,4,false,0,0", "position", 152, 90}}) {
+          Variant{"3,2,3,16,6,4,false,0,0", "position", 144, 90}}) {
         SCOPED_TRACE(shape);
         const KernelSource source{
             "brick.cu",
@@ -188,7 +188,7 @@ TEST(Compiler, CompilesBricks) {
              {"ROUNDS", "12"},
              {"EQUAL_EDGES", "true"},
              {"LANE_REGISTERS", std::to_string(registers)},
-             {"POLLER_REGISTERS", "56"},
+             {"POLLER_REGISTERS", "80"},
              {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}},
             registers > 0};
         EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");

@@ -107,43 +107,55 @@ private:
     std::vector<std::uint32_t> sum_;
 };
 
-/// How often lanes of a warp want different words of a bank, summed over all loads of a tile.
-int bank_conflicts(const BrickShape& shape) {
+/// Tiles whose lanes are in a warp, of the first warps of a brick; in the others it is much the same.
+std::vector<TilePlace> first_places(const BrickShape& shape) {
+    constexpr int warps = 2;
     const BrickBlock inner{0, 0, 0, 1, brick_low_y | brick_high_y | brick_low_z | brick_high_z};
-    int conflicts = 0;
-    for (int first = 0; first < shape.threads(); first += warp) {
+    std::vector<TilePlace> places;
+    for (int lane = 0; lane < std::min(shape.threads(), warps * warp); ++lane)
+        places.emplace_back(shape, inner, lane);
+    return places;
+}
+
+/// How often lanes of a warp want different words of a bank, in a load on average.
+double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& places) {
+    int conflicts = 0, loads = 0;
+    for (std::size_t first = 0; first < places.size(); first += warp) {
         for (int k = -1; k <= shape.tz; ++k) {
             for (int j = -1; j <= shape.ty; ++j) {
                 std::array<int, warp> wanted{};
-                for (int lane = first; lane < std::min(first + warp, shape.threads()); ++lane) {
-                    const TilePlace place(shape, inner, lane);
-                    ++wanted[std::size_t(place.slot_of(shape, 0, j, k)) % warp];
+                for (std::size_t lane = first; lane < std::min(first + warp, places.size()); ++lane) {
+                    const TilePlace& p = places[lane];
+                    const int slot = shape.slot(p.x / shape.tx, 0, p.y + p.dy * j, p.z + p.dz * k);
+                    ++wanted[std::size_t(slot) % warp];
                 }
                 conflicts += *std::max_element(wanted.begin(), wanted.end()) - 1;
+                ++loads;
             }
         }
     }
-    return conflicts;
+    return double(conflicts) / loads;
 }
 
-/// `shape` with the pads that leave the fewest conflicts and fit into `bytes`.
-BrickShape padded(const BrickShape& shape, std::size_t bytes) {
+/// Gives `shape` the pads that leave the fewest conflicts and fit into `bytes`; how many those are.
+double pad(BrickShape& shape, std::size_t bytes) {
+    const std::vector<TilePlace> places = first_places(shape);
     BrickShape best = shape;
-    int fewest = std::numeric_limits<int>::max();
+    double fewest = std::numeric_limits<double>::infinity();
     for (int row = 0; row < warp; ++row) {
         for (int plane = 0; plane < warp; ++plane) {
             BrickShape tried = shape;
             tried.row_pad = row;
             tried.plane_pad = plane;
-            if (std::size_t(tried.shared_bytes()) > bytes) break;
-            const int conflicts = bank_conflicts(tried);
+            if (fewest == 0 || std::size_t(tried.shared_bytes()) > bytes) break;
+            const double conflicts = bank_conflicts(tried, places);
             if (conflicts >= fewest) continue;
             fewest = conflicts;
             best = tried;
-            if (fewest == 0) return best;
         }
     }
-    return best;
+    shape = best;
+    return fewest;
 }
 
 /// Registers of a thread with a tile, as NVRTC 13.0 has them without spilling, or next to that for the
@@ -154,12 +166,13 @@ int registers_of(const BrickShape& shape, Formulation formulation) {
                        : particles <= 4  ? 104
                        : particles <= 8  ? 128
                        : particles <= 12 ? 136
-                                         : 152;
+                                         : 144;
     return points + (by_increments(formulation) ? rounded_up(4 * particles, 8) : 0);
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
-constexpr int poller_registers = 56;
+/// Of a poller that keeps its polls, and of one that fetches those of the next turn meanwhile.
+constexpr int registers_of_keeper = 56, registers_of_fetcher = 80;
 constexpr int max_threads = 1024;
 
 /// Of a thread of a block that has a multiprocessor to itself. Each of its quarters takes every fourth warp.
@@ -177,6 +190,8 @@ bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool mov
         if (lanes + pollers > max_threads) continue;
         plan.pollers = pollers;
         plan.lane_registers = plan.poller_registers = 0;
+        const int poller_registers =
+            units_of(int(polls), pollers) < kept_polls ? registers_of_keeper : registers_of_fetcher;
         const int at_launch = registers_at_launch(lanes + pollers);
         if (at_launch >= needed) return true;
         if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
@@ -199,7 +214,9 @@ std::size_t frame_of(const BrickShape& shape) {
 
 /// A step as predicted: instructions counted in machine code of compute capability 9.0, and the share of its
 /// slots that a quarter of a multiprocessor fills with so many warps, by the waits that are written there.
-double seconds_of(const BrickShape& shape, const MarchDevice& device) {
+/// `conflicts`: of a load, on average.
+double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& device) {
+    const BrickShape& shape = plan.shape;
     NoVisit none;
     const BrickMask mask = visit_tile(shape, none);
     const double instructions = 15.5 * mask.springs + 25.0 * mask.particles + 50;
@@ -207,9 +224,12 @@ double seconds_of(const BrickShape& shape, const MarchDevice& device) {
     const double issued = warps == 1 ? 0.62 : warps == 2 ? 0.83 : 0.89;
     // What fetches a point of the frame and publishes one takes its share of all quarters.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
-    const double work = (warps * instructions / issued + exchange) / device.hertz;
-    // What neighbours send travels while early springs are added.
-    constexpr double travel = 0.9e-6, barriers = 0.15e-6;
+    const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
+    // What neighbours send travels while early springs are added; whoever has more to look up than he keeps
+    // in registers looks it up in turns.
+    constexpr double barriers = 0.15e-6, trip = 0.75e-6;
+    const int rounds = units_of(int(frame_of(shape)), plan.pollers);
+    const double travel = trip * (rounds < kept_polls ? 1 : units_of(rounds, polls_in_turn));
     return work + barriers + std::max(0.0, travel - work * mask.early / mask.springs);
 }
 
@@ -251,9 +271,9 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                             max_threads ||
                         std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
                         continue;
-                    plan.seconds = seconds_of(plan.shape, device);
-                    if (best && plan.seconds >= best->seconds) continue;
+                    // Without conflicts first: to find the pads takes longer.
                     if (!dress(plan, frame_of(plan.shape), formulation, moves_registers)) continue;
+                    if (best && seconds_of(plan, 0, device) >= best->seconds) continue;
                     std::size_t blocks = 0;
                     for (int z = 0; z < bricks.z && blocks <= most; ++z) {
                         for (int y = 0; y < bricks.y; ++y) {
@@ -263,12 +283,14 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                             }
                         }
                     }
-                    if (blocks <= most) best = plan;
+                    if (blocks > most) continue;
+                    const double conflicts = pad(plan.shape, device.block_shared_bytes);
+                    plan.seconds = seconds_of(plan, conflicts, device);
+                    if (!best || plan.seconds < best->seconds) best = plan;
                 }
             }
         }
     }
-    if (best) best->shape = padded(best->shape, device.block_shared_bytes);
     return best;
 }
 
@@ -446,7 +468,7 @@ std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {
                       std::size_t(brick.x)];
         const BrickBlock& b = blocks_[block];
         const int X = b.direction * (c.x - b.x), Y = c.y - b.y, Z = c.z - b.z;
-        lanes.emplace_back(block, (Z / shape.tz * shape.wy + Y / shape.ty) * shape.wx + X / shape.tx);
+        lanes.emplace_back(block, (Y / shape.ty * shape.wz + Z / shape.tz) * shape.wx + X / shape.tx);
     }
     std::sort(lanes.begin(), lanes.end());
     lanes.erase(std::unique(lanes.begin(), lanes.end()), lanes.end());

@@ -56,7 +56,7 @@ private:
     int now_ = 0, next_ = shape.half();
 };
 
-/// Takes the steps of a thread with a tile. `idle` is the same for a warp.
+/// Takes the steps of a thread; `idle`: one without a tile, or of a warp without particles.
 __device__ void run_steps(const BrickStep& step, Tile& tile, TileWords& words, bool idle, int thread,
                           int count, std::uint32_t tag) {
     Turns turns;
@@ -81,9 +81,16 @@ __device__ void run_steps(const BrickStep& step, Tile& tile, TileWords& words, b
 }
 
 /// Points that are looked up at the same time.
-constexpr int together = ROUNDS < 10 ? ROUNDS : 6;
+constexpr int together = ROUNDS < kept_polls ? ROUNDS : polls_in_turn;
 /// Where they are is read anew in each step if there are more of them.
 constexpr bool keeps_polls = ROUNDS == together;
+
+/// Past L1, which is left to the masks.
+__device__ BrickPoll load_poll(const BrickPoll* from) {
+    BrickPoll poll;
+    asm("ld.global.nc.L1::no_allocate.v2.u32 {%0, %1}, [%2];" : "=r"(poll.from), "=r"(poll.slot) : "l"(from));
+    return poll;
+}
 
 struct Polls {
     BrickPoll poll[together];
@@ -94,7 +101,7 @@ struct Polls {
             const std::uint32_t round = std::uint32_t(first + n);
             poll[n] = {resident_none, 0};
             if (round < ROUNDS)
-                poll[n] = step.polls[(round * gridDim.x + blockIdx.x) * POLLERS + std::uint32_t(poller)];
+                poll[n] = load_poll(step.polls + (round * gridDim.x + blockIdx.x) * POLLERS + poller);
         }
     }
 };
@@ -155,7 +162,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
             if constexpr (Terms::increments) tile.increment(n) = previous;
         });
         __syncthreads();
-        const bool idle = __all_sync(0xFFFFFFFFU, words.none());
+        const bool idle = __all_sync(0xFFFFFFFFU, words.none()) || !has_tile;
         run_steps(step, tile, words, idle, thread, count, tag);
         wait_until_all_have_started(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
@@ -191,6 +198,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         if (thread == lanes)
             asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(step.started_blocks) : "memory");
         Turns turns;
+        if constexpr (!keeps_polls) polls.load(step, poller, 0);
         border_is_here();
         step_is_done();
         ROLLED
@@ -198,9 +206,13 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
             // Not before the own block is done: looking takes its instruction slots, and finds little.
             ROLLED
             for (int first = 0; first < ROUNDS; first += together) {
-                if constexpr (!keeps_polls) polls.load(step, poller, first);
+                // Those of the next turn travel while the points of this one do.
+                Polls next_polls = polls;
+                if constexpr (!keeps_polls)
+                    next_polls.load(step, poller, first + together < ROUNDS ? first + together : 0);
                 fetch_published(polls, step, turns.next(), step.exchange + turns.exchange(step),
                                 tag + std::uint32_t(n));
+                polls = next_polls;
             }
             border_is_here();
             turns.swap();

@@ -82,8 +82,9 @@ struct TilePlace {
     std::uint32_t published;  ///< a bit for each particle at the border of the brick
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
-        const int tile_x = thread % shape.wx, tile_y = thread / shape.wx % shape.wy,
-                  tile_z = thread / (shape.wx * shape.wy);
+        // Rows of tiles follow each other along z: what keeps their banks apart is a few words a plane.
+        const int tile_x = thread % shape.wx, tile_z = thread / shape.wx % shape.wz,
+                  tile_y = thread / (shape.wx * shape.wz);
         const bool turned_y = is_mirrored(tile_y, shape.wy, (block.sides & brick_low_y) != 0),
                    turned_z = is_mirrored(tile_z, shape.wz, (block.sides & brick_low_z) != 0);
         const int X = tile_x * shape.tx, Y = tile_y * shape.ty + (turned_y ? shape.ty - 1 : 0),
@@ -131,6 +132,10 @@ private:
         return (at == 0 && (sides & brick_low_x) != 0) || (at == size - 1 && (sides & brick_high_x) != 0);
     }
 };
+
+/// A poller with fewer polls keeps them in registers and looks all of them up at once; another so many in
+/// turn.
+inline constexpr int kept_polls = 10, polls_in_turn = 6;
 
 /// A point that a block needs of another.
 struct alignas(8) BrickPoll {
