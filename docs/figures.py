@@ -21,7 +21,7 @@ from readme import rows as results  # noqa: E402  # pylint: disable=wrong-import
 
 # The strategies of the table: of each kind the one that says most.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
-         "gl_compute_explicit", "gl_fragment_implicit", "cpu_parallel"]
+         "vulkan_implicit", "gl_fragment_implicit", "cpu_parallel"]
 
 
 def heart():
