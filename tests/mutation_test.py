@@ -25,6 +25,7 @@ SOURCES = ["backends/backend.cpp", "backends/limits.cpp", "backends/registry.cpp
            "backends/physics/*.cpp", "harness/verification/conserved.cpp", "harness/verification/error_threshold.cpp",
            "harness/verification/statistics.cpp", "harness/verification/spread.cpp", "harness/verification/verify.cpp",
            "tests/mutants.cpp"]
+MUTANTS = pathlib.Path("tests/mutants.cpp")
 SPRING, PROBLEM, KERNEL = "backends/physics/spring.h", "backends/physics/problem.cpp", "backends/cpu/kernel.cpp"
 PARALLEL, STATE, EDIT = "backends/cpu/cpu_parallel.cpp", "backends/cpu/padded_state.h", "backends/physics/edit.cpp"
 NEIGHBOURS = "backends/physics/neighbours.h"
@@ -35,6 +36,8 @@ LISTS, DELTAS = "backends/layout/neighbour_lists.cpp", "backends/layout/delta_li
 # What steps by what is in a file, of the strategies of mutants.cpp; cpu_parallel where none is named.
 STRATEGIES = {IMPLICIT: ["implicit", "tile"], EXPLICIT: ["groups", "springs"], DELTA: ["delta"], SCATTER: ["scatter"],
               MOTION: ["implicit"], PARTICLES: ["implicit"], LISTS: ["groups", "springs"], DELTAS: ["delta"]}
+CPU = ["cpu_parallel"]
+EVERY = [*CPU, *dict.fromkeys(name for names in STRATEGIES.values() for name in names)]
 
 # (what goes wrong, file, from, to); `from` stands there once.
 MUTATIONS = [
@@ -119,6 +122,7 @@ class Copy:
         self.sources = sorted(path.relative_to(folder) for pattern in SOURCES for path in folder.glob(pattern))
         self.compiler = ([shutil.which("ccache")] if shutil.which("ccache") else []) + [CXX]
         self.restored = set()  # sources whose objects are still of the mutation before
+        self.strategies = EVERY  # those that are built in
 
     def twin(self, folder):
         """Another copy, with the objects of this one."""
@@ -130,7 +134,8 @@ class Copy:
         return str(source).replace("/", "_") + ".o"
 
     def compile_one(self, source):
-        run([*self.compiler, *FLAGS, "-MD", "-c", source, "-o", self.object_of(source)], self.folder)
+        strategies = [f'-DSTRATEGIES="{" ".join(self.strategies)}"'] if source == MUTANTS else []
+        run([*self.compiler, *FLAGS, *strategies, "-MD", "-c", source, "-o", self.object_of(source)], self.folder)
 
     def link(self):
         run([CXX, *map(self.object_of, self.sources), *LIBRARIES, "-o", "mutants"], self.folder)
@@ -144,21 +149,28 @@ class Copy:
         """In how many runs conformance catches it, whether the gate does, and how many runs there are. Who crashes is caught by both."""
         done = subprocess.run([self.folder / "mutants", "check", references, *strategies], capture_output=True, text=True,
                               timeout=300, env=os.environ | {"OMP_NUM_THREADS": "1"})
+        if done.returncode == 3:
+            sys.exit(f"of {strategies} not all are built in")
         return tuple(map(int, done.stdout.split())) if done.returncode == 0 else (1, 1, 1)
 
     def caught_of(self, mutation, references):
-        """The same of a mutation. What was mutated before is compiled anew with it: mostly the same sources."""
+        """The same of a mutation, with what steps by it alone. What was mutated before is compiled anew with it: mostly the same
+        sources."""
         _, file, before, after = mutation
         path = self.folder / file
         original = path.read_text()
         stale = self.depending_on(file)
         path.write_text(original.replace(before, after))
-        for source in sorted(stale | self.restored):
+        compiled = stale | self.restored
+        if self.strategies != STRATEGIES.get(file, CPU):
+            self.strategies = STRATEGIES.get(file, CPU)
+            compiled.add(MUTANTS)
+        for source in sorted(compiled):
             self.compile_one(source)
         self.link()
         path.write_text(original)
         self.restored = stale
-        return self.caught(references, STRATEGIES.get(file, ["cpu_parallel"]))
+        return self.caught(references, self.strategies)
 
 
 JOBS = os.cpu_count() or 1
@@ -188,9 +200,8 @@ def main():
         first.link()
         references = pathlib.Path(folder) / "references"
         run([first.folder / "mutants", "write", references], first.folder)
-        every = ["cpu_parallel", *dict.fromkeys(name for names in STRATEGIES.values() for name in names)]
-        conformance, gate, runs = first.caught(references, every)
-        if conformance or gate or runs < len(every):
+        conformance, gate, runs = first.caught(references, EVERY)
+        if conformance or gate or runs < len(EVERY):
             sys.exit(f"without a mutation {conformance} of {runs} runs are caught by conformance, {gate and 'one' or 'none'} by the gate")
         copies = [first] + [first.twin(pathlib.Path(folder) / str(n)) for n in range(1, JOBS)]
         parts = [chosen[len(chosen) * n // JOBS:len(chosen) * (n + 1) // JOBS] for n in range(JOBS)]
