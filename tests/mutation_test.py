@@ -200,7 +200,8 @@ def main():
         first.link()
         references = pathlib.Path(folder) / "references"
         run([first.folder / "mutants", "write", references], first.folder)
-        conformance, gate, runs = first.caught(references, EVERY)
+        parts = [EVERY[n::JOBS] for n in range(JOBS) if EVERY[n::JOBS]]
+        conformance, gate, runs = map(sum, zip(*pool.map(lambda part: first.caught(references, part), parts)))
         if conformance or gate or runs < len(EVERY):
             sys.exit(f"without a mutation {conformance} of {runs} runs are caught by conformance, {gate and 'one' or 'none'} by the gate")
         copies = [first] + [first.twin(pathlib.Path(folder) / str(n)) for n in range(1, JOBS)]

@@ -296,21 +296,18 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
 
 class BrickLayout::ListSprings {
 public:
-    explicit ListSprings(const BrickShape& shape, std::vector<TileSpring>& springs)
-        : shape_(shape), springs_(springs) {}
+    explicit ListSprings(std::vector<TileSpring>& springs) : springs_(springs) {}
     void both(int bit, int i, int j, int k, int i2, int j2, int k2) { half(bit, i, j, k, i2, j2, k2); }
     void half(int bit, int i, int j, int k, int i2, int j2, int k2) {
         springs_.push_back({i, j, k, i2 - i, j2 - j, k2 - k, bit});
     }
 
 private:
-    const BrickShape& shape_;
     std::vector<TileSpring>& springs_;
 };
 
 BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
     : plan_(plan),
-      group_bits_(problem.group_bits),
       strides_(march_strides(problem.lattice, sizeof(float))),
       dims_(problem.lattice.dims),
       voxel_(problem.lattice.voxel),
@@ -321,7 +318,7 @@ BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
     low_ = low;
     const glm::ivec3 size = size_of(plan.shape);
     bricks_ = (high - low + size) / size;
-    ListSprings list(plan.shape, springs_);
+    ListSprings list(springs_);
     bits_ = visit_tile(plan.shape, list);
 
     find_blocks();

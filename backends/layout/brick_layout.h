@@ -77,7 +77,6 @@ private:
     void collect_polls();
 
     BrickPlan plan_;
-    std::uint32_t group_bits_;
     SoaStrides strides_;
     glm::ivec3 dims_, low_{0}, bricks_{1};  ///< of the lattice; of the body; along each axis
     std::vector<std::uint32_t> voxel_;      ///< one a particle

@@ -20,13 +20,13 @@ import comparison
 from . import reading
 
 # A colour a backend, the same on every page: page.css has them by these places. A name that is not here, of a backend of
-# somebody's own or of a newer program, takes one of the six beyond by its own sum, whatever else is on the page.
+# somebody's own or of a newer program, takes one of the three beyond by its own sum, whatever else is on the page.
 PLACES = {name: place for place, name in enumerate((
     "cuda_explicit_cached", "cuda_explicit_cached_grid", "cuda_explicit_delta", "cuda_explicit_device",
     "cuda_implicit_cached", "cuda_implicit_device", "cuda_implicit_shared", "cuda_march", "cuda_resident", "cuda_scatter",
     "gl_compute_explicit", "gl_compute_implicit", "gl_fragment_explicit", "gl_fragment_implicit",
-    "cpu_parallel", "cpu_reference"))}
-SPARE_COLOURS = 6
+    "cpu_parallel", "cpu_reference", "cuda_bricks", "vulkan_explicit", "vulkan_implicit"))}
+SPARE_COLOURS = 3
 # Shapes tell families apart where colours would not.
 SHAPES = {"CUDA": "circle", "Vulkan": "triangle-right", "OpenGL": "square", "CPU": "triangle-up", "another API": "diamond"}
 FORMULATIONS = {"paper": "cross", "position": "triangle-down", "displacement": "square", "increment": "circle",

@@ -126,8 +126,8 @@ private:
     std::int64_t batches_ = 0;
 };
 
-const RegisteredCaseRunner runner("energy", [](const BackendSpec&, const Scene& scene,
-                                               const nlohmann::json& parameters, SharedState*) {
+const RegisteredCaseRunner energy_runner("energy", [](const BackendSpec&, const Scene& scene,
+                                                      const nlohmann::json& parameters, SharedState*) {
     return std::make_unique<EnergyRunner>(scene, parameters);
 });
 
@@ -209,7 +209,7 @@ void EnergyStudy::print(const nlohmann::json& result, std::ostream& out, TableWi
     print_unmeasured(result, out);
 }
 
-const RegisteredStudyKind registered("energy", [] { return std::make_unique<EnergyStudy>(); });
+const RegisteredStudyKind energy_kind("energy", [] { return std::make_unique<EnergyStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

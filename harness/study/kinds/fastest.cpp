@@ -40,7 +40,7 @@ private:
     std::vector<Target> targets_;
 };
 
-const RegisteredStudyKind registered("fastest", [] { return std::make_unique<FastestStudy>(); });
+const RegisteredStudyKind fastest_kind("fastest", [] { return std::make_unique<FastestStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

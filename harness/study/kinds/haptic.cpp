@@ -253,8 +253,8 @@ private:
     SceneRunner runner_;
 };
 
-const RegisteredCaseRunner runner("haptic", [](const BackendSpec&, const Scene& scene,
-                                               const nlohmann::json& parameters, SharedState*) {
+const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec&, const Scene& scene,
+                                                      const nlohmann::json& parameters, SharedState*) {
     return std::make_unique<HapticRunner>(scene, parameters);
 });
 
@@ -381,7 +381,7 @@ void HapticStudy::print(const nlohmann::json& result, std::ostream& out, TableWi
     print_unmeasured(result, out);
 }
 
-const RegisteredStudyKind registered("haptic", [] { return std::make_unique<HapticStudy>(); });
+const RegisteredStudyKind haptic_kind("haptic", [] { return std::make_unique<HapticStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

@@ -103,8 +103,8 @@ private:
     bool keeps_start_ = false;  // or has been asked to
 };
 
-const RegisteredCaseRunner runner("overhead", [](const BackendSpec&, const Scene& scene,
-                                                 const nlohmann::json& parameters, SharedState*) {
+const RegisteredCaseRunner overhead_runner("overhead", [](const BackendSpec&, const Scene& scene,
+                                                          const nlohmann::json& parameters, SharedState*) {
     return std::make_unique<OverheadRunner>(scene, parameters);
 });
 
@@ -173,7 +173,7 @@ void OverheadStudy::print(const nlohmann::json& result, std::ostream& out, Table
     print_unmeasured(result, out);
 }
 
-const RegisteredStudyKind registered("overhead", [] { return std::make_unique<OverheadStudy>(); });
+const RegisteredStudyKind overhead_kind("overhead", [] { return std::make_unique<OverheadStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

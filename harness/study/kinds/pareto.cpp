@@ -105,8 +105,8 @@ private:
     SharedState& shared_;
 };
 
-const RegisteredCaseRunner runner("pareto", [](const BackendSpec&, const Scene& scene,
-                                               const nlohmann::json& parameters, SharedState* shared) {
+const RegisteredCaseRunner pareto_runner("pareto", [](const BackendSpec&, const Scene& scene,
+                                                      const nlohmann::json& parameters, SharedState* shared) {
     return std::make_unique<ParetoRunner>(scene, parameters, *shared);
 });
 
@@ -260,7 +260,7 @@ void ParetoStudy::run(StudyBench& bench) {
     for (const ParetoRow& row : rows) bench.add("pareto", to_json(row));
 }
 
-const RegisteredStudyKind registered("pareto", [] { return std::make_unique<ParetoStudy>(); });
+const RegisteredStudyKind pareto_kind("pareto", [] { return std::make_unique<ParetoStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

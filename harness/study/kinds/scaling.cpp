@@ -107,8 +107,9 @@ private:
     SharedState& shared_;
 };
 
-const RegisteredCaseRunner runner("scaling", [](const BackendSpec& spec, const Scene& scene,
-                                                const nlohmann::json& parameters, SharedState* shared) {
+const RegisteredCaseRunner scaling_runner("scaling", [](const BackendSpec& spec, const Scene& scene,
+                                                        const nlohmann::json& parameters,
+                                                        SharedState* shared) {
     return std::make_unique<ScalingRunner>(spec, scene, parameters, *shared);
 });
 
@@ -475,7 +476,7 @@ void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableW
     print_unmeasured(result, out);
 }
 
-const RegisteredStudyKind registered("scaling", [] { return std::make_unique<ScalingStudy>(); });
+const RegisteredStudyKind scaling_kind("scaling", [] { return std::make_unique<ScalingStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

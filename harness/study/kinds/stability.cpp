@@ -31,8 +31,8 @@ private:
     const bool map_;
 };
 
-const RegisteredCaseRunner runner("stability", [](const BackendSpec& spec, const Scene& scene,
-                                                  const nlohmann::json& parameters, SharedState*) {
+const RegisteredCaseRunner stability_runner("stability", [](const BackendSpec& spec, const Scene& scene,
+                                                            const nlohmann::json& parameters, SharedState*) {
     return std::make_unique<StabilityRunner>(spec, scene, parameters);
 });
 
@@ -68,7 +68,7 @@ public:
     }
 };
 
-const RegisteredStudyKind registered("stability", [] { return std::make_unique<StabilityKind>(); });
+const RegisteredStudyKind stability_kind("stability", [] { return std::make_unique<StabilityKind>(); });
 
 }  // namespace
 }  // namespace voxspring

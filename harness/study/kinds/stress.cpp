@@ -32,8 +32,8 @@ private:
     const StressLengths lengths_;
 };
 
-const RegisteredCaseRunner runner("stress", [](const BackendSpec& spec, const Scene&,
-                                               const nlohmann::json& parameters, SharedState*) {
+const RegisteredCaseRunner stress_runner("stress", [](const BackendSpec& spec, const Scene&,
+                                                      const nlohmann::json& parameters, SharedState*) {
     return std::make_unique<StressRunner>(spec, parameters);
 });
 
@@ -73,7 +73,7 @@ private:
     StressReferences references_;
 };
 
-const RegisteredStudyKind registered("stress", [] { return std::make_unique<StressStudy>(); });
+const RegisteredStudyKind stress_kind("stress", [] { return std::make_unique<StressStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

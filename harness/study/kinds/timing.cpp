@@ -27,7 +27,7 @@ private:
     bool total_error_ = true;
 };
 
-const RegisteredStudyKind registered("timing", [] { return std::make_unique<TimingStudy>(); });
+const RegisteredStudyKind timing_kind("timing", [] { return std::make_unique<TimingStudy>(); });
 
 }  // namespace
 }  // namespace voxspring
