@@ -107,7 +107,7 @@ private:
     std::vector<std::uint32_t> sum_;
 };
 
-/// Tiles whose lanes are in a warp, of the first warps of a brick; in the others it is much the same.
+/// The tiles of the first two warps of a brick. The other warps have much the same bank conflicts.
 std::vector<TilePlace> first_places(const BrickShape& shape) {
     constexpr int warps = 2;
     const BrickBlock inner{0, 0, 0, 1, brick_low_y | brick_high_y | brick_low_z | brick_high_z};
@@ -195,7 +195,8 @@ bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool mov
         const int at_launch = registers_at_launch(lanes + pollers);
         if (at_launch >= needed) return true;
         if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
-        // What the launch gave them is all that they have together: who asks for more waits for ever.
+        // All threads together have what the launch gave the block. A thread that asks for more waits for
+        // ever.
         const int left = (at_launch * (lanes + pollers) - poller_registers * pollers) / lanes / 8 * 8;
         if (left < needed) continue;
         plan.lane_registers = std::min(left, 240);
