@@ -55,13 +55,17 @@ double Problem::shortest_squared() const {
 }
 
 SpringCounts count_springs(const Problem& problem) {
-    SpringCounts counts;
-    for (const std::uint32_t mask : problem.lattice.mask) {
-        counts.group[0] += std::uint64_t(std::popcount(mask & FACE_BITS));
-        counts.group[1] += std::uint64_t(std::popcount(mask & EDGE_BITS));
-        counts.group[2] += std::uint64_t(std::popcount(mask & CORNER_BITS));
+    const std::vector<std::uint32_t>& masks = problem.lattice.mask;
+    std::uint64_t faces = 0, edges = 0, corners = 0;
+#pragma omp parallel for reduction(+ : faces, edges, corners)
+    for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(masks.size()); ++i) {
+        const std::uint32_t mask = masks[std::size_t(i)];
+        faces += std::uint64_t(std::popcount(mask & FACE_BITS));
+        edges += std::uint64_t(std::popcount(mask & EDGE_BITS));
+        corners += std::uint64_t(std::popcount(mask & CORNER_BITS));
     }
-    for (auto& ends : counts.group) ends /= 2;
+    SpringCounts counts;
+    counts.group = {faces / 2, edges / 2, corners / 2};  // each has two ends
     counts.beyond = problem.springs.size();
     return counts;
 }

@@ -1,16 +1,48 @@
 // The program's own `operator new`: vectors of large scenes are gigabytes.
+#include <algorithm>
+#include <cstddef>
 #include <cstdlib>
 #include <new>
+#include <system_error>
+#include <thread>
+#include <vector>
 
 #include "backends/huge_pages.h"
 
 // Sanitizers bring their own, and know which function gave what back. Clang is what they are built with here.
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
 
+namespace {
+
+/// The system clears memory at its first touch: of an array of gigabytes several cores do so at once. Not by
+/// OpenMP, whose threads would be lost to a process that is forked from this one.
+void touch(void* memory, std::size_t bytes) {
+    constexpr std::size_t page = 4096, worth_a_thread = std::size_t(1) << 25;
+    const std::size_t shares =
+        std::min<std::size_t>(bytes / worth_a_thread, std::min(16U, std::thread::hardware_concurrency()));
+    if (shares < 2) return;
+    const std::size_t pages = bytes / page;
+    volatile auto* const begin = static_cast<std::byte*>(memory);
+    const auto touch_share = [=](std::size_t n) {
+        for (std::size_t at = pages * n / shares; at < pages * (n + 1) / shares; ++at)
+            begin[at * page] = std::byte(0);
+    };
+    try {
+        std::vector<std::jthread> threads;
+        threads.reserve(shares);
+        for (std::size_t n = 0; n < shares; ++n) threads.emplace_back(touch_share, n);
+    } catch (const std::system_error&) {
+        // Without threads whoever fills the array touches it.
+    }
+}
+
+}  // namespace
+
 void* operator new(std::size_t bytes) {
     for (;;) {
         if (void* const memory = std::malloc(bytes == 0 ? 1 : bytes); memory != nullptr) {
             voxspring::prefer_huge_pages(memory, bytes);
+            touch(memory, bytes);
             return memory;
         }
         const std::new_handler handler = std::get_new_handler();

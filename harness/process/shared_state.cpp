@@ -1,10 +1,22 @@
 #include "harness/process/shared_state.h"
 
 #include <algorithm>
+#include <cstddef>
+#include <span>
 #include <stdexcept>
 #include <string>
 
 namespace voxspring {
+
+namespace {
+
+/// On all cores: one takes most of a second for the state of 16 million particles.
+void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
+#pragma omp parallel for schedule(static)
+    for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(from.size()); ++i) to[i] = from[std::size_t(i)];
+}
+
+}  // namespace
 
 SharedState::SharedState(std::size_t particles)
     : particles_(particles),
@@ -25,16 +37,18 @@ nlohmann::json SharedState::put(const State& state) {
         throw std::runtime_error("gave a state of " +
                                  std::to_string(std::max(state.displacement.size(), state.increment.size())) +
                                  " particles of a problem of " + std::to_string(particles_));
-    std::copy(state.displacement.begin(), state.displacement.end(), vectors_.begin());
-    std::copy(state.increment.begin(), state.increment.end(), vectors_.begin() + std::ptrdiff_t(particles_));
+    copy(state.displacement, vectors_.data());
+    copy(state.increment, vectors_.data() + particles_);
     return {state.displacement.size(), state.increment.size()};
 }
 
 void SharedState::take(const nlohmann::json& sizes, State& state) const {
     const auto displacements = vectors_.first(sizes.at(0).get<std::size_t>());
     const auto increments = vectors_.subspan(particles_, sizes.at(1).get<std::size_t>());
-    state.displacement.assign(displacements.begin(), displacements.end());
-    state.increment.assign(increments.begin(), increments.end());
+    state.displacement.resize(displacements.size());
+    state.increment.resize(increments.size());
+    copy(displacements, state.displacement.data());
+    copy(increments, state.increment.data());
 }
 
 }  // namespace voxspring

@@ -5,6 +5,7 @@
 #include <glm/geometric.hpp>
 #include <sstream>
 
+#include "harness/verification/sum.h"
 #include "harness/verification/verify.h"
 
 namespace voxspring {
@@ -13,14 +14,19 @@ namespace {
 constexpr int check_every = 64;
 constexpr std::int64_t longest_replay = 1'000'000;
 
-/// NaN where any is.
-double longest(const std::vector<glm::dvec3>& vectors) {
+/// The largest of lengths; NaN where any is.
+struct Longest {
     double length = 0;
-    for (const glm::dvec3& v : vectors) {
-        if (!(glm::length(v) <= length)) length = glm::length(v);
-        if (std::isnan(length)) break;
+    Longest& operator+=(const Longest& other) {
+        if (!(other.length <= length) && !std::isnan(length)) length = other.length;
+        return *this;
     }
-    return length;
+};
+
+double longest(const std::vector<glm::dvec3>& vectors) {
+    return sum_of<Longest>(vectors.size(),
+                           [&](Longest& part, std::size_t i) { part += {glm::length(vectors[i])}; })
+        .length;
 }
 
 }  // namespace
