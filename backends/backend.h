@@ -205,6 +205,10 @@ public:
     /// Measure what the device can do at best, in about a second. Before the first upload().
     virtual DeviceLimits measure_limits() = 0;
 
+    /// Measure DeviceLimits::launch_seconds of this very process, where it differs from process to process;
+    /// nothing where it does not. Before the first upload().
+    virtual std::optional<double> own_launch_seconds() { return std::nullopt; }
+
     /// The least that a step of `problem` takes. Cheap, and touches no device.
     virtual StepWork step_work(const Problem& problem) const = 0;
 

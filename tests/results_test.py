@@ -199,12 +199,9 @@ def with_work(result):
 
 
 def above_limit(result):
-    """The rows of a result that were faster than the limit of their own mix of reading and writing. A launch of OpenGL takes
-    the host's time, which differs from process to process: 3.5 to 6.3 us on one server. Rows that wait for it are marked, and
-    not refused."""
+    """The rows of a result that were faster than the limit of their own mix of reading and writing."""
     return [row["name"] for row in result.get("benchmarks", [])
-            if row.get("step_footprint_bytes") is not None and (row["fraction_of_limit"] or 0) > 1
-            and not (row["limited_by"] == "launch" and row["backend"].startswith("gl_"))]
+            if row.get("step_footprint_bytes") is not None and (row["fraction_of_limit"] or 0) > 1]
 
 
 class Limits(InTemporaryFolder):

@@ -58,7 +58,8 @@ public:
         device_error_in_limits,
         wrong,
         nan,
-        departs,  ///< in step 3
+        departs,            ///< in step 3
+        launches_in_hours,  ///< and by itself in half of the time
     };
 
     explicit Faulty(Fault fault, std::string uuid = "")
@@ -76,7 +77,13 @@ public:
     void edit(const Problem&, const SpringEdit&) override {}
     DeviceLimits measure_limits() override {
         if (fault_ == Fault::device_error_in_limits) throw DeviceError("no counters");
-        return CpuBackend::measure_limits();
+        DeviceLimits limits = CpuBackend::measure_limits();
+        if (fault_ == Fault::launches_in_hours) limits.launch_seconds = 3600;
+        return limits;
+    }
+    std::optional<double> own_launch_seconds() override {
+        if (uploads_ != 0) throw DeviceError("a launch is measured before the first upload");
+        return fault_ == Fault::launches_in_hours ? std::optional(1800.0) : std::nullopt;
     }
     StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
     State download() override {
@@ -188,6 +195,7 @@ const Registered test_backends[] = {
     faulty("test_device_error_in_upload", Faulty::Fault::device_error_in_upload),
     faulty("test_device_error_in_step", Faulty::Fault::device_error_in_step),
     faulty("unmeasured", Faulty::Fault::device_error_in_limits),
+    faulty("waiting", Faulty::Fault::launches_in_hours),
     faulty("test_wrong", Faulty::Fault::wrong),
     faulty("test_nan", Faulty::Fault::nan),
     faulty("departs", Faulty::Fault::departs),
@@ -370,6 +378,16 @@ TEST(Study, FractionsFollowFromLimits) {
             const double seconds = row.at("real_time").get<double>() * 1e-6;
             EXPECT_DOUBLE_EQ(row.at("fraction_of_limit").get<double>(), expected / seconds) << aggregate;
         }
+    }
+}
+
+TEST(Study, ARowThatWaitsForLaunchesIsHeldAgainstThoseOfItsOwnProcess) {
+    const nlohmann::json result = run_study(study_of({"waiting"}), {});
+    EXPECT_EQ(result.at("context").at("voxspring").at("limits").at("CPU").at("launch_seconds"), 3600);
+    ASSERT_FALSE(result.at("benchmarks").empty());
+    for (const auto& row : result.at("benchmarks")) {
+        EXPECT_EQ(row.at("limited_by"), "launch");
+        EXPECT_EQ(row.at("limit_seconds"), 1800);
     }
 }
 
@@ -677,7 +695,7 @@ TEST(AStudy, GoesOnWhereALauncherIsKilled) {
     // A case that has a process already goes with its launcher; one that has none yet gets another launcher.
     EXPECT_THAT(reasons, ::testing::UnorderedElementsAre(
                              ::testing::Pair("box@5/launcher_killed", lost + "warming up"),
-                             ::testing::Pair("box@5/test_sound", lost + "warming up"),
+                             ::testing::Pair("box@5/test_sound", lost + "counting its work"),
                              ::testing::Pair("box@4/launcher_killed_early",
                                              lost + "constructing launcher_killed_early")));
     ASSERT_EQ(result.at("verification").size(), 1u);

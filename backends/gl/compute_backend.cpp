@@ -249,4 +249,9 @@ DeviceLimits ComputeBackend::measure_limits() {
     return measure_compute_limits(context());
 }
 
+std::optional<double> ComputeBackend::own_launch_seconds() {
+    context().make_current();
+    return measure_dispatch(context());
+}
+
 }  // namespace voxspring::gl

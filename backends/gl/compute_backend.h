@@ -25,6 +25,7 @@ public:
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
     DeviceLimits measure_limits() final;
+    std::optional<double> own_launch_seconds() final;
     /// Of what the driver itself keeps on disk nothing is known.
     CompileTime compile_time() const final { return {compile_seconds_, compile_seconds_}; }
 

@@ -339,6 +339,11 @@ DeviceLimits FragmentBackend::measure_limits() {
     return gl::measure_limits(context());
 }
 
+std::optional<double> FragmentBackend::own_launch_seconds() {
+    context().make_current();
+    return measure_draw(context());
+}
+
 StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t unmasked) const {
     const std::uint64_t particles = problem.particle_count();
     const bool loads = glsl::needs_loads(problem, all_terms());

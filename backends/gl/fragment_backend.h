@@ -34,6 +34,7 @@ public:
     /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
     DeviceLimits measure_limits() final;
+    std::optional<double> own_launch_seconds() final;
 
     std::size_t frame_count() const { return frames_.size(); }
     std::size_t target_count() const { return frames_[0].targets.size(); }

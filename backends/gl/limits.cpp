@@ -144,6 +144,19 @@ Defines copy_defines(const glsl::CopyPass& pass) {
 
 }  // namespace
 
+double measure_draw(const Context& context) {
+    const Program nothing = fragment_program(context, "limits_launch.frag", {});
+    const Frames fragments(context, {1, 1});
+    return min_seconds([&](int count) { return seconds([&] { fragments.step(nothing, count); }); });
+}
+
+double measure_dispatch(const Context& context) {
+    constexpr std::size_t launch_group = 32;
+    const Program nothing(context, load_source("limits_launch.comp", {}));
+    const StorageBuffers buffers(context, launch_group);
+    return min_seconds([&](int count) { return seconds([&] { buffers.step(nothing, 1, count); }); });
+}
+
 DeviceLimits measure_limits(const Context& context) {
     DeviceLimits limits;
     // A draw cannot write what it reads.
@@ -155,10 +168,7 @@ DeviceLimits measure_limits(const Context& context) {
         return min_seconds([&](int count) { return seconds([&] { frames.repeat(program, count); }); },
                            one_of_many(words * std::size_t(rgba32f.bytes)));
     });
-    const Program nothing = fragment_program(context, "limits_launch.frag", {});
-    const Frames fragments(context, {1, 1});
-    limits.launch_seconds =
-        min_seconds([&](int count) { return seconds([&] { fragments.step(nothing, count); }); });
+    limits.launch_seconds = measure_draw(context);
 
     const Frames frames(context, arithmetic_size);
     const Program fragment = fragment_program(context, "limits_arithmetic.glsl", {});
@@ -172,7 +182,6 @@ DeviceLimits measure_limits(const Context& context) {
 
 DeviceLimits measure_compute_limits(const Context& context) {
     DeviceLimits limits;
-    constexpr std::size_t launch_group = 32;
     glsl::measure_bandwidth(limits, glsl::compute_copies, [&](const glsl::CopyPass& pass, std::size_t words) {
         const Program program(context, load_source("limits_copy.comp", pass.constants()));
         program.set("impossible", -1.0F);
@@ -182,10 +191,7 @@ DeviceLimits measure_compute_limits(const Context& context) {
             [&](int count) { return seconds([&] { buffers.repeat(program, groups, count); }); },
             one_of_many(words * std::size_t(rgba32f.bytes)));
     });
-    const Program nothing(context, load_source("limits_launch.comp", {}));
-    const StorageBuffers buffers(context, launch_group);
-    limits.launch_seconds =
-        min_seconds([&](int count) { return seconds([&] { buffers.step(nothing, 1, count); }); });
+    limits.launch_seconds = measure_dispatch(context);
     const Texture target = make_texture(context, rgba32f, arithmetic_size, nullptr);
     limits.float32_operations_per_second = compute_operations_per_second(context, target);
     context.check("measuring limits");

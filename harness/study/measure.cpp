@@ -76,13 +76,14 @@ public:
     void warm_up() {
         if (finished()) return;
         attempt([&] {
-            const nlohmann::json warm = case_.ask(
-                {{"do", "warm up"}, {"batches", context_.batch.rewind ? 1 : 1 + done_}}, "warming up");
-            if (known("warm")) return;
-            // An earlier session may have been cut short between the two.
             if (!known("step work"))
                 case_.scope().keep("step work", case_.ask({{"do", "step work"}}, "counting its work"));
-            case_.scope().keep("warm", warm);
+            // Before the first upload. A step that waits for launches waits for those of its own process.
+            if (!known("launch") && limit().limited_by == "launch")
+                case_.scope().keep("launch", case_.ask({{"do", "launch"}}, "measuring a launch"));
+            const nlohmann::json warm = case_.ask(
+                {{"do", "warm up"}, {"batches", context_.batch.rewind ? 1 : 1 + done_}}, "warming up");
+            if (!known("warm")) case_.scope().keep("warm", warm);
         });
     }
 
@@ -128,6 +129,7 @@ private:
     EditPart edit_part() const;
     StartPart start_part() const;
     bool leaves_out_tiles() const;
+    StepLimit limit() const;
     LimitPart limit_part() const;
     std::vector<std::string> noise() const;
     Row common_row() const;
@@ -218,6 +220,15 @@ bool TimedCase::leaves_out_tiles() const {
     return work.contains("tiles_stepped") && work.at("tiles_stepped") < work.at("tiles");
 }
 
+/// Of a step of the whole body; nothing where the device's limits are not known.
+StepLimit TimedCase::limit() const {
+    if (!case_.limits) return {};
+    DeviceLimits limits = *case_.limits;
+    if (known("launch") && kept("launch").is_number())
+        limits.launch_seconds = std::min(limits.launch_seconds, kept("launch").get<double>());
+    return limit_of(step_work_of(kept("step work")), limits, case_.spec().options.precision);
+}
+
 /// A step that leaves out tiles at rest has no limit: that would be one of the whole body.
 LimitPart TimedCase::limit_part() const {
     if (leaves_out_tiles()) return {};
@@ -226,10 +237,10 @@ LimitPart TimedCase::limit_part() const {
                    .written_bytes = work.written_bytes,
                    .footprint_bytes = work.footprint_bytes,
                    .operations = work.operations};
-    if (!case_.limits) return part;
-    const StepLimit limit = limit_of(work, *case_.limits, case_.spec().options.precision);
-    part.seconds = limit.seconds;
-    part.limited_by = limit.limited_by;
+    if (const StepLimit one = limit(); !one.limited_by.empty()) {
+        part.seconds = one.seconds;
+        part.limited_by = one.limited_by;
+    }
     return part;
 }
 

@@ -61,6 +61,10 @@ public:
         if (what == "warm up") return warm_up(backend, question.at("batches"));
         if (what == "repeat") return repeat(backend, question.at("last"));
         if (what == "edits") return edits(backend);
+        if (what == "launch") {
+            const std::optional<double> seconds = backend.own_launch_seconds();
+            return seconds ? nlohmann::json(*seconds) : nlohmann::json();
+        }
         const StepWork work = backend.step_work(scene_.problem);
         return {{"bytes", work.bytes},
                 {"written_bytes", work.written_bytes},
@@ -94,8 +98,9 @@ private:
         if (backend.divergence()) (void)read(backend, batches * batch_.steps);
         // Counting takes a step, which only a rewind takes back.
         const WorkCount work = batch_.rewind ? backend.count_work() : WorkCount{};
-        nlohmann::json answer = {
-            {"compile_seconds", compiling.cold}, {"upload_seconds", upload_seconds}, {"work", work}};
+        nlohmann::json answer = {{"compile_seconds", compiling.cold},
+                                 {"upload_seconds", upload_seconds},
+                                 {"work", work}};
         if (const auto choice = backend.choice()) {
             answer["chosen"] = choice->tuning;
             answer["predicted_seconds"] = choice->step_seconds;
