@@ -98,6 +98,11 @@ nlohmann::json Case::ask(const nlohmann::json& question, const std::string& doin
     return process_->ask(question, doing, on_event);
 }
 
+void Case::begin(const nlohmann::json& question) {
+    start();
+    process_->begin(question);
+}
+
 DeviceLimits Case::measure_limits(JournalScope scope) {
     const std::string device = capabilities().at("api");
     if (scope.find(device) == nullptr) {

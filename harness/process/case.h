@@ -45,6 +45,9 @@ public:
     /// device is not the one that the journal knows.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
+    /// Worker::begin() and finish() with its runner.
+    void begin(const nlohmann::json& question);
+    nlohmann::json finish(const std::string& doing) { return process_->finish(doing); }
     /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 

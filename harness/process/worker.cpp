@@ -154,14 +154,23 @@ nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& do
                            const OnEvent& on_event) {
     Worker*& last = workers_.last_asked_;
     if (last != nullptr && last != this) std::exchange(last, nullptr)->rest();
-    if (process_ < 0) throw WorkerLost(lost_);
+    begin(question);
     last = this;
+    return finish(doing, on_event);
+}
+
+void Worker::begin(const nlohmann::json& question) {
+    if (process_ < 0) throw WorkerLost(lost_);
     asked_ = true;
     try {
         send_message(socket_, question);
     } catch (const Closed&) {
         // receive() finds out how it ended.
     }
+}
+
+nlohmann::json Worker::finish(const std::string& doing, const OnEvent& on_event) {
+    if (process_ < 0) throw WorkerLost(lost_);
     for (;;) {
         nlohmann::json message = receive(doing);
         if (message.contains("event")) {

@@ -36,8 +36,9 @@ public:
 /// A process that a launcher has forked. It ends with this object, or when this process does, however that
 /// happens. Numbers travel to the bit, those that are not finite too.
 ///
-/// Only one of them works at a time: before another one of the same Workers is asked, the threads of the one
-/// before have come to rest, where they would take the cores that the next one is timed on.
+/// Only one of them works at a time, unless begin() says otherwise: before another one of the same Workers is
+/// asked, the threads of the one before have come to rest, where they would take the cores that the next one
+/// is timed on.
 class Worker {
 public:
     /// `description` says what is to answer (case.h). `workers` must outlive this. A `timeout` of more than
@@ -59,6 +60,11 @@ public:
     /// `doing` (it is then killed); Unavailable or DeviceError with the message of what its answerer threw.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
+
+    /// ask() in two parts, so that several work at once on what is not timed. Between them it is asked
+    /// nothing else.
+    void begin(const nlohmann::json& question);
+    nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
 
 private:
     nlohmann::json receive(const std::string& doing);

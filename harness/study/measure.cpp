@@ -8,6 +8,7 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
 
 #include "harness/base/bad_input.h"
@@ -71,6 +72,23 @@ public:
     /// Whether there is nothing left to ask.
     bool finished() const {
         return !failure_.empty() || (missing() == 0 && (context_.edits == 0 || known("edits")));
+    }
+
+    /// Has its process compile what it will run; returns before it has. Of a large scene that takes less than
+    /// the upload that it is part of.
+    void begin_compiling() {
+        constexpr std::size_t large = std::size_t(1) << 20;
+        const ApiFamily family = capabilities_of(case_.capabilities()).family;
+        const bool compiles = family == ApiFamily::cuda || family == ApiFamily::vulkan;
+        if (!compiles || known("warm") || context_.scene.problem.particle_count() > large) return;
+        attempt([&] {
+            case_.begin({{"do", "compile"}});
+            compiling_ = true;
+        });
+    }
+    void finish_compiling() {
+        if (!std::exchange(compiling_, false)) return;
+        attempt([&] { case_.finish("compiling"); });
     }
 
     void warm_up() {
@@ -138,6 +156,7 @@ private:
     const MeasurementContext& context_;
     std::string failure_;  ///< empty: none so far
     int done_ = 0;         ///< repetitions
+    bool compiling_ = false;
 };
 
 nlohmann::json TimedCase::timed(const std::string& name, bool last) {
@@ -317,6 +336,17 @@ std::vector<std::span<const BackendSpec>> groups_of(const std::vector<BackendSpe
     return groups;
 }
 
+/// Has every case compile what it will run, some of them at once: a compiler has one thread.
+void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
+    const std::size_t at_once = std::max(1U, std::thread::hardware_concurrency() / 2);
+    for (std::size_t begin = 0; begin < cases.size() && !interrupted(); begin += at_once) {
+        const auto some = std::span(cases).subspan(begin, std::min(at_once, cases.size() - begin));
+        bench.show("compiling " + some.front().label(), 0, 1);
+        for (TimedCase& one : some) one.begin_compiling();
+        for (TimedCase& one : some) one.finish_compiling();
+    }
+}
+
 /// Has every case make its repetitions, interleaved in random order, so that what changes on the machine with
 /// time changes all of them alike.
 void repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
@@ -410,6 +440,7 @@ void measure(StudyBench& bench, const Batch& batch) {
         std::vector<TimedCase> cases;
         cases.reserve(entered.size());
         for (Case& one : entered) cases.emplace_back(one, context);
+        compile_together(bench, cases);
         repeat_interleaved(bench, cases);
         for (TimedCase& one : cases) {
             if (!interrupted()) one.measure_edits();
