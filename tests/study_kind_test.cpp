@@ -5,17 +5,23 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <memory>
 #include <sstream>
 #include <string>
+#include <thread>
+#include <utility>
 
+#include "backends/cpu/cpu_backend.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/commands.h"
 #include "harness/study/study_bench.h"
+#include "harness/study/suite.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {
@@ -84,6 +90,98 @@ private:
 
 const RegisteredStudyKind registered("upload_time", [] { return std::make_unique<UploadTime>(); });
 
+// --- The kind `meeting`: suites that meet each other -----------------------------------------------------
+
+/// cpu_reference as a backend of another API.
+class Disguised final : public CpuBackend {
+public:
+    explicit Disguised(ApiFamily family) : family_(family) {}
+    Capabilities capabilities() const override {
+        Capabilities capabilities = inner_->capabilities();
+        capabilities.family = family_;
+        return capabilities;
+    }
+    std::string unsupported(const Problem&) const override { return {}; }
+    void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
+    void edit(const Problem&, const SpringEdit&) override {}
+    void step(int count) override { inner_->step(count); }
+    State download() override { return inner_->download(); }
+    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+
+private:
+    const ApiFamily family_;
+    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
+};
+
+Registered disguised(const std::string& name, ApiFamily family) {
+    return Registered({.name = name,
+                       .summary = "A backend for this test.",
+                       .precisions = {Precision::float64},
+                       .formulations = {Formulation::increment},
+                       .tuning = {},
+                       .make = [family](const Options&) { return std::make_unique<Disguised>(family); },
+                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+const Registered all[] = {disguised("device_1", ApiFamily::opengl), disguised("device_2", ApiFamily::opengl),
+                          disguised("device_3", ApiFamily::opengl),
+                          disguised("device_killed", ApiFamily::opengl),
+                          disguised("processor", ApiFamily::cpu)};
+
+/// Leaves a mark, and of two devices waits for the mark of the other one.
+class MeetingRunner final : public SuiteRunner {
+public:
+    MeetingRunner(std::string name, const nlohmann::json& parameters)
+        : name_(std::move(name)), folder_(parameters.at("folder").get<std::string>()) {}
+
+private:
+    void run(Backend&, const nlohmann::json& known, const Once& once, const OnEvent& on_event) override {
+        std::ofstream(folder_ / name_) << "here";
+        on_event({{"found", name_}});
+        once("meeting", [&]() -> Rows {
+            if (name_ == "device_killed") (void)std::raise(SIGKILL);
+            const bool met =
+                (name_ != "device_2" || appears("device_3")) && (name_ != "device_3" || appears("device_2"));
+            return {{"meetings", {{{"name", name_}, {"met", met}, {"known", known}}}}};
+        });
+    }
+    bool appears(const std::string& name) const {
+        constexpr std::chrono::milliseconds often(5);
+        constexpr int patience = 4000;
+        for (int i = 0; i < patience && !std::filesystem::exists(folder_ / name); ++i)
+            std::this_thread::sleep_for(often);
+        return std::filesystem::exists(folder_ / name);
+    }
+
+    const std::string name_;
+    const std::filesystem::path folder_;
+};
+
+const RegisteredCaseRunner meeting_runner("meeting", [](const BackendSpec& spec, const Scene&,
+                                                        const nlohmann::json& parameters, SharedState*) {
+    return std::make_unique<MeetingRunner>(spec.entry->name, parameters);
+});
+
+class Meeting final : public StudyKind {
+public:
+    void read(JsonObject& study) override { folder_ = study.require("folder", "a path").string(); }
+    void run(StudyBench& bench) override {
+        nlohmann::json found = nlohmann::json::array();
+        const CaseProgram program{"meeting", {{"folder", folder_}}};
+        measure_suites(bench, {.enter = [&](const BackendSpec& spec) { return bench.enter(spec, program); },
+                               .known = [&] { return found; },
+                               .on_event = [&](const auto& event) { found.push_back(event.at("found")); }});
+    }
+    std::vector<std::string> lists() const override { return {"meetings"}; }
+    void print(const nlohmann::json&, std::ostream&, TableWidth) const override {}
+
+private:
+    std::string folder_;
+};
+
+const RegisteredStudyKind meeting("meeting", [] { return std::make_unique<Meeting>(); });
+
+// --- Tests -----------------------------------------------------------------------------------------------
+
 class StudyKinds : public ::testing::Test {
 protected:
     TemporaryFolder folder_;
@@ -117,6 +215,29 @@ TEST_F(StudyKinds, OneOfOnesOwnRunsAsAnyOther) {
     std::ostringstream printed;
     EXPECT_EQ(run_and_print_study(study, {}, printed), 0);
     expect_contains(printed.str(), "box@5/cpu_reference/increment/float64");
+}
+
+TEST_F(StudyKinds, SuitesOfDevicesGoSideBySide) {
+    const std::string study =
+        write("meeting.json", R"({"kind": "meeting", "folder": ")" + folder_.path().string() + R"(",
+        "backends": ["device_*", "processor"], "scenes": [{"scene": "box@2"}]})");
+    StudyOptions options;
+    options.side_by_side = 3;
+    const nlohmann::json result = run_study(load_study(study), options);
+
+    const nlohmann::json& meetings = result.at("meetings");
+    ASSERT_EQ(meetings.size(), 4u);
+    for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(meetings[i].at("name"), "device_" + std::to_string(i + 1));
+    EXPECT_EQ(meetings[0].at("known"), nlohmann::json::array()) << "the first one is told nothing";
+    EXPECT_EQ(meetings[1].at("met"), true) << "the third was at work as well";
+    EXPECT_EQ(meetings[2].at("met"), true);
+    EXPECT_EQ(meetings[1].at("known"), nlohmann::json({"device_1"})) << "which was alone before";
+    EXPECT_EQ(meetings[3].at("name"), "processor");
+    EXPECT_EQ(meetings[3].at("known"), nlohmann::json({"device_1", "device_2", "device_3", "device_killed"}))
+        << "a processor's suite waits for those of all devices";
+    ASSERT_EQ(result.at("failed").size(), 1u) << "and takes no other along";
+    EXPECT_EQ(result.at("failed")[0].at("backend"), "device_killed");
+    expect_contains(result.at("failed")[0].at("reason"), "meeting: was killed by signal 9");
 }
 
 TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {

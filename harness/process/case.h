@@ -47,7 +47,9 @@ public:
                        const OnEvent& on_event = {});
     /// Worker::begin() and finish() with its runner.
     void begin(const nlohmann::json& question);
-    nlohmann::json finish(const std::string& doing) { return process_->finish(doing); }
+    nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {}) {
+        return process_->finish(doing, on_event);
+    }
     /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 

@@ -161,6 +161,8 @@ nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& do
 
 void Worker::begin(const nlohmann::json& question) {
     if (process_ < 0) throw WorkerLost(lost_);
+    // It works on: nobody waits for it to come to rest.
+    if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     asked_ = true;
     try {
         send_message(socket_, question);

@@ -1,44 +1,95 @@
 #include "harness/study/suite.h"
 
+#include <algorithm>
+#include <deque>
+#include <memory>
 #include <set>
+#include <thread>
 #include <utility>
 
 #include "harness/base/interruption.h"
+#include "harness/results/capabilities.h"
 
 namespace voxspring {
 namespace {
 
-std::string key_of(std::size_t number) { return "measurement " + std::to_string(number); }
+/// A case on its way through its suite.
+class SuiteCase {
+public:
+    SuiteCase(StudyBench& bench, Case benchmark_case, const OnEvent& on_event)
+        : bench_(bench), case_(std::move(benchmark_case)), on_event_(on_event) {
+        std::set<std::string> finished;
+        while (const nlohmann::json* measurement = measured(finished.size() + 1))
+            finished.insert(measurement->at("measured").get<std::string>());
+        finished_ = std::move(finished);
+        kept_ = finished_.size();
+    }
 
-/// Measures what is missing.
-void complete(StudyBench& bench, Case& benchmark_case, const nlohmann::json& known, const OnEvent& on_event) {
-    JournalScope& scope = benchmark_case.scope();
-    std::set<std::string> finished;
-    while (const nlohmann::json* measurement = scope.find(key_of(finished.size() + 1)))
-        finished.insert(measurement->at("measured").get<std::string>());
-    std::size_t count = finished.size();
-    const auto& specs = bench.specs();
-    int place = 0;
-    while (place < int(specs.size()) && specs[std::size_t(place)].label() != benchmark_case.spec().label())
-        ++place;
-    std::string at = "before its first measurement";
-    const auto hear = [&](const nlohmann::json& event) {
-        if (event.contains("begun")) {
-            at = event.at("begun");
-            bench.show(benchmark_case.spec().label() + " " + at, place, int(specs.size()));
-        } else if (event.contains("measured")) {
-            scope.keep(key_of(++count), event);
-            if (interrupted()) throw Interrupted();
-        } else if (on_event) {
-            on_event(event);
+    /// A suite that takes the processor's cores.
+    bool is_on_processor() { return capabilities_of(case_.capabilities()).family == ApiFamily::cpu; }
+
+    /// Has its process measure what is missing; returns before it has.
+    void begin(const nlohmann::json& known) {
+        if (scope().find("finished") != nullptr || scope().find("failed") != nullptr) return;
+        attempt([&] {
+            case_.begin({{"do", "suite"}, {"finished", finished_}, {"known", known}});
+            working_ = true;
+        });
+    }
+
+    /// Waits until it has, and adds its rows.
+    void finish() {
+        if (working_ && !interrupted()) {
+            attempt([&] {
+                (void)case_.finish("making that measurement",
+                                   [&](const nlohmann::json& event) { hear(event); });
+                scope().keep("finished", true);
+            });
         }
-    };
-    const auto failure = failure_of([&] {
-        (void)benchmark_case.ask({{"do", "suite"}, {"finished", finished}, {"known", known}},
-                                 "making that measurement", hear);
-        scope.keep("finished", true);
-    });
-    if (failure) scope.keep("failed", at + ": " + *failure);
+        for (std::size_t i = 1; const nlohmann::json* measurement = measured(i); ++i) {
+            for (const auto& [list, rows] : measurement->at("rows").items()) {
+                for (const nlohmann::json& row : rows) bench_.add(list, row);
+            }
+        }
+        bench_.add_failure(case_);
+    }
+
+private:
+    JournalScope& scope() { return case_.scope(); }
+    static std::string key_of(std::size_t number) { return "measurement " + std::to_string(number); }
+    const nlohmann::json* measured(std::size_t number) { return scope().find(key_of(number)); }
+
+    void attempt(const std::function<void()>& action) {
+        if (const auto failure = failure_of(action)) scope().keep("failed", at_ + ": " + *failure);
+    }
+
+    void hear(const nlohmann::json& event) {
+        if (event.contains("begun")) {
+            at_ = event.at("begun");
+            const auto& specs = bench_.specs();
+            const auto place = std::find_if(specs.begin(), specs.end(), [&](const BackendSpec& spec) {
+                return spec.label() == case_.spec().label();
+            });
+            bench_.show(case_.spec().label() + " " + at_, int(place - specs.begin()), int(specs.size()));
+        } else if (event.contains("measured")) {
+            scope().keep(key_of(++kept_), event);
+            if (interrupted()) throw Interrupted();
+        } else if (on_event_) {
+            on_event_(event);
+        }
+    }
+
+    StudyBench& bench_;
+    Case case_;
+    const OnEvent& on_event_;
+    std::set<std::string> finished_;  ///< before it began
+    std::size_t kept_ = 0;            ///< measurements in the journal
+    std::string at_ = "before its first measurement";
+    bool working_ = false;
+};
+
+int side_by_side(const StudyOptions& options) {
+    return options.side_by_side.value_or(std::max(1, int(std::thread::hardware_concurrency()) / 2));
 }
 
 }  // namespace
@@ -56,17 +107,23 @@ nlohmann::json SuiteRunner::answer(Backend& backend, const nlohmann::json& quest
     return nullptr;
 }
 
-void measure_suite(StudyBench& bench, Case& benchmark_case, const nlohmann::json& known,
-                   const OnEvent& on_event) {
-    JournalScope& scope = benchmark_case.scope();
-    if (scope.find("finished") == nullptr && scope.find("failed") == nullptr)
-        complete(bench, benchmark_case, known, on_event);
-    for (std::size_t i = 1; const nlohmann::json* measurement = scope.find(key_of(i)); ++i) {
-        for (const auto& [list, measured] : measurement->at("rows").items()) {
-            for (const nlohmann::json& row : measured) bench.add(list, row);
-        }
+void measure_suites(StudyBench& bench, const Suites& suites) {
+    std::deque<std::unique_ptr<SuiteCase>> working;
+    const auto finish_until = [&](std::size_t left) {
+        for (; working.size() > left; working.pop_front()) working.front()->finish();
+    };
+    bool first = true;
+    for (const BackendSpec& spec : bench.specs()) {
+        std::optional<Case> entered = suites.enter(spec);
+        if (!entered) continue;
+        auto next = std::make_unique<SuiteCase>(bench, *std::move(entered), suites.on_event);
+        const bool alone = std::exchange(first, false) || next->is_on_processor();
+        finish_until(alone ? 0 : std::size_t(side_by_side(bench.options())) - 1);
+        next->begin(suites.known());
+        working.push_back(std::move(next));
+        if (alone) finish_until(0);
     }
-    bench.add_failure(benchmark_case);
+    finish_until(0);
 }
 
 }  // namespace voxspring

@@ -4,6 +4,7 @@
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,15 +26,27 @@ public:
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent& on_event) final;
 
 private:
-    /// `known` is what measure_suite() was given. Events are for whoever called that.
+    /// `known` is what measure_suites() was given. Events are for whoever called that.
     virtual void run(Backend& backend, const nlohmann::json& known, const Once& once,
                      const OnEvent& on_event) = 0;
 };
 
-/// Takes a case, whose runner is a SuiteRunner, through its suite; what the journal has is not measured
-/// again. Rows go to the bench. What fails the suite as a whole, the end of the process included, is a row of
-/// `failed`. Once interrupted, the rows so far.
-void measure_suite(StudyBench& bench, Case& benchmark_case, const nlohmann::json& known = {},
-                   const OnEvent& on_event = {});
+/// What the cases of a scene have in common.
+struct Suites {
+    /// A case of a backend, whose runner is a SuiteRunner; nothing where it cannot run, whose row is then
+    /// there.
+    std::function<std::optional<Case>(const BackendSpec&)> enter;
+    /// What the cases so far have found out for the next one.
+    std::function<nlohmann::json()> known = [] { return nlohmann::json(); };
+    OnEvent on_event = {};
+};
+
+/// Takes every backend of the bench through its suite; what the journal has is not measured again. Rows go to
+/// the bench, in the order of its backends. What fails a suite as a whole, the end of its process included,
+/// is a row of `failed`. Once interrupted, the rows so far.
+///
+/// A suite is not timed. So StudyOptions::side_by_side of them are gone through at once, but for the first,
+/// which finds out what the others are told, and for those of the processor, which take all of its cores.
+void measure_suites(StudyBench& bench, const Suites& suites);
 
 }  // namespace voxspring

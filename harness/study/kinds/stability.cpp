@@ -50,16 +50,17 @@ public:
         const bool empty =
             std::none_of(limits.begin(), limits.end(), [](const auto& l) { return l.has_value(); });
         bool map = bench.item().settings.value("map", false);  // of the first
-        for (const BackendSpec& spec : bench.specs()) {
-            auto entered = bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}});
-            if (!entered) continue;
-            if (empty) {
+        const auto enter = [&](const BackendSpec& spec) {
+            std::optional<Case> entered =
+                bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}});
+            if (entered && empty) {
                 bench.skip(spec, "nothing oscillates, or how fast is not known");
-                continue;
+                entered.reset();
             }
-            map = false;
-            measure_suite(bench, *entered);
-        }
+            if (entered) map = false;
+            return entered;
+        };
+        measure_suites(bench, {.enter = enter});
     }
     std::vector<std::string> lists() const override { return {"stability", "stability_map"}; }
     void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {

@@ -53,15 +53,15 @@ public:
         return std::make_shared<const Scene>(std::move(scene));
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 30; }
-    /// One case after the other: what one computes of references, the next ones have.
+    /// What the first case computes of references, the next ones have.
     void run(StudyBench& bench) override {
         const std::string lengths = bench.item().settings.at("lengths");
-        for (const BackendSpec& spec : bench.specs()) {
-            auto entered = bench.enter(spec, {"stress", {{"lengths", lengths}}});
-            if (!entered) continue;
-            measure_suite(bench, *entered, references_.known(),
-                          [&](const nlohmann::json& event) { references_.take(event); });
-        }
+        measure_suites(bench, {.enter =
+                                   [&](const BackendSpec& spec) {
+                                       return bench.enter(spec, {"stress", {{"lengths", lengths}}});
+                                   },
+                               .known = [&] { return references_.known(); },
+                               .on_event = [&](const nlohmann::json& event) { references_.take(event); }});
     }
     std::vector<std::string> lists() const override { return {"stress"}; }
     void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
