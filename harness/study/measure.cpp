@@ -325,17 +325,6 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     for (const Row& one : google_benchmark_rows(row, repetitions, number)) bench.add("benchmarks", one);
 }
 
-/// `specs` in as few groups of at most `most` as it takes, whose sizes differ by one at most.
-std::vector<std::span<const BackendSpec>> groups_of(const std::vector<BackendSpec>& specs, int most) {
-    const std::size_t count = (specs.size() + std::size_t(most) - 1) / std::size_t(most);
-    std::vector<std::span<const BackendSpec>> groups;
-    for (std::size_t n = 0; n < count; ++n) {
-        const std::size_t begin = specs.size() * n / count, end = specs.size() * (n + 1) / count;
-        groups.push_back(std::span(specs).subspan(begin, end - begin));
-    }
-    return groups;
-}
-
 /// Has every case compile what it will run, some of them at once: a compiler has one thread.
 void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
     const std::size_t at_once = std::max(1U, std::thread::hardware_concurrency() / 2);
@@ -418,7 +407,7 @@ void measure(StudyBench& bench, const Batch& batch) {
     std::optional<ReferenceSolution> solution;
     State left;
     int number = 0;
-    for (const std::span<const BackendSpec> group : groups_of(bench.specs(), bench.options().together)) {
+    for (const std::span<const BackendSpec> group : bench.groups()) {
         std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state), true);
         if (entered.empty()) continue;
         std::vector<BackendSpec> specs;

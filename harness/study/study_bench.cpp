@@ -60,6 +60,17 @@ void StudyBench::turn_to(const StudyScene& item, std::shared_ptr<const Scene> sc
     specs_ = select(expand_all(with_choices(patterns_of(study_, item))), with_choices(options_.backends));
 }
 
+std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
+    const auto most = std::size_t(options_.together);
+    const std::size_t count = (specs_.size() + most - 1) / most;
+    std::vector<std::span<const BackendSpec>> groups;
+    for (std::size_t n = 0; n < count; ++n) {
+        const std::size_t begin = specs_.size() * n / count, end = specs_.size() * (n + 1) / count;
+        groups.push_back(std::span(specs_).subspan(begin, end - begin));
+    }
+    return groups;
+}
+
 std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, bool limits) {
     Case entered(spec, *workers_, program,
                  JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "),

@@ -43,6 +43,9 @@ public:
     const Scene& scene() const { return *scene_; }
     /// The backends that the study asks for on this scene, choices of the rules included.
     const std::vector<BackendSpec>& specs() const { return specs_; }
+    /// The same in as few groups of at most StudyOptions::together as it takes, whose sizes differ by one at
+    /// most.
+    std::vector<std::span<const BackendSpec>> groups() const;
 
     /// The case of a backend, ready to be asked; nothing where it cannot run the scene, which the result then
     /// says. With `limits` what its device can do at best is measured as well, once a device.

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <map>
 #include <memory>
+#include <optional>
+#include <span>
 #include <stdexcept>
 #include <utility>
 
@@ -155,6 +157,19 @@ ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& de
     return one;
 }
 
+/// The same, kept in the journal, which may have it; nothing of a case that failed.
+std::optional<ParetoRow> row_of_case(Case& benchmark_case, const Step& step, const std::string& device) {
+    const std::string name = "row of " + std::to_string(step.solution.steps) + " steps";
+    JournalScope& scope = benchmark_case.scope();
+    if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
+        const auto failure =
+            failure_of([&] { scope.keep(name, to_json(run_step(benchmark_case, step, device))); });
+        if (failure) scope.keep("failed", *failure);
+    }
+    const nlohmann::json* row = scope.find(name);
+    return row != nullptr ? std::optional(pareto_row_from_json(*row)) : std::nullopt;
+}
+
 /// A backend is judged at the largest time step. What rounding does at smaller ones is what the study asks,
 /// it takes as long to measure as all else together, and the code that is judged is the same.
 void measure_spreads(StudyBench& bench, const Scene& stepped, const std::vector<Case>& cases,
@@ -220,42 +235,42 @@ void ParetoStudy::run(StudyBench& bench) {
     const TimeSteps time_steps = time_steps_of(bench.study(), bench.item());
     const Span span = time_steps.span(scene);
     SharedState state(scene.problem.particle_count());
-    std::vector<Case> cases = bench.enter_all(
-        bench.specs(),
-        {"pareto",
-         {{"time_step", span.time_step}, {"steps", span.steps}, {"repetitions", time_steps.repetitions}},
-         &state});
-    if (cases.empty()) return;
+    const CaseProgram program{
+        "pareto",
+        {{"time_step", span.time_step}, {"steps", span.steps}, {"repetitions", time_steps.repetitions}},
+        &state};
     std::vector<int> counts;
     for (const double fraction : fractions_) counts.push_back(int(time_steps.steps_at(fraction)));
-    const int total = int(counts.size() * cases.size());
-    bench.show("float64 references", 0, total);
-    const Refined refined = bench.references().refined(scene, span, counts);
-
-    std::vector<ParetoRow> rows;
+    const int total = int(counts.size() * bench.specs().size());
+    std::optional<Refined> refined;
+    std::map<int, std::vector<ParetoRow>> rows_of;  // by steps
     std::map<std::string, std::string> by_uuid;
     int begun = 0;
-    for (const int steps : counts) {
-        const Scene stepped = in_steps(scene, span, steps);
-        ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps), refined,
-                                   stepped.state};
-        if (steps == counts.front()) measure_spreads(bench, stepped, cases, solution);
-        solution.conserved = conserved(solution.problem, solution.same_step);
-        const Step step{scene, stepped, solution, span.time_step * span.steps, state};
-        const std::string name = "row of " + std::to_string(steps) + " steps";
-        for (Case& one : cases) {
-            JournalScope& scope = one.scope();
-            const std::string device = device_of(capabilities_of(one.capabilities()), by_uuid);
-            bench.show(one.spec().label(), begun++, total);
-            if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
-                const auto failure =
-                    failure_of([&] { scope.keep(name, to_json(run_step(one, step, device))); });
-                if (failure) scope.keep("failed", *failure);
-            }
-            if (const nlohmann::json* row = scope.find(name)) rows.push_back(pareto_row_from_json(*row));
+    for (const std::span<const BackendSpec> group : bench.groups()) {
+        std::vector<Case> cases = bench.enter_all(group, program);
+        if (cases.empty()) continue;
+        if (!refined) {
+            bench.show("float64 references", 0, total);
+            refined = bench.references().refined(scene, span, counts);
         }
+        for (const int steps : counts) {
+            const Scene stepped = in_steps(scene, span, steps);
+            ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps),
+                                       *refined, stepped.state};
+            if (steps == counts.front()) measure_spreads(bench, stepped, cases, solution);
+            solution.conserved = conserved(solution.problem, solution.same_step);
+            const Step step{scene, stepped, solution, span.time_step * span.steps, state};
+            for (Case& one : cases) {
+                bench.show(one.spec().label(), begun++, total);
+                const auto row =
+                    row_of_case(one, step, device_of(capabilities_of(one.capabilities()), by_uuid));
+                if (row) rows_of[steps].push_back(*row);
+            }
+        }
+        for (Case& one : cases) bench.add_failure(one);
     }
-    for (Case& one : cases) bench.add_failure(one);
+    std::vector<ParetoRow> rows;
+    for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());
     mark_fronts(rows);
     for (const ParetoRow& row : rows) bench.add("pareto", to_json(row));
 }
