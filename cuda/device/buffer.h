@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "cuda/device/memory.h"
+#include "cuda/device/staged_copy.h"
 #include "cuda/device/stream.h"
 
 namespace voxspring::cuda {
@@ -16,17 +17,11 @@ public:
     /// resize() to `values` and copy them in; returns when they may change.
     void upload(std::span<const T> values, const Stream& stream) {
         this->resize(values.size());
-        if (values.empty()) return;
-        check(cudaMemcpyAsync(this->data(), values.data(), values.size_bytes(), cudaMemcpyHostToDevice,
-                              stream.get()));
-        stream.synchronize();
+        if (!values.empty()) copy_to_device(this->data(), values.data(), values.size_bytes(), stream);
     }
     /// Copy all elements out, after everything enqueued in `stream`.
     void download(std::span<T> values, const Stream& stream) const {
-        if (this->size() == 0) return;
-        check(cudaMemcpyAsync(values.data(), this->data(), this->bytes(), cudaMemcpyDeviceToHost,
-                              stream.get()));
-        stream.synchronize();
+        if (this->size() != 0) copy_from_device(values.data(), this->data(), this->bytes(), stream);
     }
     /// More room at the end, filled with zeros; what was there moves along.
     void grow(std::size_t size, const Stream& stream) {

@@ -1,0 +1,96 @@
+#include "cuda/device/staged_copy.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <memory>
+
+#include "backends/backend.h"
+#include "cuda/device/event.h"
+#include "cuda/device/memory.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr std::size_t piece_bytes = std::size_t(1) << 25;
+/// From here on to make pinned memory, once a process, takes less time than it saves.
+constexpr std::size_t large = 2 * piece_bytes;
+
+struct Piece {
+    Memory<std::byte, cudaMallocHost, cudaFreeHost> memory;
+    Event copied;  ///< between it and the device
+};
+
+/// Two pieces: one is copied by the device while the other is by the host. Null where there is no pinned
+/// memory to be had. Never given back: at the end of the process the driver may be gone.
+std::array<Piece, 2>* pieces() {
+    static std::array<Piece, 2>* const made = [] {
+        auto both = std::make_unique<std::array<Piece, 2>>();
+        try {
+            for (Piece& piece : *both) piece.memory.resize(piece_bytes);
+        } catch (const DeviceError&) {
+            both.reset();
+        }
+        return both.release();
+    }();
+    return made;
+}
+
+void copy_on_all_cores(std::byte* to, const std::byte* from, std::size_t bytes) {
+    constexpr std::size_t share = std::size_t(1) << 20;
+#pragma omp parallel for schedule(static)
+    for (std::ptrdiff_t n = 0; n < std::ptrdiff_t((bytes + share - 1) / share); ++n) {
+        const std::size_t at = std::size_t(n) * share;
+        std::memcpy(to + at, from + at, std::min(share, bytes - at));
+    }
+}
+
+std::size_t bytes_at(std::size_t offset, std::size_t bytes) { return std::min(piece_bytes, bytes - offset); }
+
+}  // namespace
+
+void copy_to_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
+    std::array<Piece, 2>* const staged = bytes < large ? nullptr : pieces();
+    if (staged == nullptr) {
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream.get()));
+        stream.synchronize();
+        return;
+    }
+    auto* const device = static_cast<std::byte*>(to);
+    const auto* const host = static_cast<const std::byte*>(from);
+    for (std::size_t offset = 0, n = 0; offset < bytes; offset += piece_bytes, ++n) {
+        Piece& piece = (*staged)[n % 2];
+        if (n >= 2) piece.copied.wait();
+        copy_on_all_cores(piece.memory.data(), host + offset, bytes_at(offset, bytes));
+        check(cudaMemcpyAsync(device + offset, piece.memory.data(), bytes_at(offset, bytes),
+                              cudaMemcpyHostToDevice, stream.get()));
+        piece.copied.record(stream);
+    }
+    stream.synchronize();
+}
+
+void copy_from_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
+    std::array<Piece, 2>* const staged = bytes < large ? nullptr : pieces();
+    if (staged == nullptr) {
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream.get()));
+        stream.synchronize();
+        return;
+    }
+    auto* const host = static_cast<std::byte*>(to);
+    const auto* const device = static_cast<const std::byte*>(from);
+    const auto fetch = [&](std::size_t offset) {
+        Piece& piece = (*staged)[offset / piece_bytes % 2];
+        check(cudaMemcpyAsync(piece.memory.data(), device + offset, bytes_at(offset, bytes),
+                              cudaMemcpyDeviceToHost, stream.get()));
+        piece.copied.record(stream);
+    };
+    fetch(0);
+    for (std::size_t offset = 0; offset < bytes; offset += piece_bytes) {
+        if (offset + piece_bytes < bytes) fetch(offset + piece_bytes);
+        Piece& piece = (*staged)[offset / piece_bytes % 2];
+        piece.copied.wait();
+        copy_on_all_cores(host + offset, piece.memory.data(), bytes_at(offset, bytes));
+    }
+}
+
+}  // namespace voxspring::cuda
