@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fills the tables of README.md and accuracy.md from committed results, and the picture in docs/architecture.md from the sources' includes.
+"""Fills the tables of README.md, accuracy.md and apis.md from committed results, and the picture in docs/architecture.md from the sources' includes.
 
 Usage: figures.py [--check]
 
@@ -76,8 +76,63 @@ def gates():
                         "least wrong error / threshold"], lines)
 
 
+# What apis.md compares: a step of implicit addressing in each API, and CUDA's resident kernel.
+APIS = {"cuda_implicit_cached": "CUDA", "vulkan_implicit": "Vulkan", "gl_compute_implicit": "OpenGL, compute",
+        "gl_fragment_implicit": "OpenGL, fragments", "cuda_resident": "CUDA, resident"}
+
+
+def seconds_text(seconds):
+    return f"{results.three_digits(seconds * 1e6)} us" if seconds >= 1e-7 else f"{results.three_digits(seconds * 1e9)} ns"
+
+
+def launches():
+    """Each API's time of a step and of the host's calls, one by one and at once, by size."""
+    found = results.result("overhead")
+    context = found["context"]["voxspring"]
+    rows = {(row["backend"], row["scene"], row["handed_over"]): row for row in found["overhead"]}
+    scenes = list(dict.fromkeys(row["scene"] for row in found["overhead"]))
+    lines = []
+    for backend, api in APIS.items():
+        for scene in scenes:
+            cells = [seconds_text(rows[backend, scene, way][key]) for way in ("one by one", "at once")
+                     for key in ("seconds_per_step", "host_seconds_per_step")]
+            lines.append([api, f"{rows[backend, scene, 'at once']['particles']:,}", *cells])
+    return (results.table(["API", "particles", "one by one: device", "host", "at once: device", "host"], lines) +
+            f"\n\n{context['gpu']}, driver {context['driver']}, {context['cpu']}; commit {context['commit'][:8]}.")
+
+
+def empty_steps():
+    """DeviceLimits::launch_seconds of each API."""
+    limits = results.result("fastest")["context"]["voxspring"]["limits"]
+    names = {"CUDA": "CUDA", "Vulkan": "Vulkan", "OpenGL compute": "OpenGL, compute", "OpenGL": "OpenGL, fragments"}
+    return results.table(list(names.values()), [[seconds_text(limits[name]["launch_seconds"]) for name in names]])
+
+
+def sizes():
+    """The fastest row of each API's implicit strategies by scene, `position` in float32."""
+    best = {}
+    for row in results.medians("fastest"):
+        if (row["formulation"], row["precision"]) == ("position", "float32") and row["backend"] in APIS:
+            known = best.setdefault(row["scene"], {}).setdefault(row["backend"], row)
+            if row["real_time"] < known["real_time"]:
+                best[row["scene"]][row["backend"]] = row
+    lines = []
+    for scene, rows in sorted(best.items(), key=lambda item: next(iter(item[1].values()))["particles"]):
+        cuda = rows.get("cuda_implicit_cached")
+        if cuda is None or len(rows) == 1:
+            continue
+        cells = [f"{results.time_of(rows[backend])} ({rows[backend]['real_time'] / cuda['real_time']:.2f})" if backend in rows else "-"
+                 for backend in APIS if backend not in ("cuda_implicit_cached", "cuda_resident")]
+        lines.append([scene, f"{cuda['particles']:,}", results.time_of(cuda), *cells])
+    names = [api for backend, api in APIS.items() if backend not in ("cuda_implicit_cached", "cuda_resident")]
+    context = results.result("fastest")["context"]["voxspring"]
+    return (results.table(["scene", "particles", "CUDA", *names], lines) +
+            f"\n\n{context['gpu']}; commit {context['commit'][:8]}; of CUDA and OpenGL the faster of what was tried of each strategy.")
+
+
 PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture},
-         HERE / "accuracy.md": {"gates": gates}}
+         HERE / "accuracy.md": {"gates": gates},
+         HERE / "apis.md": {"launches": launches, "empty_steps": empty_steps, "sizes": sizes}}
 
 
 def main():
