@@ -49,8 +49,9 @@ Batch batch_of(const nlohmann::json& parameters) {
 
 class TimingRunner : public CaseRunner {
 public:
-    TimingRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
-        : scene_(scene),
+    TimingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+        : spec_(std::move(spec)),
+          scene_(scene),
           batch_(batch_of(parameters)),
           shared_(shared),
           monitor_(divergence_monitor(scene, steps_in_all(batch_))),
@@ -61,7 +62,7 @@ public:
         if (what == "warm up") return warm_up(backend, question.at("batches"));
         if (what == "repeat") return repeat(backend, question.at("last"));
         if (what == "edits") return edits(backend);
-        if (what == "compile") return compile(backend);
+        if (what == "compile") return compile();
         if (what == "launch") {
             const std::optional<double> seconds = backend.own_launch_seconds();
             return seconds ? nlohmann::json(*seconds) : nlohmann::json();
@@ -84,10 +85,12 @@ private:
         return shared_.put(state);
     }
 
-    /// An upload for the sake of what it compiles.
-    nlohmann::json compile(Backend& backend) {
-        runner_.rewind(backend);
-        compiled_seconds_ = backend.compile_time().cold;
+    /// Uploads to another backend of the same kind for the sake of what that compiles, which the process then
+    /// has. The first upload of this one is still to be timed.
+    nlohmann::json compile() {
+        const std::unique_ptr<Backend> other = spec_.make();
+        SceneRunner(scene_).rewind(*other);
+        compiled_seconds_ = other->compile_time().cold;
         return nullptr;
     }
 
@@ -177,6 +180,7 @@ private:
                 {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())}};
     }
 
+    const BackendSpec spec_;
     const Scene& scene_;
     const Batch batch_;
     SharedState& shared_;
@@ -186,9 +190,9 @@ private:
 };
 
 constexpr const char* runner_name = "timing";
-const RegisteredCaseRunner registered(runner_name, [](const BackendSpec&, const Scene& scene,
+const RegisteredCaseRunner registered(runner_name, [](const BackendSpec& spec, const Scene& scene,
                                                       const nlohmann::json& parameters, SharedState* shared) {
-    return std::make_unique<TimingRunner>(scene, parameters, *shared);
+    return std::make_unique<TimingRunner>(spec, scene, parameters, *shared);
 });
 
 }  // namespace
