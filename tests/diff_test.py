@@ -393,5 +393,35 @@ class Diff(unittest.TestCase):
             (self.folder / f"{package}.py").unlink()
 
 
+class FalseAlarms(unittest.TestCase):
+    """results/false_alarms.py."""
+
+    def compare(self, *results):
+        with tempfile.TemporaryDirectory() as folder:
+            paths = [pathlib.Path(folder, f"{number}.json") for number in range(len(results))]
+            for path, one in zip(paths, results):
+                path.write_text(json.dumps(one))
+            return subprocess.run([sys.executable, "results/false_alarms.py", *paths], capture_output=True, text=True, check=False)
+
+    def test_runs_of_one_program_differ_by_noise_alone(self):
+        found = self.compare(*(result(PLAIN, seed=seed) for seed in range(1, 8)))
+        self.assertEqual((found.returncode, found.stderr), (0, ""))
+        self.assertIn("21 pairs of s (commit 1): 0 false alarms in 126 rows", found.stdout)
+
+    def test_a_row_that_differs_is_one_in_each_of_its_pairs(self):
+        found = self.compare(result(PLAIN, seed=3), result(PLAIN, seed=4), changed(time=11))
+        self.assertEqual(found.returncode, 1)
+        self.assertEqual(found.stdout.count("slower: box@8 a"), 2)
+        self.assertIn("2 false alarms in 18 rows", found.stdout)
+
+    def test_refuses_what_is_not_of_one_program_and_card(self):
+        other = result(PLAIN)
+        other["context"]["voxspring"]["commit"] = "2"
+        found = self.compare(result(PLAIN), other)
+        self.assertEqual(found.returncode, 2)
+        self.assertIn("commit: 2 is not accepted; expected 1", found.stderr)
+        self.assertEqual(self.compare(result(PLAIN)).returncode, 2)
+
+
 if __name__ == "__main__":
     unittest.main()
