@@ -13,7 +13,7 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t piece_bytes = std::size_t(1) << 25;
-/// From here on to make pinned memory, once a process, takes less time than it saves.
+/// From here on to make pinned memory, once a thread, takes less time than it saves.
 constexpr std::size_t large = 2 * piece_bytes;
 
 struct Piece {
@@ -21,10 +21,10 @@ struct Piece {
     Event copied;  ///< between it and the device
 };
 
-/// Two pieces: one is copied by the device while the other is by the host. Null where there is no pinned
-/// memory to be had. Never given back: at the end of the process the driver may be gone.
+/// Two pieces of each thread: one is copied by the device while the other is by the host. Null where there is
+/// no pinned memory to be had. Never given back: at the end of the process the driver may be gone.
 std::array<Piece, 2>* pieces() {
-    static std::array<Piece, 2>* const made = [] {
+    thread_local std::array<Piece, 2>* const made = [] {
         auto both = std::make_unique<std::array<Piece, 2>>();
         try {
             for (Piece& piece : *both) piece.memory.resize(piece_bytes);
