@@ -60,6 +60,7 @@ public:
         nan,
         departs,            ///< in step 3
         launches_in_hours,  ///< and by itself in half of the time
+        compiles,           ///< as CUDA does: once a process
     };
 
     explicit Faulty(Fault fault, std::string uuid = "")
@@ -69,6 +70,7 @@ public:
     Capabilities capabilities() const override {
         Capabilities capabilities = cpu_capabilities("scalar", 1);
         capabilities.uuid = uuid_;
+        if (fault_ == Fault::compiles) capabilities.family = ApiFamily::cuda;
         return capabilities;
     }
     std::string unsupported(const Problem&) const override {
@@ -81,6 +83,7 @@ public:
         if (fault_ == Fault::launches_in_hours) limits.launch_seconds = 3600;
         return limits;
     }
+    CompileTime compile_time() const override { return {compiled_, compiled_}; }
     std::optional<double> own_launch_seconds() override {
         if (uploads_ != 0) throw DeviceError("a launch is measured before the first upload");
         return fault_ == Fault::launches_in_hours ? std::optional(1800.0) : std::nullopt;
@@ -96,6 +99,8 @@ public:
 private:
     void begin(const Problem& problem, const State& state) override {
         if (fault_ == Fault::device_error_in_upload) throw DeviceError("out of memory");
+        static bool is_compiled = false;
+        compiled_ = fault_ == Fault::compiles && !std::exchange(is_compiled, true) ? 1000 : 0;
         sound_->upload(problem, state);
         ++uploads_;
         steps_ = 0;
@@ -112,6 +117,7 @@ private:
     std::string uuid_;
     std::unique_ptr<Backend> sound_;
     int uploads_ = 0, steps_ = 0;
+    double compiled_ = 0;  ///< seconds
 };
 
 /// A device that is lost in one of the calls to it; every call fails from then on, as with a card that has
@@ -195,6 +201,7 @@ const Registered test_backends[] = {
     faulty("test_device_error_in_upload", Faulty::Fault::device_error_in_upload),
     faulty("test_device_error_in_step", Faulty::Fault::device_error_in_step),
     faulty("unmeasured", Faulty::Fault::device_error_in_limits),
+    faulty("compiling", Faulty::Fault::compiles),
     faulty("waiting", Faulty::Fault::launches_in_hours),
     faulty("test_wrong", Faulty::Fault::wrong),
     faulty("test_nan", Faulty::Fault::nan),
@@ -388,6 +395,17 @@ TEST(Study, ARowThatWaitsForLaunchesIsHeldAgainstThoseOfItsOwnProcess) {
     for (const auto& row : result.at("benchmarks")) {
         EXPECT_EQ(row.at("limited_by"), "launch");
         EXPECT_EQ(row.at("limit_seconds"), 1800);
+    }
+}
+
+TEST(Study, WhatIsCompiledAheadCountsAsCompiled) {
+    const nlohmann::json result = run_study(study_of({"compiling"}), {});
+    EXPECT_TRUE(result.at("failed").empty());
+    ASSERT_FALSE(result.at("benchmarks").empty());
+    for (const auto& row : result.at("benchmarks")) {
+        EXPECT_EQ(row.at("compile_seconds"), 1000);
+        EXPECT_GT(row.at("upload_seconds"), 0) << "of an upload that had nothing to compile";
+        EXPECT_LT(row.at("upload_seconds"), 1000);
     }
 }
 
