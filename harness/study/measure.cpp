@@ -74,17 +74,18 @@ public:
         return !failure_.empty() || (missing() == 0 && (context_.edits == 0 || known("edits")));
     }
 
-    /// Has its process compile what it will run; returns before it has. Of a large scene that takes less than
-    /// the upload that it is part of, and other APIs than CUDA compile faster than they make a second
-    /// backend.
-    void begin_compiling() {
+    /// Has its process compile what it will run, if that pays; returns whether it does, before it has. Of a
+    /// large scene that takes less than the upload that it is part of, and other APIs than CUDA compile
+    /// faster than they make a second backend.
+    bool begin_compiling() {
         constexpr std::size_t large = std::size_t(1) << 20;
         const bool compiles = capabilities_of(case_.capabilities()).family == ApiFamily::cuda;
-        if (!compiles || known("warm") || context_.scene.problem.particle_count() > large) return;
+        if (!compiles || known("warm") || context_.scene.problem.particle_count() > large) return false;
         attempt([&] {
             case_.begin({{"do", "compile"}});
             compiling_ = true;
         });
+        return compiling_;
     }
     void finish_compiling() {
         if (!std::exchange(compiling_, false)) return;
@@ -330,8 +331,9 @@ void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
     const std::size_t at_once = std::max(1U, std::thread::hardware_concurrency() / 2);
     for (std::size_t begin = 0; begin < cases.size() && !interrupted(); begin += at_once) {
         const auto some = std::span(cases).subspan(begin, std::min(at_once, cases.size() - begin));
-        bench.show("compiling " + some.front().label(), 0, 1);
-        for (TimedCase& one : some) one.begin_compiling();
+        for (TimedCase& one : some) {
+            if (one.begin_compiling()) bench.show("compiling " + one.label(), 0, 1);
+        }
         for (TimedCase& one : some) one.finish_compiling();
     }
 }
