@@ -18,6 +18,7 @@ namespace {
 /// OpenMP, whose threads would be lost to a process that is forked from this one.
 void touch(void* memory, std::size_t bytes) {
     constexpr std::size_t page = 4096, worth_a_thread = std::size_t(1) << 25;
+    if (bytes < 2 * worth_a_thread) return;  // nearly all: to count processors asks the system
     const std::size_t shares =
         std::min<std::size_t>(bytes / worth_a_thread, std::min(16U, std::thread::hardware_concurrency()));
     if (shares < 2) return;
