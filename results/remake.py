@@ -29,7 +29,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 # Headline tables first, so that a run that is cut short has them.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy")
-# Of a GPU server these leave out the processor, which has a folder of its own: it would take a third of their time.
+# Of a GPU server these leave out the processor, which has a folder of its own: it took a quarter of the time of stress.
 WITHOUT_PROCESSOR = ("stability", "stress")
 CPU_STUDIES = ("fastest", "pareto", "stability", "stress")
 # What all of a GPU server's studies may take together; a longer run says so.

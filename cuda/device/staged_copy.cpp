@@ -13,7 +13,7 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t piece_bytes = std::size_t(1) << 25;
-/// From here on to make pinned memory, once a thread, takes less time than it saves.
+/// A program that copies less at a time has no pinned memory made.
 constexpr std::size_t large = 2 * piece_bytes;
 
 struct Piece {
@@ -45,17 +45,18 @@ void copy_on_all_cores(std::byte* to, const std::byte* from, std::size_t bytes) 
     }
 }
 
+void copy_whole(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind, const Stream& stream) {
+    check(cudaMemcpyAsync(to, from, bytes, kind, stream.get()));
+    stream.synchronize();
+}
+
 std::size_t bytes_at(std::size_t offset, std::size_t bytes) { return std::min(piece_bytes, bytes - offset); }
 
 }  // namespace
 
 void copy_to_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
     std::array<Piece, 2>* const staged = bytes < large ? nullptr : pieces();
-    if (staged == nullptr) {
-        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream.get()));
-        stream.synchronize();
-        return;
-    }
+    if (staged == nullptr) return copy_whole(to, from, bytes, cudaMemcpyHostToDevice, stream);
     auto* const device = static_cast<std::byte*>(to);
     const auto* const host = static_cast<const std::byte*>(from);
     for (std::size_t offset = 0, n = 0; offset < bytes; offset += piece_bytes, ++n) {
@@ -71,11 +72,7 @@ void copy_to_device(void* to, const void* from, std::size_t bytes, const Stream&
 
 void copy_from_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
     std::array<Piece, 2>* const staged = bytes < large ? nullptr : pieces();
-    if (staged == nullptr) {
-        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream.get()));
-        stream.synchronize();
-        return;
-    }
+    if (staged == nullptr) return copy_whole(to, from, bytes, cudaMemcpyDeviceToHost, stream);
     auto* const host = static_cast<std::byte*>(to);
     const auto* const device = static_cast<const std::byte*>(from);
     const auto fetch = [&](std::size_t offset) {

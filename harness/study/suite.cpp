@@ -18,10 +18,8 @@ class SuiteCase {
 public:
     SuiteCase(StudyBench& bench, Case benchmark_case, const OnEvent& on_event)
         : bench_(bench), case_(std::move(benchmark_case)), on_event_(on_event) {
-        std::set<std::string> finished;
-        while (const nlohmann::json* measurement = measured(finished.size() + 1))
-            finished.insert(measurement->at("measured").get<std::string>());
-        finished_ = std::move(finished);
+        while (const nlohmann::json* measurement = measured(finished_.size() + 1))
+            finished_.insert(measurement->at("measured").get<std::string>());
         kept_ = finished_.size();
     }
 
