@@ -25,6 +25,7 @@ ROOMS = [
     ["harness/process"],
     ["harness/ranks"],
     ["harness/study"],
+    ["harness/view"],
     ["harness/cli"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms}
