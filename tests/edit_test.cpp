@@ -21,6 +21,8 @@ namespace {
 
 const double sqrt2 = std::sqrt(2.0);
 
+using Pair = std::pair<std::uint32_t, std::uint32_t>;
+
 Problem paper_box(glm::ivec3 dims) { return make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS); }
 
 /// The problem is the same as one whose springs are `expected`'s.
@@ -173,6 +175,78 @@ TEST(SpringEditor, ALargePatchTakesNoTimeForEachOfItsTriangles) {
     EXPECT_LT(double(std::clock() - begin) / CLOCKS_PER_SEC, 10);
 }
 
+TEST(SpringEditor, PairsAreCutWhateverTheirOrder) {
+    Problem problem = paper_box({4, 3, 2});
+    SpringEditor editor(problem);
+    const std::vector<Pair> far = {{0, 23}};
+    editor.suture(far);
+    const Problem before = problem;
+    // Two lattice springs, one twice; a spring of its own; neighbours of a group that is not in use, and
+    // strangers.
+    const std::vector<Pair> pairs = {{1, 0}, {23, 0}, {4, 5}, {0, 1}, {0, 17}, {0, 3}};
+    const SpringEdit edit = editor.cut(pairs);
+    ASSERT_EQ(edit.removed.size(), 3u);
+    EXPECT_TRUE(edit.added.empty());
+    EXPECT_EQ(edit.removed[0].bit, 1);
+    EXPECT_EQ(edit.removed[0].spring.second, 1u);
+    EXPECT_EQ(edit.removed[0].spring.rest_length, 1);
+    EXPECT_EQ(edit.removed[1].bit, 1);
+    EXPECT_EQ(edit.removed[1].spring.first, 4u);
+    EXPECT_EQ(edit.removed[2].bit, -1);
+    EXPECT_EQ(count_springs(problem).total(), count_springs(before).total() - 3);
+    EXPECT_TRUE(problem.springs.empty());
+    expect_consistent(edit, problem);
+    Problem replayed = before;
+    apply(replayed, edit);
+    expect_same_springs(replayed, problem);
+    EXPECT_TRUE(editor.cut(pairs).empty());
+}
+
+TEST(SpringEditor, PairsOfANetworkAreCut) {
+    Problem problem = random_network(10, 40, 5);
+    const Spring first = problem.springs.front();
+    problem.springs.push_back(first);  // joined twice
+    const std::size_t before = problem.springs.size();
+    const std::vector<Pair> pairs = {{first.second, first.first}};
+    const SpringEdit edit = SpringEditor(problem).cut(pairs);
+    EXPECT_GE(edit.removed.size(), 2u);
+    EXPECT_EQ(problem.springs.size(), before - edit.removed.size());
+    for (const Spring& spring : problem.springs)
+        EXPECT_NE(Pair(spring.first, spring.second), Pair(first.first, first.second));
+    expect_consistent(edit, problem);
+}
+
+TEST(SpringEditor, WhatWasCutIsJoinedAsItWas) {
+    Problem problem = paper_box({4, 3, 2});
+    SpringEditor editor(problem);
+    // Stiffnesses and rest lengths that no suture would choose, and two between the same particles.
+    problem.springs = {{0, 23, 0.125, 7}, {0, 23, 0.25, 6}, {1, 22, 0.5, 5}};
+    const Problem whole = problem;
+    const SpringEdit cut = editor.cut(Ball{{1.5, 1, 0.5}, 9});
+    EXPECT_EQ(count_springs(problem).total(), 0u);
+    std::vector<ChangedSpring> removed(cut.removed.rbegin(), cut.removed.rend());
+    const SpringEdit joined = editor.join(removed);
+    EXPECT_EQ(joined.added.size(), cut.removed.size());
+    EXPECT_GE(joined.added.front().bit, 0) << "lattice springs come first";
+    EXPECT_TRUE(joined.leaves_lattice());
+    expect_consistent(joined, problem);
+    std::reverse(problem.springs.begin(), problem.springs.end());
+    expect_same_springs(problem, whole);
+}
+
+TEST(SpringEditor, WhatIsJoinedStaysAsItIs) {
+    Problem problem = paper_box({4, 3, 2});
+    SpringEditor editor(problem);
+    const std::vector<Pair> neighbours = {{0, 1}}, far = {{0, 23}};
+    const SpringEdit cut = editor.cut(neighbours);
+    const SpringEdit suture = editor.suture(far, 0.5);
+    editor.suture(neighbours, 0.125);  // not the lattice's
+    const Problem before = problem;
+    EXPECT_TRUE(editor.join(cut.removed).empty());
+    EXPECT_TRUE(editor.join(suture.added).empty());
+    expect_same_springs(problem, before);
+}
+
 TEST(SpringEditor, ASutureOfTheSameFacesRestoresTheLattice) {
     const std::vector<Shape> shapes = {Plane{{2.5, 0, 0}, {1, 0.3, -0.2}}, Ball{{3, 2, 2}, 1.8},
                                        TrianglePatch{{{{{2.5, -1, -1}, {2.5, 9, -1}, {2.5, 0, 9}}}}}};
@@ -226,7 +300,7 @@ TEST(SpringEditor, ASutureStaysAcrossTheCut) {
 TEST(SpringEditor, PairsAreJoinedOnce) {
     Problem problem = paper_box({4, 3, 2});
     SpringEditor editor(problem);
-    const std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs = {{0, 1}, {23, 0}, {0, 23}, {2, 0}};
+    const std::vector<Pair> pairs = {{0, 1}, {23, 0}, {0, 23}, {2, 0}};
     const SpringEdit edit = editor.suture(pairs);
     ASSERT_EQ(edit.added.size(), 2u);
     EXPECT_EQ(edit.added[0].spring.second, 2u);
@@ -254,7 +328,7 @@ TEST(SpringEditor, NetworksAreCutAndSutured) {
     EXPECT_GT(cut.removed.size(), 50u);
     expect_consistent(cut, problem);
     for (const SpringEdit::Touched& touched : cut.touched) EXPECT_EQ(touched.mask, ACTIVE_BIT | PINNED_BIT);
-    const std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs = {{5, 50}, {6, 51}};
+    const std::vector<Pair> pairs = {{5, 50}, {6, 51}};
     const SpringEdit suture = editor.suture(pairs, 0.05);
     expect_consistent(suture, problem);
     apply(replayed, cut);
@@ -285,7 +359,7 @@ TEST(SpringEditor, BetweenMaterialsASutureIsTheirSeries) {
         make_lattice_problem(make_grid({4, 1, 1}, [](int x, int, int) { return x < 2 ? 1 : 2; }), FACE_BITS);
     problem.materials = {{1, 1}, {1, 3}};
     SpringEditor editor(problem);
-    const std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs = {{0, 3}};
+    const std::vector<Pair> pairs = {{0, 3}};
     const SpringEdit edit = editor.suture(pairs);
     ASSERT_EQ(edit.added.size(), 1u);
     EXPECT_DOUBLE_EQ(edit.added[0].spring.stiffness, 1.5);

@@ -197,6 +197,17 @@ bool is_one_of(const Spring& spring, const std::vector<ChangedSpring>& sorted) {
     return found != sorted.end() && !before(spring, found->spring);
 }
 
+using Pair = std::pair<std::uint32_t, std::uint32_t>;
+
+/// Ascending, each once, the smaller particle of each first.
+std::vector<Pair> in_order(std::span<const Pair> pairs) {
+    std::vector<Pair> ordered;
+    for (const auto& [a, b] : pairs) ordered.emplace_back(std::min(a, b), std::max(a, b));
+    std::sort(ordered.begin(), ordered.end());
+    ordered.erase(std::unique(ordered.begin(), ordered.end()), ordered.end());
+    return ordered;
+}
+
 double default_stiffness(const Problem& problem, std::uint32_t first, std::uint32_t second) {
     for (const Direction& direction : directions()) {
         if ((problem.group_bits >> direction.bit & 1U) != 0)
@@ -258,6 +269,12 @@ std::optional<Direction> SpringEditor::direction_between(std::uint32_t first, st
     return {};
 }
 
+Spring SpringEditor::lattice_spring(std::uint32_t first, std::uint32_t second,
+                                    const Direction& direction) const {
+    return {first, second, problem_.spring_stiffness(first, second, direction),
+            problem_.rest_length[std::size_t(direction.bit)]};
+}
+
 SpringEdit SpringEditor::cut(const Shape& shape) {
     SpringEdit edit;
     const Cutter crosses(shape);
@@ -267,15 +284,29 @@ SpringEdit SpringEditor::cut(const Shape& shape) {
         visit_near(shape, [&](std::uint32_t i) {
             if (!crosses.may_cut_from(x[i], longest)) return;
             springs_.of(i, [&](std::uint32_t j, const Direction& direction) {
-                if (!crosses(x[i], x[j])) return;
-                const Spring spring{i, j, problem_.spring_stiffness(i, j, direction),
-                                    problem_.rest_length[std::size_t(direction.bit)]};
-                edit.removed.push_back({spring, direction.bit});
+                if (crosses(x[i], x[j]))
+                    edit.removed.push_back({lattice_spring(i, j, direction), direction.bit});
             });
         });
     }
     for (const Spring& spring : problem_.springs) {
         if (crosses(x[spring.first], x[spring.second])) edit.removed.push_back({spring, -1});
+    }
+    finish(edit);
+    return edit;
+}
+
+SpringEdit SpringEditor::cut(std::span<const Pair> pairs) {
+    const std::vector<Pair> wanted = in_order(pairs);
+    SpringEdit edit;
+    for (const auto& [first, second] : wanted) {
+        const auto direction = direction_between(first, second);
+        if (direction && has_spring(first, *direction))
+            edit.removed.push_back({lattice_spring(first, second, *direction), direction->bit});
+    }
+    for (const Spring& spring : problem_.springs) {
+        if (std::binary_search(wanted.begin(), wanted.end(), Pair(spring.first, spring.second)))
+            edit.removed.push_back({spring, -1});
     }
     finish(edit);
     return edit;
@@ -315,20 +346,15 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
     return suture(pairs, stiffness);
 }
 
-SpringEdit SpringEditor::suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
-                                std::optional<double> stiffness) {
-    std::set<std::pair<std::uint32_t, std::uint32_t>> wanted;
-    for (const auto& [a, b] : pairs) wanted.emplace(std::min(a, b), std::max(a, b));
-    // Those that Problem::springs has already, found in one go.
-    for (const Spring& spring : problem_.springs) wanted.erase({spring.first, spring.second});
+SpringEdit SpringEditor::suture(std::span<const Pair> pairs, std::optional<double> stiffness) {
+    std::vector<Pair> wanted = in_order(pairs);
+    leave_out_joined(wanted);
 
     std::vector<ChangedSpring> on_lattice, beyond;
     for (const auto& [first, second] : wanted) {
         const auto direction = direction_between(first, second);
-        if (direction && (problem_.lattice.mask[first] >> direction->bit & 1U) != 0) continue;
         if (direction) {
-            const Spring spring{first, second, problem_.spring_stiffness(first, second, *direction),
-                                problem_.rest_length[std::size_t(direction->bit)]};
+            const Spring spring = lattice_spring(first, second, *direction);
             if (stiffness.value_or(spring.stiffness) == spring.stiffness) {
                 on_lattice.push_back({spring, direction->bit});
                 continue;
@@ -343,6 +369,38 @@ SpringEdit SpringEditor::suture(std::span<const std::pair<std::uint32_t, std::ui
     edit.added.insert(edit.added.end(), beyond.begin(), beyond.end());
     finish(edit);
     return edit;
+}
+
+SpringEdit SpringEditor::join(std::span<const ChangedSpring> springs) {
+    std::vector<Pair> apart;
+    for (const ChangedSpring& changed : springs)
+        apart.emplace_back(changed.spring.first, changed.spring.second);
+    apart = in_order(apart);
+    leave_out_joined(apart);
+
+    SpringEdit edit;
+    for (const ChangedSpring& changed : springs) {
+        if (std::binary_search(apart.begin(), apart.end(), Pair(changed.spring.first, changed.spring.second)))
+            edit.added.push_back(changed);
+    }
+    std::stable_partition(edit.added.begin(), edit.added.end(),
+                          [](const ChangedSpring& changed) { return changed.bit >= 0; });
+    finish(edit);
+    return edit;
+}
+
+void SpringEditor::leave_out_joined(std::vector<Pair>& pairs) const {
+    std::vector<Pair> joined;
+    for (const Spring& spring : problem_.springs) {
+        const Pair pair(spring.first, spring.second);
+        if (std::binary_search(pairs.begin(), pairs.end(), pair)) joined.push_back(pair);
+    }
+    std::sort(joined.begin(), joined.end());
+    std::erase_if(pairs, [&](const Pair& pair) {
+        const auto direction = direction_between(pair.first, pair.second);
+        return (direction && has_spring(pair.first, *direction)) ||
+               std::binary_search(joined.begin(), joined.end(), pair);
+    });
 }
 
 void SpringEditor::finish(SpringEdit& edit) {

@@ -84,6 +84,9 @@ public:
 
     /// Removes the springs that `shape` cuts.
     SpringEdit cut(const Shape& shape);
+    /// Removes every spring between the two particles of a pair, in either order; pairs that none joins stay
+    /// as they are.
+    SpringEdit cut(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs);
 
     /// Joins the two faces of a cut again: every two particles whose spring `shape` would cut, which are at
     /// most `within` apart at rest, no spring joins, and both of which lack a lattice spring that `shape`
@@ -98,6 +101,10 @@ public:
     SpringEdit suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
                       std::optional<double> stiffness = {});
 
+    /// Adds springs that another edit of the same particles removed or added, each as it was, but for those
+    /// whose particles a spring joins: undoes a cut, or makes a suture once more.
+    SpringEdit join(std::span<const ChangedSpring> springs);
+
 private:
     /// For each voxel the particle in it, or no_particle; empty without a lattice.
     const std::vector<std::uint32_t>& particle_by_voxel() const { return springs_.particle_by_voxel(); }
@@ -109,6 +116,14 @@ private:
     void visit_near(const Shape& shape, Visit visit) const;
     double longest_lattice_spring() const;
     std::optional<Direction> direction_between(std::uint32_t first, std::uint32_t second) const;
+    /// Whether the lattice has a spring along `direction`.
+    bool has_spring(std::uint32_t particle, const Direction& direction) const {
+        return (problem_.lattice.mask[particle] >> direction.bit & 1U) != 0;
+    }
+    /// Of the lattice, between `first` and `second`, which lies along `direction` from it.
+    Spring lattice_spring(std::uint32_t first, std::uint32_t second, const Direction& direction) const;
+    /// Of `pairs`, ascending and each with its smaller particle first, those that no spring joins remain.
+    void leave_out_joined(std::vector<std::pair<std::uint32_t, std::uint32_t>>& pairs) const;
     /// Applies the edit to the problem and completes it with what its particles have then.
     void finish(SpringEdit& edit);
 
