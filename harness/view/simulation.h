@@ -7,7 +7,9 @@
 #include <filesystem>
 #include <glm/vec3.hpp>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "backends/registry.h"
@@ -27,7 +29,6 @@ public:
     /// (AutoChoice); else it is made. Throws Unavailable, DeviceError and, where the backend refuses the
     /// scene, std::runtime_error.
     Simulation(Scene scene, const BackendSpec& spec, std::unique_ptr<Backend> made = {});
-    ~Simulation();
     Simulation(const Simulation&) = delete;
     Simulation& operator=(const Simulation&) = delete;
 
@@ -128,38 +129,53 @@ private:
         std::vector<Spring> springs;      ///< Problem::springs
     };
 
-    /// Calls `use`, which asks the backend for something, and remembers whether that has failed.
+    /// What `use` gives of the main backend. Throws what it throws, and after a DeviceError always that.
     template <class Use>
     decltype(auto) ask(Use use);
     /// The same of both backends, one after the other.
     template <class Use>
     void tell(Use use);
-    std::string refusal(const Backend& backend, const Problem& problem) const;
-    void keep();
-    void change_springs(const SpringEdit& edit);
-    Change change_if_supported(const SpringEdit& edit, const Problem& edited);
-    void make_due_edit();
-    void follow_motion();
-    void upload(const Problem& next);
-    Problem without_hand() const;
+    /// Empty, or why `backend` cannot run `problem` and the scene's edits from `next_edit` on.
+    std::string refusal(const Backend& backend, const Problem& problem, std::size_t next_edit) const;
+    /// Puts everything but the backends and `problem_` at the scene's start.
+    void stand_at_start();
+    bool is_broken();
 
-    Scene scene_;
+    void make_next_edit();
+    /// Puts the scene's tool where it is at this step.
+    void follow_motion();
+
+    Problem without_hand() const;
+    /// Uploads a problem that differs from `problem_` in its tool, at the state of now.
+    void upload(Problem next);
+    void use_tool_of(const Problem& problem);
+
+    Change stitch(const std::pair<std::uint32_t, std::uint32_t>& ends);
+    /// Makes the edit that `find` makes with an editor, unless the backend refuses what it leads to.
+    template <class Find>
+    Change change_if_supported(Find find);
+    template <class Find>
+    Change by_hand(Find find);
+    void change_springs(const SpringEdit& edit);
+
+    const Scene scene_;
     BackendSpec spec_;
-    Problem problem_;  ///< backends refer to it after an edit
-    Running main_, other_;
-    bool failed_ = false;  ///< the main backend
+    Problem problem_;  ///< after an edit backends refer to it
+    Running main_;
+    Running other_;                       ///< in float64; none unless there is something to compare with
+    std::optional<std::string> failure_;  ///< of the main backend
     std::int64_t steps_ = 0;
     std::size_t next_edit_ = 0;
-    bool edits_as_scheduled_ = true;  ///< nobody has changed springs but the scene
-    std::int64_t tick_ = -1;          ///< of the scene's tool, where it is; -1: where it took hold
-    bool follows_motion_ = false;     ///< the scene's tool has not been let go
+    bool edits_as_scheduled_ = true;  ///< only the scene has changed springs so far
+    std::int64_t tick_ = -1;          ///< of the scene's tool, which is there; -1: where it took hold
+    bool follows_motion_ = false;     ///< nobody has taken the tool from the scene
     std::uint64_t springs_version_ = 0;
     bool holds_ = false;
-    glm::dvec3 moved_{0};
-    std::vector<Spring> stitches_;  ///< that the needle has made since the start
+    glm::dvec3 moved_{0};           ///< by the hand
+    std::vector<Spring> stitches_;  ///< springs of its own that the needle has ever made
     Kept kept_;
-    State broken_;                  ///< the state where it is not finite, which is not kept
-    std::int64_t downloaded_ = -1;  ///< steps after which `kept_` or `broken_` is the state; -1: neither
+    std::optional<State> broken_;  ///< the state where it is not finite, which is not kept
+    bool is_latest_ = false;       ///< the state, `broken_` or else the kept one, is that of now
 };
 
 }  // namespace voxspring
