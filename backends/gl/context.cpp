@@ -109,8 +109,9 @@ EGLDisplay open(const Candidate& candidate) {
     return display;
 }
 
-/// A 4.5 core context without a surface. Throws Unavailable.
-EGLContext create_context(EGLDisplay display) {
+/// A 4.5 core context without a surface, which shares the objects of `shared` if that is one. Throws
+/// Unavailable.
+EGLContext create_context(EGLDisplay display, EGLContext shared) {
     for (const char* needed : {"EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context"}) {
         if (!epoxy_has_egl_extension(display, needed)) throw Unavailable(std::string("no ") + needed);
     }
@@ -125,7 +126,7 @@ EGLContext create_context(EGLDisplay display) {
                                  EGL_CONTEXT_OPENGL_RESET_NOTIFICATION_STRATEGY,
                                  EGL_LOSE_CONTEXT_ON_RESET,
                                  EGL_NONE};
-    EGLContext context = eglCreateContext(display, EGL_NO_CONFIG_KHR, EGL_NO_CONTEXT, attributes);
+    EGLContext context = eglCreateContext(display, EGL_NO_CONFIG_KHR, shared, attributes);
     if (context == EGL_NO_CONTEXT) throw Unavailable("no OpenGL 4.5 core context");
     return context;
 }
@@ -144,6 +145,9 @@ bool offers_subgroup_vote() {
     return (stages & GL_COMPUTE_SHADER_BIT) != 0 && (features & subgroup_feature_vote) != 0;
 }
 
+/// That of the Sharing that lives; no display: there is none.
+SurfaceContext shared_context;
+
 std::string text(GLenum name) { return reinterpret_cast<const char*>(glGetString(name)); }
 
 }  // namespace
@@ -158,22 +162,48 @@ void Context::Destroy::operator()(EGLContext context) const noexcept {
 Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     std::string reasons;
     Card card;
-    for (const Candidate& candidate : candidates()) {
+    const auto takes = [&](EGLDisplay display, EGLContext shared) {
+        owned_ = {create_context(display, shared), Destroy{display}};
+        bound_ = {.display = display, .context = owned_.get()};
+        if (try_make_current() && epoxy_gl_version() >= 45) return;
+        owned_.reset();
+        throw Unavailable("the context cannot be made current");
+    };
+    if (shared_context.display != EGL_NO_DISPLAY) {
+        try {
+            card = card_of(device_of(shared_context.display));
+            takes(shared_context.display, shared_context.context);
+            shares_ = true;
+        } catch (const Unavailable& absent) {
+            reasons += fmt::format("; with a window: {}", absent.what());
+        }
+    }
+    for (const Candidate& candidate : owned_ ? std::vector<Candidate>{} : candidates()) {
         try {
             // Another card is passed over before anything is initialised on it, where that can be known.
             if (candidate.device != EGL_NO_DEVICE_EXT) card = card_of(candidate.device);
             EGLDisplay display = open(candidate);
             if (candidate.device == EGL_NO_DEVICE_EXT) card = card_of(device_of(display));
-            context_ = {create_context(display), Destroy{display}};
-            if (try_make_current() && epoxy_gl_version() >= 45) break;
-            reasons += fmt::format("; {}: the context cannot be made current", candidate.name);
-            context_.reset();
+            takes(display, EGL_NO_CONTEXT);
+            break;
         } catch (const Unavailable& absent) {
             reasons += fmt::format("; {}: {}", candidate.name, absent.what());
         }
     }
-    if (!context_) throw Unavailable("no OpenGL" + reasons);
+    if (!owned_) throw Unavailable("no OpenGL" + reasons);
+    describe(card.uuid, card.software);
+}
 
+Context::Context(const SurfaceContext& window)
+    : errors_(std::make_unique<ErrorLog>()), owned_(nullptr, Destroy{window.display}), bound_(window) {
+    if (!try_make_current() || epoxy_gl_version() < 45)
+        throw Unavailable("no OpenGL: the window's context is not one of 4.5 core");
+    const EGLDeviceEXT device = device_of(window.display);
+    const bool software = device != EGL_NO_DEVICE_EXT && is_software(device);
+    describe(device != EGL_NO_DEVICE_EXT && !software ? uuid_of(device) : "", software);
+}
+
+void Context::describe(const std::string& uuid, bool software) {
     GLint timer_bits = 0;
     glGetQueryiv(GL_TIMESTAMP, GL_QUERY_COUNTER_BITS, &timer_bits);
     if (timer_bits == 0) throw Unavailable("no OpenGL: " + text(GL_RENDERER) + " has no GL_TIMESTAMP");
@@ -191,13 +221,13 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     }
     has_pipeline_statistics_ = epoxy_has_gl_extension("GL_ARB_pipeline_statistics_query");
     capabilities_ = {.api = "OpenGL 4.5 core",
-                     .device = text(GL_RENDERER) + (card.software ? ", software" : ""),
+                     .device = text(GL_RENDERER) + (software ? ", software" : ""),
                      .driver = text(GL_VERSION),
-                     .uuid = card.uuid,
+                     .uuid = uuid,
                      .clock = "GL_TIMESTAMP",
                      .deterministic = true,
                      .family = ApiFamily::opengl,
-                     .is_software = card.software,
+                     .is_software = software,
                      .limits_of = "OpenGL"};
 }
 
@@ -218,9 +248,12 @@ void Context::make_current() const {
 }
 
 bool Context::try_make_current() const noexcept {
-    return eglGetCurrentContext() == context_.get() ||
-           eglMakeCurrent(context_.get_deleter().display, EGL_NO_SURFACE, EGL_NO_SURFACE, context_.get()) ==
-               EGL_TRUE;
+    return eglGetCurrentContext() == bound_.context ||
+           eglMakeCurrent(bound_.display, bound_.surface, bound_.surface, bound_.context) == EGL_TRUE;
 }
+
+Sharing::Sharing(const Context& context) { shared_context = context.bound_; }
+
+Sharing::~Sharing() { shared_context = {}; }
 
 }  // namespace voxspring::gl
