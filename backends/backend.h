@@ -124,6 +124,19 @@ public:
     virtual void write(const std::byte* from) = 0;
 };
 
+/// The displacements of some particles for a picture of the running simulation, which the device itself puts
+/// into an OpenGL buffer: nothing passes through the host.
+class Feed {
+public:
+    Feed() = default;
+    Feed(const Feed&) = delete;
+    Feed& operator=(const Feed&) = delete;
+    virtual ~Feed() = default;
+
+    /// Fills the buffer as the steps enqueued so far leave the particles, and waits until it is full.
+    virtual void write() = 0;
+};
+
 /// One simulation on one device. Constructing acquires the device and throws Unavailable where there is
 /// none; destroying gives it back and never throws. Every other member throws DeviceError when the
 /// device fails, after which the object is only good for destruction. Not thread-safe.
@@ -165,6 +178,13 @@ public:
     /// The places of `particles`, ascending; to be used until the next upload(). Null where capabilities()
     /// say so.
     virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
+        return nullptr;
+    }
+    /// What fills the OpenGL buffer `buffer` with the displacements of `particles`: x, y, z and 0 in float32,
+    /// 16 bytes each, in their order. The buffer's context is current; to be used until the next upload().
+    /// Null where the backend cannot: then download().
+    virtual std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& /*particles*/,
+                                       std::uint32_t /*buffer*/) {
         return nullptr;
     }
     /// Whether problems may have a tool; it then overrides the two functions below.

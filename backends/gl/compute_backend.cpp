@@ -6,8 +6,10 @@
 #include <numeric>
 #include <utility>
 
+#include "backends/gl/feed_pass.h"
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
+#include "backends/layout/feed.h"
 
 namespace voxspring::gl {
 namespace {
@@ -184,6 +186,16 @@ State ComputeBackend::download() {
     out(packed.increment_low, increment_low_);
     context().check("downloading");
     return cuda::unpack<float>(*problem_, packed, layout_.placement, formulation());
+}
+
+std::unique_ptr<Feed> ComputeBackend::feed(const std::vector<std::uint32_t>& particles,
+                                           std::uint32_t buffer) {
+    if (!context().shares()) return nullptr;
+    context().make_current();
+    const auto fed = cuda::pack_fed<float>(*problem_, particles, formulation(),
+                                           [&](std::uint32_t i) { return layout_.placement.at(i); });
+    return std::make_unique<FeedPass>(context(), fed, buffer, formulation(), Defines{},
+                                      [this] { bind_words(); });
 }
 
 void ComputeBackend::set_problem(const Problem& edited) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <glm/vec3.hpp>
 #include <map>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -22,6 +23,7 @@ public:
     void upload(const Problem& problem, const State& state) final;
     bool keep_start() final;
     State download() final;
+    std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) final;
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
     DeviceLimits measure_limits() final;

@@ -5,9 +5,11 @@
 #include <limits>
 #include <utility>
 
+#include "backends/gl/feed_pass.h"
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
 #include "backends/glsl/compute.h"
+#include "backends/layout/feed.h"
 #include "backends/layout/work.h"
 #include "backends/physics/neighbours.h"
 
@@ -268,6 +270,16 @@ void FragmentBackend::bind_state() const {
         for (const std::size_t age : {0, 1}) textures[count++] = frame(age).targets[0].get();
     }
     glBindTextures(state_unit, GLsizei(count), textures.data());
+}
+
+std::unique_ptr<Feed> FragmentBackend::feed(const std::vector<std::uint32_t>& particles,
+                                            std::uint32_t buffer) {
+    if (!context().shares()) return nullptr;
+    context().make_current();
+    const auto fed = cuda::pack_fed<float>(*problem_, particles, formulation(),
+                                           [&](std::uint32_t i) { return texel_of(i); });
+    return std::make_unique<FeedPass>(context(), fed, buffer, formulation(), Defines{{"TEXELS", ""}},
+                                      [this] { bind_state(); });
 }
 
 void FragmentBackend::enqueue_divergence_check() {

@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <glm/vec2.hpp>
 #include <glm/vec4.hpp>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,7 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) final;
     bool keep_start() final;
     State download() final;
+    std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) final;
     /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
     DeviceLimits measure_limits() final;

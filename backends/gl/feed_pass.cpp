@@ -1,0 +1,39 @@
+#include "backends/gl/feed_pass.h"
+
+#include <utility>
+
+#include "backends/glsl/compute.h"
+
+namespace voxspring::gl {
+namespace {
+
+constexpr GLuint fed_binding = 11, displacements_binding = 12;  // as in shaders/feed.comp
+
+}  // namespace
+
+FeedPass::FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
+                   Formulation formulation, Defines defines, std::function<void()> bind_state)
+    : context_(context), count_(fed.size()), buffer_(buffer), bind_state_(std::move(bind_state)) {
+    defines.merge(glsl::formulation_defines(formulation));
+    program_ = Program(context, load_source("feed.comp", defines));
+    fed_.upload(context, fed);
+    program_.set("count", int(fed.size()));
+}
+
+void FeedPass::write() {
+    if (count_ == 0) return;
+    context_.make_current();
+    GLint stepping = 0;
+    glGetIntegerv(GL_CURRENT_PROGRAM, &stepping);
+    bind_state_();
+    fed_.bind(fed_binding);
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, displacements_binding, buffer_);
+    glUseProgram(program_.get());
+    glDispatchCompute(glsl::striding_groups(count_), 1, 1);
+    glUseProgram(GLuint(stepping));
+    // Another context sees what this one has finished.
+    glFinish();
+    context_.check("copying displacements to a window");
+}
+
+}  // namespace voxspring::gl

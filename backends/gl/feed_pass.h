@@ -1,0 +1,32 @@
+// Fills a buffer of a window's context with displacements, in a compute shader (shaders/feed.comp), however
+// the particles lie.
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "backends/gl/program.h"
+#include "backends/gl/storage_buffer.h"
+#include "backends/layout/records/feed.h"
+
+namespace voxspring::gl {
+
+class FeedPass final : public Feed {
+public:
+    /// `buffer`: of 16 bytes a particle, in a context that shares objects with this one. `defines` specialise
+    /// the shader beyond the formulation. `bind_state` binds the state as it is then. The context is current.
+    FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
+             Formulation formulation, Defines defines, std::function<void()> bind_state);
+
+    void write() override;
+
+private:
+    const Context& context_;
+    Program program_;
+    StorageBuffer fed_;
+    std::size_t count_;
+    GLuint buffer_;
+    std::function<void()> bind_state_;
+};
+
+}  // namespace voxspring::gl

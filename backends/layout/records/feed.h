@@ -1,0 +1,17 @@
+// Particles whose displacements a picture shows, as devices read them.
+#pragma once
+
+#include "backends/layout/records/particle.h"
+
+namespace voxspring::cuda {
+
+/// In GLSL: vec3, uint.
+template <class Real>
+struct alignas(4 * sizeof(Real)) FedWord {
+    Vector<Real>
+        rest;  ///< what to take off its place: the rest position, or 0 of a displacement (formulation.h)
+    std::uint32_t word;
+    bool operator==(const FedWord&) const = default;
+};
+
+}  // namespace voxspring::cuda

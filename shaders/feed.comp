@@ -1,0 +1,24 @@
+// The displacements of some particles, for a picture: one invocation a particle.
+#include "some_words.glsl"
+#include "uniforms.glsl"
+
+layout(local_size_x = 64) in;
+
+// FedWord of backends/layout/records/feed.h.
+struct FedWord {
+    Vec3 rest;
+    uint word;
+};
+layout(std430, binding = 11) restrict readonly buffer Fed { FedWord fed[]; };
+layout(std430, binding = 12) restrict writeonly buffer Displacements { vec4 displacements[]; };
+
+UNIFORMS(FeedUniforms, 20)
+UNIFORM int count;
+END_UNIFORMS
+
+void main() {
+    for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
+        uint word = fed[n].word;
+        displacements[n] = vec4((WORD(word).xyz - fed[n].rest) + LOW(word), 0);
+    }
+}

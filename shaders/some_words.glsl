@@ -1,0 +1,23 @@
+// Words of some particles, for a pass that goes over those alone. COMPENSATED as in motion.glsl; with TEXELS
+// the state lies in textures, as in particle.glsl, and a word is a texel, x in its lower half and y in the
+// upper.
+#include "portable.h"
+
+#ifdef TEXELS
+layout(binding = 0) uniform sampler2D position;
+layout(binding = 2) uniform sampler2D position_low;
+#define TEXEL(word) ivec2((word)&0xFFFFu, (word) >> 16)
+#define WORD(word) texelFetch(position, TEXEL(word), 0)
+#define WORD_LOW(word) texelFetch(position_low, TEXEL(word), 0)
+#else
+// As in compute.glsl.
+layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
+layout(std430, binding = 3) restrict readonly buffer WordsLow { Vec4 words_low[]; };
+#define WORD(word) words[word]
+#define WORD_LOW(word) words_low[word]
+#endif
+#ifdef COMPENSATED
+#define LOW(word) WORD_LOW(word).xyz
+#else
+#define LOW(word) Vec3(0)
+#endif

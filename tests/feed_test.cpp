@@ -1,0 +1,107 @@
+// Feeds: what a backend puts into a window's buffer is what it downloads. A headless context stands for the
+// window.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <glm/geometric.hpp>
+#include <glm/vec4.hpp>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/gl/context.h"
+#include "backends/gl/storage_buffer.h"
+#include "backends/registry.h"
+#include "tests/required.h"
+#include "tests/specifications.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+/// Every third particle, and the last.
+std::vector<std::uint32_t> some_of(const Problem& problem) {
+    std::vector<std::uint32_t> some;
+    for (std::uint32_t i = 0; i < problem.particle_count(); i += 3) some.push_back(i);
+    if (some.back() + 1 != problem.particle_count())
+        some.push_back(std::uint32_t(problem.particle_count() - 1));
+    return some;
+}
+
+class Feeding : public ::testing::TestWithParam<std::string> {
+protected:
+    void SetUp() override {
+        try {
+            window_ = std::make_unique<gl::Context>();
+        } catch (const Unavailable& absent) {
+            if (is_required("gl")) FAIL() << absent.what();
+            GTEST_SKIP() << absent.what();
+        }
+        sharing_.emplace(*window_);
+        make_or_skip(BackendSpec::parse(GetParam()), backend_);
+    }
+
+    std::unique_ptr<gl::Context> window_;
+    std::optional<gl::Sharing> sharing_;
+    std::unique_ptr<Backend> backend_;
+};
+
+INSTANTIATE_TEST_SUITE_P(, Feeding, ::testing::ValuesIn(in_every_formulation()), test_name);
+
+TEST_P(Feeding, FillsABufferWithWhatIsDownloaded) {
+    Problem problem = make_lattice_problem(random_grid({7, 6, 5}, 0.8, 3), NEIGHBOUR_BITS);
+    problem.time_step = 0.1;
+    if (const std::string why = backend_->unsupported(problem); !why.empty()) GTEST_SKIP() << why;
+    backend_->upload(problem, random_state(problem, 0.1, 4));
+    const std::vector<std::uint32_t> some = some_of(problem);
+    window_->make_current();
+    gl::StorageBuffer buffer;
+    buffer.upload(*window_, std::vector<glm::vec4>(some.size(), glm::vec4(7)));
+    const auto feed = backend_->feed(some, buffer.get());
+    if (!feed) {
+        EXPECT_THAT(GetParam(), ::testing::Not(::testing::StartsWith("gl_")));
+        GTEST_SKIP() << "has no way into a window's buffer";
+    }
+    // After a step, after none, and after an odd number: whichever array the state is in.
+    for (const int steps : {0, 1, 4}) {
+        backend_->step(steps);
+        feed->write();
+        window_->make_current();
+        std::vector<glm::vec4> seen(some.size());
+        buffer.download(seen);
+        const State state = backend_->download();
+        for (std::size_t n = 0; n < some.size(); ++n) {
+            const glm::dvec3 expected = state.displacement[some[n]];
+            // Where the state is a position, up to 8 here, its displacement comes out rounded as float32.
+            const double rounding = 8 * double(std::numeric_limits<float>::epsilon());
+            EXPECT_LE(glm::distance(glm::dvec3(seen[n]), expected), rounding)
+                << some[n] << " after " << steps;
+            EXPECT_EQ(seen[n].w, 0);
+        }
+    }
+    // A feed changes no bit of what is stepped.
+    const auto alone = BackendSpec::parse(GetParam()).make();
+    alone->upload(problem, random_state(problem, 0.1, 4));
+    alone->step(5);
+    EXPECT_EQ(backend_->download().displacement, alone->download().displacement);
+}
+
+TEST_P(Feeding, WithoutAWindowThereIsNone) {
+    sharing_.reset();
+    backend_ = BackendSpec::parse(GetParam()).make();
+    Problem problem = make_lattice_problem(solid({3, 3, 3}), NEIGHBOUR_BITS);
+    problem.time_step = 0.1;
+    if (const std::string why = backend_->unsupported(problem); !why.empty()) GTEST_SKIP() << why;
+    backend_->upload(problem, state_at_rest(problem));
+    window_->make_current();
+    gl::StorageBuffer buffer;
+    buffer.upload(*window_, std::vector<glm::vec4>(problem.particle_count()));
+    if (!GetParam().starts_with("cuda_")) {
+        EXPECT_EQ(backend_->feed(some_of(problem), buffer.get()), nullptr);
+    }
+}
+
+}  // namespace
+}  // namespace voxspring::testing
