@@ -55,7 +55,10 @@ Colouring parse_colouring(const std::string& text) {
     throw BadInput("command line", "--colour", text, "displacement or error");
 }
 
-/// "640x480".
+std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
+
+}  // namespace
+
 glm::ivec2 parse_size(const std::string& text) {
     glm::ivec2 size(0);
     int read = 0;
@@ -68,10 +71,6 @@ glm::ivec2 parse_size(const std::string& text) {
     }
     return size;
 }
-
-std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
-
-}  // namespace
 
 const std::vector<Writer>& writers() {
     static const std::vector<Writer> all = {

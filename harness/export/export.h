@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <glm/vec2.hpp>
 #include <memory>
 #include <optional>
 #include <string>
@@ -26,6 +27,9 @@ struct Writer {
 const std::vector<Writer>& writers();
 /// A line for each, for people.
 std::string list_formats();
+
+/// A picture's or a window's size, "640x480". Throws BadInput, as a value of --size.
+glm::ivec2 parse_size(const std::string& text);
 
 /// Of a folder of frames, where nothing says how many steps lie between them.
 inline constexpr int max_frames = 50;

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "backends/gl/texture.h"
+#include "harness/export/pixels.h"
 
 namespace voxspring {
 namespace {
@@ -179,18 +180,10 @@ void Painter::draw(std::span<const SurfaceVertex> surface, const Camera& camera)
 Image Painter::read_back() {
     glBlitNamedFramebuffer(target_.get(), result_.get(), 0, 0, size_.x, size_.y, 0, 0, size_.x, size_.y,
                            GL_COLOR_BUFFER_BIT, GL_NEAREST);
-    std::vector<std::uint8_t> rows(4 * std::size_t(size_.x) * std::size_t(size_.y));
     glBindFramebuffer(GL_READ_FRAMEBUFFER, result_.get());
-    glPixelStorei(GL_PACK_ALIGNMENT, 4);
-    glReadPixels(0, 0, size_.x, size_.y, GL_RGBA, GL_UNSIGNED_BYTE, rows.data());
+    Image image = read_pixels(size_);
     glDisable(GL_DEPTH_TEST);
     context_.check("drawing a picture");
-
-    Image image(size_.x, size_.y);
-    for (int y = 0; y < size_.y; ++y) {
-        const std::uint8_t* row = &rows[4 * std::size_t(size_.y - 1 - y) * std::size_t(size_.x)];
-        std::copy(row, row + 4 * std::ptrdiff_t(size_.x), image.at(0, y));
-    }
     return image;
 }
 

@@ -8,23 +8,10 @@
 #include <string>
 #include <utility>
 
-#include "backends/physics/neighbours.h"
+#include "harness/export/lattice_surface.h"
 
 namespace voxspring {
 namespace {
-
-/// 0 to 26: which of the 27 voxels around one an offset of -1, 0 or 1 along each axis names.
-std::size_t around(glm::ivec3 offset) {
-    const int index = (offset.z + 1) * 9 + (offset.y + 1) * 3 + offset.x + 1;
-    return std::size_t(index);
-}
-
-/// The mask bit of each such offset; that of the voxel itself is not looked at.
-std::array<std::uint32_t, 27> bits_by_offset() {
-    std::array<std::uint32_t, 27> bits{};
-    for (const Direction& direction : directions()) bits[around(direction.offset)] = 1U << direction.bit;
-    return bits;
-}
 
 /// `length` times the direction of `vector`; 0 if it has none.
 glm::dvec3 scaled(glm::dvec3 vector, double length) {
@@ -49,49 +36,27 @@ glm::dvec3 unit(std::size_t axis) {
 class Body {
 public:
     Body(const Problem& problem, std::span<const glm::dvec3> displacement, std::span<const double> value)
-        : problem_(problem),
-          displacement_(displacement),
-          value_(value),
-          at_(particle_of_voxel(problem.lattice)) {}
+        : problem_(problem), displacement_(displacement), value_(value), surface_(problem) {}
 
-    /// The four vertices of the face of particle `i` at `voxel` on its side `direction` along `axis`.
-    std::array<SurfaceVertex, 4> face(std::uint32_t i, glm::ivec3 voxel, int axis, int direction) const {
-        const int u = (axis + 1) % 3;
-        const int v = (axis + 2) % 3;
-        // Counter-clockwise from outside: u x v is `axis`.
-        std::array<std::pair<int, int>, 4> corners = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
-        if (direction < 0) std::swap(corners[1], corners[3]);
+    const LatticeSurface& surface() const { return surface_; }
+
+    /// The four vertices of a face.
+    std::array<SurfaceVertex, 4> face(const LatticeSurface::Face& face) const {
+        const std::array<glm::ivec3, 4> corners = LatticeSurface::corners_of(face);
         std::array<SurfaceVertex, 4> vertices;
-        for (std::size_t n = 0; n < 4; ++n) {
-            glm::ivec3 sign(0);
-            sign[axis] = direction;
-            sign[u] = corners[n].first;
-            sign[v] = corners[n].second;
-            vertices[n] = corner(voxel, sign);
-        }
+        for (std::size_t n = 0; n < 4; ++n) vertices[n] = corner(face.voxel, corners[n]);
         const glm::dvec3 flat = scaled(glm::cross(vertices[2].position - vertices[0].position,
                                                   vertices[3].position - vertices[1].position),
                                        1);
-        const Frame frame = frame_of(i, voxel);
-        const bool cut = at(voxel + step(axis, direction)) != no_particle;
+        const Frame frame = frame_of(face.particle, face.voxel);
+        const bool cut = surface_.at(face.voxel + step(face.axis, face.direction)) != no_particle;
         for (std::size_t n = 0; n < 4; ++n) {
-            glm::ivec3 sign(0);
-            sign[axis] = direction;
-            sign[u] = corners[n].first;
-            sign[v] = corners[n].second;
-            glm::dvec3 smooth = cut ? flat : carried(frame, slope(voxel, sign));
+            glm::dvec3 smooth = cut ? flat : carried(frame, slope(face.voxel, corners[n]));
             // Where the body is as thin as a voxel or has collapsed, its slope says nothing of this face.
             if (!(glm::dot(smooth, flat) > 0.2)) smooth = flat;
             vertices[n].normal = smooth;
         }
         return vertices;
-    }
-
-    /// Whether the face of particle `i` towards its neighbour along `axis` is to be seen.
-    bool is_open(std::uint32_t i, glm::ivec3 voxel, int axis, int direction) const {
-        const glm::ivec3 offset = step(axis, direction);
-        const std::uint32_t neighbour = at(voxel + offset);
-        return neighbour == no_particle || is_cut(i, offset);
     }
 
 private:
@@ -101,21 +66,6 @@ private:
         glm::ivec3 offset(0);
         offset[axis] = direction;
         return offset;
-    }
-
-    std::uint32_t at(glm::ivec3 voxel) const {
-        const glm::ivec3 dims = problem_.lattice.dims;
-        for (int a = 0; a < 3; ++a) {
-            if (voxel[a] < 0 || voxel[a] >= dims[a]) return no_particle;
-        }
-        return at_[(std::size_t(voxel.z) * std::size_t(dims.y) + std::size_t(voxel.y)) * std::size_t(dims.x) +
-                   std::size_t(voxel.x)];
-    }
-
-    /// Whether the springs that the problem has would join particle `i` and an active neighbour, and do not.
-    bool is_cut(std::uint32_t i, glm::ivec3 offset) const {
-        const std::uint32_t bit = bits_[around(offset)];
-        return (problem_.group_bits & bit) != 0 && (problem_.lattice.mask[i] & bit) == 0;
     }
 
     glm::dvec3 place(std::uint32_t i) const { return problem_.rest_position[i] + displacement_[i]; }
@@ -130,8 +80,8 @@ private:
             glm::dvec3 sum(0);
             int count = 0;
             for (const int direction : {-1, 1}) {
-                const std::uint32_t j = at(voxel + step(a, direction));
-                if (j == no_particle || is_cut(i, step(a, direction))) continue;
+                const std::uint32_t j = surface_.at(voxel + step(a, direction));
+                if (j == no_particle || surface_.is_cut(i, step(a, direction))) continue;
                 sum += double(direction) * (place(j) - here);
                 ++count;
             }
@@ -155,50 +105,19 @@ private:
         return frame;
     }
 
-    /// The corner of the particle at `voxel` towards `sign`, of the eight voxels around it those that springs
-    /// hold together with it.
+    /// The corner of the particle at `voxel` towards `sign`.
     SurfaceVertex corner(glm::ivec3 voxel, glm::ivec3 sign) const {
-        std::array<std::uint32_t, 8> particle{};
-        const auto place_of = [](unsigned n) { return glm::ivec3(n & 1, n >> 1 & 1, n >> 2); };
-        for (unsigned n = 0; n < 8; ++n) particle[n] = at(voxel + sign * place_of(n));
-        unsigned inside = 1;
-        for (unsigned reached = 1; reached != 0;) {
-            unsigned next = 0;
-            for (unsigned from = 0; from < 8; ++from) {
-                if ((reached >> from & 1) == 0) continue;
-                for (unsigned to = 0; to < 8; ++to) {
-                    if ((inside >> to & 1) != 0 || particle[to] == no_particle) continue;
-                    const std::uint32_t bit = bits_[around(sign * (place_of(to) - place_of(from)))];
-                    if ((problem_.lattice.mask[particle[from]] & bit) != 0) next |= 1U << to;
-                }
-            }
-            inside |= next;
-            reached = next;
-        }
-
-        // Where edges of the block of eight centres cross the surface, on average; (0, 0, 0) is the centre of
-        // i.
-        glm::dvec3 crossing(0);
-        int crossings = 0;
-        for (unsigned n = 0; n < 8; ++n) {
-            for (unsigned a = 0; a < 3; ++a) {
-                const unsigned other = n | 1U << a;
-                if (other == n || (inside >> n & 1) == (inside >> other & 1)) continue;
-                crossing += (glm::dvec3(place_of(n)) + glm::dvec3(place_of(other))) / 2.0;
-                ++crossings;
-            }
-        }
-        crossing = crossings == 0 ? glm::dvec3(0.5) : crossing / double(crossings);
-
+        const LatticeSurface::Corner corner = surface_.corner(voxel, sign);
         SurfaceVertex vertex;
         double count = 0;
         for (unsigned n = 0; n < 8; ++n) {
-            if ((inside >> n & 1) == 0) continue;
-            const Frame frame = frame_of(particle[n], voxel + sign * place_of(n));
-            const glm::dvec3 offset = glm::dvec3(sign) * (crossing - glm::dvec3(place_of(n)));
-            vertex.position +=
-                place(particle[n]) + frame[0] * offset.x + frame[1] * offset.y + frame[2] * offset.z;
-            vertex.value += value_[particle[n]];
+            if ((corner.inside >> n & 1) == 0) continue;
+            const std::uint32_t i = corner.particle[n];
+            const glm::ivec3 from = LatticeSurface::place_of(n);
+            const Frame frame = frame_of(i, voxel + sign * from);
+            const glm::dvec3 offset = glm::dvec3(sign) * (corner.crossing - glm::dvec3(from));
+            vertex.position += place(i) + frame[0] * offset.x + frame[1] * offset.y + frame[2] * offset.z;
+            vertex.value += value_[i];
             ++count;
         }
         vertex.position /= count;
@@ -216,7 +135,7 @@ private:
         for (int z = 0; z < 4; ++z) {
             for (int y = 0; y < 4; ++y) {
                 for (int x = 0; x < 4; ++x) {
-                    if (at(first + glm::ivec3(x, y, z)) == no_particle) continue;
+                    if (surface_.at(first + glm::ivec3(x, y, z)) == no_particle) continue;
                     const auto [wx, wy, wz] =
                         std::array{weight[std::size_t(x)], weight[std::size_t(y)], weight[std::size_t(z)]};
                     sum -= glm::dvec3(change[std::size_t(x)] * wy * wz, wx * change[std::size_t(y)] * wz,
@@ -241,8 +160,7 @@ private:
     const Problem& problem_;
     std::span<const glm::dvec3> displacement_;
     std::span<const double> value_;
-    std::vector<std::uint32_t> at_;
-    std::array<std::uint32_t, 27> bits_ = bits_by_offset();
+    LatticeSurface surface_;
 };
 
 }  // namespace
@@ -262,23 +180,14 @@ std::vector<SurfaceVertex> surface_of(const Problem& problem, std::span<const gl
     }
     const Body body(problem, displacement, value);
     std::vector<SurfaceVertex> vertices;
-    for (std::size_t n = 0; n < problem.particle_count(); ++n) {
-        const auto i = std::uint32_t(n);
-        // A voxel whose face springs are all there has no open face.
-        if ((lattice.mask[n] & FACE_BITS) == FACE_BITS) continue;
-        const glm::ivec3 voxel = lattice.coordinates(lattice.voxel[n]);
-        for (int axis = 0; axis < 3; ++axis) {
-            for (const int direction : {-1, 1}) {
-                if (!body.is_open(i, voxel, axis, direction)) continue;
-                const auto face = body.face(i, voxel, axis, direction);
-                vertices.insert(vertices.end(), face.begin(), face.end());
-            }
-        }
+    body.surface().visit_open_faces([&](const LatticeSurface::Face& open) {
+        const auto face = body.face(open);
+        vertices.insert(vertices.end(), face.begin(), face.end());
         if (vertices.size() > 4 * max_faces) {
             throw std::runtime_error("the surface has more than " + std::to_string(max_faces) +
                                      " faces, too many to draw");
         }
-    }
+    });
     return vertices;
 }
 

@@ -60,6 +60,7 @@ std::shared_ptr<const Problem> not_owned(const Problem& problem) {
 void Simulation::Running::upload(std::shared_ptr<const Problem> problem, const State& state) {
     backend->upload(*problem, state);
     uploaded = std::move(problem);
+    ++uploads;
 }
 
 template <class Use>
@@ -353,7 +354,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
     problem.lattice.mask = kept_.mask;
     problem.springs = kept_.springs;
     const auto uploaded = std::make_shared<const Problem>(std::move(problem));
-    Running next;
+    Running next{.backend = nullptr, .uploaded = nullptr, .uploads = main_.uploads};
     try {
         next.backend = spec.make();
         std::string why = refusal(*next.backend, *uploaded, kept_.next_edit);

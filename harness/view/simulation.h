@@ -41,6 +41,9 @@ public:
     std::int64_t steps() const { return steps_; }  ///< since the scene's start
     /// Grows with each change of springs, so that who draws the surface knows when to find it anew.
     std::uint64_t springs_version() const { return springs_version_; }
+    /// Grows with each upload, after which what refers to the backend's state (Backend::feed()) is made anew;
+    /// never 0.
+    std::uint64_t uploads() const { return main_.uploads; }
 
     /// Takes steps, with the scene's edits that are due between them and, until the hand first takes hold,
     /// the moves of the scene's own tool. Of an edit that finds springs cut or joined by hand only what still
@@ -115,6 +118,7 @@ private:
     struct Running {
         std::unique_ptr<Backend> backend;
         std::shared_ptr<const Problem> uploaded;
+        std::uint64_t uploads = 0;
 
         void upload(std::shared_ptr<const Problem> problem, const State& state);
     };

@@ -1,0 +1,221 @@
+// The live picture of a body: its mesh, the camera around it, and what the card draws of both.
+#include "harness/view/body_painter.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <glm/geometric.hpp>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <tuple>
+#include <vector>
+
+#include "backends/gl/context.h"
+#include "harness/export/surface.h"
+#include "harness/view/body_mesh.h"
+#include "harness/view/orbit.h"
+#include "tests/required.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+Problem body_of(const VoxelGrid& grid) { return make_lattice_problem(grid, NEIGHBOUR_BITS); }
+
+Problem cut_in_two(const Problem& whole) {
+    Problem cut = whole;
+    SpringEditor(cut).cut(Plane{.point = {2.5, 0, 0}, .normal = {1, 0, 0}});
+    return cut;
+}
+
+// --- The mesh ---------------------------------------------------------------------------------------------
+
+TEST(BodyMeshTest, HasTheFacesOfTheSurface) {
+    for (const Problem& problem : {body_of(solid({6, 4, 5})), body_of(random_grid({7, 6, 5}, 0.5, 3)),
+                                   cut_in_two(body_of(solid({6, 4, 5})))}) {
+        const BodyMesh mesh = mesh_of(problem);
+        const std::vector<glm::dvec3> still(problem.particle_count());
+        const auto surface = surface_of(problem, still, std::vector<double>(problem.particle_count()));
+        ASSERT_EQ(4 * mesh.faces.size(), surface.size());
+        for (std::size_t n = 0; n < surface.size(); ++n) {
+            const BodyMesh::Vertex& vertex = mesh.vertices[mesh.faces[n / 4][n % 4]];
+            EXPECT_LT(glm::distance(glm::dvec3(vertex.rest), surface[n].position), 1e-5);
+            ASSERT_GE(vertex.count, 1U);
+            ASSERT_LE(vertex.count, 8U);
+        }
+        EXPECT_TRUE(std::is_sorted(mesh.particles.begin(), mesh.particles.end()));
+    }
+}
+
+TEST(BodyMeshTest, FacesShareVerticesAndACutPartsThem) {
+    const Problem whole = body_of(solid({6, 4, 5}));
+    // The corners of a box of 6 x 4 x 5 voxels on its sides.
+    EXPECT_EQ(mesh_of(whole).vertices.size(), 7U * 5 * 6 - 5U * 3 * 4);
+    const Problem cut = cut_in_two(whole);
+    // Two boxes of 3 x 4 x 5.
+    const BodyMesh mesh = mesh_of(cut);
+    EXPECT_EQ(mesh.vertices.size(), 2 * (4U * 5 * 6 - 2U * 3 * 4));
+    for (const BodyMesh::Vertex& vertex : mesh.vertices) {
+        std::set<bool> sides;
+        for (std::size_t n = 0; n < vertex.count; ++n)
+            sides.insert(cut.rest_position[mesh.particles[vertex.follows[n]]].x > 2.5);
+        EXPECT_EQ(sides.size(), 1U);
+    }
+}
+
+TEST(BodyMeshTest, FacesAroundAVertexAreListed) {
+    const BodyMesh mesh = mesh_of(body_of(random_grid({7, 6, 5}, 0.5, 3)));
+    std::map<std::uint32_t, std::multiset<std::uint32_t>> around;
+    for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {
+        for (const std::uint32_t vertex : mesh.faces[f]) around[vertex].insert(f);
+    }
+    for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
+        const std::multiset<std::uint32_t> listed(mesh.face_of_vertex.begin() + mesh.first_face[v],
+                                                  mesh.face_of_vertex.begin() + mesh.first_face[v + 1]);
+        EXPECT_EQ(listed, around[v]);
+    }
+}
+
+TEST(BodyMeshTest, WithoutALatticeThereIsNone) {
+    EXPECT_THROW(mesh_of(random_network(5, 6, 1)), std::runtime_error);
+}
+
+// --- The camera -------------------------------------------------------------------------------------------
+
+constexpr glm::ivec2 picture_size{240, 180};
+
+TEST(OrbitTest, PixelsAndPlacesAreInverse) {
+    Orbit orbit;
+    orbit.show({-1, -2, -3}, {3, 2, 1});
+    orbit.turn({40, -20}, picture_size);
+    orbit.zoom(2);
+    const glm::dvec3 place(0.3, -0.4, 0.2);
+    const glm::dvec2 pixel = orbit.pixel_of(place, picture_size);
+    const Ray ray = orbit.through(pixel, picture_size);
+    const glm::dvec3 nearest = ray.origin + ray.direction * glm::dot(place - ray.origin, ray.direction);
+    EXPECT_LT(glm::distance(nearest, place), 1e-9);
+    EXPECT_NEAR(orbit.distance_to(place), glm::dot(ray.origin - place, orbit.backward()), 1e-12);
+}
+
+TEST(OrbitTest, AllOfABodyIsSeenFromEverywhere) {
+    Orbit orbit;
+    const glm::dvec3 low(-1, -2, -3), high(3, 2, 1);
+    orbit.show(low, high);
+    for (int n = 0; n < 12; ++n) {
+        orbit.turn({25, n - 6.0}, picture_size);
+        for (const double x : {low.x, high.x}) {
+            for (const double y : {low.y, high.y}) {
+                const glm::dvec2 pixel = orbit.pixel_of({x, y, high.z}, picture_size);
+                EXPECT_TRUE(pixel.x > 0 && pixel.y > 0 && pixel.x < picture_size.x &&
+                            pixel.y < picture_size.y);
+            }
+        }
+    }
+}
+
+TEST(OrbitTest, ShiftingFollowsThePointer) {
+    Orbit orbit;
+    orbit.show({-1, -1, -1}, {1, 1, 1});
+    const glm::dvec2 before = orbit.pixel_of({0, 0, 0}, picture_size);
+    orbit.shift({12, -7}, picture_size);
+    const glm::dvec2 after = orbit.pixel_of({0, 0, 0}, picture_size);
+    EXPECT_NEAR(after.x - before.x, 12, 1e-9);
+    EXPECT_NEAR(after.y - before.y, -7, 1e-9);
+}
+
+// --- The picture ------------------------------------------------------------------------------------------
+
+class BodyPainterTest : public ::testing::Test {
+protected:
+    void SetUp() override {
+        try {
+            context_ = std::make_unique<gl::Context>();
+        } catch (const Unavailable& absent) {
+            if (is_required("gl")) FAIL() << absent.what();
+            GTEST_SKIP() << absent.what();
+        }
+        painter_.emplace(*context_);
+    }
+
+    void show(const Problem& problem) {
+        painter_->set_mesh(mesh_of(problem));
+        orbit_.show(painter_->mesh().low, painter_->mesh().high);
+    }
+    Image draw() {
+        painter_->draw(orbit_, picture_size, shades_);
+        return painter_->picture();
+    }
+    /// Whether something else than the background is at the pixel of a place.
+    bool is_seen(const Image& image, glm::dvec3 place) const {
+        const glm::ivec2 at(orbit_.pixel_of(place, picture_size));
+        return !std::equal(image.at(at.x, at.y), image.at(at.x, at.y) + 4, image.at(0, 0));
+    }
+
+    std::unique_ptr<gl::Context> context_;
+    std::optional<BodyPainter> painter_;
+    Orbit orbit_;
+    Shades shades_;
+};
+
+TEST_F(BodyPainterTest, TheBodyIsWhereTheCameraSaysAndItsDepthIsItsPlace) {
+    const Problem problem = body_of(solid({6, 4, 5}));
+    show(problem);
+    const Image image = draw();
+    const glm::dvec3 top(2.5, 1.5, 4.5);
+    EXPECT_TRUE(is_seen(image, top));
+    EXPECT_FALSE(is_seen(image, {2.5, 1.5, 8}));
+    const auto place = painter_->place_at(orbit_.pixel_of(top, picture_size));
+    ASSERT_TRUE(place);
+    // A pixel is a fortieth of the body.
+    EXPECT_LT(glm::distance(*place, top), 0.2);
+    EXPECT_FALSE(painter_->place_at({1, 1}));
+    EXPECT_FALSE(painter_->place_at({-5, 1e4}));
+}
+
+TEST_F(BodyPainterTest, ItFollowsDisplacements) {
+    const Problem problem = body_of(solid({6, 4, 5}));
+    show(problem);
+    const glm::dvec3 above(2.5, 1.5, 6.5);
+    EXPECT_FALSE(is_seen(draw(), above));
+    painter_->put_displacements(std::vector<glm::dvec3>(problem.particle_count(), glm::dvec3(0, 0, 2)));
+    EXPECT_TRUE(is_seen(draw(), above));
+    // The value that is shown without any other is the displacement's length.
+    EXPECT_THAT(painter_->range(), ::testing::ElementsAre(2, 2));
+}
+
+TEST_F(BodyPainterTest, ACutOpens) {
+    const Problem whole = body_of(solid({6, 4, 5}));
+    std::vector<glm::dvec3> parted;
+    for (const glm::dvec3& rest : whole.rest_position) parted.emplace_back(rest.x > 2.5 ? 1 : -1, 0, 0);
+    const glm::dvec3 between(2.5, -0.5, 2);
+    for (const bool cut : {false, true}) {
+        show(cut ? cut_in_two(whole) : whole);
+        orbit_ = {};
+        orbit_.show(painter_->mesh().low, painter_->mesh().high);
+        orbit_.turn({0.5 / 3.14159265358979 * picture_size.y, 0}, picture_size);  // along y
+        painter_->put_displacements(parted);
+        EXPECT_EQ(is_seen(draw(), between), !cut);
+    }
+}
+
+TEST_F(BodyPainterTest, ValuesAreColours) {
+    const Problem problem = body_of(solid({6, 4, 5}));
+    show(problem);
+    painter_->put_values(std::vector<double>(problem.particle_count(), 0));
+    const Image low = draw();
+    painter_->put_values(std::vector<double>(problem.particle_count(), 1));
+    const Image high = draw();
+    EXPECT_THAT(painter_->range(), ::testing::ElementsAre(1, 1));
+    const glm::ivec2 at(orbit_.pixel_of({2.5, 1.5, 4.5}, picture_size));
+    // viridis goes from a dark violet to a bright yellow.
+    EXPECT_LT(low.at(at.x, at.y)[1], 60);
+    EXPECT_GT(high.at(at.x, at.y)[1], 160);
+    painter_->put_values({});
+    EXPECT_EQ(draw().pixels, low.pixels);
+}
+
+}  // namespace
+}  // namespace voxspring::testing
