@@ -39,11 +39,13 @@ struct Asked {
     RunOptions run;
     StudyOptions of_study;
     AdviseOptions advise;
+    ViewOptions view;
     int exit_code = 0;
 };
 
 constexpr std::int64_t max_steps = max_run_steps;
 constexpr std::int64_t max_repetitions = 10'000;
+constexpr std::int64_t max_steps_a_frame = 1'000'000;
 /// Errors below these are beyond float64, those above say nothing.
 constexpr double min_error = 1e-30, max_error = 1e6;
 /// A thousandth of a second to eleven days.
@@ -284,6 +286,37 @@ void add_advise(CLI::App& app, Asked& asked, std::ostream& out) {
     advise->callback([&] { asked.exit_code = print_advice(asked.scene, options, out); });
 }
 
+void add_view(CLI::App& app, Asked& asked, std::ostream& out, const ViewScene& view) {
+    CLI::App* command = app.add_subcommand("view", "The live body in a window: pull it, cut it, sew it");
+    ViewOptions& options = asked.view;
+    add_scene(*command, asked);
+    command
+        ->add_option(
+            "--backend", options.backend,
+            "As of `voxspring run`; may be changed in the window. auto: the fastest that a hand can take "
+            "hold of")
+        ->default_str("auto");
+    add_number<std::int64_t>(
+        *command, "--steps", 1, max_steps_a_frame,
+        [&options](std::int64_t count) { options.steps = int(count); }, "Steps a frame; as many as fit");
+    command
+        ->add_option_function<std::string>(
+            "--size", [&options](const std::string& text) { options.size = parse_size(text); },
+            "WIDTHxHEIGHT of the window in pixels")
+        ->type_name("SIZE")
+        ->default_str("1280x800");
+    add_number<double>(
+        *command, "--seconds", min_timeout, max_timeout,
+        [&options](double seconds) { options.seconds = seconds; }, "Close the window after so long");
+    command->add_option(
+        "--record", options.record,
+        "A film of the window: film.mp4, or where there is no ffmpeg the folder film of pictures");
+    command->add_option("--save", options.save,
+                        "Where the key w saves the state, for `run --resume`: a .npz; SCENE.npz");
+    add_volume_options(*command, options.volume);
+    command->callback([&] { asked.exit_code = view(asked.scene, options, out); });
+}
+
 // --- Help for shells -----------------------------------------------------------------------------------
 
 /// What may stand for a value of this option or argument.
@@ -294,7 +327,9 @@ ValueKind kind_of(const std::string& name) {
     if (name == "--colour") return ValueKind::colour;
     if (name == "--frames") return ValueKind::folder;
     if (name == "SHELL") return ValueKind::shell;
-    if (name == "--out" || name == "--resume" || name == "--results") return ValueKind::file;
+    if (name == "--out" || name == "--resume" || name == "--results" || name == "--record" ||
+        name == "--save")
+        return ValueKind::file;
     return ValueKind::other;
 }
 
@@ -375,7 +410,7 @@ void check_options(const CLI::App& app) {
 
 }  // namespace
 
-int run_command_line(int argc, char** argv, std::ostream& out) {
+int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& view) {
     // Scripts read their own options.
     if (argc > 1 && is_script(argv[1])) return run_script(argv[1], {argv + 2, argv + argc});
     CLI::App app{
@@ -395,6 +430,7 @@ int run_command_line(int argc, char** argv, std::ostream& out) {
     add_limits(app, asked, out);
     add_info(app, asked, out);
     add_run(app, asked, out);
+    add_view(app, asked, out, view);
     add_study(app, asked, out);
     add_advise(app, asked, out);
     for (const auto& [name, description] : scripts()) app.add_subcommand(name, description);

@@ -1,12 +1,19 @@
 // The command line's words: which commands and options there are and what they accept.
 #pragma once
 
+#include <functional>
 #include <ostream>
+#include <string>
+
+#include "harness/view/view_options.h"
 
 namespace voxspring {
 
+/// `voxspring view`, which takes a display: shows the scene and returns the exit code.
+using ViewScene = std::function<int(const std::string& scene, const ViewOptions& options, std::ostream& out)>;
+
 /// Does what the command line asks for and returns the exit code. Throws BadInput, BadSpecification and what
 /// the commands throw.
-int run_command_line(int argc, char** argv, std::ostream& out);
+int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& view);
 
 }  // namespace voxspring

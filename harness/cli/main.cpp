@@ -4,17 +4,30 @@
 
 #include <exception>
 #include <iostream>
+#include <string>
 
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/arguments.h"
 #include "harness/process/worker_main.h"
+#include "window_found.h"
+#ifdef VOXSPRING_HAS_WINDOW
+#include "harness/window/viewer.h"
+#endif
 
 namespace {
 
+int view(const std::string& scene, const voxspring::ViewOptions& options, std::ostream& out) {
+#ifdef VOXSPRING_HAS_WINDOW
+    return voxspring::view_scene(scene, options, out);
+#else
+    throw voxspring::Unavailable(std::string("this build has no window: ") + no_window);
+#endif
+}
+
 int exit_code_of(int argc, char** argv) {
     try {
-        return voxspring::run_command_line(argc, argv, std::cout);
+        return voxspring::run_command_line(argc, argv, std::cout, view);
     } catch (const voxspring::BadInput& error) {
         std::cerr << "voxspring: " << error.what() << "\n";
         return 2;
