@@ -191,6 +191,7 @@ TEST_P(SimulationOn, AnotherBackendGoesOn) {
     EXPECT_EQ(simulation.backend_label(), BackendSpec::parse("cpu_reference").label());
     EXPECT_EQ(simulation.steps(), 10);
     EXPECT_FALSE(simulation.holds());
+    EXPECT_FALSE(simulation.problem().has_tool());
     EXPECT_TRUE(parts_box(simulation.problem(), 2.5));
     expect_same_bits(simulation.state(), before);  // float64 of `increment` keeps them all
     simulation.step(5);

@@ -37,11 +37,6 @@ double room_for_springs(const Scene& scene) {
            frequency_squared_at(scene.stable_time_step, damping);
 }
 
-std::string no_room(const Scene& scene) {
-    return fmt::format("the time step, {:g}, leaves no room for other springs: {:g} is the stable one",
-                       scene.problem.time_step, scene.stable_time_step);
-}
-
 /// The loads of a scene's own: take_hold() has given it those of zero beside a tool.
 std::vector<glm::dvec3> loads_without_tool(const Problem& problem) {
     if (!problem.has_tool()) return problem.load;
@@ -121,7 +116,6 @@ void Simulation::stand_at_start() {
              .springs_version = springs_version_,
              .mask = scene_.problem.lattice.mask,
              .springs = scene_.problem.springs};
-    broken_.reset();
     is_latest_ = false;
 }
 
@@ -198,15 +192,17 @@ bool Simulation::is_broken() {
 
 std::string Simulation::take_hold(const glm::dvec3& place, double radius, double stiffness) {
     const double room = room_for_springs(scene_);
-    if (room <= 0) return no_room(scene_);
+    if (room <= 0) {
+        return fmt::format("the time step, {:g}, leaves no room for a hand's springs: {:g} is the stable one",
+                           scene_.problem.time_step, scene_.stable_time_step);
+    }
     if (is_broken()) return not_finite;
     Tool tool;
     tool.particles = Places(problem_, state()).near(place, radius, max_held);
     tool.stiffness = stiffness / double(tool.particles.size());
     for (const std::uint32_t i : tool.particles) {
         tool.held.push_back(state().displacement[i]);
-        if (!problem_.is_pinned(i))
-            tool.stiffness = std::min(tool.stiffness, share_of_room * room * problem_.material_of(i).mass);
+        tool.stiffness = std::min(tool.stiffness, share_of_room * room * problem_.material_of(i).mass);
     }
     Problem next = problem_;
     voxspring::take_hold(next, std::move(tool));
@@ -293,7 +289,6 @@ Simulation::Change Simulation::stitch(const std::pair<std::uint32_t, std::uint32
     const bool is_new = !is_the_scenes && !is_known;
     if (is_new) {
         const double room = room_for_springs(scene_);
-        if (room <= 0) return {0, no_room(scene_)};
         all.springs.push_back(added.spring);
         const double stable = frequency_squared_at(scene_.stable_time_step, scene_.problem.damping);
         if (frequency_bound_squared(all) > stable + share_of_room * room)
@@ -367,7 +362,6 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
     main_ = std::move(next);
     spec_ = spec;
     failure_.reset();
-    broken_.reset();
     is_latest_ = false;
     use_tool_of(*uploaded);
     holds_ = false;
