@@ -64,12 +64,13 @@ std::string Hand::cut(const Controls& controls, glm::ivec2 size) {
     if (!change.refused.empty()) return change.refused;
     cut_from_ = to;
     cut_springs_ += change.springs;
-    return fmt::format("cut {} springs", cut_springs_);
+    return {};
 }
 
 std::string Hand::release(const Controls& controls) {
     std::string said;
     if (grip_) simulation_.let_go();
+    if (cut_from_) said = fmt::format("cut {} springs", cut_springs_);
     if (stitch_from_) {
         if (const auto to = painter_.place_at(before_.pixel)) {
             const Simulation::Change change = simulation_.suture(*stitch_from_, *to, double(controls.radius));

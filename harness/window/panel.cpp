@@ -107,19 +107,38 @@ void draw_colouring(const Figures& figures, Controls& controls, Requests& reques
     draw_colours(controls.shown == Shown::error ? Colouring::error : Colouring::displacement, figures.range);
 }
 
-void take_keys(Controls& controls, Requests& requests) {
+void take_keys(const std::u32string& typed, Controls& controls, Requests& requests) {
     if (ImGui::GetIO().WantTextInput) return;
-    const auto pressed = [](char key) {
-        return ImGui::IsKeyPressed(key, false);
-    };  // GLFW's number of a letter
-    if (pressed(' ')) controls.paused = !controls.paused;
-    requests.step |= ImGui::IsKeyPressed('N', true);
-    requests.reset |= pressed('R');
-    requests.save |= pressed('W');
-    if (pressed('G')) controls.tool = HandTool::grab;
-    if (pressed('B')) controls.tool = HandTool::blade;
-    if (pressed('S')) controls.tool = HandTool::needle;
-    if (pressed('T')) controls.tool = HandTool::turn;
+    for (const char32_t key : typed) {
+        switch (key) {
+            case U' ':
+                controls.paused = !controls.paused;
+                break;
+            case U'n':
+                requests.step = true;
+                break;
+            case U'r':
+                requests.reset = true;
+                break;
+            case U'w':
+                requests.save = true;
+                break;
+            case U'g':
+                controls.tool = HandTool::grab;
+                break;
+            case U'b':
+                controls.tool = HandTool::blade;
+                break;
+            case U's':
+                controls.tool = HandTool::needle;
+                break;
+            case U't':
+                controls.tool = HandTool::turn;
+                break;
+            default:
+                break;
+        }
+    }
 }
 
 }  // namespace
@@ -133,9 +152,10 @@ double History::largest() const {
     return values_.empty() ? 0 : double(*std::max_element(values_.begin(), values_.end()));
 }
 
-Requests draw_panel(const Figures& figures, const std::vector<std::string>& backends, Controls& controls) {
+Requests draw_panel(const Figures& figures, const std::vector<std::string>& backends,
+                    const std::u32string& typed, Controls& controls) {
     Requests requests;
-    take_keys(controls, requests);
+    take_keys(typed, controls, requests);
     ImGui::SetNextWindowPos(ImVec2(8, 8), ImGuiCond_FirstUseEver);
     ImGui::SetNextWindowSize(ImVec2(width, 0), ImGuiCond_Always);
     ImGui::Begin(fmt::format("{}###panel", figures.scene).c_str(), nullptr, ImGuiWindowFlags_NoResize);

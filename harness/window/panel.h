@@ -58,7 +58,8 @@ struct Figures {
     History steps_a_second, frame_milliseconds, tick_microseconds, force;
 };
 
-/// Draws the panel in the window's frame, takes its keys, and returns what it was asked for.
-Requests draw_panel(const Figures& figures, const std::vector<std::string>& backends, Controls& controls);
+/// Draws the panel in the window's frame, takes what was typed, and returns what was asked for.
+Requests draw_panel(const Figures& figures, const std::vector<std::string>& backends,
+                    const std::u32string& typed, Controls& controls);
 
 }  // namespace voxspring

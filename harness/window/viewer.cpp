@@ -115,7 +115,7 @@ private:
 
     void say(std::string message, bool is_bad = false) {
         if (message.empty()) return;
-        out_ << "step " << simulation_->steps() << ": " << message << std::endl;
+        out_ << "step " << simulation_->steps() << ": " << message << std::endl;  // now: it may be a pipe
         figures_.message = std::move(message);
         figures_.is_bad = is_bad;
     }
@@ -197,7 +197,7 @@ private:
         const glm::ivec2 size = window_.pixels();
         if (size.x > 0 && size.y > 0) {
             follow_pointer(size);
-            Requests requests = draw_panel(figures_, backends_, controls_);
+            Requests requests = draw_panel(figures_, backends_, window_.typed(), controls_);
             guarded([&] { answer(requests); });
             if (!failed_) guarded([&] { advance(requests.step); });
             if (!failed_) guarded([&] { take_displacements(); });
@@ -212,15 +212,14 @@ private:
     }
 
     void follow_pointer(glm::ivec2 size) {
-        const ImGuiIO& io = ImGui::GetIO();
-        const glm::dvec2 scale = window_.pixels_a_unit();
-        Pointer pointer{.pixel = glm::dvec2(io.MousePos.x, io.MousePos.y) * scale};
+        Pointer pointer{.pixel = window_.pointer()};
         // What begins on the panel stays there; what begins on the body goes on over the panel.
-        if (!io.WantCaptureMouse || was_on_body_) {
-            pointer.left = io.MouseDown[0];
-            pointer.right = io.MouseDown[1];
-            pointer.middle = io.MouseDown[2];
-            pointer.wheel = double(io.MouseWheel);
+        if (!ImGui::GetIO().WantCaptureMouse || was_on_body_) {
+            const auto [left, right, middle] = window_.buttons();
+            pointer.left = left;
+            pointer.right = right;
+            pointer.middle = middle;
+            pointer.wheel = double(ImGui::GetIO().MouseWheel);
         }
         was_on_body_ = pointer.left || pointer.right || pointer.middle;
         if (failed_) pointer.left = false;

@@ -50,11 +50,19 @@ Window::Window(const std::string& title, glm::ivec2 size, bool resizable) {
     sharing_ = std::make_unique<gl::Sharing>(*context_);
     glfwSwapInterval(1);
 
+    // ImGui misses a key that goes down and up between two frames. It calls this after its own.
+    glfwSetWindowUserPointer(window_.get(), &typed_);
+    glfwSetCharCallback(window_.get(), [](GLFWwindow* window, unsigned character) {
+        static_cast<std::u32string*>(glfwGetWindowUserPointer(window))->push_back(char32_t(character));
+    });
     IMGUI_CHECKVERSION();
     ImGui::CreateContext();
     ImGui::GetIO().IniFilename = nullptr;  // leaves no file behind
     ImGui::StyleColorsDark();
+    glfwSetInputMode(window_.get(), GLFW_STICKY_MOUSE_BUTTONS, GLFW_TRUE);
     ImGui_ImplGlfw_InitForOpenGL(window_.get(), true);
+    // A window that opens under the pointer is not always told that it is there.
+    ImGui_ImplGlfw_CursorEnterCallback(window_.get(), GLFW_TRUE);
     ImGui_ImplOpenGL3_Init("#version 450");
 }
 
@@ -77,11 +85,24 @@ glm::dvec2 Window::pixels_a_unit() const {
     return glm::dvec2(pixels()) / glm::dvec2(glm::max(size, glm::ivec2(1)));
 }
 
+glm::dvec2 Window::pointer() const {
+    glm::dvec2 at(0);
+    glfwGetCursorPos(window_.get(), &at.x, &at.y);
+    return at * pixels_a_unit();
+}
+
+std::array<bool, 3> Window::buttons() const {
+    const auto is_down = [&](int button) { return glfwGetMouseButton(window_.get(), button) == GLFW_PRESS; };
+    return {is_down(GLFW_MOUSE_BUTTON_LEFT), is_down(GLFW_MOUSE_BUTTON_RIGHT),
+            is_down(GLFW_MOUSE_BUTTON_MIDDLE)};
+}
+
 bool Window::is_closed() const { return glfwWindowShouldClose(window_.get()) == GLFW_TRUE; }
 
 void Window::close() { glfwSetWindowShouldClose(window_.get(), GLFW_TRUE); }
 
 void Window::begin_frame(double seconds) {
+    typed_.clear();
     if (seconds > 0) {
         glfwWaitEventsTimeout(seconds);
     } else {

@@ -1,6 +1,7 @@
 // A window with an OpenGL context, and Dear ImGui in it.
 #pragma once
 
+#include <array>
 #include <glm/vec2.hpp>
 #include <memory>
 #include <string>
@@ -25,11 +26,17 @@ public:
     const gl::Context& context() const { return *context_; }
     /// Of what it shows, in pixels; 0 while it is an icon.
     glm::ivec2 pixels() const;
-    /// Pixels of a unit in which the pointer moves.
+    /// Pixels of a unit in which ImGui draws.
     glm::dvec2 pixels_a_unit() const;
+    /// Where the pointer is, in pixels from the upper left corner, and which of its buttons are down: left,
+    /// right and middle. One that went down and up between two frames is down in one.
+    glm::dvec2 pointer() const;
+    std::array<bool, 3> buttons() const;
 
     bool is_closed() const;
     void close();
+    /// What was typed since the frame before.
+    const std::u32string& typed() const { return typed_; }
     /// Waits for input, no longer than so many seconds, and takes what has come. Begins ImGui's frame.
     void begin_frame(double seconds);
     /// Draws ImGui's windows over what the framebuffer shows.
@@ -49,6 +56,7 @@ private:
     std::unique_ptr<GLFWwindow, Destroy> window_;
     std::unique_ptr<gl::Context> context_;
     std::unique_ptr<gl::Sharing> sharing_;
+    std::u32string typed_;
 };
 
 }  // namespace voxspring

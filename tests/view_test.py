@@ -1,0 +1,246 @@
+"""`voxspring view` in a real window: pixels, and what a pointer and keys do to the body.
+
+VOXSPRING names the program; the current directory is the source tree. Exit code 77: there is no Xvfb or no xdotool, by which a
+window is shown and its pointer moved.
+"""
+
+import json
+import os
+import pathlib
+import re
+import select
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+import numpy
+
+VOXSPRING = os.environ["VOXSPRING"]
+PATIENCE = 60  # seconds that nothing in here takes, however busy the machine
+SIZE = (1280, 800)
+PANEL = 345  # pixels from the left that the panel takes, and a few more
+# A box of 12^3 that stands on its lower side, and moves by nothing but the hand.
+SCENE = {"dataset": {"type": "box", "dims": [12, 12, 12]}, "pinned": {"side": "z-"}, "damping": 0.05,
+         "time_step": {"fraction_of_stable": 0.5}}
+
+
+class Display:
+    """A virtual screen."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        read, write = os.pipe()
+        self.server = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24",
+                                        "-fbdir", folder, "-nolisten", "tcp"],
+                                       pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        os.close(write)
+        with os.fdopen(read) as number:
+            self.name = ":" + number.readline().strip()
+        self.environment = dict(os.environ, DISPLAY=self.name)
+
+    def close(self):
+        self.server.terminate()
+        self.server.wait(PATIENCE)
+
+    def pointer(self, *words):
+        """What xdotool does: "mousemove", 10, 20, "click", 1."""
+        subprocess.run(["xdotool", *map(str, words)], env=self.environment, check=True, timeout=PATIENCE)
+
+    def pixels(self):
+        """What the screen shows: rows of red, green and blue."""
+        data = pathlib.Path(self.folder, "Xvfb_screen0").read_bytes()
+        fields = struct.unpack(">25I", data[:100])
+        header, width, height, line, colours = fields[0], fields[4], fields[5], fields[12], fields[19]
+        begin = header + 12 * colours
+        rows = numpy.frombuffer(data, numpy.uint8, count=line * height, offset=begin).reshape(height, line)
+        return rows[:, :4 * width].reshape(height, width, 4)[:, :, 2::-1]
+
+
+class Window:
+    """The program, with its window open."""
+
+    def __init__(self, display, *arguments, **environment):
+        self.display = display
+        self.process = subprocess.Popen([VOXSPRING, "view", *map(str, arguments)], text=True, bufsize=1,
+                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                        env=dict(display.environment, **environment))
+        self.said = ""
+
+    def hear(self, pattern):
+        """Waits until the program says that, in what it has not been heard to say before."""
+        end = time.monotonic() + PATIENCE
+        while not (found := re.search(pattern, self.said)):
+            ready, _, _ = select.select([self.process.stdout], [], [], max(end - time.monotonic(), 0))
+            line = os.read(self.process.stdout.fileno(), 4096).decode() if ready else ""
+            if not line:
+                raise AssertionError(f"no {pattern!r} in {self.said!r}; {self.close(signal.SIGKILL)}")
+            self.said += line
+        self.said = self.said[found.end():]
+        return found
+
+    def close(self, how=signal.SIGINT):
+        """Its exit code, and what else it said."""
+        self.process.send_signal(how)
+        out, errors = self.process.communicate(timeout=PATIENCE)
+        return self.process.returncode, self.said + out, errors
+
+
+def is_body(pixels):
+    """Where something else is seen than background and panel."""
+    there = (numpy.abs(pixels.astype(int) - [41, 43, 48]).max(axis=2) > 6)
+    there[:, :PANEL] = False
+    return there
+
+
+def extent(body):
+    """Left, right, top and bottom."""
+    rows, columns = numpy.nonzero(body)
+    return columns.min(), columns.max(), rows.min(), rows.max()
+
+
+class View(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.scene = self.folder / "cube.json"
+        self.scene.write_text(json.dumps(SCENE))
+        self.display = Display(folder.name)
+        self.addCleanup(self.display.close)
+
+    def open(self, *arguments, **environment):
+        window = Window(self.display, self.scene, "--save", self.folder / "saved.npz", *arguments, **environment)
+        self.addCleanup(lambda: window.process.poll() is not None or window.close(signal.SIGKILL))
+        self.wait_until(lambda: is_body(self.display.pixels()).sum() > 10_000, "a body")
+        return window
+
+    def wait_until(self, holds, what):
+        end = time.monotonic() + PATIENCE
+        while not holds():
+            self.assertLess(time.monotonic(), end, f"there is never {what}")
+            time.sleep(0.05)
+
+    def middle(self):
+        left, right, top, bottom = extent(is_body(self.display.pixels()))
+        return (left + right) // 2, (top + bottom) // 2
+
+    def drag(self, begin, end, release=True):
+        """Goes from one pixel to another with the left button down, in steps that a hand would make."""
+        self.display.pointer("mousemove", *begin, "sleep", 0.2, "mousedown", 1, "sleep", 0.2)
+        for n in range(1, 11):
+            self.display.pointer("mousemove", *(int(a + (b - a) * n / 10) for a, b in zip(begin, end)), "sleep", 0.05)
+        if release:
+            self.display.pointer("sleep", 0.2, "mouseup", 1)
+
+    def saved(self, window):
+        self.display.pointer("key", "w")
+        window.hear(r"the state after step \d+ is in .*saved.npz")
+        with numpy.load(self.folder / "saved.npz") as arrays:
+            return {name: arrays[name] for name in arrays.files}
+
+    def assert_closes(self, window):
+        code, said, errors = window.close()
+        self.assertEqual(code, 130, errors)
+        self.assertRegex(said, r"cube.json: \d+ steps on .*, \d+ frames in")
+
+    def test_a_hand_pulls_the_body_of_every_kind_of_backend(self):
+        for backend in ("cpu_parallel", "gl_compute_implicit", "gl_fragment_explicit", "vulkan_implicit"):
+            with self.subTest(backend):
+                window = self.open("--backend", backend)
+                before = is_body(self.display.pixels())
+                x, y = self.middle()
+                self.drag((x, y - 60), (x + 200, y - 160), release=False)
+                # The piece that is held comes out of the body's outline, towards the pointer.
+                self.wait_until(lambda: (is_body(self.display.pixels()) & ~before).sum() > 500, "a pulled body")
+                pulled = self.saved(window)
+                self.assertGreater(numpy.linalg.norm(pulled["displacement"], axis=1).max(), 0.5)
+                self.display.pointer("mouseup", 1)
+                # Let go, it comes back.
+                self.wait_until(lambda: (is_body(self.display.pixels()) & ~before).sum() < 100, "a body at rest")
+                self.assert_closes(window)
+
+    def test_a_blade_opens_the_body_and_a_needle_closes_it(self):
+        window = self.open("--backend", "cpu_parallel")
+        left, right, top, bottom = extent(is_body(self.display.pixels()))
+        x = (left + right) // 2
+        self.display.pointer("key", "b")
+        self.drag((x, top - 20), (x, (top + bottom) // 2))
+        cut = int(window.hear(r"cut (\d+) springs")[1])
+        self.assertGreater(cut, 100)
+        # Pulled apart, the background is seen between the two flaps, where there was body.
+        self.display.pointer("key", "g")
+        before = is_body(self.display.pixels())
+        self.drag((x + 40, top + 30), (x + 240, top - 60), release=False)
+        self.wait_until(lambda: (before & ~is_body(self.display.pixels())).sum() > 300, "a gap")
+        self.display.pointer("mouseup", 1)
+        self.wait_until(lambda: (before & ~is_body(self.display.pixels())).sum() < 100, "a body at rest")
+        self.display.pointer("key", "s")
+        self.drag((x - 25, top + 30), (x + 25, top + 30))
+        joined = int(window.hear(r"joined (\d+) springs")[1])
+        self.assertTrue(0 < joined < cut)
+        self.assert_closes(window)
+
+    def test_keys_pause_step_and_reset(self):
+        window = self.open("--backend", "cpu_parallel", "--steps", "1")
+        self.display.pointer("key", "space", "sleep", 0.5)
+        steps = [int(self.saved(window)["step"])]
+        steps.append(int(self.saved(window)["step"]))
+        self.display.pointer("key", "n", "sleep", 0.3)
+        steps.append(int(self.saved(window)["step"]))
+        self.assertEqual(steps[1:], [steps[0], steps[0] + 1])
+        self.display.pointer("key", "r", "sleep", 0.3)
+        window.hear("reset")
+        self.assertEqual(int(self.saved(window)["step"]), 0)
+        self.assert_closes(window)
+
+    def test_another_backend_goes_on(self):
+        window = self.open("--backend", "cpu_parallel")
+        # The list of backends and its second line.
+        self.display.pointer("mousemove", 90, 45, "sleep", 0.3, "click", 1, "sleep", 0.5, "mousemove", 90, 83,
+                             "sleep", 0.3, "click", 1)
+        label = window.hear(r"step (\d+): (\S+) goes on")
+        self.assertGreater(int(label[1]), 0)
+        self.assertFalse(label[2].startswith("cpu_parallel"))
+        self.assertGreaterEqual(int(self.saved(window)["step"]), int(label[1]))
+        self.assert_closes(window)
+
+    def test_a_film_is_made_of_pictures_where_there_is_no_ffmpeg(self):
+        window = self.open("--backend", "cpu_parallel", "--record", self.folder / "film.mp4", "--seconds", "3",
+                           PATH=self.folder)
+        out, errors = window.process.communicate(timeout=PATIENCE)
+        self.assertEqual(window.process.returncode, 0, errors)
+        self.assertRegex(out, r"\d+ pictures in .*film, for there is no ffmpeg")
+        frames = sorted((self.folder / "film").glob("frame_*.png"))
+        # Thirty a second, however many the machine draws.
+        self.assertGreaterEqual(len(frames), 80)
+        self.assertTrue(frames[0].read_bytes().startswith(b"\x89PNG"))
+
+    def test_without_a_display_it_says_what_to_do(self):
+        nowhere = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+        ran = subprocess.run([VOXSPRING, "view", self.scene], env=nowhere, capture_output=True, text=True,
+                             timeout=PATIENCE)
+        self.assertEqual(ran.returncode, 1)
+        self.assertIn("no window", ran.stderr)
+        self.assertIn("voxspring run", ran.stderr)
+        self.assertIn("--frames", ran.stderr)
+
+    def test_bad_input_is_refused_before_a_window_opens(self):
+        for arguments, words in ((["nowhere.json"], "nowhere.json"), ([self.scene, "--backend", "cuda_nothing"], "cuda_nothing"),
+                                 ([self.scene, "--save", "state.vtu"], ".npz"), ([self.scene, "--size", "3x4"], "3x4")):
+            ran = subprocess.run([VOXSPRING, "view", *arguments], env=self.display.environment, capture_output=True,
+                                 text=True, timeout=PATIENCE)
+            self.assertEqual(ran.returncode, 2, ran.stderr)
+            self.assertIn(words, ran.stderr)
+
+
+if __name__ == "__main__":
+    missing = [tool for tool in ("Xvfb", "xdotool") if shutil.which(tool) is None]
+    if missing:
+        print("skipped: there is no " + " and no ".join(missing))
+        sys.exit(77)
+    unittest.main(verbosity=2)
