@@ -249,11 +249,15 @@ TEST(VulkanModule, HasEveryConstantThatAProblemSets) {
             const std::string suffix = "_" + to_string(formulation) + precision;
             const glsl::Constants terms = glsl::term_constants(problem, formulation, false);
             EXPECT_THAT(unknown("compute_implicit" + suffix, terms), IsEmpty());
-            EXPECT_THAT(unknown("compute_explicit" + suffix, terms), IsEmpty());
+            for (const char* const lists : {"", "_addressed"}) {
+                const std::string module = std::string("compute_explicit") + lists + suffix;
+                EXPECT_THAT(unknown(module, terms), IsEmpty());
+                EXPECT_THAT(unknown(module, glsl::explicit_constants({}, false)), IsEmpty());
+                EXPECT_THAT(unknown(std::string("edit_rows") + lists + precision,
+                                    glsl::edit_constants({}, formulation)),
+                            IsEmpty());
+            }
             EXPECT_THAT(unknown("compute_implicit" + suffix, glsl::implicit_constants(problem, true, true)),
-                        IsEmpty());
-            EXPECT_THAT(unknown("compute_explicit" + suffix, glsl::explicit_constants({}, false)), IsEmpty());
-            EXPECT_THAT(unknown(std::string("edit_rows") + precision, glsl::edit_constants({}, formulation)),
                         IsEmpty());
         }
     }
