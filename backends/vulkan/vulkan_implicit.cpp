@@ -13,8 +13,7 @@ template <class Real>
 class VulkanImplicit final : public vulkan::VulkanBackend {
 public:
     explicit VulkanImplicit(const Options& options)
-        : VulkanBackend(options, "compute_implicit",
-                        extents(cuda::BlockShape::parse(options.tuning.at("block")))),
+        : VulkanBackend(options, extents(cuda::BlockShape::parse(options.tuning.at("block")))),
           shape_(cuda::BlockShape::parse(options.tuning.at("block"))),
           votes_(votes(options)) {}
 
@@ -31,6 +30,7 @@ private:
         return interior == "auto" ? !on_positions(options.formulation) : interior == "vote";
     }
 
+    std::string shader() const override { return "compute_implicit"; }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return glsl::implicit_bytes(problem, options());
     }
