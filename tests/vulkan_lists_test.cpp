@@ -328,7 +328,7 @@ TEST_F(AddressedLists, OfSpringsAndRestsMayExceedAStorageBuffer) {
         return editor.suture(ends, 0.02);
     });
     ASSERT_TRUE(vulkan::by_address(copies.many, options, limits()));
-    const Plane middle{{Copies::dims.x / 2 - 0.5, 0, 0}, {1, 0, 0}};
+    const Plane middle{{0.5 * Copies::dims.x - 0.5, 0, 0}, {1, 0, 0}};
     edit_and_step("a cut", [&](SpringEditor& editor, const Problem&) { return editor.cut(middle); });
     edit_and_step("a suture",
                   [&](SpringEditor& editor, const Problem&) { return editor.suture(middle, 1.5); });
