@@ -260,6 +260,17 @@ TEST(VulkanModule, HasEveryConstantThatAProblemSets) {
     }
 }
 
+TEST(ImplicitAddressing, VotesWhereItIsFaster) {
+    const auto votes = [](const char* tuning, bool is_software) {
+        return glsl::votes(BackendSpec::parse(std::string("vulkan_implicit:") + tuning).options, is_software);
+    };
+    EXPECT_TRUE(votes("formulation=increment", false));
+    EXPECT_FALSE(votes("formulation=increment", true));
+    EXPECT_FALSE(votes("formulation=position", false));
+    EXPECT_TRUE(votes("formulation=position,interior=vote", true));
+    EXPECT_FALSE(votes("formulation=increment,interior=mask", false));
+}
+
 TEST(VulkanModule, SetsUniformsWhereTheModuleHasThem) {
     const vulkan::Module& module = vulkan::Module::named("compute_explicit_increment_float64");
     vulkan::Uniforms uniforms(module);
