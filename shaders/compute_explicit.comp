@@ -1,5 +1,4 @@
-// Each particle is an invocation. A list has its neighbours. Lists are vertical: slot s of all particles lies
-// together, and the next slot `slot_stride` behind it.
+// Each particle is an invocation. A list has its neighbours (lists.glsl).
 //
 // With SECONDARY each spring has its own stiffness and rest length, and a particle's bits count all of its
 // springs. Otherwise each group has one of either, and the bits count the springs of each group. FACES, EDGES
@@ -8,6 +7,10 @@
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
 // zero. So lists can be read in whole chunks, before the counters that say where they end.
+#ifdef ADDRESSED
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+#endif
 #include "compute.glsl"
 
 #ifdef VULKAN
@@ -19,12 +22,8 @@ layout(constant_id = 14) const bool ALL_GROUPS = false;
 layout(local_size_x = BLOCK) in;
 #endif
 
-// List entries (neighbours.h) or, by positions, indices alone.
-layout(std430, binding = 8) restrict readonly buffer Neighbours { uint neighbours[]; };
-// Stiffness and rest length of each spring.
-layout(std430, binding = 9) restrict readonly buffer Constants { Vec2 constants[]; };
-// X_j - X_i and the rest deficit, where an entry says OWN_DIRECTION.
-layout(std430, binding = 10) restrict readonly buffer OffLatticeRests { Vec4 off_lattice_rests[]; };
+#define LIST_ACCESS readonly
+#include "lists.glsl"
 
 UNIFORMS(ExplicitUniforms, 19)
 UNIFORM int particles;
@@ -39,8 +38,8 @@ END_UNIFORMS
 
 const int chunk = 6;
 
-Vec4 listed_pull(Point here, int at, Real spring_length) {
-    uint entry = neighbours[at];
+Vec4 listed_pull(Point here, Place at, Real spring_length) {
+    uint entry = LISTED(neighbours, at);
 #ifdef ON_POSITIONS
     int index = int(entry);
     Vec4 at_rest = Vec4(0);
@@ -48,7 +47,7 @@ Vec4 listed_pull(Point here, int at, Real spring_length) {
     int index = int(entry & LISTED_INDEX);
     uint direction = entry >> LISTED_INDEX_BITS;
     Vec4 at_rest = rest[direction];
-    if (OFF_LATTICE_REST && direction == OWN_DIRECTION) at_rest = off_lattice_rests[at];
+    if (OFF_LATTICE_REST && direction == OWN_DIRECTION) at_rest = LISTED(off_lattice_rests, at);
 #endif
     return unit_pull(between(here, point_of(index)), at_rest, spring_length);
 }
@@ -61,12 +60,12 @@ uint count_of(uint bits, const int group) {
 // `most`: slots of a group that there is.
 Vec3 pull_of_group(Point here, int i, uint bits, const int group, const int most) {
     precise Vec3 sum = Vec3(0);
-    int at = i + first_slot[group] * slot_stride;
+    Place at = PLACE(i, first_slot[group]);
     for (int s = 0; s < chunk; ++s)
-        sum = with_pull(listed_pull(here, at + s * slot_stride, rest_length[group]), sum);
+        sum = with_pull(listed_pull(here, SLOTS_BEHIND(at, s), rest_length[group]), sum);
     if (most > chunk && count_of(bits, group) > uint(chunk)) {
         for (int s = chunk; s < most; ++s)
-            sum = with_pull(listed_pull(here, at + s * slot_stride, rest_length[group]), sum);
+            sum = with_pull(listed_pull(here, SLOTS_BEHIND(at, s), rest_length[group]), sum);
     }
     precise Vec3 force = sum * group_stiffness[group];
     return force;
@@ -89,8 +88,8 @@ void main() {
         uint count = bits & NEIGHBOUR_BITS;
         for (uint first = 0u; first < count; first += uint(chunk)) {
             for (int s = 0; s < chunk; ++s) {
-                int at = i + (int(first) + s) * slot_stride;
-                Vec2 own = constants[at];
+                Place at = PLACE(i, int(first) + s);
+                Vec2 own = LISTED(constants, at);
                 precise Vec4 pull = listed_pull(here, at, own.y);
                 pull.w *= own.x;
                 force = with_pull(pull, force);

@@ -1,7 +1,13 @@
 // New lists of some particles: one invocation a slot of a row. SECONDARY and OFF_LATTICE_REST as in
 // compute_explicit.comp; with SQUARED, rest lengths are squares and have to be measured.
+#ifdef ADDRESSED
+#extension GL_EXT_buffer_reference : require
+#extension GL_EXT_buffer_reference_uvec2 : require
+#endif
 #include "measured.glsl"
 #include "uniforms.glsl"
+#define LIST_ACCESS writeonly
+#include "lists.glsl"
 
 #ifdef VULKAN
 layout(constant_id = 12) const bool SECONDARY = false;
@@ -16,9 +22,6 @@ layout(std430, binding = 0) restrict readonly buffer Particles { uint edited[]; 
 layout(std430, binding = 1) restrict readonly buffer NewNeighbours { uint new_neighbours[]; };
 layout(std430, binding = 2) restrict readonly buffer NewConstants { Vec2 new_constants[]; };
 layout(std430, binding = 3) restrict readonly buffer NewOffLatticeRests { Vec4 new_off_lattice_rests[]; };
-layout(std430, binding = 8) restrict writeonly buffer Neighbours { uint neighbours[]; };
-layout(std430, binding = 9) restrict writeonly buffer Constants { Vec2 constants[]; };
-layout(std430, binding = 10) restrict writeonly buffer OffLatticeRests { Vec4 off_lattice_rests[]; };
 
 UNIFORMS(EditUniforms, 19)
 UNIFORM int count;
@@ -28,13 +31,13 @@ END_UNIFORMS
 
 void main() {
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
-        uint at = edited[n / uint(list_slots)] + n % uint(list_slots) * uint(slot_stride);
-        neighbours[at] = new_neighbours[n];
+        Place at = PLACE(int(edited[n / uint(list_slots)]), int(n % uint(list_slots)));
+        LISTED(neighbours, at) = new_neighbours[n];
         if (SECONDARY) {
             Vec2 spring = new_constants[n];
             if (SQUARED) spring.y = measured_or_zero(spring.y);
-            constants[at] = spring;
+            LISTED(constants, at) = spring;
         }
-        if (OFF_LATTICE_REST) off_lattice_rests[at] = new_off_lattice_rests[n];
+        if (OFF_LATTICE_REST) LISTED(off_lattice_rests, at) = new_off_lattice_rests[n];
     }
 }

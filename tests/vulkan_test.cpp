@@ -188,14 +188,11 @@ TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
 TEST_F(Vulkan, WhatABufferCannotHoldIsRefused) {
     const auto backend = BackendSpec::parse("vulkan_implicit").make();
     const std::uint64_t most =
-        dynamic_cast<const vulkan::VulkanBackend&>(*backend).device().max_buffer_bytes();
+        dynamic_cast<const vulkan::VulkanBackend&>(*backend).device().buffer_limits().max_bytes;
     Problem problem;
     problem.lattice.dims = {1024, 1024, int(most / 16 / 1024 / 1024)};
     EXPECT_THAT(backend->unsupported(problem),
                 AllOf(HasSubstr("positions of "), HasSubstr("exceed the " + std::to_string(most))));
-    const auto lists = BackendSpec::parse("vulkan_explicit").make();
-    EXPECT_THAT(lists->unsupported(star(30000)), HasSubstr("neighbour lists of "));
-    EXPECT_THAT(lists->unsupported(star(1000)), IsEmpty());
 }
 
 TEST_F(Vulkan, FreeMemoryIsWhatTheDriverTells) {
@@ -249,14 +246,29 @@ TEST(VulkanModule, HasEveryConstantThatAProblemSets) {
             const std::string suffix = "_" + to_string(formulation) + precision;
             const glsl::Constants terms = glsl::term_constants(problem, formulation, false);
             EXPECT_THAT(unknown("compute_implicit" + suffix, terms), IsEmpty());
-            EXPECT_THAT(unknown("compute_explicit" + suffix, terms), IsEmpty());
+            for (const char* const lists : {"", "_addressed"}) {
+                const std::string module = std::string("compute_explicit") + lists + suffix;
+                EXPECT_THAT(unknown(module, terms), IsEmpty());
+                EXPECT_THAT(unknown(module, glsl::explicit_constants({}, false)), IsEmpty());
+                EXPECT_THAT(unknown(std::string("edit_rows") + lists + precision,
+                                    glsl::edit_constants({}, formulation)),
+                            IsEmpty());
+            }
             EXPECT_THAT(unknown("compute_implicit" + suffix, glsl::implicit_constants(problem, true, true)),
-                        IsEmpty());
-            EXPECT_THAT(unknown("compute_explicit" + suffix, glsl::explicit_constants({}, false)), IsEmpty());
-            EXPECT_THAT(unknown(std::string("edit_rows") + precision, glsl::edit_constants({}, formulation)),
                         IsEmpty());
         }
     }
+}
+
+TEST(ImplicitAddressing, VotesWhereItIsFaster) {
+    const auto votes = [](const char* tuning, bool is_software) {
+        return glsl::votes(BackendSpec::parse(std::string("vulkan_implicit:") + tuning).options, is_software);
+    };
+    EXPECT_TRUE(votes("formulation=increment", false));
+    EXPECT_FALSE(votes("formulation=increment", true));
+    EXPECT_FALSE(votes("formulation=position", false));
+    EXPECT_TRUE(votes("formulation=position,interior=vote", true));
+    EXPECT_FALSE(votes("formulation=increment,interior=mask", false));
 }
 
 TEST(VulkanModule, SetsUniformsWhereTheModuleHasThem) {

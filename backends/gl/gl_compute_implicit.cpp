@@ -13,7 +13,8 @@ public:
         : ComputeBackend(options, "compute_implicit.comp"),
           shape_(cuda::BlockShape::parse(options.tuning.at("block"))),
           tiled_(options.tuning.at("tile") == "shared"),
-          votes_(context().has_subgroup_vote() && votes(options)) {}
+          votes_(context().has_subgroup_vote() &&
+                 glsl::votes(options, context().capabilities().is_software)) {}
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
@@ -32,12 +33,6 @@ public:
 private:
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return glsl::implicit_bytes(problem, options());
-    }
-
-    /// What was faster on an H200 (gl/README.md).
-    static bool votes(const Options& options) {
-        const std::string& interior = options.tuning.at("interior");
-        return interior == "auto" ? !on_positions(options.formulation) : interior == "vote";
     }
 
     std::size_t tile_bytes() const {

@@ -9,16 +9,16 @@ ListKind list_kind(const Problem& problem, Formulation formulation) {
             .off_lattice_rest = !problem.springs.empty() && !on_positions(formulation)};
 }
 
-std::uint64_t list_elements(const Problem& problem) {
-    const std::uint32_t slots = cuda::beyond_groups(problem).empty() ? cuda::slots_by_groups(problem)
-                                                                     : cuda::slots_by_springs(problem);
-    return cuda::list_size(problem.particle_count(), slots, cuda::ListLayout::vertical);
+std::uint32_t list_slots(const Problem& problem) {
+    return cuda::beyond_groups(problem).empty() ? cuda::slots_by_groups(problem)
+                                                : cuda::slots_by_springs(problem);
 }
 
 std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& problem,
                                                               const Options& options) {
     const ListKind kind = list_kind(problem, options.formulation);
-    const std::uint64_t elements = list_elements(problem);
+    const std::uint64_t elements =
+        cuda::list_size(problem.particle_count(), list_slots(problem), cuda::ListLayout::vertical);
     const std::size_t real = options.precision == Precision::float32 ? sizeof(float) : sizeof(double);
     return {{"neighbour lists", elements * sizeof(std::uint32_t)},
             {"lists of springs' constants", kind.secondary ? elements * 2 * real : 0},

@@ -19,8 +19,8 @@ struct ListKind {
 };
 ListKind list_kind(const Problem& problem, Formulation formulation);
 
-/// Elements of each list.
-std::uint64_t list_elements(const Problem& problem);
+/// Slots of each list.
+std::uint32_t list_slots(const Problem& problem);
 
 /// Bytes that upload() of a backend takes.
 std::uint64_t explicit_bytes(const Problem& problem, const Options& options);

@@ -47,6 +47,11 @@ std::string too_long(const Lattice& lattice, cuda::BlockShape shape) {
            " that every driver takes";
 }
 
+bool votes(const Options& options, bool is_software) {
+    const std::string& interior = options.tuning.at("interior");
+    return interior == "auto" ? !is_software && !on_positions(options.formulation) : interior == "vote";
+}
+
 Constants implicit_constants(const Problem& problem, bool has_origins, bool votes) {
     const glm::ivec3 dims = votes ? problem.lattice.dims : glm::ivec3(0);
     const std::size_t first = votes ? cuda::place_on_grid(problem.lattice).first : 0;

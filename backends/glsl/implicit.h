@@ -28,6 +28,10 @@ std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
 /// Empty, or why work groups cannot cover the lattice.
 std::string too_long(const Lattice& lattice, cuda::BlockShape shape);
 
+/// Whether subgroups vote on leaving out masks (tuning `interior`). `auto`: where it was faster in OpenGL on
+/// an H200 (gl/README.md), and never in software, where Mesa computes both ways for every subgroup.
+bool votes(const Options& options, bool is_software);
+
 /// The constants beyond those of shaders/terms.glsl. With `votes` the extents of the grid are some too: that
 /// brought 1% to 10% with the vote and nothing without (gl/README.md), and costs a program a lattice.
 Constants implicit_constants(const Problem& problem, bool has_origins, bool votes);

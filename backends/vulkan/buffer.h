@@ -10,9 +10,10 @@
 namespace voxspring::vulkan {
 
 enum class Place : std::uint8_t {
-    device,  ///< the device's own memory
-    host,    ///< memory that the host writes and shaders read once: the device's own where the host sees that
-    staging  ///< memory that the host reads and writes fast, for copies
+    device,     ///< the device's own memory
+    addressed,  ///< the same, which shaders may reach by its address (BufferLimits::has_addresses)
+    host,       ///< what the host writes and shaders read once: the device's own where the host sees that
+    staging     ///< memory that the host reads and writes fast, for copies
 };
 
 /// An array of a fixed size.
@@ -24,6 +25,8 @@ public:
 
     vk::Buffer get() const { return *buffer_; }
     std::size_t bytes() const { return bytes_; }
+    /// Where shaders reach it that is `addressed`.
+    vk::DeviceAddress address() const { return address_; }
     /// But on the device: what the device sees at once.
     std::span<std::byte> host() const { return {host_, bytes_}; }
 
@@ -31,6 +34,7 @@ private:
     vk::raii::DeviceMemory memory_{nullptr};  // outlives the buffer
     vk::raii::Buffer buffer_{nullptr};
     std::size_t bytes_ = 0;
+    vk::DeviceAddress address_ = 0;
     std::byte* host_ = nullptr;
 };
 

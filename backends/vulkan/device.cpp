@@ -94,6 +94,33 @@ std::optional<std::uint32_t> queue_family_of(const vk::raii::PhysicalDevice& phy
     return std::nullopt;
 }
 
+/// The least of the limits that a buffer which shaders read and write is under.
+BufferLimits buffer_limits_of(const vk::raii::PhysicalDevice& physical) {
+    const auto chain =
+        physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceMaintenance3Properties>();
+    BufferLimits limits{
+        .max_bytes = chain.get<vk::PhysicalDeviceProperties2>().properties.limits.maxStorageBufferRange,
+        .limit = "maxStorageBufferRange"};
+    const auto lower = [&limits](std::uint64_t bytes, const char* limit) {
+        if (bytes >= limits.max_bytes) return;
+        limits.max_bytes = bytes;
+        limits.limit = limit;
+    };
+    lower(chain.get<vk::PhysicalDeviceMaintenance3Properties>().maxMemoryAllocationSize,
+          "maxMemoryAllocationSize");
+    if (names(physical.enumerateDeviceExtensionProperties(), VK_KHR_MAINTENANCE_4_EXTENSION_NAME)) {
+        const auto newer =
+            physical
+                .getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceMaintenance4Properties>();
+        lower(newer.get<vk::PhysicalDeviceMaintenance4Properties>().maxBufferSize, "maxBufferSize");
+    }
+    limits.has_addresses =
+        physical.getFeatures2<vk::PhysicalDeviceFeatures2, vk::PhysicalDeviceBufferDeviceAddressFeatures>()
+            .get<vk::PhysicalDeviceBufferDeviceAddressFeatures>()
+            .bufferDeviceAddress == VK_TRUE;
+    return limits;
+}
+
 bool votes(const vk::raii::PhysicalDevice& physical) {
     const auto chain =
         physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceSubgroupProperties>();
@@ -103,6 +130,12 @@ bool votes(const vk::raii::PhysicalDevice& physical) {
 }
 
 }  // namespace
+
+std::string BufferLimits::too_large(const std::string& what, std::uint64_t bytes) const {
+    if (bytes <= max_bytes) return {};
+    return fmt::format("{} of {} bytes exceed the {} that the driver allows one storage buffer ({})", what,
+                       bytes, max_bytes, limit);
+}
 
 /// Empty, or why a device will not do.
 std::string Device::refusal(const vk::raii::PhysicalDevice& physical, Precision precision) {
@@ -150,13 +183,10 @@ Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), l
 void Device::take(vk::raii::PhysicalDevice physical) {
     physical_ = std::move(physical);
     const auto chain =
-        physical_.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceDriverProperties,
-                                 vk::PhysicalDeviceMaintenance3Properties>();
+        physical_.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceDriverProperties>();
     properties_ = chain.get<vk::PhysicalDeviceProperties2>().properties;
     const auto& driver = chain.get<vk::PhysicalDeviceDriverProperties>();
-    max_buffer_bytes_ = std::min<std::uint64_t>(
-        properties_.limits.maxStorageBufferRange,
-        chain.get<vk::PhysicalDeviceMaintenance3Properties>().maxMemoryAllocationSize);
+    buffer_limits_ = buffer_limits_of(physical_);
     queue_family_ = *queue_family_of(physical_);
     const bool software = is_software(properties_);
     capabilities_ = {
@@ -188,7 +218,8 @@ void Device::create_device() {
     vk::PhysicalDeviceFeatures features;
     features.shaderFloat64 = has.shaderFloat64;
     features.pipelineStatisticsQuery = has.pipelineStatisticsQuery;
-    vk::PhysicalDeviceTimelineSemaphoreFeatures timeline(VK_TRUE);
+    vk::PhysicalDeviceBufferDeviceAddressFeatures addresses(buffer_limits_.has_addresses);
+    vk::PhysicalDeviceTimelineSemaphoreFeatures timeline(VK_TRUE, &addresses);
     const float priority = 1;
     const vk::DeviceQueueCreateInfo queue({}, queue_family_, 1, &priority);
     vk::DeviceCreateInfo info({}, queue, {}, extensions, &features, &timeline);

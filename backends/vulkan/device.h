@@ -11,6 +11,17 @@
 
 namespace voxspring::vulkan {
 
+/// How large an array in a device's memory may be.
+struct BufferLimits {
+    std::uint64_t max_bytes = 0;  ///< of one buffer that shaders read and write
+    std::string limit = {};       ///< Vulkan's name for what says so
+    /// Whether shaders can reach several buffers by their addresses.
+    bool has_addresses = false;
+
+    /// Empty, or why `what` cannot have so many bytes in one buffer.
+    std::string too_large(const std::string& what, std::uint64_t bytes) const;
+};
+
 /// A device of its own, and its one queue. Several may live in one process.
 class Device {
 public:
@@ -33,8 +44,7 @@ public:
     const Capabilities& capabilities() const { return capabilities_; }
     const vk::PhysicalDeviceProperties& properties() const { return properties_; }
     const vk::PhysicalDeviceLimits& limits() const { return properties_.limits; }
-    /// Of one buffer that shaders read and write.
-    std::uint64_t max_buffer_bytes() const { return max_buffer_bytes_; }
+    const BufferLimits& buffer_limits() const { return buffer_limits_; }
     /// Bytes of the device's own memory that this process may still take: what the driver tells
     /// (VK_EXT_memory_budget), else all that there are.
     std::uint64_t free_memory_bytes() const;
@@ -60,7 +70,7 @@ private:
     std::uint32_t queue_family_ = 0;
     Capabilities capabilities_;
     vk::PhysicalDeviceProperties properties_;
-    std::uint64_t max_buffer_bytes_ = 0;
+    BufferLimits buffer_limits_;
     bool validates_ = false;
     bool has_budget_ = false;
     bool has_pipeline_statistics_ = false;

@@ -52,10 +52,9 @@ struct VulkanBackend::Checking {
     std::array<Commands, 2> recorded;
 };
 
-VulkanBackend::VulkanBackend(const Options& options, const std::string& shader, glm::ivec3 group)
+VulkanBackend::VulkanBackend(const Options& options, glm::ivec3 group)
     : device_(options.precision),
       options_(options),
-      shader_(shader),
       group_(group),
       marks_(guarded("starting", [&] { return make_marks(device_); })),
       nothing_(guarded("starting", [&] { return Buffer(device_, Module::block_alignment, Place::device); })),
@@ -72,14 +71,10 @@ std::string VulkanBackend::unsupported(const Problem& problem) const {
     if (std::string why = refused_layout(problem); !why.empty()) return why;
     const std::size_t word =
         is_single(options_) ? sizeof(cuda::ParticleRecord<float>) : sizeof(cuda::ParticleRecord<double>);
-    if (std::string why = too_large("positions", place(problem).words * word); !why.empty()) return why;
+    if (std::string why = device_.buffer_limits().too_large("positions", place(problem).words * word);
+        !why.empty())
+        return why;
     return glsl::memory_refusal(bytes_needed(problem), held_bytes_, device_.free_memory_bytes());
-}
-
-std::string VulkanBackend::too_large(const char* what, std::uint64_t bytes) const {
-    if (bytes <= device_.max_buffer_bytes()) return {};
-    return std::string(what) + " of " + std::to_string(bytes) + " bytes exceed the " +
-           std::to_string(device_.max_buffer_bytes()) + " that the driver allows one storage buffer";
 }
 
 std::shared_ptr<const Program> VulkanBackend::program(const std::string& shader,
@@ -157,7 +152,7 @@ Buffers VulkanBackend::buffers(std::size_t current) const {
 void VulkanBackend::make_stepping() {
     glsl::Constants all = glsl::term_constants(*problem_, formulation(), all_terms());
     all.merge(constants(*problem_));
-    const auto program = this->program(shader_ + "_" + to_string(formulation()), all, group_);
+    const auto program = this->program(shader() + "_" + to_string(formulation()), all, group_);
     Uniforms uniforms(program->module());
     if (is_single(options_)) {
         glsl::set_motion<float>(uniforms, *problem_);

@@ -51,14 +51,16 @@ protected:
         glm::ivec3 groups{0};             ///< of invocations
     };
 
-    /// `shader`: the file in shaders/, without its suffix. `group`: extents of its work groups.
-    VulkanBackend(const Options& options, const std::string& shader, glm::ivec3 group);
+    /// `group`: extents of the shader's work groups.
+    VulkanBackend(const Options& options, glm::ivec3 group);
 
     const Options& options() const { return options_; }
     Formulation formulation() const { return options_.formulation; }
     /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
     bool all_terms() const { return options_.tuning.at("terms") == "all"; }
 
+    /// What the modules of the step are called by, before formulation and precision; asked after lay_out().
+    virtual std::string shader() const = 0;
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     /// Empty, or why a problem cannot be run that has no more words than a storage buffer holds.
@@ -72,6 +74,7 @@ protected:
     /// edit(); an error of Vulkan passes through.
     virtual void enqueue_edit_of(const Problem& edited, const SpringEdit& edit) = 0;
 
+    Queue& queue() { return queue_; }
     /// A storage buffer of the shader's own, by binding from glsl::first_own_binding on; empty at first.
     Buffer& own(std::uint32_t binding) { return own_[binding]; }
     /// Lays out anew what the problem now has, for the particles where they are. Waits.
@@ -110,8 +113,6 @@ protected:
         measure(buffer, squares.size(), 1, 0);
         queue_.download(buffer, std::as_writable_bytes(squares));
     }
-    /// Empty, or why a storage buffer cannot have so many bytes.
-    std::string too_large(const char* what, std::uint64_t bytes) const;
 
 private:
     /// A pass for words 0 and one for words 1, and what was recorded of them.
@@ -151,7 +152,6 @@ private:
 
     Device device_;
     const Options options_;
-    const std::string shader_;
     const glm::ivec3 group_;
     vk::raii::QueryPool marks_;
     // By name and constants: an edit may go back to the one before.

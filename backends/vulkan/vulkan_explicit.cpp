@@ -2,6 +2,7 @@
 #include "backends/glsl/explicit.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
+#include "backends/vulkan/addressed_list.h"
 #include "backends/vulkan/vulkan_backend.h"
 
 namespace voxspring {
@@ -11,8 +12,12 @@ template <class Real>
 class VulkanExplicit final : public vulkan::VulkanBackend {
 public:
     explicit VulkanExplicit(const Options& options)
-        : VulkanBackend(options, "compute_explicit", {std::stoi(options.tuning.at("block")), 1, 1}),
+        : VulkanBackend(options, {std::stoi(options.tuning.at("block")), 1, 1}),
           block_(std::stoi(options.tuning.at("block"))) {}
+    VulkanExplicit(const VulkanExplicit&) = delete;
+    VulkanExplicit& operator=(const VulkanExplicit&) = delete;
+    // Steps in flight read addressed_, which goes before the queue.
+    ~VulkanExplicit() override { queue().abandon(); }
 
     StepWork step_work(const Problem& problem) const override {
         return cuda::explicit_work<Real>(problem, glsl::list_kind(problem, formulation()).secondary,
@@ -22,16 +27,16 @@ public:
 private:
     enum Own : std::uint32_t { neighbours = glsl::first_own_binding, spring_constants, off_lattice_rests };
 
+    std::string shader() const override {
+        return by_address_ ? "compute_explicit_addressed" : "compute_explicit";
+    }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return glsl::explicit_bytes(problem, options());
     }
     std::string refused_layout(const Problem& problem) const override {
         // Positions have no direction in their entries, yet no driver takes as many particles.
         if (std::string why = cuda::beyond_entries(problem, formulation()); !why.empty()) return why;
-        for (const auto& [list, bytes] : glsl::list_bytes(problem, options())) {
-            if (std::string why = too_large(list, bytes); !why.empty()) return why;
-        }
-        return {};
+        return vulkan::lists_refusal(problem, options(), device().buffer_limits());
     }
     cuda::Placement place(const Problem& problem) const override { return cuda::place_compact(problem); }
 
@@ -39,15 +44,35 @@ private:
         kind_ = glsl::list_kind(problem, formulation());
         cuda::NeighbourLists<Real> lists = glsl::make_lists<Real>(problem, formulation());
         step_ = cuda::make_explicit_step<Real>(problem, lists, formulation());
-        put(own(neighbours), lists.neighbour);
-        put(own(spring_constants), lists.constants);
-        put(own(off_lattice_rests), lists.off_lattice_rest);
+        by_address_ = vulkan::by_address(problem, options(), device().buffer_limits());
+        put_list(neighbours, lists.neighbour);
+        put_list(spring_constants, lists.constants);
+        put_list(off_lattice_rests, lists.off_lattice_rest);
         if (!by_increments(formulation())) {
-            if (kind_.secondary) measure(own(spring_constants), lists.constants.size(), 2, 1);
+            for (const vulkan::Buffer& part : parts_of(spring_constants))
+                measure(part, part.bytes() / sizeof(cuda::SpringConstants<Real>), 2, 1);
             measure_numbers(std::span<Real>(step_.rest_length));
         }
         const int groups = int((problem.particle_count() + std::size_t(block_) - 1) / std::size_t(block_));
         return {place(problem), std::move(lists.bits), glsl::rows_of_groups(groups)};
+    }
+
+    template <class T>
+    void put_list(Own list, const std::vector<T>& values) {
+        addressed_[list] = {};  // the old one goes first
+        if (!by_address_) {
+            put(own(list), values);
+            return;
+        }
+        own(list) = {};
+        addressed_[list] = {queue(), std::as_bytes(std::span(values)), step_.shape.slots,
+                            device().buffer_limits().max_bytes};
+        put(own(list), addressed_[list].addresses());
+    }
+    /// The arrays that together have a list.
+    std::span<const vulkan::Buffer> parts_of(Own list) {
+        if (by_address_) return addressed_[list].parts();
+        return {&own(list), own(list).bytes() > 0 ? std::size_t(1) : 0};
     }
 
     glsl::Constants constants(const Problem&) const override {
@@ -60,7 +85,8 @@ private:
     void enqueue_edit_of(const Problem& edited, const SpringEdit& edit) override {
         const glsl::ListKind kind = glsl::list_kind(edited, formulation());
         if (kind.secondary != kind_.secondary || cuda::longest_list(edit) > step_.shape.slots ||
-            (kind.off_lattice_rest && !kind_.off_lattice_rest)) {
+            (kind.off_lattice_rest && !kind_.off_lattice_rest) ||
+            edit.touched.size() * row_bytes() > device().buffer_limits().max_bytes) {
             lay_out_anew();
             return;
         }
@@ -69,8 +95,16 @@ private:
         write_bits(rows.particle, rows.lists.bits);
     }
 
+    /// Of a row in the list with the largest elements: rows travel in storage buffers.
+    std::uint64_t row_bytes() const {
+        return step_.shape.slots * (kind_.off_lattice_rest ? sizeof(cuda::SpringRest<Real>)
+                                    : kind_.secondary      ? sizeof(cuda::SpringConstants<Real>)
+                                                           : sizeof(std::uint32_t));
+    }
+
     void write_rows(const cuda::EditedLists<Real>& rows) {
-        const auto program = this->program("edit_rows", glsl::edit_constants(kind_, formulation()));
+        const auto program = this->program(by_address_ ? "edit_rows_addressed" : "edit_rows",
+                                           glsl::edit_constants(kind_, formulation()));
         vulkan::Uniforms uniforms(program->module());
         uniforms.set("count", int(rows.lists.neighbour.size()));
         uniforms.set("list_slots", int(step_.shape.slots));
@@ -86,6 +120,8 @@ private:
     const int block_;
     glsl::ListKind kind_;  // which of the lists are there
     cuda::ExplicitStep<Real> step_{};
+    bool by_address_ = false;
+    std::map<Own, vulkan::AddressedList> addressed_;  // what own() then has the addresses of
 };
 
 const Registered entry({
@@ -93,7 +129,7 @@ const Registered entry({
     .summary = "Vulkan compute shader, one invocation a particle, neighbours from vertical lists.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    .tuning = {{"block", {"128", "256"}}, {"terms", {"needed", "all"}}},
+    .tuning = {{"block", {"128", "256"}}, {"lists", {"auto", "addressed"}}, {"terms", {"needed", "all"}}},
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         if (options.precision == Precision::float32) return std::make_unique<VulkanExplicit<float>>(options);
         return std::make_unique<VulkanExplicit<double>>(options);

@@ -13,10 +13,9 @@ template <class Real>
 class VulkanImplicit final : public vulkan::VulkanBackend {
 public:
     explicit VulkanImplicit(const Options& options)
-        : VulkanBackend(options, "compute_implicit",
-                        extents(cuda::BlockShape::parse(options.tuning.at("block")))),
+        : VulkanBackend(options, extents(cuda::BlockShape::parse(options.tuning.at("block")))),
           shape_(cuda::BlockShape::parse(options.tuning.at("block"))),
-          votes_(votes(options)) {}
+          votes_(glsl::votes(options, device().capabilities().is_software)) {}
 
     StepWork step_work(const Problem& problem) const override {
         return cuda::implicit_work<Real>(problem, formulation());
@@ -25,12 +24,7 @@ public:
 private:
     enum Own : std::uint32_t { compliances = glsl::first_own_binding, origins };
 
-    /// What was faster on an H200 in OpenGL (gl/README.md).
-    static bool votes(const Options& options) {
-        const std::string& interior = options.tuning.at("interior");
-        return interior == "auto" ? !on_positions(options.formulation) : interior == "vote";
-    }
-
+    std::string shader() const override { return "compute_implicit"; }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return glsl::implicit_bytes(problem, options());
     }

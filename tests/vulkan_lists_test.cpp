@@ -1,0 +1,346 @@
+// Lists that shaders reach by address (vulkan_explicit): the bits are those of lists in bound storage
+// buffers, on small bodies that ask for it and on bodies whose lists exceed a storage buffer.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <memory>
+#include <numeric>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backends/glsl/explicit.h"
+#include "backends/registry.h"
+#include "backends/vulkan/addressed_list.h"
+#include "backends/vulkan/vulkan_backend.h"
+#include "tests/required.h"
+#include "tests/shader_support.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::StartsWith;
+
+std::unique_ptr<Backend> make(const std::string& specification) {
+    return BackendSpec::parse(specification).make();
+}
+
+/// Skips its tests where there is no Vulkan, or no device that has addresses of buffers.
+class AddressedLists : public ::testing::Test {
+protected:
+    void SetUp() override {
+        make_or_skip(BackendSpec::parse("vulkan_explicit"), probe_);
+        if (probe_ != nullptr && !limits().has_addresses) GTEST_SKIP() << "no addresses of buffers";
+    }
+    const vulkan::Device& device() const {
+        return dynamic_cast<const vulkan::VulkanBackend&>(*probe_).device();
+    }
+    const vulkan::BufferLimits& limits() const { return device().buffer_limits(); }
+
+private:
+    std::unique_ptr<Backend> probe_;
+};
+
+// --- Small bodies that ask for it --------------------------------------------------------------------------
+
+/// A body stepped in two ways, alike in every bit.
+class Pair {
+public:
+    Pair(const std::string& options, const Problem& problem, const State& start)
+        : ways_{Way{make("vulkan_explicit:" + options + ",lists=auto"), problem},
+                Way{make("vulkan_explicit:" + options + ",lists=addressed"), problem}} {
+        for (Way& way : ways_) {
+            way.backend->monitor({.largest_increment = 1, .every = 3});
+            way.backend->upload(way.problem, start);
+            EXPECT_TRUE(way.backend->keep_start());
+        }
+    }
+    void rewind() {
+        for (Way& way : ways_) way.backend->rewind();
+    }
+    void edit(const SpringEdit& edit) {
+        for (Way& way : ways_) {
+            apply(way.problem, edit);
+            way.backend->edit(way.problem, edit);
+        }
+    }
+    void move_tool(const glm::dvec3& displacement) {
+        for (Way& way : ways_) way.backend->move_tool(displacement);
+    }
+    /// Steps, and compares all that a backend tells.
+    void step(int count) {
+        for (Way& way : ways_) way.backend->step(count);
+        Backend &bound = *ways_[0].backend, &addressed = *ways_[1].backend;
+        expect_same_bits(addressed.download(), bound.download());
+        EXPECT_EQ(addressed.divergence().has_value(), bound.divergence().has_value());
+        if (ways_[0].problem.has_tool()) {
+            EXPECT_EQ(addressed.tool_force(), bound.tool_force());
+        }
+    }
+
+private:
+    struct Way {
+        std::unique_ptr<Backend> backend;
+        Problem problem;
+    };
+    std::array<Way, 2> ways_;
+};
+
+TEST_F(AddressedLists, ChangeNoBit) {
+    Problem stressed = problem_with_everything();
+    for (double& length : stressed.rest_length) length *= 0.97;
+    const std::vector<std::pair<std::string, Problem>> scenes = {
+        {"a group", plain_problem()}, {"materials", stressed}, {"no grid", random_network(500, 2000, 7)}};
+    for (const char* options :
+         {"formulation=position", "formulation=displacement", "formulation=compensated",
+          "formulation=position,precision=float64", "formulation=increment,precision=float64"}) {
+        for (const auto& [name, problem] : scenes) {
+            SCOPED_TRACE(name + ", " + options);
+            Pair pair(options, problem, random_state(problem, 0.05, 3));
+            pair.step(20);
+            pair.rewind();
+            pair.step(7);
+        }
+    }
+}
+
+TEST_F(AddressedLists, AreEdited) {
+    for (const char* options :
+         {"formulation=position", "formulation=increment", "formulation=displacement,precision=float64"}) {
+        SCOPED_TRACE(options);
+        Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), FACE_BITS | EDGE_BITS);
+        problem.gravity = {8e-4, 0, -2e-3};
+        problem.time_step = 0.2;
+        Problem edited = problem;
+        const std::vector<SpringEdit> edits = edit_everything(edited, true);
+        Pair pair(options, problem, random_state(problem, 0.05, 3));
+        for (const SpringEdit& edit : edits) {
+            pair.step(5);
+            pair.edit(edit);
+        }
+        pair.step(5);
+    }
+}
+
+TEST_F(AddressedLists, GoWithATool) {
+    Problem problem = problem_with_everything();
+    const State start = random_state(problem, 0.05, 3);
+    Tool tool{.particles = {1, 8, 50}, .held = {}, .stiffness = 0.125};
+    for (const std::uint32_t particle : tool.particles) tool.held.push_back(start.displacement[particle]);
+    take_hold(problem, tool);
+    Pair pair("formulation=increment", problem, start);
+    pair.step(4);
+    pair.move_tool({0.05, -0.1, 0.02});
+    pair.step(4);
+    pair.rewind();
+    pair.step(4);
+}
+
+TEST_F(AddressedLists, FindADivergence) {
+    const Problem problem = plain_problem();
+    State start = random_state(problem, 0.05, 3);
+    start.increment[7].x = 5;
+    const auto backend = make("vulkan_explicit:lists=addressed");
+    backend->monitor({.largest_increment = 1, .every = 3});
+    backend->upload(problem, start);
+    backend->step(10);
+    EXPECT_EQ(backend->divergence().value().found, 3);
+}
+
+TEST_F(AddressedLists, OutliveTheStepsThatReadThem) {
+    const Problem problem = make_lattice_problem(solid({40, 40, 40}), NEIGHBOUR_BITS);
+    const auto backend_with_steps_in_flight = [&] {
+        auto backend = make("vulkan_explicit:lists=addressed");
+        backend->upload(problem, state_at_rest(problem));
+        backend->step(20);
+        return backend;
+    };
+    EXPECT_NO_THROW(backend_with_steps_in_flight().reset());
+}
+
+// --- Arrays of slots ---------------------------------------------------------------------------------------
+
+TEST_F(AddressedLists, LieInArraysOfWholeSlots) {
+    vulkan::Queue queue(device());
+    std::vector<std::uint32_t> values(7 * 64);
+    std::iota(values.begin(), values.end(), 1000U);
+    constexpr std::size_t slot_bytes = 64 * sizeof(std::uint32_t);
+    const auto bytes = std::as_bytes(std::span(values));
+    // Room for three slots and a part of a fourth.
+    const vulkan::AddressedList list(queue, bytes, 7, 4 * slot_bytes - 1);
+    ASSERT_EQ(list.addresses().size(), 7u);
+    ASSERT_EQ(list.parts().size(), 3u);
+    std::vector<std::uint32_t> back;
+    for (std::size_t n = 0, slot = 0; n < list.parts().size(); ++n) {
+        const vulkan::Buffer& part = list.parts()[n];
+        EXPECT_EQ(part.bytes(), (n < 2 ? 3 : 1) * slot_bytes);
+        for (std::size_t begin = 0; begin < part.bytes(); begin += slot_bytes)
+            EXPECT_EQ(list.addresses()[slot++], part.address() + begin);
+        std::vector<std::uint32_t> here(part.bytes() / sizeof(std::uint32_t));
+        queue.download(part, std::as_writable_bytes(std::span(here)));
+        back.insert(back.end(), here.begin(), here.end());
+    }
+    EXPECT_EQ(back, values);
+    const vulkan::AddressedList in_one(queue, bytes, 7, 7 * slot_bytes), empty(queue, {}, 7, slot_bytes);
+    EXPECT_EQ(in_one.parts().size(), 1u);
+    EXPECT_TRUE(empty.addresses().empty());
+    queue.wait();
+    device().check("testing");
+}
+
+// --- What is refused ---------------------------------------------------------------------------------------
+
+Options options_of(const std::string& specification) { return BackendSpec::parse(specification).options; }
+
+TEST(ListsOfAProblem, GoByAddressWhereAStorageBufferDoesNotHoldThem) {
+    const Problem problem = plain_problem();
+    const Options options = options_of("vulkan_explicit");
+    const std::uint64_t bytes = glsl::list_bytes(problem, options).front().second;
+    EXPECT_FALSE(vulkan::by_address(problem, options, {.max_bytes = bytes, .has_addresses = true}));
+    EXPECT_TRUE(vulkan::by_address(problem, options, {.max_bytes = bytes - 1, .has_addresses = true}));
+    EXPECT_TRUE(vulkan::by_address(problem, options_of("vulkan_explicit:lists=addressed"),
+                                   {.max_bytes = bytes, .has_addresses = true}));
+}
+
+TEST(ListsOfAProblem, AreRefusedWithTheReason) {
+    const Problem problem = plain_problem();
+    const Options options = options_of("vulkan_explicit");
+    const std::uint64_t bytes = glsl::list_bytes(problem, options).front().second;
+    const std::uint64_t slot = bytes / 6;
+    const auto refusal = [&](std::uint64_t max_bytes, bool has_addresses) {
+        return vulkan::lists_refusal(problem, options, {max_bytes, "maxStorageBufferRange", has_addresses});
+    };
+    EXPECT_THAT(refusal(bytes, false), IsEmpty());
+    EXPECT_THAT(refusal(bytes - 1, false),
+                AllOf(StartsWith("neighbour lists of " + std::to_string(bytes) + " bytes exceed the " +
+                                 std::to_string(bytes - 1) + " that"),
+                      HasSubstr("(maxStorageBufferRange)"), EndsWith("(bufferDeviceAddress)")));
+    EXPECT_THAT(refusal(bytes - 1, true), IsEmpty());
+    EXPECT_THAT(refusal(slot, true), IsEmpty());
+    EXPECT_THAT(refusal(slot - 1, true),
+                AllOf(StartsWith("slots of neighbour lists of " + std::to_string(slot) + " bytes exceed"),
+                      EndsWith("(maxStorageBufferRange)")));
+    EXPECT_THAT(vulkan::lists_refusal(problem, options_of("vulkan_explicit:lists=addressed"),
+                                      {bytes, "maxStorageBufferRange", false}),
+                EndsWith("(bufferDeviceAddress)"));
+}
+
+// --- Bodies whose lists exceed a storage buffer ------------------------------------------------------------
+
+/// A body, and many copies of it side by side, which no spring joins. On displacements all of them move
+/// alike, to the bit.
+class Copies {
+public:
+    static constexpr glm::ivec3 dims = {12, 64, 63};
+    static constexpr std::uint32_t particles = dims.x * dims.y * dims.z;
+
+    Copies(int count, std::uint32_t groups) : one(make_body(1, groups)), many(make_body(count, groups)) {
+        start_of_one = random_state(one, 0.05, 3);
+        for (int n = 0; n < count; ++n) {
+            for (auto part : {&State::displacement, &State::increment})
+                (start.*part)
+                    .insert((start.*part).end(), (start_of_one.*part).begin(), (start_of_one.*part).end());
+        }
+    }
+
+    /// That each copy is where the body is.
+    static void expect_alike(const State& body, const State& copies) {
+        std::size_t different = 0;
+        for (std::size_t i = 0; i < copies.displacement.size(); ++i) {
+            if (copies.displacement[i] != body.displacement[i % particles] ||
+                copies.increment[i] != body.increment[i % particles])
+                ++different;
+        }
+        EXPECT_EQ(different, 0u);
+    }
+
+    Problem one, many;
+    State start_of_one, start;
+
+private:
+    static Problem make_body(int count, std::uint32_t groups) {
+        Problem problem =
+            make_lattice_problem(make_grid({dims.x, dims.y, count * (dims.z + 1)},
+                                           [](int, int, int z) { return z % (dims.z + 1) < dims.z; }),
+                                 groups);
+        problem.gravity = {8e-4, 0, -2e-3};
+        problem.time_step = 0.2;
+        return problem;
+    }
+};
+
+/// So many copies that a list with so many bytes a particle takes more than a storage buffer.
+int copies_beyond(const vulkan::BufferLimits& limits, std::size_t bytes) {
+    return int(limits.max_bytes * 5 / 4 / (Copies::particles * bytes));
+}
+
+/// Lists as large as those of cards would take the host minutes.
+bool takes_long(const vulkan::BufferLimits& limits) { return limits.max_bytes > std::uint64_t(1) << 28; }
+
+TEST_F(AddressedLists, OfNeighboursMayExceedAStorageBuffer) {
+    if (takes_long(limits())) GTEST_SKIP() << "storage buffers are large here";
+    const Copies copies(copies_beyond(limits(), 26 * sizeof(std::uint32_t)), NEIGHBOUR_BITS);
+    const auto small = make("vulkan_explicit"), large = make("vulkan_explicit");
+    const Options options = options_of("vulkan_explicit");
+    ASSERT_FALSE(vulkan::by_address(copies.one, options, limits()));
+    ASSERT_TRUE(vulkan::by_address(copies.many, options, limits()));
+    ASSERT_EQ(large->unsupported(copies.many), "");
+    small->upload(copies.one, copies.start_of_one);
+    large->upload(copies.many, copies.start);
+    for (Backend* const backend : {small.get(), large.get()}) backend->step(3);
+    Copies::expect_alike(small->download(), large->download());
+}
+
+TEST_F(AddressedLists, OfSpringsAndRestsMayExceedAStorageBuffer) {
+    if (takes_long(limits())) GTEST_SKIP() << "storage buffers are large here";
+    if (!device().has_float64()) GTEST_SKIP() << "no float64";
+    const std::string specification = "vulkan_explicit:formulation=displacement,precision=float64";
+    const Options options = options_of(specification);
+    // Lists of 18 slots. Once a suture leaves the lattice, a spring's constants take 16 bytes and its
+    // rest 32.
+    Copies copies(copies_beyond(limits(), 18 * 16), FACE_BITS | EDGE_BITS);
+    const auto small = make(specification), large = make(specification);
+    small->upload(copies.one, copies.start_of_one);
+    large->upload(copies.many, copies.start);
+    SpringEditor of_one(copies.one), of_many(copies.many);
+    const auto edit_and_step = [&](const char* what, auto change) {
+        SCOPED_TRACE(what);
+        const SpringEdit small_edit = change(of_one, copies.one), large_edit = change(of_many, copies.many);
+        ASSERT_FALSE(small_edit.empty());
+        ASSERT_EQ(large->unsupported(copies.many), "");
+        small->edit(copies.one, small_edit);
+        large->edit(copies.many, large_edit);
+        for (Backend* const backend : {small.get(), large.get()}) backend->step(2);
+        Copies::expect_alike(small->download(), large->download());
+    };
+    ASSERT_FALSE(vulkan::by_address(copies.many, options, limits()));
+    edit_and_step("lists become too large", [](SpringEditor& editor, const Problem& problem) {
+        // From corner to corner of each copy, within a plane that nothing below cuts.
+        std::vector<std::pair<std::uint32_t, std::uint32_t>> ends;
+        for (std::uint32_t first = 0; first < problem.particle_count(); first += Copies::particles)
+            ends.emplace_back(first + 4, first + Copies::particles - 8);
+        return editor.suture(ends, 0.02);
+    });
+    ASSERT_TRUE(vulkan::by_address(copies.many, options, limits()));
+    const Plane middle{{0.5 * Copies::dims.x - 0.5, 0, 0}, {1, 0, 0}};
+    edit_and_step("a cut", [&](SpringEditor& editor, const Problem&) { return editor.cut(middle); });
+    edit_and_step("a suture",
+                  [&](SpringEditor& editor, const Problem&) { return editor.suture(middle, 1.5); });
+    edit_and_step("more rows than a storage buffer holds", [](SpringEditor& editor, const Problem&) {
+        TrianglePatch sheets;
+        for (int x = 1; x < Copies::dims.x; x += 2) {
+            const double at = x + 0.5;
+            sheets.triangles.push_back({{{at, -1e5, -1e5}, {at, 3e5, -1e5}, {at, -1e5, 3e5}}});
+        }
+        return editor.cut(sheets);
+    });
+}
+
+}  // namespace
+}  // namespace voxspring::testing
