@@ -79,6 +79,12 @@ void take_all_memory() {
 
 void be_killed_for_memory() { (void)std::raise(SIGKILL); }
 
+/// From the hundredth step of a process on.
+void fail() {
+    static int steps = 0;
+    if (++steps > 100) throw DeviceError("the card fell off the bus");
+}
+
 void take_time() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
 
 Registered backend(const std::string& name, const Fault& in_constructor, const Fault& in_step,
@@ -105,6 +111,7 @@ const Registered backends[] = {
     backend(
         "faulty_aborts_when_constructed", [] { std::abort(); }, nothing),
     backend("faulty_hangs_when_constructed", hang, nothing),
+    backend("faulty_fails", nothing, fail),
     backend("slow", nothing, take_time),
     backend("part_crashes", nothing, crash, Where::not_in_the_lowest_slab),
     backend("part_hangs", nothing, hang, Where::not_in_the_lowest_slab),

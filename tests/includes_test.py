@@ -26,6 +26,7 @@ ROOMS = [
     ["harness/ranks"],
     ["harness/study"],
     ["harness/view"],
+    ["harness/window"],
     ["harness/cli"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms}

@@ -1,6 +1,6 @@
 """`voxspring view` in a real window: pixels, and what a pointer and keys do to the body.
 
-VOXSPRING names the program; the current directory is the source tree. Exit code 77: there is no Xvfb or no xdotool, by which a
+VOXSPRING names the program, FAULTY one with tests/faulty_backends.cpp in it; the current directory is the source tree. Exit code 77: there is no Xvfb or no xdotool, by which a
 window is shown and its pointer moved.
 """
 
@@ -21,8 +21,10 @@ import unittest
 import numpy
 
 VOXSPRING = os.environ["VOXSPRING"]
+FAULTY = os.environ["FAULTY"]
 PATIENCE = 60  # seconds that nothing in here takes, however busy the machine
 SIZE = (1280, 800)
+BACKGROUND = (41, 43, 48)
 PANEL = 345  # pixels from the left that the panel takes, and a few more
 # A box of 12^3 that stands on its lower side, and moves by nothing but the hand.
 SCENE = {"dataset": {"type": "box", "dims": [12, 12, 12]}, "pinned": {"side": "z-"}, "damping": 0.05,
@@ -64,9 +66,9 @@ class Display:
 class Window:
     """The program, with its window open."""
 
-    def __init__(self, display, *arguments, **environment):
+    def __init__(self, display, program, *arguments, **environment):
         self.display = display
-        self.process = subprocess.Popen([VOXSPRING, "view", *map(str, arguments)], text=True, bufsize=1,
+        self.process = subprocess.Popen([program, "view", *map(str, arguments)], text=True, bufsize=1,
                                         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                         env=dict(display.environment, **environment))
         self.said = ""
@@ -92,7 +94,7 @@ class Window:
 
 def is_body(pixels):
     """Where something else is seen than background and panel."""
-    there = (numpy.abs(pixels.astype(int) - [41, 43, 48]).max(axis=2) > 6)
+    there = numpy.abs(pixels.astype(int) - BACKGROUND).max(axis=2) > 6
     there[:, :PANEL] = False
     return there
 
@@ -113,10 +115,12 @@ class View(unittest.TestCase):
         self.display = Display(folder.name)
         self.addCleanup(self.display.close)
 
-    def open(self, *arguments, **environment):
-        window = Window(self.display, self.scene, "--save", self.folder / "saved.npz", *arguments, **environment)
+    def open(self, *arguments, program=VOXSPRING, **environment):
+        window = Window(self.display, program, self.scene, "--save", self.folder / "saved.npz", *arguments, **environment)
         self.addCleanup(lambda: window.process.poll() is not None or window.close(signal.SIGKILL))
-        self.wait_until(lambda: is_body(self.display.pixels()).sum() > 10_000, "a body")
+        # A window is black, or white, until its first frame.
+        self.wait_until(lambda: not is_body(pixels := self.display.pixels())[0, -1] and is_body(pixels).sum() > 10_000,
+                        "a body")
         return window
 
     def wait_until(self, holds, what):
@@ -187,7 +191,8 @@ class View(unittest.TestCase):
 
     def test_keys_pause_step_and_reset(self):
         window = self.open("--backend", "cpu_parallel", "--steps", "1")
-        self.display.pointer("key", "space", "sleep", 0.5)
+        self.display.pointer("key", "space")
+        # The key is taken in order, after what was under way.
         steps = [int(self.saved(window)["step"])]
         steps.append(int(self.saved(window)["step"]))
         self.display.pointer("key", "n", "sleep", 0.3)
@@ -200,13 +205,26 @@ class View(unittest.TestCase):
 
     def test_another_backend_goes_on(self):
         window = self.open("--backend", "cpu_parallel")
-        # The list of backends and its second line.
-        self.display.pointer("mousemove", 90, 45, "sleep", 0.3, "click", 1, "sleep", 0.5, "mousemove", 90, 83,
-                             "sleep", 0.3, "click", 1)
+        self.choose_backend(1)
         label = window.hear(r"step (\d+): (\S+) goes on")
         self.assertGreater(int(label[1]), 0)
         self.assertFalse(label[2].startswith("cpu_parallel"))
         self.assertGreaterEqual(int(self.saved(window)["step"]), int(label[1]))
+        self.assert_closes(window)
+
+    def choose_backend(self, line):
+        """Opens the list of backends and takes one by its line, from 0."""
+        self.display.pointer("mousemove", 90, 45, "sleep", 0.3, "click", 1, "sleep", 0.5, "mousemove", 90, 66 + 17 * line,
+                             "sleep", 0.3, "click", 1)
+
+    def test_a_device_that_fails_leaves_the_window_and_a_state(self):
+        window = self.open("--backend", "faulty_fails", "--steps", "1", program=FAULTY)
+        window.hear("failed: the card fell off the bus. Another backend goes on from the state after step ")
+        kept = int(self.saved(window)["step"])
+        self.assertLessEqual(kept, 100)
+        self.choose_backend(0)
+        self.assertEqual(int(window.hear(r"step (\d+): cpu_parallel/\S+ goes on")[1]), kept)
+        self.wait_until(lambda: int(self.saved(window)["step"]) > kept, "another step")
         self.assert_closes(window)
 
     def test_a_film_is_made_of_pictures_where_there_is_no_ffmpeg(self):

@@ -1,33 +1,50 @@
 // The command line. Exit codes: 0 done, 1 a backend failed or an error exceeded its tolerance, 2 bad input
 // or usage, 130 interrupted.
 #include <malloc.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <exception>
+#include <filesystem>
 #include <iostream>
 #include <string>
+#include <system_error>
 
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/arguments.h"
 #include "harness/process/worker_main.h"
-#include "window_found.h"
 #ifdef VOXSPRING_HAS_WINDOW
 #include "harness/window/viewer.h"
+#else
+#include "window_found.h"
 #endif
 
 namespace {
 
-int view(const std::string& scene, const voxspring::ViewOptions& options, std::ostream& out) {
 #ifdef VOXSPRING_HAS_WINDOW
-    return voxspring::view_scene(scene, options, out);
+
+voxspring::ViewScene viewer(char** /*argv*/) { return voxspring::view_scene; }
+
 #else
-    throw voxspring::Unavailable(std::string("this build has no window: ") + no_window);
-#endif
+
+/// Becomes the program voxspring-view, which lies beside this one, with the same words.
+voxspring::ViewScene viewer(char** argv) {
+    return [argv](const std::string&, const voxspring::ViewOptions&, std::ostream&) -> int {
+        if (*no_window != '\0')
+            throw voxspring::Unavailable(std::string("view: this build has no window: ") + no_window);
+        const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "voxspring-view";
+        execv(program.c_str(), argv);
+        throw std::system_error(errno, std::generic_category(),
+                                program.string() + ", which draws the window");
+    };
 }
+
+#endif
 
 int exit_code_of(int argc, char** argv) {
     try {
-        return voxspring::run_command_line(argc, argv, std::cout, view);
+        return voxspring::run_command_line(argc, argv, std::cout, viewer(argv));
     } catch (const voxspring::BadInput& error) {
         std::cerr << "voxspring: " << error.what() << "\n";
         return 2;

@@ -54,6 +54,7 @@ public:
     /// save().
     const State& state();
     void keep_state() { (void)state(); }
+    std::int64_t kept_steps() const { return kept_.steps; }  ///< of the state that was kept last
 
     // --- The hand ---------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <glm/geometric.hpp>
 
@@ -10,6 +11,8 @@ namespace {
 
 /// A stroke is cut in stretches of as many pixels at least.
 constexpr double stretch = 4;
+/// Each begins so many before the end of the one before: the body moves between two frames.
+constexpr double overlap = 10;
 
 }  // namespace
 
@@ -34,8 +37,10 @@ std::string Hand::press(const Controls& controls, glm::ivec2 size) {
             if (!place) return {};
             std::string refused =
                 simulation_.take_hold(*place, double(controls.radius), double(controls.stiffness));
-            if (refused.empty()) grip_ = Grip{.place = *place, .distance = orbit_.distance_to(*place)};
-            return refused;
+            if (!refused.empty()) return refused;
+            const double distance = orbit_.distance_to(*place);
+            grip_ = Grip{.place = place_through(before_.pixel, distance, size), .distance = distance};
+            return {};
         }
         case HandTool::blade:
             cut_from_ = before_.pixel;
@@ -52,17 +57,23 @@ std::string Hand::press(const Controls& controls, glm::ivec2 size) {
 std::string Hand::cut(const Controls& controls, glm::ivec2 size) {
     const glm::dvec2 to = before_.pixel;
     // Beside the body the blade goes on as deep as it was.
-    if (const auto place = painter_.place_at(to)) cut_distance_ = orbit_.distance_to(*place);
-    if (cut_distance_ <= 0 || glm::distance(*cut_from_, to) < stretch) return {};
-    // From as far before the surface as the blade goes behind it: the surface may rise towards the eye.
+    const auto place = painter_.place_at(to);
+    const double distance = place ? orbit_.distance_to(*place) : cut_distance_;
+    if (distance <= 0 || glm::distance(*cut_from_, to) < stretch) return {};
+    // From as far before the surface as it may rise towards the eye, and without a gap to the stretch before
+    // where it has just fallen or risen.
+    const double before = cut_distance_ > 0 ? cut_distance_ : distance;
     const double depth = double(controls.depth);
+    const double nearest = std::min(before, distance) - depth / 2,
+                 farthest = std::max(before, distance) + depth;
+    const glm::dvec2 back = cut_distance_ > 0 ? overlap * glm::normalize(*cut_from_ - to) : glm::dvec2(0);
     std::array<glm::dvec3, 4> swept;
     for (std::size_t n = 0; n < 4; ++n)
-        swept[n] =
-            place_through(n < 2 ? *cut_from_ : to, cut_distance_ + (n % 2 == 0 ? -depth / 2 : depth), size);
+        swept[n] = place_through(n < 2 ? *cut_from_ + back : to, n % 2 == 0 ? nearest : farthest, size);
     const Simulation::Change change = simulation_.cut(swept);
     if (!change.refused.empty()) return change.refused;
     cut_from_ = to;
+    cut_distance_ = distance;
     cut_springs_ += change.springs;
     return {};
 }

@@ -52,23 +52,21 @@ AutoChoice choose_for_hand(const std::string& text, const Scene& scene) {
     });
 }
 
-std::unique_ptr<Simulation> simulation_of(const ViewOptions& options, const std::string& argument,
-                                          std::ostream& out) {
-    Scene scene = load_scene(argument, options.volume);
-    if (!asks_for_auto(options.backend))
-        return std::make_unique<Simulation>(std::move(scene), BackendSpec::parse(options.backend));
-    AutoChoice choice = choose_for_hand(options.backend, scene);
+std::unique_ptr<Simulation> simulation_of(const std::string& backend, Scene scene, std::ostream& out) {
+    if (!asks_for_auto(backend))
+        return std::make_unique<Simulation>(std::move(scene), BackendSpec::parse(backend));
+    AutoChoice choice = choose_for_hand(backend, scene);
     out << "auto: " << choice.reason << "\n";
     return std::make_unique<Simulation>(std::move(scene), choice.spec, std::move(choice.backend));
 }
 
 class Viewer {
 public:
-    Viewer(const std::string& argument, const ViewOptions& options, std::ostream& out)
+    Viewer(Scene scene, const ViewOptions& options, std::ostream& out)
         : options_(options),
           out_(out),
-          window_("Voxspring: " + argument, options.size, !options.record),
-          simulation_(simulation_of(options, argument, out)),
+          window_("Voxspring: " + scene.name, options.size, !options.record),
+          simulation_(simulation_of(options.backend, std::move(scene), out)),
           painter_(window_.context()),
           hand_(*simulation_, painter_, orbit_) {
         for (const auto& [name, entry] : registry()) backends_.push_back(name);
@@ -105,7 +103,7 @@ private:
             say(fmt::format(
                     "{} failed: {}. Another backend goes on from the state after step {}; that state can be "
                     "saved.",
-                    figures_.backend, error.what(), kept_steps_),
+                    figures_.backend, error.what(), simulation_->kept_steps()),
                 true);
             failed_ = true;
             drop_feed();
@@ -253,8 +251,7 @@ private:
         if (!failed_) simulation_->keep_state();
         const auto path = options_.save.value_or(figures_.scene + ".npz");
         simulation_->save(path);
-        say("the state after step " + std::to_string(failed_ ? kept_steps_ : simulation_->steps()) +
-            " is in " + path.string());
+        say(fmt::format("the state after step {} is in {}", simulation_->kept_steps(), path.string()));
     }
 
     int steps_of_frame(bool one) const {
@@ -341,10 +338,7 @@ private:
                 controls_.shown == Shown::tension ? std::array{-both, both} : std::array{0.0, high};
             const bool is_large = simulation_->problem().particle_count() > large;
             if (seconds_since(kept_) >= (is_large ? keep_seconds_of_large : keep_seconds)) {
-                guarded([&] {
-                    simulation_->keep_state();
-                    kept_steps_ = simulation_->steps();
-                });
+                guarded([&] { simulation_->keep_state(); });
                 kept_ = Clock::now();
             }
         }
@@ -378,7 +372,7 @@ private:
     bool failed_ = false, was_on_body_ = false;
     glm::dvec3 hand_before_{0};
     double step_seconds_ = 0, last_frame_ = 0, frame_wall_ = frame_seconds;
-    std::int64_t frames_ = 0, told_frames_ = 0, kept_steps_ = 0;
+    std::int64_t frames_ = 0, told_frames_ = 0;
     Clock::time_point begin_ = Clock::now(), told_ = begin_, kept_ = begin_;
     Activity activity_;
 };
@@ -386,9 +380,16 @@ private:
 }  // namespace
 
 int view_scene(const std::string& scene, const ViewOptions& options, std::ostream& out) {
+    // What can be refused is, before a window opens.
     if (options.save) check_writable(*options.save, "--save", ".npz");
+    if (asks_for_auto(options.backend)) {
+        check_auto(options.backend);
+    } else {
+        (void)BackendSpec::parse(options.backend);
+    }
+    Scene loaded = load_scene(scene, options.volume);
     try {
-        return Viewer(scene, options, out).run();
+        return Viewer(std::move(loaded), options, out).run();
     } catch (const Unavailable& absent) {
         throw Unavailable(
             fmt::format("view: {}\nWithout a display: voxspring run {} --backend {} --frames frames "
