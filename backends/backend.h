@@ -133,7 +133,9 @@ public:
     Feed& operator=(const Feed&) = delete;
     virtual ~Feed() = default;
 
-    /// Fills the buffer as the steps enqueued so far leave the particles, and waits until it is full.
+    /// Fills the buffer, whose context is current, as the steps enqueued so far leave the particles, and
+    /// waits until it is full. Another context may be current then. Destroyed while the buffer's context is
+    /// current.
     virtual void write() = 0;
 };
 

@@ -1,5 +1,7 @@
 // Feeds: what a backend puts into a window's buffer is what it downloads. A headless context stands for the
 // window.
+#include "cuda/kernels/feed.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -62,11 +64,16 @@ TEST_P(Feeding, FillsABufferWithWhatIsDownloaded) {
     const auto feed = backend_->feed(some, buffer.get());
     if (!feed) {
         EXPECT_THAT(GetParam(), ::testing::Not(::testing::StartsWith("gl_")));
+        // Where OpenGL is on the card too, CUDA's backends with a kernel a step have a way.
+        if (!window_->capabilities().is_software && GetParam().starts_with("cuda_")) {
+            EXPECT_FALSE(backend_->has_tool());
+        }
         GTEST_SKIP() << "has no way into a window's buffer";
     }
     // After a step, after none, and after an odd number: whichever array the state is in.
     for (const int steps : {0, 1, 4}) {
         backend_->step(steps);
+        window_->make_current();
         feed->write();
         window_->make_current();
         std::vector<glm::vec4> seen(some.size());
@@ -101,6 +108,22 @@ TEST_P(Feeding, WithoutAWindowThereIsNone) {
     if (!GetParam().starts_with("cuda_")) {
         EXPECT_EQ(backend_->feed(some_of(problem), buffer.get()), nullptr);
     }
+}
+
+/// What the body of CUDA's kernel makes of a word.
+TEST(FedDisplacementTest, IsThePlaceLessTheRestPosition) {
+    using cuda::FedWord, cuda::Feeding, cuda::ParticleRecord, cuda::Vector;
+    const std::vector<ParticleRecord<double>> words = {{}, {Vector<double>{3, 5, 7}, 9}};
+    const std::vector<ParticleRecord<double>> low = {{}, {Vector<double>{0.25, 0, -0.5}, 0}};
+    const FedWord<double> fed{.rest = {1, 2, 3}, .word = 1};
+    const auto shown = [&](const ParticleRecord<double>* low_words) {
+        const auto displaced = cuda::fed_displacement(
+            Feeding<double>{.fed = &fed, .count = 1, .words = words.data(), .words_low = low_words}, 0);
+        EXPECT_EQ(displaced.zero, 0);
+        return displaced.displacement;
+    };
+    EXPECT_EQ(shown(nullptr), (Vector<float>{2, 3, 4}));
+    EXPECT_EQ(shown(low.data()), (Vector<float>{2.25, 3, 3.5}));
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/layout/feed.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/tool.h"
@@ -17,6 +18,7 @@
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
+#include "cuda/common/feed.h"
 #include "cuda/common/tool.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/texture.h"
@@ -88,6 +90,18 @@ public:
         out(packed.increment, increment_);
         out(packed.increment_low, increment_low_);
         return unpack(problem(), packed, placement_, family_.formulation);
+    }
+
+    std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) override {
+        const auto fed = pack_fed<Real>(problem(), particles, family_.formulation,
+                                        [&](std::uint32_t i) { return placement_.at(i); });
+        return make_feed<Real>(fed, buffer, stream(), [this] {
+            const auto now = std::size_t(current());
+            return Feeding<Real>{.fed = nullptr,
+                                 .count = 0,
+                                 .words = words_[now].data(),
+                                 .words_low = low_[now].size() == 0 ? nullptr : low_[now].data()};
+        });
     }
 
     bool has_tool() const override { return true; }

@@ -80,6 +80,10 @@ public:
         if (options.record) film_.emplace(*options.record, window_.pixels());
     }
 
+    Viewer(const Viewer&) = delete;
+    Viewer& operator=(const Viewer&) = delete;
+    ~Viewer() { feed_.reset(); }  // while the window's context, the one that drew last, is current
+
     int run() {
         const CaughtInterruptions caught;
         begin_ = Clock::now();
@@ -127,12 +131,13 @@ private:
     // --- The body ---------------------------------------------------------------------------------------
 
     void take_mesh() {
+        drop_feed();  // which fills the old one's buffer
         painter_.set_mesh(mesh_of(simulation_->problem()));
         springs_version_ = simulation_->springs_version();
-        drop_feed();
     }
 
     void drop_feed() {
+        window_.context().make_current();
         feed_.reset();
         uploads_ = 0;
     }
@@ -141,13 +146,13 @@ private:
     void take_displacements() {
         if (simulation_->springs_version() != springs_version_) take_mesh();
         if (simulation_->uploads() != uploads_) {
-            feed_.reset();
-            window_.context().make_current();
+            drop_feed();
             feed_ = simulation_->backend().feed(painter_.mesh().particles, painter_.displacements());
             uploads_ = simulation_->uploads();
             figures_.from_device = feed_ != nullptr;
         }
         if (feed_) {
+            window_.context().make_current();
             feed_->write();
         } else {
             painter_.put_displacements(simulation_->state().displacement);

@@ -1,0 +1,20 @@
+// Displacements into a window's buffer, which OpenGL lends to CUDA for each picture.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+
+#include "backends/backend.h"
+#include "cuda/device/stream.h"
+#include "cuda/kernels/feed.h"
+
+namespace voxspring::cuda {
+
+/// What fills the OpenGL buffer `buffer`, whose context is current, with what `feeding` says when it is
+/// asked. The stream must outlive it. Null where that context is on another device, or on none.
+template <class Real>
+std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint32_t buffer,
+                                const Stream& stream, std::function<Feeding<Real>()> feeding);
+
+}  // namespace voxspring::cuda
