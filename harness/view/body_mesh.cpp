@@ -1,6 +1,7 @@
 #include "harness/view/body_mesh.h"
 
 #include <algorithm>
+#include <glm/common.hpp>
 #include <numeric>
 #include <stdexcept>
 #include <string>
@@ -35,8 +36,8 @@ public:
         for (std::uint64_t n = 0; n < 8; ++n) {
             if (first == corner.particle[n]) {
                 const glm::ivec3 voxel = face.voxel + sign * LatticeSurface::place_of(unsigned(n));
-                const glm::ivec3 side = glm::ivec3(at) - voxel;  // 0 or 1 along each axis
-                set = std::uint64_t(side.z * 4 + side.y * 2 + side.x);
+                const glm::u64vec3 side(glm::ivec3(at) - voxel);  // 0 or 1 along each axis
+                set = side.z * 4 + side.y * 2 + side.x;
             }
         }
         const auto [known, is_new] = by_place_.try_emplace(place * 8 + set, std::uint32_t(vertices.size()));

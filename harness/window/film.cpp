@@ -36,7 +36,7 @@ std::optional<std::string> find_ffmpeg() {
 
 }  // namespace
 
-Film::Film(const std::filesystem::path& file, glm::ivec2 size) : file_(file), size_(size) {
+Film::Film(const std::filesystem::path& file, glm::ivec2 size) : file_(file) {
     check_writable(file, "--record", file.extension().string());
     const auto ffmpeg = find_ffmpeg();
     if (!ffmpeg) {

@@ -35,7 +35,6 @@ public:
 
 private:
     std::filesystem::path file_, folder_;
-    glm::ivec2 size_;
     pid_t ffmpeg_ = -1;
     int pipe_ = -1;
     std::int64_t pictures_ = 0;

@@ -13,7 +13,7 @@
 #include <backends/imgui_impl_opengl3.h>
 #include <imgui.h>
 
-#include <algorithm>
+#include <glm/common.hpp>
 
 namespace voxspring {
 namespace {
