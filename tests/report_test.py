@@ -262,6 +262,35 @@ class Input(InTemporaryFolder):
         self.assertEqual([row["predicted"] for row in rows], [1, 1, 1, 1])
         self.assertIn("2 ranks have 62\N{NO-BREAK SPACE}% to 90\N{NO-BREAK SPACE}% of the efficiency of one", self.out.read_text())
 
+    def test_more_ranks_than_were_measured_are_a_prediction(self):
+        def row(ranks, **more):
+            return {"name": "box@64/cpu_parallel/position/float32/threads=1", "scene": "box@64", "backend": "cpu_parallel",
+                    "formulation": "position", "precision": "float32", "tuning": "threads=1", "family": "box@64", "scaling": "strong",
+                    "ranks": ranks, "way": "memory", "particles": 64**3, "compute_seconds": 1e-3, "exchange_seconds": 1e-5,
+                    "waiting_seconds": 0.0, "efficiency": 1.0, "predicted_seconds": 1.0, **more}
+
+        # A microsecond a particle, a layer of 64^2, a latency of 1 ms, a border of 64 KiB at 1 GB/s; measured as predicted.
+        predicted = 1e-6 * (64**3 / 2 + 64**2) + 1e-3 + 65536e-9
+        result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
+        result["scaling"] = [row(1, seconds_per_step=64**3 * 1e-6, way="none"),
+                             row(2, ghosts=2 * 64**2, border_bytes=65536, latency_seconds=1e-3, seconds_per_byte=1e-9,
+                                 seconds_per_step=predicted, predicted_seconds=predicted)]
+        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
+        figure, = (figure for figure in json.loads(page.replace("<\\/", "</"))["figures"] if figure["name"] == "forecast")
+        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        # 1024 ranks would have less than a layer each.
+        self.assertEqual([row["ranks"] for row in rows], [8, 64])
+        for row in rows:
+            own = 64**3 / row["ranks"] * 1e-6
+            beside = 1e-6 * 2 * 64**2 + 1e-3 + 2 * 65536e-9
+            self.assertAlmostEqual(row["microseconds"], 1e6 * (own + beside), delta=1)
+            self.assertAlmostEqual(row["efficiency"], own / (own + beside), places=3)
+            # Where a rank computes as long as it does all else.
+            self.assertAlmostEqual(row["half"], 64**3 * 1e-6 / beside, delta=0.1)
+        self.assertIn("Prediction: box@64", self.out.read_text())
+        self.assertIn("not a measurement", self.out.read_text())
+
     def test_nothing_in_the_page_can_end_its_data_early(self):
         result = h200("table1")
         for row in result["benchmarks"]:

@@ -660,6 +660,43 @@ def scaling(charts, results):
                   "latency and bandwidth of the exchange.", RANKS, rows, panels, used(results, having="scaling"))
 
 
+FORECAST = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("contender", "strategy", None),
+            ("way", "way", None), ("measured_ranks", "ranks measured", 4), ("ranks", "ranks", 4),
+            ("microseconds", "time a step, predicted (µs)", 3), ("efficiency", "efficiency, predicted", 3),
+            ("half", "half of the efficiency at ranks", 2)]
+
+
+def scaling_forecast(charts, results):
+    rows = reading.latest(reading.scaling_forecast(results), "machine", "compared", "contender", "way", "ranks")
+    if not rows:
+        return None
+    findings, panels = [], []
+    for (machine,), group in groups(rows, "machine").items():
+        halves = [row["half"] for row in group if row["half"]]
+        most = max(row["ranks"] for row in group)
+        reached = [row["efficiency"] for row in group if row["ranks"] == most]
+        finding = f"a model predicts {between(reached, percent)} of the efficiency of one for {most} ranks"
+        if halves:
+            finding += f", and half of it at {between(halves, lambda value: f'{value:.0f}')}"
+        findings.append((machine, finding))
+    for (machine, compared), group in groups(rows, "machine", "compared").items():
+        ranks = sorted(distinct(group, "ranks"))
+        lines = source().encode(
+            x=alt.X("ranks:Q", title="ranks, none of them measured", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
+            y=alt.Y("efficiency:Q", title="efficiency, predicted", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0)),
+            color=charts.colour(), detail=["contender:N", "way:N"])
+        chart = alt.layer(lines.mark_line(strokeWidth=1.1, strokeDash=[2, 3]), lines.mark_point(filled=False, size=45).encode(
+            shape=charts.shape("way", WAYS), tooltip=charts.tooltip(FORECAST)))
+        alternative = (f"Dotted lines for {compared} on {machine}: the efficiency that a model predicts for {listed(map(str, ranks))} ranks. "
+                       "Nothing of it was measured.")
+        panels.append(charts.panel(f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}",
+                                   {"machine": machine, "compared": compared}, chart, alternative, 300))
+    return Figure("forecast", by_machine(findings), "A prediction, not a measurement: the model of the figure above for more ranks than "
+                  "there were, each beside another by the same exchange, fitted to the largest number that was measured. Missing are "
+                  "numbers of ranks for which a slab would be thinner than a layer of voxels.", FORECAST, rows, panels,
+                  used(results, having="scaling"))
+
+
 HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
            ("backend", "backend", None), ("contender", "strategy", None), ("commit", "commit", None),
            ("day", "date", None), *TIME, ("rounding", "rounding error", 3), ("verdict", "first to last run", None),
@@ -809,5 +846,5 @@ def all_figures(results):
     figures = [datasets(charts, results, rows), figure7(charts, results, rows), figure8(charts, results, rows),
                front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows), intensity(charts, results, rows),
                stability_map(charts, results), stability(charts, results), edits(charts, results, rows),
-               scaling(charts, results), history(charts, results, rows), stress(charts, results)]
+               scaling(charts, results), scaling_forecast(charts, results), history(charts, results, rows), stress(charts, results)]
     return charts, [figure for figure in figures if figure]

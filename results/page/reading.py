@@ -321,6 +321,59 @@ def scaling(results):
             for result in results for row in result.lists["scaling"] if row.get("efficiency") and row.get("predicted_seconds")]
 
 
+# Ranks that nobody here has measured.
+FORECAST_RANKS = (8, 64, 1024)
+
+
+def forecast(one, most):
+    """What the model of harness/study/kinds/scaling.cpp says of more ranks than the row `most` has, fitted to that row: a list of
+    (ranks, seconds a step, efficiency), and the number of ranks at half of the efficiency of one; None where that never comes.
+
+    `one` is the row of one rank. A rank has its particles and two layers of ghosts, at the time that a particle takes on one rank;
+    then come a latency, and two borders at the bandwidth that was measured. All of it is stretched by what `most` took longer than
+    the model says. The longest borders are those that it had. A slab is no thinner than a layer.
+    """
+    ranks, weak = most["ranks"], most["scaling"] == "weak"
+    particle = one["seconds_per_step"] / one["particles"]
+    layer = most["ghosts"] / (2 * (ranks - 1))
+    border = most["border_bytes"] / (1 if ranks == 2 else 2)
+    stretch = most["seconds_per_step"] / most["predicted_seconds"]
+    beside = particle * 2 * layer + most["latency_seconds"] + most["seconds_per_byte"] * 2 * border
+    found = []
+    for count in FORECAST_RANKS:
+        own = most["particles"] / ranks if weak else most["particles"] / count
+        if count > ranks and own >= layer:
+            seconds = stretch * (particle * own + beside)
+            found.append((count, seconds, particle * own / seconds))
+    # particle * own / (stretch * (particle * own + beside)) = 1/2
+    half = None
+    if not weak and beside > 0 and stretch < 2:
+        half = particle * most["particles"] * (2 - stretch) / (stretch * beside)
+        half = half if layer == 0 or half <= most["particles"] / layer else None
+    return found, half
+
+
+def scaling_forecast(results):
+    """A row a number of ranks beyond those that were measured, for each family of scenes, strategy and way."""
+    found = []
+    for result in results:
+        rows = result.lists["scaling"]
+        needed = ("latency_seconds", "seconds_per_byte", "predicted_seconds", "ghosts", "border_bytes", "particles", "seconds_per_step")
+        several = [row for row in rows if row["ranks"] > 1 and all(row.get(name) is not None for name in needed)]
+        for family_and_way in dict.fromkeys((row["family"], contender(row), row["way"]) for row in several):
+            most = max((row for row in several if (row["family"], contender(row), row["way"]) == family_and_way),
+                       key=lambda row: row["ranks"])
+            ones = [row for row in rows if row["ranks"] == 1 and (row["family"], contender(row)) == family_and_way[:2]]
+            if not ones or not most["predicted_seconds"]:
+                continue
+            counts, half = forecast(ones[0], most)
+            found += [{"machine": result.machine, "compared": most["family"], "scaling": most["scaling"], "backend": most["backend"],
+                       "family": family(most["backend"]), "contender": contender(most), "way": most["way"],
+                       "measured_ranks": most["ranks"], "ranks": ranks, "microseconds": seconds * 1e6, "efficiency": efficiency,
+                       "half": half} for ranks, seconds, efficiency in counts]
+    return found
+
+
 def natural(text):
     """Sorts box@8 before box@16."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
