@@ -80,7 +80,7 @@ void take_all_memory() {
 void be_killed_for_memory() { (void)std::raise(SIGKILL); }
 
 /// From the hundredth step of a process on.
-void fail() {
+void wear_out() {
     static int steps = 0;
     if (++steps > 100) throw DeviceError("the card fell off the bus");
 }
@@ -111,7 +111,7 @@ const Registered backends[] = {
     backend(
         "faulty_aborts_when_constructed", [] { std::abort(); }, nothing),
     backend("faulty_hangs_when_constructed", hang, nothing),
-    backend("faulty_fails", nothing, fail),
+    backend("wears_out", nothing, wear_out),
     backend("slow", nothing, take_time),
     backend("part_crashes", nothing, crash, Where::not_in_the_lowest_slab),
     backend("part_hangs", nothing, hang, Where::not_in_the_lowest_slab),

@@ -218,7 +218,7 @@ class View(unittest.TestCase):
                              "sleep", 0.3, "click", 1)
 
     def test_a_device_that_fails_leaves_the_window_and_a_state(self):
-        window = self.open("--backend", "faulty_fails", "--steps", "1", program=FAULTY)
+        window = self.open("--backend", "wears_out", "--steps", "1", program=FAULTY)
         window.hear("failed: the card fell off the bus. Another backend goes on from the state after step ")
         kept = int(self.saved(window)["step"])
         self.assertLessEqual(kept, 100)
