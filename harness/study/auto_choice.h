@@ -33,7 +33,7 @@ struct Rule {
     std::string reason;  ///< as a user reads it
 };
 /// In the order in which they are asked: the first that holds, and whose backend is here and takes the
-/// problem, decides; OpenGL in software never does. auto_choice.cpp says which results each rests on.
+/// problem, decides; a graphics API in software never does. auto_choice.cpp says which results each rests on.
 const std::vector<Rule>& rules();
 bool holds(const Rule& rule, const Workload& workload);
 
@@ -60,7 +60,7 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
 /// be chosen and takes the scene.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes);
-/// Whether the rules may choose it: OpenGL in software never.
+/// Whether the rules may choose it: a graphics API in software never.
 bool may_be_chosen(const Capabilities& capabilities);
 /// Checks what follows "auto". Throws BadSpecification.
 void check_auto(const std::string& text);
