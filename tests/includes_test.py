@@ -22,10 +22,11 @@ ROOMS = [
     ["harness/verification"],
     ["harness/results"],
     ["harness/export"],
+    ["harness/view"],
     ["harness/process"],
     ["harness/ranks"],
     ["harness/study"],
-    ["harness/view"],
+    ["harness/window"],
     ["harness/cli"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms}
