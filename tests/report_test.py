@@ -550,8 +550,11 @@ class Page(unittest.TestCase):
         count = sum(row["backend"] == "cuda_scatter" for row in medians("figure8"))
         self.script("document.querySelector('details[data-figure=figure8]').open = true")
         self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
+        # The roofline's points lie over lines of no backend.
+        self.assertGreater(self.marks("roofline", "cuda_scatter"), 0)
         self.driver_click("#filters input[value=cuda_scatter]")
-        self.assertEqual(self.marks("figure8", "cuda_scatter"), 0)
+        for figure in ("figure8", "roofline"):
+            self.assertEqual(self.marks(figure, "cuda_scatter"), 0)
         self.assertGreater(self.marks("figure8", "cuda_implicit_cached"), 0)
         self.assertEqual(self.table("figure8", "backend"), rows - {"cuda_scatter"})
         self.driver_click("#filters input[value=cuda_scatter]")

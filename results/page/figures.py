@@ -181,7 +181,7 @@ class Charts:
     def panel(self, heading, match, chart, alternative, height=None, step=None):
         """A chart as Vega-Lite, as wide as its panel and filtered; its height is fixed or follows its rows."""
         chart = chart.add_params(alt.param(name="shown", value=self.backends), alt.param(name="scene", value=""))
-        chart = chart.transform_filter("indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)")
+        chart = filtered(chart, "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)")
         chart = chart.properties(width="container", height=height or step[1], description=alternative,
                                  autosize=alt.AutoSizeParams(type="fit-x", contains="padding"))
         return Panel(heading, match, chart.to_dict(), step)
@@ -189,6 +189,16 @@ class Charts:
 
 def source():
     return alt.Chart(alt.NamedData("rows"))
+
+
+def filtered(chart, condition):
+    """A chart of those rows that fulfil a condition. What lies over lines of other data has its rows by itself: a filter of
+    the whole would not reach them."""
+    if not isinstance(chart, alt.LayerChart) or chart.data is not alt.Undefined:
+        return chart.transform_filter(condition)
+    chart = chart.copy()
+    chart.layer = [layer.transform_filter(condition) if isinstance(layer.data, alt.NamedData) else layer for layer in chart.layer]
+    return chart
 
 
 TIME = [("microseconds", "time a step (µs)", 4), ("least", "least (µs)", 4), ("most", "most (µs)", 4)]
