@@ -566,6 +566,18 @@ class Haptic(InTemporaryFolder):
                                              capture_output=True, text=True, check=True).stdout)
         self.assertEqual(compared["counts"]["new"], len(result["haptic"]) - 1)
 
+    def test_without_opengl_nothing_is_drawn_and_the_result_says_why(self):
+        study, out = self.write("time,x,y,z\n0,0,0,0\n1,0.2,0,0\n"), self.folder / "result.json"
+        ran = voxspring("study", study, "--out", out, env={
+            **os.environ, "__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"})
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        result = json.loads(out.read_text())
+        self.assertEqual([(row["edited"], row["drawn"]) for row in result["haptic"]], [(False, False), (True, False)])
+        self.assertEqual(result["failed"], [])
+        reason, = [row["reason"] for row in result["skipped"]]
+        self.assertIn("while it is drawn: no OpenGL", reason)
+        self.assertIn("while it is drawn: no OpenGL", ran.stdout)
+
     def test_what_cannot_be_played_is_refused(self):
         self.assert_refused(voxspring("study", "haptic", "--scene", "box@4"), "box@4", "no tool")
         for motion, said in (("time,x,y,z\n0,0,0,0\n0,0,0,0\n", "line 3, time"),
