@@ -157,6 +157,7 @@ protected:
     /// Whether something else than the background is at the pixel of a place.
     bool is_seen(const Image& image, glm::dvec3 place) const {
         const glm::ivec2 at(orbit_.pixel_of(place, picture_size));
+        if (at.x < 0 || at.y < 0 || at.x >= image.width || at.y >= image.height) return false;
         return !std::equal(image.at(at.x, at.y), image.at(at.x, at.y) + 4, image.at(0, 0));
     }
 

@@ -1,5 +1,6 @@
 #include "harness/view/live_drawing.h"
 
+#include <omp.h>
 #include <sched.h>
 
 #include <algorithm>
@@ -27,16 +28,20 @@ BodyMesh mesh_or_absent(const Problem& problem) {
 
 LiveDrawing::LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem)
     : own_(own), backend_(backend) {
+    const Capabilities on = backend.capabilities();
+    const bool steps_on_cores = on.family == ApiFamily::cpu || on.is_software;
     // With a copy of its own, which edits change when their mesh is made.
-    thread_ = std::jthread(
-        [this, own_problem = problem](const std::stop_token& stop) mutable { run(stop, own_problem); });
-    {
-        std::unique_lock lock(mutex_);
-        changed_.wait(lock, [this] { return mesh_ > 0 || absent_ || failure_; });
-        if (absent_) throw Unavailable(*absent_);
-        if (failure_) throw DeviceError(*failure_);
-    }
-    follow_mesh();
+    thread_ =
+        std::jthread([this, steps_on_cores, own_problem = problem](const std::stop_token& stop) mutable {
+            // Of the cores that the backend steps on meshes take one.
+            if (steps_on_cores) omp_set_num_threads(1);
+            run(stop, own_problem);
+        });
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return mesh_ > 0 || absent_ || failure_; });
+    if (absent_) throw Unavailable(*absent_);
+    if (failure_) throw DeviceError(*failure_);
+    feed_mesh(std::move(lock));
     due_ = Clock::now();
 }
 
@@ -44,7 +49,8 @@ void LiveDrawing::hand_over_if_due() {
     const auto now = Clock::now();
     if (now < due_) return;
     {
-        const std::lock_guard lock(mutex_);
+        const std::unique_lock lock(mutex_, std::try_to_lock);
+        if (!lock) return;
         if (failure_) throw DeviceError(*failure_);
         if (is_full_ || fed_mesh_ != mesh_) return;
     }
@@ -72,15 +78,16 @@ void LiveDrawing::follow(const SpringEdit& edit) {
 }
 
 void LiveDrawing::follow_mesh() {
-    std::vector<std::uint32_t> particles;
-    bool shares = false;
-    {
-        const std::lock_guard lock(mutex_);
-        if (fed_mesh_ == mesh_) return;
-        fed_mesh_ = mesh_;
-        particles = std::move(particles_);
-        shares = shares_;
-    }
+    std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock) feed_mesh(std::move(lock));
+}
+
+void LiveDrawing::feed_mesh(std::unique_lock<std::mutex> lock) {
+    if (fed_mesh_ == mesh_) return;
+    fed_mesh_ = mesh_;
+    const std::vector<std::uint32_t> particles = std::move(particles_);
+    const bool shares = shares_;
+    lock.unlock();
     feed_.reset();
     if (!shares) return;
     own_.make_current();

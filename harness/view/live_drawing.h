@@ -58,6 +58,7 @@ public:
 private:
     using Clock = std::chrono::steady_clock;
 
+    void feed_mesh(std::unique_lock<std::mutex> lock);
     void run(const std::stop_token& stop, Problem& problem);
     void draw(const std::stop_token& stop, Problem& problem);
     void publish(const BodyMesh& mesh, bool shares);
@@ -72,7 +73,9 @@ private:
     int fed_mesh_ = 0;
     Clock::time_point due_;
 
-    mutable std::mutex mutex_;  ///< of all that follows
+    /// Of all that follows. Whoever steps may be real-time and the other one not: he waits for it as seldom
+    /// as he can, and else asks again in the next tick.
+    mutable std::mutex mutex_;
     std::condition_variable_any changed_;
     bool is_full_ = false;  ///< the drawing thread's turn
     int mesh_of_full_ = 0;
