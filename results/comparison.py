@@ -37,7 +37,9 @@ IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # What tells the rows of one identity apart, by the list they are in.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
-          "overhead": ("handed_over",), "scaling": ("ranks", "way"), "haptic": ("hertz", "edited")}
+          "overhead": ("handed_over",), "scaling": ("ranks", "way"), "haptic": ("hertz", "edited", "drawn")}
+# What is so in files that do not say.
+UNSAID = {"drawn": False}
 # What a row's time is called, in units of its own: to an end time, or a step.
 CLOCKS = {"energy": "seconds_per_step", "overhead": "seconds_per_step", "scaling": "seconds_per_step",
           "haptic": "median_seconds"}
@@ -142,7 +144,7 @@ class Result:
     def add(self, list_name, identity, row, at, across):
         if list_name == "benchmarks" and row.get("run_type", "iteration") != "iteration":
             return
-        place = tuple((key, json.dumps(row.get(key), sort_keys=True)) for key in PLACES[list_name])
+        place = tuple((key, json.dumps(row.get(key, UNSAID.get(key)), sort_keys=True)) for key in PLACES[list_name])
         name = self.get(row, at, "name", str, "/".join(identity[:4])).split("/iterations:")[0]
         entry = Row(name[len(identity[0]) + 1:].replace("/", " "))
         entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")

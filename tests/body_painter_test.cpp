@@ -5,17 +5,23 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
+#include <cstdint>
 #include <glm/geometric.hpp>
 #include <map>
 #include <memory>
 #include <optional>
 #include <set>
+#include <string>
+#include <thread>
 #include <tuple>
 #include <vector>
 
 #include "backends/gl/context.h"
+#include "backends/registry.h"
 #include "harness/export/surface.h"
 #include "harness/view/body_mesh.h"
+#include "harness/view/live_drawing.h"
 #include "harness/view/orbit.h"
 #include "tests/required.h"
 #include "tests/support.h"
@@ -151,6 +157,7 @@ protected:
     /// Whether something else than the background is at the pixel of a place.
     bool is_seen(const Image& image, glm::dvec3 place) const {
         const glm::ivec2 at(orbit_.pixel_of(place, picture_size));
+        if (at.x < 0 || at.y < 0 || at.x >= image.width || at.y >= image.height) return false;
         return !std::equal(image.at(at.x, at.y), image.at(at.x, at.y) + 4, image.at(0, 0));
     }
 
@@ -215,6 +222,95 @@ TEST_F(BodyPainterTest, ValuesAreColours) {
     EXPECT_GT(high.at(at.x, at.y)[1], 160);
     painter_->put_values({});
     EXPECT_EQ(draw().pixels, low.pixels);
+}
+
+// --- Beside a backend that steps ------------------------------------------------------------------------
+
+class LiveDrawingTest : public BodyPainterTest {
+protected:
+    void SetUp() override {
+        BodyPainterTest::SetUp();
+        if (!IsSkipped() && !HasFatalFailure()) sharing_.emplace(*context_);
+    }
+    /// The contexts of the drawing and of the backend share buffers with context_.
+    std::unique_ptr<Backend> upload(const std::string& name, const Problem& problem) {
+        auto backend = BackendSpec::parse(name).make();
+        backend->upload(problem, random_state(problem, 0.05, 4));
+        return backend;
+    }
+    static Problem stepped_body() {
+        Problem problem = body_of(solid({6, 4, 5}));
+        problem.time_step = 0.1;
+        return problem;
+    }
+    /// Steps until so many pictures are finished; the number of steps.
+    static int step_until(LiveDrawing& drawing, Backend& backend, std::int64_t pictures) {
+        const auto begin = std::chrono::steady_clock::now();
+        int steps = 0;
+        for (; drawing.pictures() < pictures; ++steps) {
+            drawing.hand_over_if_due();
+            backend.step(1);
+            backend.synchronize();
+            drawing.follow_mesh();
+            if (std::chrono::steady_clock::now() - begin > std::chrono::seconds(60)) break;
+        }
+        return steps;
+    }
+
+    std::optional<gl::Sharing> sharing_;
+};
+
+TEST_F(LiveDrawingTest, DrawsOnTheDeviceOrByTheHostAndFollowsEdits) {
+    for (const std::string name : {"cpu_parallel", "gl_compute_implicit", "gl_fragment_implicit"}) {
+        SCOPED_TRACE(name);
+        Problem problem = stepped_body();
+        Problem later = problem;
+        SpringEditor editor(later);
+        const SpringEdit cut = editor.cut(Plane{.point = {2.5, 0, 0}, .normal = {1, 0, 0}});
+        const auto backend = upload(name, problem);
+        LiveDrawing drawing(*context_, *backend, problem);
+        EXPECT_EQ(drawing.from_device(), name != "cpu_parallel");
+        step_until(drawing, *backend, 3);
+        EXPECT_GE(drawing.pictures(), 3);
+        apply(problem, cut);
+        backend->edit(problem, cut);
+        drawing.follow(cut);
+        step_until(drawing, *backend, 9);
+        EXPECT_GE(drawing.pictures(), 9);
+        EXPECT_EQ(drawing.from_device(), name != "cpu_parallel");
+    }
+}
+
+TEST_F(LiveDrawingTest, DrawsNoMorePicturesThanAskedFor) {
+    const Problem problem = stepped_body();
+    const auto backend = upload("cpu_parallel", problem);
+    LiveDrawing drawing(*context_, *backend, problem);
+    const auto begin = std::chrono::steady_clock::now();
+    step_until(drawing, *backend, 1);
+    const std::int64_t first = drawing.pictures();
+    step_until(drawing, *backend, first + 12);
+    const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
+    // The first two are handed over at once.
+    EXPECT_GE(seconds.count(), 11.0 / LiveDrawing::pictures_a_second);
+}
+
+TEST_F(LiveDrawingTest, EndsWhereverItIs) {
+    const Problem problem = stepped_body();
+    const auto backend = upload("cpu_parallel", problem);
+    const SpringEdit none;
+    for (int n = 0; n < 20; ++n) {
+        LiveDrawing drawing(*context_, *backend, problem);
+        if (n % 2 == 0) drawing.hand_over_if_due();
+        if (n % 4 < 2) drawing.follow(none);
+        std::this_thread::sleep_for(std::chrono::milliseconds(n % 5));
+    }
+}
+
+TEST_F(LiveDrawingTest, ABodyWithoutASurfaceIsAbsent) {
+    Problem problem = random_network(5, 6, 1);
+    problem.time_step = 0.1;
+    const auto backend = upload("cpu_reference", problem);
+    EXPECT_THROW(LiveDrawing(*context_, *backend, problem), Unavailable);
 }
 
 }  // namespace

@@ -538,14 +538,45 @@ class Haptic(InTemporaryFolder):
         with open("results/schema.json") as file:
             schema = jsonschema.Draft202012Validator(json.load(file))
         schema.validate(result)
-        self.assertEqual([row["edited"] for row in result["haptic"]], [False, True])
+        undrawn, drawn = ([row for row in result["haptic"] if row["drawn"] == drawn] for drawn in (False, True))
+        self.assertEqual([row["edited"] for row in undrawn], [False, True])
+        # Of rows that are not there the result says why.
+        if drawn:
+            self.assertEqual([row["edited"] for row in drawn], [False, True])
+        else:
+            self.assertIn("while it is drawn: ", result["skipped"][0]["reason"])
         row = result["haptic"][0]
-        for change in ({"hertz": 0}, {"ticks": 0}, {"missed": -1}, {"real_time": None}):
+        for change in ({"hertz": 0}, {"ticks": 0}, {"missed": -1}, {"real_time": None}, {"histogram": []},
+                       {"histogram": [[1e-6, 0]]}, {"histogram": [[0, 1]]}, {"displacements_by": "hand"}):
             self.assertFalse(schema.is_valid(result | {"haptic": [row | change]}), change)
+        schema.validate(result | {"haptic": [row | {"histogram": [[1e-6, 1]]}]})
+        without = {key: value for key, value in row.items() if key != "histogram"}
+        self.assertFalse(schema.is_valid(result | {"haptic": [without]}))
+        before = {key: without[key] for key in without if key not in ("drawn", "pictures_per_second", "displacements_by",
+                                                                      "renderer")}
+        schema.validate(result | {"haptic": [before]})
         compared = json.loads(subprocess.run([sys.executable, "results/diff.py", out, out, "--json", "--all"],
                                              capture_output=True, text=True, check=True).stdout)
         self.assertEqual([row["place"] for row in compared["rows"]],
-                         [{"hertz": 500.0, "edited": False}, {"hertz": 500.0, "edited": True}])
+                         [{"hertz": 500.0, "edited": row["edited"], "drawn": row["drawn"]} for row in undrawn + drawn])
+        # Rows of before drawing are the undrawn ones of today.
+        old = self.folder / "old.json"
+        old.write_text(json.dumps(result | {"haptic": [before]}))
+        compared = json.loads(subprocess.run([sys.executable, "results/diff.py", old, out, "--json", "--all"],
+                                             capture_output=True, text=True, check=True).stdout)
+        self.assertEqual(compared["counts"]["new"], len(result["haptic"]) - 1)
+
+    def test_without_opengl_nothing_is_drawn_and_the_result_says_why(self):
+        study, out = self.write("time,x,y,z\n0,0,0,0\n1,0.2,0,0\n"), self.folder / "result.json"
+        ran = voxspring("study", study, "--out", out, env={
+            **os.environ, "__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"})
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        result = json.loads(out.read_text())
+        self.assertEqual([(row["edited"], row["drawn"]) for row in result["haptic"]], [(False, False), (True, False)])
+        self.assertEqual(result["failed"], [])
+        reason, = [row["reason"] for row in result["skipped"]]
+        self.assertIn("while it is drawn: no OpenGL", reason)
+        self.assertIn("while it is drawn: no OpenGL", ran.stdout)
 
     def test_what_cannot_be_played_is_refused(self):
         self.assert_refused(voxspring("study", "haptic", "--scene", "box@4"), "box@4", "no tool")

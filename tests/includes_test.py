@@ -22,10 +22,10 @@ ROOMS = [
     ["harness/verification"],
     ["harness/results"],
     ["harness/export"],
+    ["harness/view"],
     ["harness/process"],
     ["harness/ranks"],
     ["harness/study"],
-    ["harness/view"],
     ["harness/window"],
     ["harness/cli"],
 ]

@@ -291,6 +291,41 @@ class Input(InTemporaryFolder):
         self.assertIn("Prediction: box@64", self.out.read_text())
         self.assertIn("not a measurement", self.out.read_text())
 
+    def test_a_haptic_study_has_its_histograms(self):
+        def drawn(result):
+            made = report(self.write("a.json", result), "--out", self.out)
+            self.assertEqual(made.returncode, 0, made.stderr)
+            page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
+            return json.loads(page.replace("<\\/", "</"))["figures"]
+
+        figure, = drawn(haptic_result())
+        self.assertEqual(figure["name"], "latency")
+        self.assertEqual([(panel["match"]["scene"], panel["match"]["hertz"], panel["match"]["edited"]) for panel in figure["panels"]],
+                         [("grasp", 1000, "no"), ("grasp", 1000, "yes"), ("grasp", 5000, "no"), ("grasp@30x26x23", 1000, "no")])
+        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        self.assertEqual(len(rows), len(haptic_result()["haptic"]))
+        first = rows[0]
+        # Around two bins beside each other and one by itself, of which the last holds p99.9.
+        self.assertEqual(first["share"], [0.00025, 0.9, 0.0985, 0.00025, 0.00025, 0.0015, 0.00025])
+        self.assertEqual(first["edge"], [9.99, 10, 11.22, 12.59, 99.9, 100, 112.2])
+        self.assertEqual(first["share_at_p999"], 0.0015)
+        self.assertEqual((first["p999"], first["period"], first["drawn"]), (105, 1000, "no"))
+        title = re.search(r'<section data-figure="latency"><h2>(.*?)</h2>', self.out.read_text())[1].replace("\N{NO-BREAK SPACE}", " ")
+        self.assertEqual(title, "On NVIDIA H200 the force of 99.9 % of the ticks at 5 kHz is there in time in 1 of 1 rows, soonest with "
+                                "cuda_implicit_cached increment on grasp: within 105 µs; drawing costs 4 % of the steps that fit into a "
+                                "tick at the median")
+        # Rows of before histograms are read, and have none.
+        old = haptic_result()
+        for row in old["haptic"]:
+            for key in ("histogram", "drawn", "pictures_per_second"):
+                del row[key]
+        self.assertEqual(drawn(old), [])
+        for bad in ([[1e-5]], [[1e-5, 0]], [[0, 1]], [[1e-5, 1], [1e-5, 1]], [[2, 1]], ["x"]):
+            broken = haptic_result()
+            broken["haptic"][1]["histogram"] = bad
+            self.assert_refused(report(self.write("broken.json", broken), "--out", self.out), "broken.json",
+                                "haptic[1].histogram[", "where a bin begins")
+
     def test_nothing_in_the_page_can_end_its_data_early(self):
         result = h200("table1")
         for row in result["benchmarks"]:
@@ -298,6 +333,23 @@ class Input(InTemporaryFolder):
             row["name"] = row["name"].replace("heart", "</script><h1 id=evil>")
         self.assertEqual(report(self.write("evil.json", result), "--out", self.out).returncode, 0)
         self.assertNotIn("</script><h1 id=evil>", self.out.read_text())
+
+
+def haptic_result():
+    """Made up: two scenes, two rates, with edits and drawn."""
+    def row(scene, backend, hertz, edited=False, drawn=False, slower=1):
+        bins = [[1e-5 * slower, 1800], [1e-5 * slower * 10**0.05, 197], [1e-4 * slower, 3]]
+        return {"name": f"{scene}/{backend}/increment/float32", "scene": scene, "backend": backend, "formulation": "increment",
+                "precision": "float32", "tuning": "", "hertz": hertz, "edited": edited, "drawn": drawn, "ticks": 2000,
+                "median_seconds": 1.1e-5 * slower, "p99_seconds": 1.2e-5 * slower, "p999_seconds": 1.05e-4 * slower,
+                "worst_seconds": 1.1e-4 * slower, "missed": 0, "steps_that_fit": 48 if drawn else 50, "force_error": 1e-6,
+                "real_time": True, "histogram": bins, "pictures_per_second": 60.0 if drawn else None}
+
+    result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
+    result["haptic"] = [row("grasp", "cuda_implicit_cached", 1000), row("grasp", "cuda_implicit_cached", 1000, drawn=True, slower=1.3),
+                        row("grasp", "cpu_parallel", 1000, slower=10), row("grasp", "cuda_implicit_cached", 1000, edited=True),
+                        row("grasp", "cuda_implicit_cached", 5000), row("grasp@30x26x23", "gl_compute_implicit", 1000, slower=2)]
+    return result
 
 
 # Values that have caught readers out, for any key.
@@ -325,6 +377,7 @@ def small_result():
     for study, count in (("pareto", 6), ("stability", 4), ("stress", 4)):
         result[study] = h200(study)[study][:count]
     result["stability_map"] = h200("stability")["stability_map"][:1]
+    result["haptic"] = haptic_result()["haptic"]
     result["failed"] = result["skipped"] = [{"name": "n", "scene": "heart", "backend": "b", "reason": "r"}]
     return with_work(result)
 
@@ -579,8 +632,11 @@ class Page(unittest.TestCase):
         count = sum(row["backend"] == "cuda_scatter" for row in medians("figure8"))
         self.script("document.querySelector('details[data-figure=figure8]').open = true")
         self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
+        # The roofline's points lie over lines of no backend.
+        self.assertGreater(self.marks("roofline", "cuda_scatter"), 0)
         self.driver_click("#filters input[value=cuda_scatter]")
-        self.assertEqual(self.marks("figure8", "cuda_scatter"), 0)
+        for figure in ("figure8", "roofline"):
+            self.assertEqual(self.marks(figure, "cuda_scatter"), 0)
         self.assertGreater(self.marks("figure8", "cuda_implicit_cached"), 0)
         self.assertEqual(self.table("figure8", "backend"), rows - {"cuda_scatter"})
         self.driver_click("#filters input[value=cuda_scatter]")
@@ -709,6 +765,44 @@ class Page(unittest.TestCase):
                 for one, other in itertools.combinations(backends, 2):
                     with self.subTest(scheme=scheme, vision=vision, colours=(one, other)):
                         self.assertGreater(math.dist(seen(one, vision), seen(other, vision)), 0.06)
+
+
+class Latencies(InTemporaryFolder):
+    """The figure that the committed results have nothing for."""
+
+    def test_every_histogram_is_drawn_in_both_schemes_and_filtered(self):
+        made = report(self.write("haptic.json", haptic_result()), "--out", self.out)
+        self.assertEqual(made.returncode, 0, made.stderr)
+        browser = Browser()
+        self.addCleanup(browser.driver.quit)
+        colours = {}
+        for width, scheme in itertools.product(WIDTHS, SCHEMES):
+            with self.subTest(width=width, scheme=scheme):
+                browser.open(self.out, width, scheme)
+                self.assertEqual(browser.driver.get_log("browser"), [])
+                lines, marks, fits = browser.script(
+                    "const section = document.querySelector('section[data-figure=latency]');"
+                    "return [[...section.querySelectorAll('.mark-line > path')].map((line) => [getComputedStyle(line).stroke, "
+                    "line.getAttribute('stroke-dasharray') || '', line.getBBox().width]),"
+                    "section.querySelectorAll('.mark-symbol > path').length,"
+                    "document.documentElement.scrollWidth <= document.documentElement.clientWidth]")
+                self.assertEqual((len(lines), marks), (6, 6))
+                self.assertEqual(sorted(dashes for _, dashes, _ in lines), ["1,0"] * 5 + ["4,3"])
+                self.assertTrue(all(extent > 50 for _, _, extent in lines), lines)
+                self.assertTrue(fits)
+                colours[scheme] = {stroke for stroke, _, _ in lines}
+        for scheme in SCHEMES:
+            self.assertEqual(len(colours[scheme]), 3, "a colour a backend")
+        self.assertFalse(colours["light"] & colours["dark"])
+        browser.script("const box = document.querySelector('#filters input[value=cpu_parallel]'); box.checked = false;"
+                       "box.dispatchEvent(new Event('change', {bubbles: true}))")
+        browser.settle()
+        self.assertEqual(browser.script("return document.querySelectorAll('#latency-0 .mark-line > path').length"), 2)
+        browser.script("document.querySelector('details[data-figure=latency]').open = true")
+        browser.settle()
+        table = browser.script("return [...document.querySelectorAll('details[data-figure=latency] tr')].map((row) => row.innerText)")
+        self.assertEqual(len(table), 1 + 5)
+        self.assertIn("p99.9 (µs)", table[0])
 
 
 class Parts(InTemporaryFolder):

@@ -2,8 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
 #include <sstream>
 #include <string>
@@ -11,6 +13,7 @@
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/base/histogram.h"
 #include "harness/base/progress.h"
 #include "harness/base/statistics.h"
 #include "harness/results/google_benchmark.h"
@@ -30,6 +33,46 @@ TEST(Statistics, AreThoseOfASample) {
     EXPECT_DOUBLE_EQ(mean({1, 2, 6}), 3);
     EXPECT_DOUBLE_EQ(standard_deviation({1, 2, 3, 4}), std::sqrt(5.0 / 3));
     EXPECT_DOUBLE_EQ(standard_deviation({7}), 0);
+}
+
+TEST(Histograms, PercentilesAreValuesOfTheirRank) {
+    std::vector<double> sorted;
+    for (int n = 1; n <= 200; ++n) sorted.push_back(n);
+    EXPECT_EQ(percentile(sorted, 0.5), 100);
+    EXPECT_EQ(percentile(sorted, 0.99), 198);
+    EXPECT_EQ(percentile(sorted, 0.999), 200);
+    EXPECT_EQ(percentile({7}, 0.5), 7);
+}
+
+TEST(Histograms, ValuesAreInTheBinThatBeginsAtOrBelowThem) {
+    // Of every bin the begin, what is just below it, and its middle.
+    const double ratio = std::pow(10, 1.0 / bins_a_decade);
+    std::vector<double> values;
+    for (const auto& [begin, count] : histogram_of({1e-7, 2.5e-6, 3e-5, 4.7e-4, 0.9})) {
+        EXPECT_EQ(count, 1);
+        for (const double value : {begin, begin * (1 - 1e-9), begin * std::sqrt(ratio)})
+            values.push_back(value);
+    }
+    std::sort(values.begin(), values.end());
+    std::int64_t total = 0;
+    std::size_t next = 0;
+    for (const auto& [begin, count] : histogram_of(values)) {
+        for (std::int64_t n = 0; n < count; ++n, ++next) {
+            EXPECT_TRUE(values[next] >= begin || next == 0) << values[next];
+            EXPECT_LT(values[next], begin * ratio * (1 - 1e-12)) << begin;
+        }
+        total += count;
+    }
+    EXPECT_EQ(total, 15);
+}
+
+TEST(Histograms, WhatLiesBeyondTheBinsIsInTheFirstAndTheLast) {
+    const Histogram histogram = histogram_of({0, 1e-9, 1e-7, 2, 1e9});
+    ASSERT_EQ(histogram.size(), 2u);
+    EXPECT_DOUBLE_EQ(histogram[0].first, histogram_begin);
+    EXPECT_EQ(histogram[0].second, 3);
+    EXPECT_DOUBLE_EQ(histogram[1].first * std::pow(10, 1.0 / bins_a_decade), histogram_end);
+    EXPECT_EQ(histogram[1].second, 2);
 }
 
 Row timed_row() {

@@ -352,35 +352,6 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
     expect_contains(refusal([&] { (void)run_study(timing, options); }), "not of the kind scaling");
 }
 
-TEST_F(StudyKinds, HapticPlaysTheMotionAndReadsTheForce) {
-    (void)write("hand.csv", "time,x,y,z\n0,0,0,0\n1,0.2,0,0\n2,0.2,0.1,0\n");
-    const std::string scene = write("held.json", R"({"dataset": {"type": "box", "dims": [4, 4, 4]},
-        "pinned": {"side": "x-"}, "tool": {"side": "x+", "stiffness": 0.5, "motion": "hand.csv"}})");
-    Study study;
-    study.name = "test";
-    study.kind = "haptic";
-    study.settings = {{"rates", {500, 1000}}, {"motion_seconds", 0.125}};
-    study.backends = {"cpu_reference", "cpu_parallel"};
-    study.scenes = {{scene, 40, {}}};
-    const nlohmann::json result = run_study(study, {});
-    ASSERT_EQ(result.at("haptic").size(), 8u) << result.at("failed");
-    for (const auto& row : result.at("haptic")) {
-        SCOPED_TRACE(row.dump());
-        EXPECT_GT(row.at("median_seconds"), 0.0);
-        EXPECT_LE(row.at("median_seconds"), row.at("p99_seconds"));
-        EXPECT_LE(row.at("p99_seconds"), row.at("p999_seconds"));
-        EXPECT_LE(row.at("p999_seconds"), row.at("worst_seconds"));
-        EXPECT_EQ(row.at("ticks").get<int>() + row.at("missed").get<int>(),
-                  int(std::lround(0.125 * row.at("hertz").get<double>())));
-        EXPECT_GT(row.at("steps_that_fit"), 0);
-        // The oracle is the reference itself, but for its formulation; the other rounds to float32.
-        EXPECT_LT(row.at("force_error"), row.at("precision") == "float64" ? 1e-12 : 1e-3);
-        EXPECT_EQ(row.at("force_error") == 0.0, row.at("backend") == "cpu_reference");
-    }
-    study.scenes = {{"box@4", 20, {}}};
-    expect_contains(refusal([&] { (void)run_study(study, {}); }), "no tool");
-}
-
 Study timing_of(const std::vector<StudyScene>& scenes) {
     Study study;
     study.name = "test";

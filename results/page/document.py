@@ -238,7 +238,7 @@ def answer(charts, results, rows, runs, drawn, pictures):
 
 
 def filters(charts, results):
-    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling")
+    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling", "haptic")
     scenes = sorted({row["scene"] for result in results for name in lists for row in result.lists[name]},
                     key=reading.natural)
     options = "".join(f'<option value="{escape(scene)}">{escape(scene)}</option>' for scene in scenes)
@@ -260,6 +260,8 @@ def key(words):
                   for name, shape in shapes.items()]
     if "precision" in words:
         items += ["— float32", "··· float64"]
+    if "drawn" in words:
+        items += ["— alone", "- - drawn meanwhile"]
     if "region" in words:
         items += [swatch("square", f"var(--{name})") + f"{name[0]}: {name}" for name in reading.REGIONS]
     return f'<ul class="key">{"".join(f"<li>{item}</li>" for item in items)}</ul>' if items else ""

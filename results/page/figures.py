@@ -181,7 +181,7 @@ class Charts:
     def panel(self, heading, match, chart, alternative, height=None, step=None):
         """A chart as Vega-Lite, as wide as its panel and filtered; its height is fixed or follows its rows."""
         chart = chart.add_params(alt.param(name="shown", value=self.backends), alt.param(name="scene", value=""))
-        chart = chart.transform_filter("indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)")
+        chart = filtered(chart, "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)")
         chart = chart.properties(width="container", height=height or step[1], description=alternative,
                                  autosize=alt.AutoSizeParams(type="fit-x", contains="padding"))
         return Panel(heading, match, chart.to_dict(), step)
@@ -189,6 +189,16 @@ class Charts:
 
 def source():
     return alt.Chart(alt.NamedData("rows"))
+
+
+def filtered(chart, condition):
+    """A chart of those rows that fulfil a condition. What lies over lines of other data has its rows by itself: a filter of
+    the whole would not reach them."""
+    if not isinstance(chart, alt.LayerChart) or chart.data is not alt.Undefined:
+        return chart.transform_filter(condition)
+    chart = chart.copy()
+    chart.layer = [layer.transform_filter(condition) if isinstance(layer.data, alt.NamedData) else layer for layer in chart.layer]
+    return chart
 
 
 TIME = [("microseconds", "time a step (µs)", 4), ("least", "least (µs)", 4), ("most", "most (µs)", 4)]
@@ -697,6 +707,97 @@ def scaling_forecast(charts, results):
                   used(results, having="scaling"))
 
 
+TICK = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
+        ("hertz", "ticks a second", 6), ("edited", "edits", None), ("drawn", "drawn", None), ("pictures", "pictures a second", 3),
+        ("median", "median (µs)", 4), ("p99", "p99 (µs)", 4), ("p999", "p99.9 (µs)", 4), ("worst", "worst (µs)", 4),
+        ("missed", "missed", 6), ("ticks", "played", 6), ("steps_that_fit", "steps that fit", 6)]
+DRAWN_DASHES = {"no": [1, 0], "yes": [4, 3]}
+
+
+def outline(bins, floor):
+    """The points that a line, step after step, goes around a histogram by: edges in microseconds, and shares."""
+    points = []
+    for number, share in sorted(bins.items()):
+        if number - 1 not in bins:
+            # A hair before the bin, since a line's points are in the order of their edges.
+            points.append((reading.bin_begin(number) * 0.999, floor))
+        points.append((reading.bin_begin(number), share))
+        if number + 1 not in bins:
+            points.append((reading.bin_begin(number + 1), floor))
+    edges, shares = ([reading.significant(value, 4) for value in values] for values in zip(*points))
+    return edges, shares
+
+
+def share_at(bins, microseconds):
+    """The height of the outline there."""
+    below = [number for number in bins if reading.bin_begin(number) <= microseconds * (1 + 1e-9)]
+    return bins[max(below, default=min(bins))]
+
+
+def rate_text(hertz):
+    return f"{hertz / 1e3:.3g}{SPACE}kHz" if hertz >= 1e3 else f"{hertz:.3g}{SPACE}Hz"
+
+
+def drawing_costs(rows):
+    """By how much drawing lowers the steps that fit, of pairs of rows that differ in nothing else."""
+    pairs = groups(rows, "scene", "contender", "hertz", "edited").values()
+    fitting = [{row["drawn"]: row["steps_that_fit"] for row in pair} for pair in pairs]
+    return [1 - pair["yes"] / pair["no"] for pair in fitting if pair.get("no") and "yes" in pair]
+
+
+def latencies(charts, results):
+    rows = reading.latest(reading.haptic(results), "machine", "scene", "contender", "hertz", "edited", "drawn")
+    if not rows:
+        return None
+    findings, panels, drawn_rows = [], [], []
+    for (machine,), group in groups(rows, "machine").items():
+        highest = max(row["hertz"] for row in group)
+        plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no")]
+        text = []
+        if plain:
+            first = min(plain, key=lambda row: row["p999"])
+            within = sum(row["p999"] <= row["period"] for row in plain)
+            text.append(f"the force of 99.9{SPACE}% of the ticks at {rate_text(highest)} is there in time in {within} of {len(plain)} "
+                        f"rows, soonest with {first['contender']} on {first['scene']}: within {time_text(first['p999'])}")
+        if costs := drawing_costs(group):
+            text.append(f"drawing costs {percent(max(0, statistics.median(costs)))} of the steps that fit into a tick at the median")
+        findings.append((machine, "; ".join(text) or f"{len(group)} rows are of edits or drawing alone"))
+    for (machine, scene, hertz, edited), group in groups(rows, "machine", "scene", "hertz", "edited").items():
+        floor = 0.5 / max(row["ticks"] for row in group)
+        for row in group:
+            edges, shares = outline(row["bins"], floor)
+            drawn_rows.append({**{key: row[key] for key in row if key != "bins"}, "edge": edges, "share": shares,
+                               "share_at_p999": share_at(row["bins"], row["p999"])})
+        period = group[0]["period"]
+        ends = [reading.bin_begin(number + end) for row in group for number in row["bins"] for end in (0, 1)]
+        x = alt.X("edge:Q", title="from the tool's position to the force (µs)", axis=alt.Axis(format="~g"), scale=alt.Scale(
+            type="log", nice=False, domain=[min(ends) / 1.2, max(*ends, period) * 1.2]))
+        y = alt.Y("share:Q", title="share of the ticks in a bin", axis=alt.Axis(format="~e"),
+                  scale=alt.Scale(type="log", nice=False, domain=[floor, 1]))
+        lines = source().transform_flatten(["edge", "share"]).mark_line(
+            interpolate="step-after", strokeWidth=1.3, clip=True).encode(
+                x=x, y=y, color=charts.colour(), detail="contender:N", strokeDash=alt.StrokeDash("drawn:N", legend=None, scale=alt.Scale(
+                    domain=list(DRAWN_DASHES), range=list(DRAWN_DASHES.values()))))
+        marks = [source().transform_filter(f"datum.drawn == '{drawn}'").mark_point(filled=drawn == "no", size=60).encode(
+            x="p999:Q", y="share_at_p999:Q", color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(TICK))
+            for drawn in DRAWN_DASHES]
+        at_period = alt.Chart(alt.InlineData(values=[{"x": period, "y": 1, "text": "period"}]))
+        rule = at_period.mark_rule(color="var(--ink)", strokeDash=[4, 4]).encode(x="x:Q")
+        name = at_period.mark_text(align="right", dx=-4, dy=4, baseline="top", color="var(--soft)").encode(
+            x="x:Q", y="y:Q", text="text:N")
+        alternative = (f"Histograms for {scene} at {rate_text(hertz)} on {machine}: share of the ticks over their time for "
+                       f"{len(distinct(group, 'contender'))} strategies, both logarithmic, with a line at the period of a tick.")
+        with_edits = ", with edits" if edited == "yes" else ""
+        panels.append(charts.panel(f"{scene}, {rate_text(hertz)}{with_edits}, {machine}",
+                                   {"machine": machine, "scene": scene, "hertz": hertz, "edited": edited},
+                                   alt.layer(lines, rule, name, *marks), alternative, 300))
+    return Figure("latency", by_machine(findings), "A tool's recorded motion in real time: how long a tick takes from the tool's "
+                  "position leaving the host to the force arriving there, in bins of a twentieth of a decade. Of the ticks left of "
+                  "the dashed line the force is there before the next one is due. Marks: 99.9% of the ticks are no later, filled "
+                  "where nothing is drawn. Edits are a cut or a suture ten times a second.", TICK, drawn_rows, panels,
+                  used(results, having="haptic"), legend="backend drawn")
+
+
 HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
            ("backend", "backend", None), ("contender", "strategy", None), ("commit", "commit", None),
            ("day", "date", None), *TIME, ("rounding", "rounding error", 3), ("verdict", "first to last run", None),
@@ -841,10 +942,11 @@ def latest_runs(results):
 def all_figures(results):
     """The colours of the page, and the figures that these results have something for in its order."""
     rows, runs = reading.measured(results), latest_runs(results)
-    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling", "failed")
+    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling", "haptic", "failed")
     charts = Charts({row["backend"] for result in results for name in lists for row in result.lists[name]})
     figures = [datasets(charts, results, rows), figure7(charts, results, rows), figure8(charts, results, rows),
                front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows), intensity(charts, results, rows),
                stability_map(charts, results), stability(charts, results), edits(charts, results, rows),
-               scaling(charts, results), scaling_forecast(charts, results), history(charts, results, rows), stress(charts, results)]
+               scaling(charts, results), scaling_forecast(charts, results), latencies(charts, results), history(charts, results, rows),
+               stress(charts, results)]
     return charts, [figure for figure in figures if figure]

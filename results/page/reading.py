@@ -35,6 +35,9 @@ REQUIRED = {
     "scaling": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "family": str, "scaling": str,
                 "ranks": int, "way": str, "particles": int, "seconds_per_step": Positive, "compute_seconds": float,
                 "exchange_seconds": float, "waiting_seconds": float},
+    "haptic": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "hertz": Positive, "edited": bool,
+               "ticks": int, "median_seconds": Positive, "p99_seconds": Positive, "p999_seconds": Positive,
+               "worst_seconds": Positive, "missed": int, "steps_that_fit": int},
     "failed": {"name": str, "scene": str, "backend": str, "reason": str},
     "skipped": {"name": str, "scene": str, "backend": str, "reason": str},
 }
@@ -42,8 +45,9 @@ REQUIRED = {
 OPTIONAL = {
     **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
                      "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
-                     "measured", "particles", "step_bytes", "efficiency", "predicted_seconds", "step_footprint_bytes", "step_operations"), float),
-    **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str),
+                     "measured", "particles", "step_bytes", "efficiency", "predicted_seconds", "step_footprint_bytes", "step_operations",
+                     "pictures_per_second"), float),
+    **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str), "drawn": bool, "histogram": list,
 }
 WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
         bool: "true or false", list: "a list", dict: "an object"}
@@ -120,6 +124,16 @@ def check_fastest(path, where, row):
         paper = need(path, where, row, "paper", dict)
         need(path, f"{where}.paper", paper, "name", str)
         need(path, f"{where}.paper", paper, "ratio", Positive)
+
+
+def check_histogram(path, where, row):
+    last = 0
+    for index, entry in enumerate(row.get("histogram") or []):
+        good = isinstance(entry, list) and len(entry) == 2 and is_a(entry[0], Positive) and is_a(entry[1], int)
+        if not good or entry[1] < 1 or not last < entry[0] <= 1:
+            raise BadInput(f"{path}: {where}.histogram[{index}]: {shown(entry)}; expected where a bin begins, beyond the one before, "
+                           "and a count above 0")
+        last = entry[0]
 
 
 # Rates of arithmetic: of a device the highest counts.
@@ -201,6 +215,8 @@ def read(path):
                 check_map(path, place, row)
             if name == "fastest":
                 check_fastest(path, place, row)
+            if name == "haptic":
+                check_histogram(path, place, row)
         lists[name] = rows
     driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
     return Result(path, study, machine, driver, need(path, where, about, "commit", str),
@@ -372,6 +388,31 @@ def scaling_forecast(results):
                        "measured_ranks": most["ranks"], "ranks": ranks, "microseconds": seconds * 1e6, "efficiency": efficiency,
                        "half": half} for ranks, seconds, efficiency in counts]
     return found
+
+
+# As in harness/base/histogram.h.
+HISTOGRAM_BEGIN, BINS_A_DECADE = 1e-7, 20
+
+
+def bins_of(row):
+    """The histogram of a row: the number of a bin, and the share of the ticks that it has."""
+    counted = sum(count for _, count in row["histogram"])
+    return {round(BINS_A_DECADE * math.log10(begin / HISTOGRAM_BEGIN)): count / counted for begin, count in row["histogram"]}
+
+
+def bin_begin(number):
+    """In microseconds."""
+    return 1e6 * HISTOGRAM_BEGIN * 10 ** (number / BINS_A_DECADE)
+
+
+def haptic(results):
+    """A row a rate and way of playing, of those that keep a histogram; times in microseconds."""
+    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
+             "contender": contender(row), "hertz": row["hertz"], "edited": "yes" if row["edited"] else "no",
+             "drawn": "yes" if row.get("drawn") else "no", "pictures": row.get("pictures_per_second"), "ticks": row["ticks"],
+             **{name: row[f"{name}_seconds"] * 1e6 for name in ("median", "p99", "p999", "worst")},
+             "missed": row["missed"], "steps_that_fit": row["steps_that_fit"], "period": 1e6 / row["hertz"], "bins": bins_of(row)}
+            for result in results for row in result.lists["haptic"] if row.get("histogram")]
 
 
 def natural(text):

@@ -12,7 +12,9 @@
 #include <thread>
 #include <utility>
 
+#include "backends/gl/context.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/histogram.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
@@ -20,6 +22,7 @@
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
+#include "harness/view/live_drawing.h"
 
 namespace voxspring {
 namespace {
@@ -29,21 +32,37 @@ constexpr double edit_seconds = 0.1;
 /// How often the force is compared with that of the reference, at even intervals of a case's steps.
 constexpr int compared_forces = 20;
 
-struct HapticRow {
-    Row row;
+/// One playing of the motion.
+struct Playing {
     double hertz = 0;
-    bool edited = false;
+    bool edited = false, drawn = false;
+
+    std::string key() const {
+        return fixed_text(hertz, 3) + " Hz" + (edited ? ", edited" : "") + (drawn ? ", drawn" : "");
+    }
+    nlohmann::json question() const {
+        return {{"do", "play"}, {"hertz", hertz}, {"edited", edited}, {"drawn", drawn}};
+    }
+};
+
+struct HapticRow {
+    Row row = {};
+    Playing playing = {};
     int ticks = 0;
     double median_seconds = 0, p99_seconds = 0, p999_seconds = 0, worst_seconds = 0;
     int missed = 0, steps_that_fit = 0;
     std::optional<double> force_error = {};
     bool real_time = false;
+    Histogram histogram = {};
+    std::optional<double> pictures_per_second = {};
+    std::optional<std::string> displacements_by = {}, renderer = {};
 };
 
 template <class Self, class Fields>
 void haptic_fields(Self& row, Fields& fields) {
-    fields.required("hertz", row.hertz);
-    fields.required("edited", row.edited);
+    fields.required("hertz", row.playing.hertz);
+    fields.required("edited", row.playing.edited);
+    fields.required("drawn", row.playing.drawn);
     fields.required("ticks", row.ticks);
     fields.required("median_seconds", row.median_seconds);
     fields.required("p99_seconds", row.p99_seconds);
@@ -53,6 +72,10 @@ void haptic_fields(Self& row, Fields& fields) {
     fields.required("steps_that_fit", row.steps_that_fit);
     fields.nullable("force_error", row.force_error);
     fields.required("real_time", row.real_time);
+    fields.required("histogram", row.histogram);
+    fields.nullable("pictures_per_second", row.pictures_per_second);
+    fields.nullable("displacements_by", row.displacements_by);
+    fields.nullable("renderer", row.renderer);
 }
 
 nlohmann::json to_json(const HapticRow& row) {
@@ -119,16 +142,25 @@ void wait_until(Clock::time_point when) {
     while (Clock::now() < when) continue;
 }
 
-/// The value that a fraction of them does not exceed. `sorted`: ascending, not empty.
-double percentile(const std::vector<double>& sorted, double fraction) {
-    const auto rank = std::size_t(std::ceil(fraction * double(sorted.size())));
-    return sorted[std::max<std::size_t>(rank, 1) - 1];
-}
+/// What a case that is drawn has beside its backend: a context, which those of the drawing and of a backend
+/// that is made after it share buffers with, and such a backend.
+struct Shared {
+    explicit Shared(const BackendSpec& spec) : backend(spec.make()) {
+        const Capabilities on = backend->capabilities();
+        if (context.capabilities().is_software && on.family != ApiFamily::cpu && !on.is_software)
+            throw Unavailable("OpenGL is software here, which draws on the processor and not on " +
+                              on.device);
+    }
+    gl::Context context;
+    gl::Sharing sharing{context};
+    std::unique_ptr<Backend> backend;
+};
 
 class HapticRunner final : public CaseRunner {
 public:
-    HapticRunner(const Scene& scene, const nlohmann::json& parameters)
-        : scene_(scene),
+    HapticRunner(const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters)
+        : shared_(parameters.at("drawn") ? std::make_unique<Shared>(spec) : nullptr),
+          scene_(scene),
           steps_(parameters.at("steps")),
           seconds_(parameters.at("seconds")),
           edited_(scene.problem),
@@ -136,9 +168,15 @@ public:
         find_edits();
     }
 
-    nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
-        if (question.at("do") == "play")
-            return to_json(play(backend, question.at("hertz"), question.at("edited")));
+    nlohmann::json answer(Backend& own, const nlohmann::json& question, const OnEvent&) override {
+        Backend& backend = shared_ ? *shared_->backend : own;
+        if (question.at("do") == "play") {
+            const Playing playing{question.at("hertz"), question.at("edited"), question.at("drawn")};
+            HapticRow row = play(backend, playing);
+            row.steps_that_fit = steps_that_fit(backend, 1 / playing.hertz);
+            drawing_.reset();
+            return to_json(row);
+        }
         nlohmann::json forces = nlohmann::json::array();
         for (const glm::dvec3& f : forces_of(runner_, backend, steps_)) forces.push_back({f.x, f.y, f.z});
         return forces;
@@ -159,22 +197,21 @@ private:
         edits_[1] = editor.suture(pairs);
     }
 
-    /// The whole motion in seconds_, a tick every 1 / `hertz`: where the tool is goes out, a step is taken,
+    /// The whole motion in seconds_, a tick every 1 / hertz: where the tool is goes out, a step is taken,
     /// the force comes back. A tick that begins late is left out, and so are those whose time is over.
-    HapticRow play(Backend& backend, double hertz, bool edited) {
-        HapticRow row{.row = {}, .hertz = hertz, .edited = edited};
+    HapticRow play(Backend& backend, const Playing& playing) {
+        HapticRow row{.playing = playing};
+        const double hertz = playing.hertz;
         const int ticks = std::max(1, int(std::lround(seconds_ * hertz)));
         const int ticks_an_edit = std::max(1, int(std::lround(edit_seconds * hertz)));
-        warm_up(backend);
-        runner_.rewind(backend);
-        edited_ = scene_.problem;
-        backend.synchronize();
+        stand_at_start(backend, playing.drawn);
         std::size_t next_edit = 0;
         std::vector<double> latencies;
+        const std::int64_t drawn_before = drawing_ ? drawing_->pictures() : 0;
         const auto start = Clock::now();
         for (int tick = 0; tick < ticks;) {
             const SpringEdit* edit = nullptr;
-            if (edited && tick / ticks_an_edit >= int(next_edit)) {
+            if (playing.edited && tick / ticks_an_edit >= int(next_edit)) {
                 edit = &edits_[next_edit++ % 2];
                 apply(edited_, *edit);
             }
@@ -183,13 +220,21 @@ private:
             const auto begin = Clock::now();
             if (edit != nullptr) backend.edit(edited_, *edit);
             const glm::dvec3 force = tick_once(backend, double(tick) / ticks, 1);
-            const auto end = Clock::now();
+            const auto force_there = Clock::now();
             if (!std::isfinite(glm::length(force))) throw std::runtime_error("the force is not finite");
-            latencies.push_back(seconds_between(begin, end));
-            const int late = int(std::ceil(seconds_between(start, end) * hertz));
+            latencies.push_back(seconds_between(begin, force_there));
+            if (drawing_ && edit != nullptr) drawing_->follow(*edit);
+            if (drawing_) drawing_->follow_mesh();
+            const int late = int(std::ceil(seconds_between(start, Clock::now()) * hertz));
             const int next = std::clamp(late, tick + 1, ticks);
             row.missed += next - tick - 1;
             tick = next;
+        }
+        if (drawing_) {
+            const auto drawn = double(drawing_->pictures() - drawn_before);
+            row.pictures_per_second = drawn / seconds_between(start, Clock::now());
+            row.displacements_by = drawing_->from_device() ? "feed" : "download";
+            row.renderer = shared_->context.capabilities().device;
         }
         row.ticks = int(latencies.size());
         std::sort(latencies.begin(), latencies.end());
@@ -197,9 +242,25 @@ private:
         row.p99_seconds = percentile(latencies, 0.99);
         row.p999_seconds = percentile(latencies, 0.999);
         row.worst_seconds = latencies.back();
-        row.steps_that_fit = steps_that_fit(backend, 1 / hertz);
+        row.histogram = histogram_of(latencies);
         row.real_time = real_time_.granted();
         return row;
+    }
+
+    /// The start of the motion, drawn from here on if it is to be.
+    void stand_at_start(Backend& backend, bool drawn) {
+        drawing_.reset();
+        warm_up(backend);
+        runner_.rewind(backend);
+        edited_ = scene_.problem;
+        backend.synchronize();
+        if (!drawn) return;
+        drawing_.emplace(shared_->context, backend, scene_.problem);
+        // Its first picture, for which the card allocates, is before the first tick.
+        while (drawing_->pictures() == 0) {
+            drawing_->hand_over_if_due();
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));  // a real-time thread makes room
+        }
     }
 
     /// Compiles and captures what the first tick would.
@@ -213,49 +274,64 @@ private:
         }
     }
 
-    /// `part` of the motion is over.
-    glm::dvec3 tick_once(Backend& backend, double part, int steps) const {
+    /// `part` of the motion is over. The tick that a picture's time falls into begins with what the picture
+    /// needs: a loop that hands it over after the force would miss the next tick instead.
+    glm::dvec3 tick_once(Backend& backend, double part, int steps) {
         const ToolMotion& motion = scene_.tool_motion;
+        if (drawing_) drawing_->hand_over_if_due();
         backend.move_tool(motion.at(part * motion.time.back()));
         backend.step(steps);
         return backend.tool_force();
     }
 
-    /// The most whose median time, with the tool's way in and the force's way out, is within the period.
-    int steps_that_fit(Backend& backend, double period) const {
-        constexpr int most = 1 << 16;
-        const auto fits = [&](int steps) {
+    /// The most that are taken within the period, with the tool's way in and the force's way out: of ticks
+    /// one after another, drawn or not as the motion was. Their median says where to look; their mean counts,
+    /// over so long that some pictures fall into it.
+    int steps_that_fit(Backend& backend, double period) {
+        constexpr int most = 1 << 16, least_ticks = 9;
+        constexpr double long_enough = 0.1;
+        const auto ticks = [&](int steps, double seconds) {
             std::vector<double> times;
-            for (int n = 0; n < 10; ++n) {
-                const auto begin = Clock::now();
+            // The first may have to capture or record so many steps.
+            (void)tick_once(backend, 1, steps);
+            const auto start = Clock::now();
+            for (auto end = start;
+                 int(times.size()) < least_ticks || seconds_between(start, end) < seconds;) {
+                const auto begin = end;
                 (void)tick_once(backend, 1, steps);
-                // The first may have to capture or record so many steps.
-                if (n > 0) times.push_back(seconds_between(begin, Clock::now()));
+                end = Clock::now();
+                times.push_back(seconds_between(begin, end));
             }
-            return median(times) <= period;
+            return times;
         };
-        if (!fits(1)) return 0;
-        int low = 1, high = 2;
-        for (; high <= most && fits(high); high *= 2) low = high;
+        int high = 1;
+        while (high <= most && median(ticks(high, 0)) <= period) high *= 2;
+        int low = high / 2;
+        if (low > 0 && mean(ticks(low, long_enough)) > period) {
+            high = low;
+            low /= 2;
+        }
         while (high - low > std::max(1, low / 32)) {
             const int middle = (low + high) / 2;
-            (fits(middle) ? low : high) = middle;
+            (mean(ticks(middle, long_enough)) <= period ? low : high) = middle;
         }
-        return low;
+        return std::min(low, most);
     }
 
-    const RealTime real_time_;  // before the threads of the first step
+    const std::unique_ptr<Shared> shared_;  ///< null: not drawn. Before what makes its threads real-time
+    const RealTime real_time_;              // before the threads of the first step
     const Scene& scene_;
     const int steps_;
     const double seconds_;
     std::array<SpringEdit, 2> edits_;
     Problem edited_;
     SceneRunner runner_;
+    std::optional<LiveDrawing> drawing_;  ///< while a motion is played that is drawn
 };
 
-const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec&, const Scene& scene,
+const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, const Scene& scene,
                                                       const nlohmann::json& parameters, SharedState*) {
-    return std::make_unique<HapticRunner>(scene, parameters);
+    return std::make_unique<HapticRunner>(spec, scene, parameters);
 });
 
 // --- In the process of the study ------------------------------------------------------------------------
@@ -277,23 +353,22 @@ public:
             throw BadInput(where, what, std::to_string(scene.edits.size()) + " edits",
                            "none in a haptic study, which makes its own");
     }
-    int rows_of_case(const Study&, const StudyScene&) const override { return 2 * int(rates_.size()); }
+    int rows_of_case(const Study&, const StudyScene&) const override { return int(playings().size()); }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
     void run(StudyBench& bench) override;
     std::vector<std::string> lists() const override { return {"haptic"}; }
     void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
 
 private:
-    void measure(StudyBench& bench, Case& entered, const std::vector<glm::dvec3>& reference) const;
-    void add_rows(StudyBench& bench, Case& entered, std::optional<double> force_error) const;
+    /// Those of a case, in the order of its rows.
+    std::vector<Playing> playings() const;
+    void measure(StudyBench& bench, const BackendSpec& spec, const std::vector<glm::dvec3>& reference) const;
+    void add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
+                  std::optional<double> force_error) const;
 
     std::vector<double> rates_{1000, 5000, 10000};
     double seconds_ = 2;  ///< in which the motion is played
 };
-
-std::string key_of(double rate, bool edited) {
-    return fixed_text(rate, 3) + " Hz" + (edited ? ", edited" : "");
-}
 
 /// The largest difference of two lists of forces, relative to the largest force.
 std::optional<double> force_error(const nlohmann::json& forces, const std::vector<glm::dvec3>& reference) {
@@ -319,65 +394,97 @@ void HapticStudy::run(StudyBench& bench) {
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
         bench.show(spec.label(), begun++, total);
-        auto entered = bench.enter(spec, {"haptic", {{"steps", bench.item().steps}, {"seconds", seconds_}}});
-        if (entered) measure(bench, *entered, reference);
+        measure(bench, spec, reference);
     }
 }
 
-void HapticStudy::measure(StudyBench& bench, Case& entered, const std::vector<glm::dvec3>& reference) const {
-    JournalScope& scope = entered.scope();
-    const auto once = [&](const std::string& key, const nlohmann::json& question) {
-        if (scope.find(key) != nullptr || scope.find("failed") != nullptr) return;
-        const auto failure =
-            failure_of([&] { scope.keep(key, entered.ask(question, "playing the motion")); });
-        if (failure) scope.keep("failed", *failure);
-    };
-    once("forces", {{"do", "forces"}});
+std::vector<Playing> HapticStudy::playings() const {
+    std::vector<Playing> all;
     for (const double rate : rates_) {
-        for (const bool edited : {false, true})
-            once(key_of(rate, edited), {{"do", "play"}, {"hertz", rate}, {"edited", edited}});
+        for (const bool edited : {false, true}) all.push_back({rate, edited, false});
     }
-    const nlohmann::json* forces = scope.find("forces");
-    add_rows(bench, entered, forces == nullptr ? std::nullopt : force_error(*forces, reference));
-    bench.add_failure(entered);
+    // Of what edits add to drawing, new meshes, the lowest rate tells: they come as often at any other.
+    const double lowest = *std::min_element(rates_.begin(), rates_.end());
+    for (const double rate : rates_) {
+        all.push_back({rate, false, true});
+        if (rate == lowest) all.push_back({rate, true, true});
+    }
+    return all;
 }
 
-void HapticStudy::add_rows(StudyBench& bench, Case& entered, std::optional<double> force_error) const {
-    const Scene& scene = bench.scene();
-    for (const double rate : rates_) {
-        for (const bool edited : {false, true}) {
-            const nlohmann::json* measured = entered.scope().find(key_of(rate, edited));
-            if (measured == nullptr) continue;
-            HapticRow row = haptic_row_from_json(*measured);
-            row.row = row_of(scene.name, entered.spec());
-            row.row.workpiece = Workpiece{.steps = bench.item().steps,
-                                          .particles = scene.problem.particle_count(),
-                                          .springs = count_springs(scene.problem).total()};
-            row.force_error = force_error;
-            bench.add("haptic", to_json(row));
+void HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
+                          const std::vector<glm::dvec3>& reference) const {
+    std::optional<JournalScope> scope;
+    // What is drawn runs in a process of its own: contexts that share buffers may slow each other down.
+    for (const bool drawn : {false, true}) {
+        auto entered = bench.enter(
+            spec, {"haptic", {{"steps", bench.item().steps}, {"seconds", seconds_}, {"drawn", drawn}}});
+        if (!entered) break;
+        scope = entered->scope();
+        const auto once = [&](const std::string& key, const nlohmann::json& question) {
+            for (const char* over : {key.c_str(), "not drawn", "failed"}) {
+                if (scope->find(over) != nullptr) return;
+            }
+            const auto failure = failure_of([&] {
+                try {
+                    scope->keep(key, entered->ask(question, "playing the motion"));
+                } catch (const Unavailable& absent) {
+                    scope->keep(drawn ? "not drawn" : "failed", absent.what());
+                }
+            });
+            if (failure) scope->keep("failed", *failure);
+        };
+        if (!drawn) once("forces", {{"do", "forces"}});
+        for (const Playing& playing : playings()) {
+            if (playing.drawn == drawn) once(playing.key(), playing.question());
         }
+    }
+    if (!scope) return;
+    const nlohmann::json* forces = scope->find("forces");
+    add_rows(bench, spec, *scope, forces == nullptr ? std::nullopt : force_error(*forces, reference));
+    if (const nlohmann::json* why = scope->find("not drawn"))
+        bench.skip(spec, "while it is drawn: " + why->get<std::string>());
+    if (const nlohmann::json* why = scope->find("failed")) bench.fail(spec, *why);
+}
+
+void HapticStudy::add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
+                           std::optional<double> force_error) const {
+    const Scene& scene = bench.scene();
+    for (const Playing& playing : playings()) {
+        const nlohmann::json* measured = scope.find(playing.key());
+        if (measured == nullptr) continue;
+        HapticRow row = haptic_row_from_json(*measured);
+        row.row = row_of(scene.name, spec);
+        row.row.workpiece = Workpiece{.steps = bench.item().steps,
+                                      .particles = scene.problem.particle_count(),
+                                      .springs = count_springs(scene.problem).total()};
+        row.force_error = force_error;
+        bench.add("haptic", to_json(row));
     }
 }
 
 void HapticStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
     const std::vector<Column> columns = {
-        {"scene", 0, true}, {"backend", 0, true}, {"rate"},   {"edits", 3},  {"median"},        {"p99", 1},
-        {"p99.9"},          {"worst", 1},         {"missed"}, {"steps fit"}, {"force error", 2}};
+        {"scene", 0, true}, {"backend", 0, true}, {"rate"},      {"edits", 3},
+        {"pictures/s", 2},  {"median"},           {"p99", 1},    {"p99.9"},
+        {"worst", 1},       {"missed"},           {"steps fit"}, {"force error", 2}};
     std::vector<std::vector<std::string>> table;
     bool real_time = true;
     for (const auto& json : result.at("haptic")) {
         const HapticRow row = haptic_row_from_json(json);
         real_time = real_time && row.real_time;
-        table.push_back({row.row.identity.scene, row.row.label(), si(row.hertz, "Hz"),
-                         row.edited ? "yes" : "no", si(row.median_seconds, "s"), si(row.p99_seconds, "s"),
-                         si(row.p999_seconds, "s"), si(row.worst_seconds, "s"), std::to_string(row.missed),
+        table.push_back({row.row.identity.scene, row.row.label(), si(row.playing.hertz, "Hz"),
+                         row.playing.edited ? "yes" : "no",
+                         row.pictures_per_second ? fixed_text(*row.pictures_per_second, 0) : "-",
+                         si(row.median_seconds, "s"), si(row.p99_seconds, "s"), si(row.p999_seconds, "s"),
+                         si(row.worst_seconds, "s"), std::to_string(row.missed),
                          std::to_string(row.steps_that_fit), error_text(json.at("force_error"))});
     }
     print_columns(columns, table, width, out);
     if (!table.empty())
         out << "The host's thread was " << (real_time ? "" : "not ")
             << "real-time (SCHED_FIFO). Missed: ticks that began before the force of the one before was "
-               "there.\n";
+               "there. Pictures/s: of the body, drawn meanwhile on the same card.\n";
     print_unmeasured(result, out);
 }
 

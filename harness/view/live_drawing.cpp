@@ -1,0 +1,195 @@
+#include "harness/view/live_drawing.h"
+
+#include <omp.h>
+#include <sched.h>
+
+#include <algorithm>
+#include <exception>
+#include <glm/vec4.hpp>
+#include <stdexcept>
+#include <utility>
+
+#include "harness/view/body_mesh.h"
+#include "harness/view/orbit.h"
+
+namespace voxspring {
+namespace {
+
+/// A body that has no surface is no failure of whoever steps it.
+BodyMesh mesh_or_absent(const Problem& problem) {
+    try {
+        return mesh_of(problem);
+    } catch (const std::runtime_error& why) {
+        throw Unavailable(why.what());
+    }
+}
+
+}  // namespace
+
+LiveDrawing::LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem)
+    : own_(own), backend_(backend) {
+    const Capabilities on = backend.capabilities();
+    const bool steps_on_cores = on.family == ApiFamily::cpu || on.is_software;
+    // With a copy of its own, which edits change when their mesh is made.
+    thread_ =
+        std::jthread([this, steps_on_cores, own_problem = problem](const std::stop_token& stop) mutable {
+            // Of the cores that the backend steps on meshes take one.
+            if (steps_on_cores) omp_set_num_threads(1);
+            run(stop, own_problem);
+        });
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return mesh_ > 0 || absent_ || failure_; });
+    if (absent_) throw Unavailable(*absent_);
+    if (failure_) throw DeviceError(*failure_);
+    feed_mesh(std::move(lock));
+    due_ = Clock::now();
+}
+
+LiveDrawing::~LiveDrawing() {
+    (void)own_.try_make_current();  // for feed_
+}
+
+void LiveDrawing::hand_over_if_due() {
+    const auto now = Clock::now();
+    if (now < due_) return;
+    {
+        const std::unique_lock lock(mutex_, std::try_to_lock);
+        if (!lock) return;
+        if (failure_) throw DeviceError(*failure_);
+        if (is_full_ || fed_mesh_ != mesh_) return;
+    }
+    if (feed_) {
+        own_.make_current();
+        feed_->write();
+    } else {
+        handed_over_by_host_ = backend_.download().displacement;
+    }
+    {
+        const std::lock_guard lock(mutex_);
+        is_full_ = true;
+        mesh_of_full_ = fed_mesh_;
+    }
+    changed_.notify_all();
+    constexpr std::chrono::nanoseconds between(1'000'000'000 / pictures_a_second);
+    due_ = std::max(due_ + between, now);
+}
+
+void LiveDrawing::follow(const SpringEdit& edit) {
+    {
+        const std::lock_guard lock(mutex_);
+        edits_.push_back(&edit);
+    }
+    changed_.notify_all();
+}
+
+void LiveDrawing::follow_mesh() {
+    std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock) feed_mesh(std::move(lock));
+}
+
+void LiveDrawing::feed_mesh(std::unique_lock<std::mutex> lock) {
+    if (fed_mesh_ == mesh_) return;
+    fed_mesh_ = mesh_;
+    const std::vector<std::uint32_t> particles = std::move(particles_);
+    const bool shares = shares_;
+    lock.unlock();
+    own_.make_current();
+    feed_.reset();
+    if (!shares) return;
+    handed_over_.replace(own_, std::vector<glm::vec4>(particles.size()));
+    feed_ = backend_.feed(particles, handed_over_.get());
+}
+
+std::int64_t LiveDrawing::pictures() const {
+    const std::lock_guard lock(mutex_);
+    return pictures_;
+}
+
+// --- In the drawing thread ------------------------------------------------------------------------------
+
+void LiveDrawing::run(const std::stop_token& stop, Problem& problem) {
+    // Whoever steps may be real-time, and his threads with him: ticks go before pictures.
+    const sched_param normal{.sched_priority = 0};
+    sched_setscheduler(0, SCHED_OTHER, &normal);
+    // Words, not exceptions, go from thread to thread: they belong to one alone.
+    std::optional<std::string> absent, failure;
+    try {
+        draw(stop, problem);
+    } catch (const Unavailable& why) {
+        absent = why.what();
+    } catch (const std::exception& why) {
+        failure = std::string("drawing: ") + why.what();
+    }
+    {
+        const std::lock_guard lock(mutex_);
+        absent_ = std::move(absent);
+        failure_ = std::move(failure);
+    }
+    changed_.notify_all();
+}
+
+void LiveDrawing::draw(const std::stop_token& stop, Problem& problem) {
+    const gl::Context context;
+    BodyPainter painter(context);
+    painter.set_mesh(mesh_or_absent(problem));
+    Orbit orbit;
+    orbit.show(painter.mesh().low, painter.mesh().high);
+    publish(painter.mesh(), context.shares());
+    // A mesh is seen before the next one is made, however fast edits follow each other.
+    bool is_seen = false;
+    for (;;) {
+        std::vector<const SpringEdit*> edits;
+        {
+            std::unique_lock lock(mutex_);
+            const auto has_work = [&] { return is_full_ || (is_seen && !edits_.empty()); };
+            if (!changed_.wait(lock, stop, has_work) || stop.stop_requested()) return;
+            if (!is_full_) edits.swap(edits_);
+        }
+        if (edits.empty()) {
+            if (!take(painter)) continue;
+            painter.draw(orbit, size, {});
+            glFinish();
+            is_seen = true;
+            const std::lock_guard lock(mutex_);
+            ++pictures_;
+        } else {
+            for (const SpringEdit* edit : edits) apply(problem, *edit);
+            painter.set_mesh(mesh_of(problem));
+            publish(painter.mesh(), context.shares());
+            is_seen = false;
+        }
+    }
+}
+
+void LiveDrawing::publish(const BodyMesh& mesh, bool shares) {
+    {
+        const std::lock_guard lock(mutex_);
+        ++mesh_;
+        particles_ = mesh.particles;
+        shares_ = shares;
+    }
+    changed_.notify_all();
+}
+
+bool LiveDrawing::take(BodyPainter& painter) {
+    bool is_of_this_mesh = false;
+    {
+        const std::lock_guard lock(mutex_);
+        is_of_this_mesh = mesh_of_full_ == mesh_;
+    }
+    if (is_of_this_mesh && feed_) {
+        // Binding it lets this context see what another one has written.
+        glBindBuffer(GL_COPY_READ_BUFFER, handed_over_.get());
+        glBindBuffer(GL_COPY_WRITE_BUFFER, painter.displacements());
+        glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0,
+                            GLsizeiptr(handed_over_.bytes()));
+        glFinish();
+    } else if (is_of_this_mesh) {
+        painter.put_displacements(handed_over_by_host_);
+    }
+    const std::lock_guard lock(mutex_);
+    is_full_ = false;
+    return is_of_this_mesh;
+}
+
+}  // namespace voxspring

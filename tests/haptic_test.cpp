@@ -1,0 +1,183 @@
+// The study haptic: what its rows say, with the body drawn meanwhile and without, and what becomes of a
+// backend that fails.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backends/cpu/cpu_backend.h"
+#include "backends/gl/context.h"
+#include "backends/registry.h"
+#include "harness/base/bad_input.h"
+#include "harness/base/histogram.h"
+#include "harness/base/text.h"
+#include "harness/study/study.h"
+#include "harness/view/live_drawing.h"
+#include "tests/required.h"
+#include "tests/volume_files.h"
+
+namespace voxspring::testing {
+namespace {
+
+// --- A backend that fails once it is drawn
+// ------------------------------------------------------------------
+
+/// cpu_reference, whose state does not come back: only who draws asks for it.
+class Withheld final : public CpuBackend {
+public:
+    Capabilities capabilities() const override { return inner_->capabilities(); }
+    std::string unsupported(const Problem&) const override { return {}; }
+    void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
+    void edit(const Problem& edited, const SpringEdit& edit) override { inner_->edit(edited, edit); }
+    bool has_tool() const override { return true; }
+    void move_tool(const glm::dvec3& displacement) override { inner_->move_tool(displacement); }
+    glm::dvec3 tool_force() override { return inner_->tool_force(); }
+    void step(int count) override { inner_->step(count); }
+    State download() override {
+        if (++downloads_ > 2) throw DeviceError("the device was lost");
+        return inner_->download();
+    }
+    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+
+private:
+    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
+    int downloads_ = 0;
+};
+
+const Registered withheld({.name = "withheld",
+                           .summary = "A backend for this test.",
+                           .precisions = {Precision::float64},
+                           .formulations = {Formulation::increment},
+                           .tuning = {},
+                           .make = [](const Options&) { return std::make_unique<Withheld>(); },
+                           .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+
+// --- Tests -----------------------------------------------------------------------------------------------
+
+class Haptic : public ::testing::Test {
+protected:
+    std::string write(const std::string& name, const std::string& text) const {
+        const auto path = folder_.path() / name;
+        std::ofstream(path) << text;
+        return path.string();
+    }
+    Study study(const std::vector<std::string>& backends, std::vector<int> rates) const {
+        (void)write("hand.csv", "time,x,y,z\n0,0,0,0\n1,0.2,0,0\n2,0.2,0.1,0\n");
+        const std::string scene = write("held.json", R"({"dataset": {"type": "box", "dims": [4, 4, 4]},
+            "pinned": {"side": "x-"}, "tool": {"side": "x+", "stiffness": 0.5, "motion": "hand.csv"}})");
+        Study study;
+        study.name = "test";
+        study.kind = "haptic";
+        study.settings = {{"rates", std::move(rates)}, {"motion_seconds", seconds}};
+        study.backends = backends;
+        study.scenes = {{scene, 40, {}}};
+        return study;
+    }
+    static constexpr double seconds = 0.25;
+
+private:
+    TemporaryFolder folder_;
+};
+
+void expect_consistent_latencies(const nlohmann::json& row) {
+    EXPECT_GT(row.at("median_seconds"), 0.0);
+    EXPECT_LE(row.at("median_seconds"), row.at("p99_seconds"));
+    EXPECT_LE(row.at("p99_seconds"), row.at("p999_seconds"));
+    EXPECT_LE(row.at("p999_seconds"), row.at("worst_seconds"));
+    const auto bins = row.at("histogram").get<Histogram>();
+    std::int64_t counted = 0;
+    // Each percentile is in the bin of its rank.
+    for (const auto& [begin, count] : bins) {
+        EXPECT_GT(count, 0);
+        const double end = begin * std::pow(10, 1.0 / bins_a_decade) * (1 + 1e-12);
+        for (const auto& [key, fraction] :
+             {std::pair("median_seconds", 0.5), {"p99_seconds", 0.99}, {"p999_seconds", 0.999}}) {
+            const auto rank = std::int64_t(std::ceil(fraction * row.at("ticks").get<double>()));
+            if (rank <= counted || rank > counted + count) continue;
+            EXPECT_GE(row.at(key), begin * (1 - 1e-12));
+            EXPECT_LT(row.at(key), end);
+        }
+        counted += count;
+    }
+    EXPECT_EQ(counted, row.at("ticks"));
+    EXPECT_TRUE(std::is_sorted(bins.begin(), bins.end()));
+}
+
+TEST_F(Haptic, PlaysTheMotionAndReadsTheForce) {
+    const nlohmann::json result = run_study(study({"cpu_reference", "cpu_parallel"}, {500}), {});
+    ASSERT_GE(result.at("haptic").size(), 4u) << result.at("failed");
+    for (const auto& row : result.at("haptic")) {
+        SCOPED_TRACE(row.dump());
+        expect_consistent_latencies(row);
+        EXPECT_EQ(row.at("ticks").get<int>() + row.at("missed").get<int>(),
+                  int(std::lround(seconds * row.at("hertz").get<double>())));
+        EXPECT_GT(row.at("steps_that_fit"), 0);
+        // The oracle is the reference itself, but for its formulation; the other rounds to float32.
+        EXPECT_LT(row.at("force_error"), row.at("precision") == "float64" ? 1e-12 : 1e-3);
+        EXPECT_EQ(row.at("force_error") == 0.0, row.at("backend") == "cpu_reference");
+    }
+    Study without = study({"cpu_reference"}, {500});
+    without.scenes = {{"box@4", 20, {}}};
+    EXPECT_THROW((void)run_study(without, {}), BadInput);
+}
+
+/// Why nothing can be drawn here, or nothing.
+std::string without_drawing() {
+    try {
+        const gl::Context context;
+    } catch (const Unavailable& absent) {
+        return absent.what();
+    }
+    return {};
+}
+
+TEST_F(Haptic, DrawsTheBodyMeanwhile) {
+    if (const std::string why = without_drawing(); !why.empty()) {
+        if (is_required("gl")) FAIL() << why;
+        GTEST_SKIP() << why;
+    }
+    const nlohmann::json result = run_study(study({"cpu_parallel", "gl_compute_implicit"}, {500, 1000}), {});
+    std::map<std::string, std::vector<std::string>> played;
+    for (const auto& row : result.at("haptic")) {
+        SCOPED_TRACE(row.dump());
+        expect_consistent_latencies(row);
+        const std::string backend = row.at("backend");
+        played[backend].push_back(fixed_text(row.at("hertz"), 0) + (row.at("edited") ? " edited" : "") +
+                                  (row.at("drawn") ? " drawn" : ""));
+        if (row.at("drawn")) {
+            EXPECT_GT(row.at("pictures_per_second"), 0.0);
+            EXPECT_LE(row.at("pictures_per_second"), 1.5 * LiveDrawing::pictures_a_second);
+            EXPECT_EQ(row.at("displacements_by"), backend == "cpu_parallel" ? "download" : "feed");
+            EXPECT_NE(row.at("renderer"), "");
+        } else {
+            for (const char* key : {"pictures_per_second", "displacements_by", "renderer"})
+                EXPECT_TRUE(row.at(key).is_null()) << key;
+        }
+    }
+    const std::vector<std::string> expected = {"500",       "500 edited",       "1000",      "1000 edited",
+                                               "500 drawn", "500 edited drawn", "1000 drawn"};
+    EXPECT_EQ(played["cpu_parallel"], expected) << result.at("failed") << result.at("skipped");
+    EXPECT_EQ(played["gl_compute_implicit"], expected) << result.at("failed") << result.at("skipped");
+}
+
+TEST_F(Haptic, ABackendThatFailsWhileItIsDrawnKeepsItsOtherRows) {
+    if (const std::string why = without_drawing(); !why.empty()) GTEST_SKIP() << why;
+    const nlohmann::json result = run_study(study({"withheld"}, {500}), {});
+    ASSERT_EQ(result.at("haptic").size(), 2u);
+    for (const auto& row : result.at("haptic")) EXPECT_EQ(row.at("drawn"), false);
+    ASSERT_EQ(result.at("failed").size(), 1u);
+    EXPECT_THAT(result.at("failed")[0].at("reason").get<std::string>(),
+                ::testing::HasSubstr("the device was lost"));
+}
+
+}  // namespace
+}  // namespace voxspring::testing
