@@ -294,14 +294,14 @@ Simulation::Change Simulation::stitch(const std::pair<std::uint32_t, std::uint32
         if (frequency_bound_squared(all) > stable + share_of_room * room)
             return {0, "with another stitch there the time step would no longer be a stable one"};
     }
-    const Change change = by_hand([&](SpringEditor& editor) { return editor.join(edit.added); });
+    Change change = by_hand([&](SpringEditor& editor) { return editor.join(edit.added); });
     if (is_new && change.springs > 0) stitches_.push_back(added.spring);
     return change;
 }
 
 template <class Find>
 Simulation::Change Simulation::by_hand(Find find) {
-    const Change change = change_if_supported(find);
+    Change change = change_if_supported(find);
     if (change.springs > 0) edits_as_scheduled_ = false;
     return change;
 }
