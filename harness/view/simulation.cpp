@@ -206,7 +206,7 @@ std::string Simulation::take_hold(const glm::dvec3& place, double radius, double
     }
     Problem next = problem_;
     voxspring::take_hold(next, std::move(tool));
-    const std::string why = ask([&](const Backend& backend) { return refusal(backend, next, next_edit_); });
+    std::string why = ask([&](const Backend& backend) { return refusal(backend, next, next_edit_); });
     if (!why.empty()) return why;
     upload(std::move(next));
     holds_ = true;
