@@ -164,7 +164,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         __syncthreads();
         const bool idle = __all_sync(0xFFFFFFFFU, words.none()) || !has_tile;
         run_steps(step, tile, words, idle, thread, count, tag);
-        wait_until_all_have_started(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
+        wait_until_counted(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
         const float* const last = points + ((count & 1) != 0 ? shape.half() : 0);
         const float* const previous = points + ((count & 1) != 0 ? 0 : shape.half());

@@ -14,17 +14,28 @@ __device__ inline void give_up(std::uint64_t* stall, std::uint32_t number) {
     __trap();
 }
 
-/// Waits until `wanted` blocks have counted themselves in `started_blocks`: all have read their start from
-/// memory, so that this one may overwrite it after step `number`.
-__device__ inline void wait_until_all_have_started(const std::uint32_t* started_blocks, std::uint32_t wanted,
-                                                   std::uint64_t* stall, std::uint32_t number) {
+/// A block has read what others are to overwrite.
+__device__ inline void count_block(std::uint32_t* counted_blocks) {
+    asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(counted_blocks) : "memory");
+}
+
+/// Waits until `wanted` blocks have counted themselves in `counted_blocks`, so that what they have read may
+/// be overwritten. `number`: of the latest step.
+__device__ inline void wait_until_counted(const std::uint32_t* counted_blocks, std::uint32_t wanted,
+                                          std::uint64_t* stall, std::uint32_t number) {
     std::uint32_t polls_in_vain = 0;
     while (true) {
-        std::uint32_t started = 0;
-        asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(started) : "l"(started_blocks) : "memory");
-        if (int(started - wanted) >= 0) return;
+        std::uint32_t counted = 0;
+        asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(counted) : "l"(counted_blocks) : "memory");
+        if (int(counted - wanted) >= 0) return;
         if (++polls_in_vain == max_resident_polls) give_up(stall, number);
     }
+}
+
+/// Waits for all of `threads` threads of a block at one of the hardware's barriers. __syncthreads() uses 0.
+template <int barrier, int threads>
+__device__ void meet() {
+    asm volatile("bar.sync %0, %1;" ::"n"(barrier), "n"(threads) : "memory");
 }
 #endif
 
