@@ -2,17 +2,9 @@
 // that a thread evaluates in the order of its masks' bits.
 #pragma once
 
+#include "backends/layout/records/loops.h"
 #include "backends/layout/records/springs.h"
 #include "backends/physics/neighbours.h"
-
-#ifdef __CUDACC__
-/// Before a loop: its body as often as it runs, so that what it indexes may be registers; or once.
-#define UNROLLED _Pragma("unroll")
-#define ROLLED _Pragma("unroll 1")
-#else
-#define UNROLLED
-#define ROLLED
-#endif
 
 namespace voxspring::cuda {
 
