@@ -11,6 +11,7 @@
 #include "cuda/common/joint_launch.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
+#include "cuda/common/ticks.h"
 #include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
@@ -57,6 +58,12 @@ std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
                                        (1 + neighbour_bits) * sizeof(std::uint16_t));
 }
 
+/// The macro TOOL.
+std::string name_of(ToolMode mode) {
+    if (mode == ToolMode::none) return "none";
+    return mode == ToolMode::launch ? "launch" : "ticks";
+}
+
 Partition partition_of(const std::string& tuned) {
     if (tuned == "rows") return Partition::rows;
     return tuned == "bisection" ? Partition::bisection : Partition::automatic;
@@ -68,15 +75,35 @@ public:
         : ParticleBackend(KernelFamily(options, Fetch::past_l1)),
           options_(options),
           partition_(partition_of(options.tuning.at("partition"))),
-          pollers_(std::stoi(options.tuning.at("pollers"))) {}
+          pollers_(std::stoi(options.tuning.at("pollers"))),
+          in_ticks_(options.tuning.at("ticks") == "resident"),
+          ticks_(
+              stream(), [this](const TickLine& line, std::uint32_t again) { launch_ticks(line, again); },
+              [this] { wait_for_stream(); }) {}
+    ResidentBackend(const ResidentBackend&) = delete;
+    ResidentBackend& operator=(const ResidentBackend&) = delete;
+    /// The memory of a launch must outlive it.
+    ~ResidentBackend() override {
+        try {
+            ResidentBackend::let_end();
+        } catch (const DeviceError&) {
+            // The launch has ended or will do so by itself, and nobody is left to be told.
+        }
+        static_cast<void>(cudaStreamSynchronize(stream().get()));
+    }
 
     void upload(const Problem& problem, const State& state) override {
         begin_upload();
+        if (tool_mode_for(problem) == ToolMode::ticks) ticks_.open(problem.tool.particles.size());
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }
 
-    /// A launch takes many steps, and reads no load that changes meanwhile.
-    bool has_tool() const override { return false; }
+    /// Launches and orders carry where the tool is.
+    void move_tool(const glm::dvec3& displacement) override { moved_ = vector_of<float>(displacement); }
+    glm::dvec3 tool_force() override {
+        if (steps() == 0 || tool_mode_ != ToolMode::ticks) return ParticleBackend::tool_force();
+        return force_on_tool(ticks_.forces());
+    }
 
     /// Every table anew: which particles a block steps stays, but not what its neighbours are.
     void edit(const Problem& edited, const SpringEdit& edit) override {
@@ -99,6 +126,11 @@ public:
     }
 
 private:
+    ToolMode tool_mode_for(const Problem& problem) const {
+        if (!problem.has_tool()) return ToolMode::none;
+        return in_ticks_ ? ToolMode::ticks : ToolMode::launch;
+    }
+
     /// Whether a spring of the lattice pulls while its particles are where they rest.
     static bool is_stressed(const ImplicitStep<float>& step) {
         return std::any_of(std::begin(step.deficit), std::end(step.deficit),
@@ -123,9 +155,14 @@ private:
             make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation());
         const bool stressed = is_stressed(launch.step);
         const ResidentLayout& layout = layout_of(problem, stressed);
-        if (std::string why = too_much_for_a_block(layout); !why.empty()) throw DeviceError(why);
+        tool_mode_ = tool_mode_for(problem);
+        tool_stiffness_ = float(problem.tool.stiffness);
+        if (std::string why = too_much_for_a_block(layout, tool_mode_); !why.empty()) throw DeviceError(why);
         if (!by_increments(formulation())) calibrate_rest_lengths<float>(launch.step.rest_length, stream());
         tables_.upload(layout, launch.step, stream());
+        held_by_lane_.upload(
+            problem.has_tool() ? held_by_lanes(layout, problem.tool.particles) : std::vector<std::uint32_t>(),
+            stream());
         joint_.start_anew(stream());
         launch.step.started_blocks = joint_.started_blocks();
         launch.step.stall = joint_.stall();
@@ -138,34 +175,71 @@ private:
         source.macros["SLOTS"] = std::to_string(layout.slots);
         source.macros["BORDERS"] = std::to_string(layout.border_kinds);
         source.macros["MASKED"] = stressed ? "1" : "0";
+        source.macros["TOOL"] = name_of(tool_mode_);
         launch.kernel = kernel(source);
         return launch;
     }
 
     void enqueue_steps(int count) override {
+        if (tool_mode_ == ToolMode::ticks) return order_steps(count);
         joint_.enqueue(
             count, longest_joint_launch(monitored()),
             [&](int steps, std::uint32_t tag, std::uint32_t launches) {
-                launch_words_together(*launch().kernel, launch().grid, launch().block, launch().step, steps,
-                                      tag, launches);
+                if (tool_mode_ == ToolMode::none) {
+                    enqueue_launch(launch().step, steps, tag, launches);
+                } else {
+                    enqueue_launch(held_step(), steps, tag, launches);
+                }
             },
             [&](int steps) { stepped(steps); });
     }
+    template <class Step>
+    void enqueue_launch(const Step& step, int steps, std::uint32_t tag, std::uint32_t launches) const {
+        launch_words_together(*launch().kernel, launch().grid, launch().block, step, steps, tag, launches);
+    }
+    HeldResidentStep held_step(const TickLine& line = {}) const {
+        return {launch().step, held_by_lane_.data(), held().data(), {moved_, tool_stiffness_}, held_forces(),
+                line};
+    }
+
+    // --- Ticks: one launch, which takes the steps of each order ---
+
+    void order_steps(int count) {
+        while (count > 0) {
+            const int steps = std::min(count, longest_joint_launch(monitored()));
+            ticks_.order(moved_, std::uint32_t(steps));
+            joint_.asked_for(steps);
+            count -= steps;
+            stepped(steps);
+        }
+    }
+    void launch_ticks(const TickLine& line, std::uint32_t again) {
+        joint_.open([&](std::uint32_t tag, std::uint32_t launches) {
+            enqueue_launch(held_step(line), 0, tag, launches);
+        });
+        joint_.asked_for(int(again));
+    }
+    void let_end() override { ticks_.end(); }
 
     std::string refused(const Problem& problem) const override {
         if (std::string why =
                 resident_refusal(problem, device().multiprocessors(), device().launches_together());
             !why.empty())
             return why;
-        return too_much_for_a_block(layout_of(
-            problem,
-            is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation()))));
+        const ToolMode mode = tool_mode_for(problem);
+        if (mode == ToolMode::ticks && device().ends_long_kernels())
+            return "ticks=resident: the driver ends kernels that run for seconds on a device with a display";
+        return too_much_for_a_block(
+            layout_of(problem, is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice),
+                                                                     formulation()))),
+            mode);
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return resident_bytes(problem, options_);
     }
     std::uint64_t bytes_held() const override {
-        return particle_bytes_held() + tables_.bytes() + joint_.bytes();
+        return particle_bytes_held() + tables_.bytes() + joint_.bytes() + held_by_lane_.bytes() +
+               ticks_.bytes();
     }
 
     std::string failure_note() const override { return joint_.failure_note("resident block"); }
@@ -173,6 +247,7 @@ private:
     const Options options_;
     const Partition partition_;
     const int pollers_;
+    const bool in_ticks_;  ///< where there is a tool
     ResidentTables tables_;
     /// The latest layout and all that it follows from: refused() and the upload after it ask for the same.
     struct LaidOut {
@@ -183,6 +258,12 @@ private:
     };
     mutable std::optional<LaidOut> latest_;
     JointLaunch joint_;
+    Buffer<std::uint32_t> held_by_lane_;
+    // Of the latest upload or edit. A launch may have to begin anew when the problem is gone.
+    ToolMode tool_mode_ = ToolMode::none;
+    float tool_stiffness_ = 0;
+    Vector<float> moved_{};  ///< the tool's, from the next step on
+    Ticks ticks_;
 };
 
 const Registered entry({
@@ -192,7 +273,9 @@ const Registered entry({
                      Formulation::paper},
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},
                       {"overlap", {"on", "off"}},
-                      {"pollers", {"256", "128", "512"}}}),
+                      {"pollers", {"256", "128", "512"}},
+                      // Whether each step() of a problem with a tool is a launch, or all are one.
+                      {"ticks", {"launch", "resident"}}}),
     .make = [](const Options& options) { return std::make_unique<ResidentBackend>(options); },
     .bytes = resident_bytes,
 });

@@ -79,11 +79,19 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
     if (GetParam() == Formulation::compensated) return;  // its points do not fit into a tagged word
     struct Variant {
         int borders;
-        const char* masked;
+        const char *masked, *tool, *slots;
         int architecture;
     };
-    for (const auto& [borders, masked, architecture] :
-         {Variant{(1 << border_kinds) - 1, "0", 90}, Variant{1 << mixed_border, "1", 75}}) {
+    // As many points as each may have.
+    for (const auto& [borders, masked, tool, slots, architecture] :
+         {Variant{(1 << border_kinds) - 1, "0", "none", "2048", 90},
+          Variant{1 << mixed_border, "1", "none", "768", 75},
+          Variant{(1 << border_kinds) - 1, "0", "launch", "2048", 90},
+          Variant{1 << mixed_border, "1", "launch", "768", 75},
+          Variant{(1 << border_kinds) - 1, "0", "ticks", "2016", 90},
+          Variant{1 << mixed_border, "1", "ticks", "768", 75},
+          Variant{1 << mixed_border, "0", "ticks", "768", 120}}) {
+        SCOPED_TRACE(tool);
         const KernelSource source{
             "resident.cu",
             {{"REAL", "float"},
@@ -93,35 +101,61 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
              {"LANES", "256"},
              {"POLLERS", "256"},
              {"ROUNDS", "2"},
-             {"SLOTS", "768"},
+             {"SLOTS", slots},
              {"BORDERS", std::to_string(borders)},
              {"MASKED", masked},
+             {"TOOL", tool},
              {"TERMS", "KernelTerms<Formulation::" + to_string(GetParam()) + ",262143u," +
                            std::to_string(all_terms & ~term_materials) + "u,true>"}}};
         EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
     }
 }
 
-// A block that waits for others, which never come, ends the launch: there is a trap for either wait.
+KernelSource resident_source(const char* tool) {
+    return {"resident.cu",
+            {{"REAL", "float"},
+             {"FETCH", "PastL1"},
+             {"THREADS", "512"},
+             {"BLOCKS", "1"},
+             {"LANES", "256"},
+             {"POLLERS", "256"},
+             {"ROUNDS", "2"},
+             {"SLOTS", "768"},
+             {"BORDERS", "16"},
+             {"MASKED", "0"},
+             {"TOOL", tool},
+             {"TERMS", "KernelTerms<Formulation::increment,262143u,0u,false>"}}};
+}
+
+std::size_t count_of(const std::string& word, const std::string& text) {
+    std::size_t count = 0;
+    for (std::size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) ++count;
+    return count;
+}
+
+// A block that waits for others, which never come, ends the launch: there is a trap for each wait. In ticks
+// block 0 waits for the others' turns and they for its orders, and it looks at the clock while it waits for
+// the host.
 TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
-    const KernelSource source{"resident.cu",
-                              {{"REAL", "float"},
-                               {"FETCH", "PastL1"},
-                               {"THREADS", "512"},
-                               {"BLOCKS", "1"},
-                               {"LANES", "256"},
-                               {"POLLERS", "256"},
-                               {"ROUNDS", "2"},
-                               {"SLOTS", "768"},
-                               {"BORDERS", "16"},
-                               {"MASKED", "0"},
-                               {"TERMS", "KernelTerms<Formulation::increment,262143u,0u,false>"}}};
-    const std::string ptx = compile(source, 999).code;
-    std::size_t traps = 0;
-    for (std::size_t at = ptx.find("trap;"); at != std::string::npos; at = ptx.find("trap;", at + 1)) ++traps;
-    EXPECT_GE(traps, 2U);
+    EXPECT_GE(count_of("trap;", compile(resident_source("none"), 999).code), 2U);
+    EXPECT_GE(count_of("trap;", compile(resident_source("launch"), 999).code), 2U);
+    const std::string in_ticks = compile(resident_source("ticks"), 999).code;
+    EXPECT_GE(count_of("trap;", in_ticks), 4U);
+    EXPECT_GE(count_of("%globaltimer", in_ticks), 2U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).block, 131U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).step, 70000U);
+}
+
+// Nothing of it is in a kernel without a tool, and the host is heard in ticks alone.
+TEST(Compiler, AToolCostsTheResidentKernelNothingWhereThereIsNone) {
+    const std::string none = compile(resident_source("none"), 999).code;
+    const std::string launch = compile(resident_source("launch"), 999).code;
+    const std::string in_ticks = compile(resident_source("ticks"), 999).code;
+    EXPECT_LT(none.size(), launch.size());
+    EXPECT_EQ(count_of(".relaxed.sys", none) + count_of(".relaxed.sys", launch), 0U);
+    EXPECT_GT(count_of("ld.relaxed.sys", in_ticks), 0U);
+    EXPECT_GT(count_of("st.relaxed.sys", in_ticks), 0U);
+    EXPECT_EQ(count_of("%globaltimer", none) + count_of("%globaltimer", launch), 0U);
 }
 
 /// Whether `tile` can be had in that precision, and compiles.

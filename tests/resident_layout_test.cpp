@@ -272,6 +272,33 @@ TEST(ResidentLayout, DealsOutParticlesWhereABlockCannotHoldItsRows) {
     }
 }
 
+TEST_P(Resident, EveryHeldParticleHasItsLane) {
+    const auto last = std::uint32_t(problem_.particle_count() - 1);
+    const std::vector<std::uint32_t> held = {0, last - 1, last};
+    const std::vector<std::uint32_t> number = held_by_lanes(layout_, held);
+    ASSERT_EQ(number.size(), layout_.particle.size());
+    std::size_t found = 0;
+    for (std::size_t lane = 0; lane < number.size(); ++lane) {
+        const bool is_held = std::find(held.begin(), held.end(), layout_.particle[lane]) != held.end();
+        ASSERT_EQ(number[lane] != resident_none, is_held);
+        if (!is_held) continue;
+        EXPECT_EQ(held[number[lane]], layout_.particle[lane]);
+        ++found;
+    }
+    EXPECT_EQ(found, held.size());
+}
+
+// An order takes room that points would have.
+TEST(ResidentLayout, HasRoomForAnOrderInTicks) {
+    ResidentLayout layout;
+    layout.slots = max_resident_slots;
+    EXPECT_EQ(too_much_for_a_block(layout), "");
+    EXPECT_EQ(too_much_for_a_block(layout, ToolMode::ticks),
+              "2048 points exceed the 2016 that a resident block may have");
+    layout.slots = max_slots_in_ticks;
+    EXPECT_EQ(too_much_for_a_block(layout, ToolMode::ticks), "");
+}
+
 TEST(ResidentLayout, SaysWhatIsTooMuch) {
     const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
     const ResidentLayout one = lay_out_resident(problem, 1, 256, Partition::automatic, true);

@@ -356,7 +356,7 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
     return {};
 }
 
-std::string too_much_for_a_block(const ResidentLayout& layout) {
+std::string too_much_for_a_block(const ResidentLayout& layout, ToolMode tool) {
     const auto beyond = [](int value, int most, const std::string& what) {
         return std::to_string(value) + " " + what + " exceed the " + std::to_string(most) +
                " that a resident block may have";
@@ -365,8 +365,20 @@ std::string too_much_for_a_block(const ResidentLayout& layout) {
     if (layout.rounds > max_resident_rounds)
         return beyond(layout.rounds * layout.pollers, max_resident_rounds * layout.pollers,
                       "neighbours in other blocks");
-    if (layout.slots > max_resident_slots) return beyond(layout.slots, max_resident_slots, "points");
+    const int slots = tool == ToolMode::ticks ? max_slots_in_ticks : max_resident_slots;
+    if (layout.slots > slots) return beyond(layout.slots, slots, "points");
     return {};
+}
+
+std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,
+                                         const std::vector<std::uint32_t>& held) {
+    std::vector<std::uint32_t> number(layout.particle.size(), resident_none);
+    for (std::size_t lane = 0; lane < layout.particle.size(); ++lane) {
+        const auto found = std::lower_bound(held.begin(), held.end(), layout.particle[lane]);
+        if (found != held.end() && *found == layout.particle[lane])
+            number[lane] = std::uint32_t(found - held.begin());
+    }
+    return number;
 }
 
 }  // namespace voxspring::cuda

@@ -20,6 +20,7 @@ enum class Partition : std::uint8_t { automatic, bisection, rows };
 inline constexpr int max_resident_lanes = 512;
 inline constexpr int max_resident_rounds = 4;
 inline constexpr int max_resident_slots = 2048;  ///< 48 KiB of points
+inline constexpr int max_slots_in_ticks = 2016;  ///< whole warps that leave room for an order
 
 /// The tables of ResidentStep.
 struct ResidentLayout {
@@ -49,6 +50,10 @@ ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers,
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together);
 
 /// Empty, or what of the layout exceeds what the kernel is made for.
-std::string too_much_for_a_block(const ResidentLayout& layout);
+std::string too_much_for_a_block(const ResidentLayout& layout, ToolMode tool = ToolMode::none);
+
+/// For each lane the number of its particle in `held`, which is ascending, or resident_none.
+std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,
+                                         const std::vector<std::uint32_t>& held);
 
 }  // namespace voxspring::cuda

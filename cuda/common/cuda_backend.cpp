@@ -44,6 +44,11 @@ std::string CudaBackend::unsupported(const Problem& problem) const {
 }
 
 void CudaBackend::synchronize() {
+    let_end();
+    wait_for_stream();
+}
+
+void CudaBackend::wait_for_stream() {
     try {
         stream_.synchronize();
     } catch (const DeviceError& error) {
@@ -65,6 +70,7 @@ void CudaBackend::begin_upload() {
 }
 
 bool CudaBackend::keep_start() {
+    let_end();
     const std::vector<StateArray> arrays = state_arrays();
     std::uint64_t needed = 0;
     for (const StateArray& array : arrays) needed += array.bytes;
@@ -79,6 +85,7 @@ bool CudaBackend::keep_start() {
 }
 
 void CudaBackend::rewind() {
+    let_end();
     const std::vector<StateArray> arrays = state_arrays();
     for (std::size_t n = 0; n < arrays.size(); ++n)
         copy(arrays[n].data, start_[n].data(), arrays[n].bytes, stream_);
@@ -132,12 +139,14 @@ void CudaBackend::stepped(int count) {
 }
 
 void CudaBackend::check_divergence() {
+    let_end();
     enqueue_divergence_check({steps_, last_check_, monitor_.largest_increment}, first_divergence_.data());
     last_check_ = steps_;
 }
 
 std::optional<Divergence> CudaBackend::divergence() {
     if (monitor_.every == 0) return std::nullopt;
+    let_end();
     FirstDivergence first{};
     first_divergence_.download(std::span(&first, 1), stream_);
     if (first.found == std::numeric_limits<long long>::max()) return std::nullopt;

@@ -51,6 +51,12 @@ protected:
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
+    /// Lets a kernel end that waits for further steps. Called before anything but steps and moves of the tool
+    /// is enqueued.
+    virtual void let_end() {}
+    /// Waits for the stream alone; what a kernel that failed has said about it is in the error.
+    void wait_for_stream();
+
     /// To be called first in upload(): waits for the device and frees the copy of the last start.
     void begin_upload();
     std::shared_ptr<const Kernel> kernel(const KernelSource& source) {

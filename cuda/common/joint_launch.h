@@ -38,6 +38,14 @@ public:
         }
     }
 
+    /// Calls launch(tag, launches) for a launch that does not know how many steps it takes. They are counted
+    /// when it is asked for them.
+    template <class Launch>
+    void open(Launch launch) {
+        launch(tag_, ++launches_);
+    }
+    void asked_for(int steps) { tag_ += std::uint32_t(steps); }
+
     /// Empty, or what a launch that gave up has said, once it has ended. `block`: "resident block".
     std::string failure_note(const std::string& block) const {
         if (stall_.size() == 0 || *stall_.data() == 0) return {};

@@ -79,6 +79,7 @@ template <class Real, class Step>
 class ParticleBackend : public CudaBackend {
 public:
     State download() final {
+        let_end();
         PackedState<Real> packed;
         const auto out = [&](auto& values, const auto& buffer) {
             values.resize(buffer.size());
@@ -109,7 +110,7 @@ public:
         const ToolState<Real> now{vector_of<Real>(displacement), Real(problem().tool.stiffness)};
         tool_.send(std::span(&now, 1), stream());
     }
-    glm::dvec3 tool_force() final {
+    glm::dvec3 tool_force() override {
         if (steps() == 0) return glm::dvec3(0);
         std::vector<HeldForce<Real>> forces(held_forces_.size());
         held_forces_.download(forces, stream());
@@ -194,6 +195,10 @@ protected:
     }
     const Launch& launch() const { return launch_; }
 
+    /// What the tool holds, and room for its forces on that.
+    const Buffer<HeldWord<Real>>& held() const { return held_; }
+    HeldForce<Real>* held_forces() const { return held_forces_.data(); }
+
     /// x(t) of every word.
     ParticleRecord<Real>* current_words() const { return words_[std::size_t(current())].data(); }
 
@@ -233,9 +238,10 @@ protected:
                       source(low_[from], textures_[1][from]), output);
     }
 
-    /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu).
-    template <class... Arguments>
-    void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const Step& step,
+    /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu), whose
+    /// first argument may be more than a Step.
+    template <class AnyStep, class... Arguments>
+    void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const AnyStep& step,
                                const Arguments&... arguments) const {
         ParticleRecord<Real>* const words = words_[std::size_t(current())].data();
         ParticleRecord<Real>* const previous = words_[std::size_t(1 - current())].data();

@@ -69,6 +69,9 @@ Device::Device() {
     int cooperative = 0;
     check(cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, 0));
     launches_together_ = cooperative != 0;
+    int timeout = 0;
+    check(cudaDeviceGetAttribute(&timeout, cudaDevAttrKernelExecTimeout, 0));
+    ends_long_kernels_ = timeout != 0;
     cudaFuncAttributes attributes{};
     require(cudaFuncGetAttributes(&attributes, probe),
             "this build has no code for " + name_ + " (compute capability " +

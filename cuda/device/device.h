@@ -34,6 +34,8 @@ public:
     std::size_t shared_bytes() const { return shared_bytes_; }
     /// Whether blocks of a launch may wait for each other (a cooperative launch).
     bool launches_together() const { return launches_together_; }
+    /// Whether the driver ends kernels that run for seconds, as it does where the device has a display.
+    bool ends_long_kernels() const { return ends_long_kernels_; }
     /// Compute capability, 90 for 9.0.
     int architecture() const { return architecture_; }
     /// Bytes of device memory that nobody has allocated.
@@ -58,6 +60,7 @@ private:
     std::size_t reserved_shared_bytes_ = 0;
     std::size_t shared_bytes_ = 0;
     bool launches_together_ = false;
+    bool ends_long_kernels_ = false;
 };
 
 }  // namespace voxspring::cuda

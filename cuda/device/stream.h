@@ -16,6 +16,13 @@ public:
     cudaStream_t get() const { return handle_.get(); }
     /// Wait for everything enqueued; errors of that work surface here.
     void synchronize() const { check(cudaStreamSynchronize(get())); }
+    /// Whether all of it has ended, well or not; does not wait.
+    bool has_ended() const {
+        if (cudaStreamQuery(get()) != cudaErrorNotReady) return true;
+        // That was an answer and no error: the next to ask for the latest error has nothing to do with it.
+        static_cast<void>(cudaGetLastError());
+        return false;
+    }
 
 private:
     Handle<cudaStream_t, cudaStreamDestroy> handle_;

@@ -1,6 +1,6 @@
 // LANES threads of a block have a particle each. POLLERS more wait for ROUNDS points of other blocks each.
 // SLOTS: how many points shared memory holds. BORDERS: the kinds of border in use, as bits. MASKED: 1 where
-// the lattice is stressed at rest, so that the spring to an absent neighbour would pull.
+// the lattice is stressed at rest, so that the spring to an absent neighbour would pull. TOOL: a ToolMode.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/resident_block.h"
 
@@ -8,15 +8,15 @@ namespace voxspring::cuda {
 
 static_assert(sizeof(Real) == sizeof(float), "a tagged point has room for three floats");
 
-inline constexpr ResidentShape shape{LANES, POLLERS, ROUNDS, SLOTS, BORDERS, MASKED != 0};
+inline constexpr ResidentShape shape{LANES, POLLERS, ROUNDS, SLOTS, BORDERS, MASKED != 0, ToolMode::TOOL};
 using Block = ResidentBlock<Terms, shape>;
 
-/// Takes `count` steps, at least one, of the state in `words` and `previous` or, by increments, `increment`,
-/// whose axes are `pitch` elements apart; the state after the last step replaces it. Points are published
-/// with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have counted their blocks in
-/// `step.started_blocks`, this one included.
+/// Takes `count` steps, at least one, or what the host orders, of the state in `words` and `previous` or, by
+/// increments, `increment`, whose axes are `pitch` elements apart; the state after the last step replaces it.
+/// Points are published with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have
+/// counted their blocks in `step.started_blocks`, this one included.
 extern "C" __global__ void __launch_bounds__(Block::all_threads, 1)
-    step(const __grid_constant__ ResidentStep step, ParticleRecord<float>* words,
+    step(const __grid_constant__ Block::Step step, ParticleRecord<float>* words,
          ParticleRecord<float>* previous, float* increment, std::size_t pitch, int count, std::uint32_t tag,
          std::uint32_t launches) {
     __shared__ Block::Shared shared;

@@ -2,7 +2,9 @@
 // that brings the built-in names and barriers of a device (tests/host_blocks.h).
 #pragma once
 
+#include "backends/layout/records/loops.h"
 #include "cuda/kernels/resident.h"
+#include "cuda/kernels/ticks.h"
 #include "cuda/kernels/wait.h"
 
 namespace voxspring::cuda {
@@ -15,10 +17,21 @@ struct ResidentShape {
     int slots;              ///< points in shared memory
     std::uint32_t borders;  ///< kinds of border in use, as bits
     bool masked;  ///< the lattice is stressed at rest, so that the spring to an absent neighbour would pull
+    ToolMode tool;
 };
 
 struct NoCompliance {
     __device__ float operator()(int, int, int) const { return 0; }
+};
+
+/// `Terms` of the motion; without loads where these are part of the force.
+template <class Terms, bool loads_in_force>
+struct TermsOfMotion {
+    using type = Terms;
+};
+template <Formulation f, std::uint32_t groups, std::uint32_t terms, bool at_run_time>
+struct TermsOfMotion<KernelTerms<f, groups, terms, at_run_time>, true> {
+    using type = KernelTerms<f, groups, terms & ~term_loads, at_run_time>;
 };
 
 /// One thread's view of its block.
@@ -27,10 +40,18 @@ class ResidentBlock {
 public:
     static constexpr int all_threads = shape.lanes + shape.pollers;
 
+    static constexpr bool has_tool = shape.tool != ToolMode::none;
+    static constexpr bool in_ticks = shape.tool == ToolMode::ticks;
+    using Step = std::conditional_t<has_tool, HeldResidentStep, ResidentStep>;
+
     /// In shared memory. A step reads one half of the points and writes the other.
-    struct Shared {
+    struct Points {
         float points[2][3][shape.slots];
     };
+    struct PointsAndOrder : Points {
+        TickOrder order;  ///< of the tick
+    };
+    using Shared = std::conditional_t<in_ticks, PointsAndOrder, Points>;
 
     /// Where the state lies.
     struct Memory {
@@ -40,9 +61,10 @@ public:
         std::size_t pitch;
     };
 
-    __device__ ResidentBlock(Shared& shared, const ResidentStep& step) : shared_(shared), step_(step) {}
+    __device__ ResidentBlock(Shared& shared, const Step& step) : shared_(shared), step_(step) {}
 
-    /// Takes `count` steps, at least one. resident.cu says what the arguments are.
+    /// Takes `count` steps, at least one; in ticks what the host orders, until it orders the end. resident.cu
+    /// says what the arguments are.
     __device__ void run(const Memory& memory, int count, std::uint32_t tag, std::uint32_t launches) {
         const int thread = int(threadIdx.x);
         if (thread < shape.lanes) {
@@ -71,6 +93,7 @@ public:
 
 private:
     static_assert(!Terms::split, "a tagged point has room for three floats");
+    using MotionTerms = typename TermsOfMotion<Terms, has_tool>::type;
     static constexpr bool overlaps = shape.borders != 1U << mixed_border;
 
     struct Lane {
@@ -82,6 +105,9 @@ private:
         int slot[neighbour_bits];
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
         TaggedPoint* published;  ///< null where no other block reaches the particle
+        // Where there is a tool:
+        std::uint32_t held;  ///< as held_by_lane
+        Vector<float> load;  ///< its own
     };
 
     /// Fetches neighbours from shared memory. Only the slots of groups that are compiled in are used.
@@ -119,11 +145,13 @@ private:
         lane.own_slot = step_.own_slot[at];
         const std::uint32_t published = step_.published[at];
         lane.published = published == resident_none ? nullptr : step_.exchange + published;
-#pragma unroll
+        UNROLLED
         for (int bit = 0; bit < neighbour_bits; ++bit) {
             if ((Terms::groups >> bit & 1) != 0) lane.slot[bit] = step_.slot[bit * step_.lane_count + at];
         }
+        if constexpr (has_tool) lane.held = step_.held_by_lane[at];
         if (!lane.active) return;
+        if constexpr (has_tool) lane.load = step_.motion.load[lane.word];
         const Particle<float> start = load_past_l1(memory.words + lane.word);
         lane.self = {{start.position}, start.bits};
         if constexpr (Terms::increments) {
@@ -143,7 +171,7 @@ private:
     }
 
     __device__ void load(Polls& polls, std::uint32_t at, const Memory& memory) {
-#pragma unroll
+        UNROLLED
         for (int n = 0; n < shape.rounds; ++n) {
             const std::uint32_t poll = std::uint32_t(n) * gridDim.x * shape.pollers + at;
             const std::uint32_t from = step_.polled[poll];
@@ -155,11 +183,31 @@ private:
         }
     }
 
+    /// The load of a lane's particle in a step, to which the tool adds its force. That of the `last` step of
+    /// a launch or tick is what the host asks for.
+    __device__ Vector<float> load_of(const Lane& lane, bool last) const {
+        if (lane.held == resident_none) return lane.load;
+        Vector<float> moved = step_.tool.moved;
+        if constexpr (in_ticks) moved = shared_.order.moved;
+        const Vector<float> force = hold_force(step_.held[lane.held].anchor, lane.self.point.high,
+                                               Vector<float>{0, 0, 0}, moved, step_.tool.stiffness);
+        if (last) {
+            if constexpr (in_ticks) {
+                answer(force, shared_.order.tick, step_.line.answers + lane.held);
+            } else {
+                step_.forces[lane.held] = {force};
+            }
+        }
+        return lane.load + force;
+    }
+
     /// Takes a step that reads half `half`. Springs across the border are added last, once its points have
-    /// come.
+    /// come. The load is first: after the wait for the border another tick's order may come.
     template <class Border, int half>
     __device__ void step_lane(Lane& lane, std::uint32_t tag, bool first, bool last) {
         constexpr bool full_stencil = !shape.masked;
+        Vector<float> load{};
+        if constexpr (has_tool) load = load_of(lane, last);
         GroupSums<float> sums;
         const SlotNeighbours neighbours{shared_, lane, half};
         add_springs<Terms, full_stencil, Except<Border>, float>(step_, lane.spacing, lane.self, neighbours,
@@ -167,12 +215,14 @@ private:
         if (!first) border_is_here();
         add_springs<Terms, full_stencil, Border, float>(step_, lane.spacing, lane.self, neighbours,
                                                         NoCompliance{}, sums);
-        const Integrated<float, false> next = integrate<Terms>(
-            step_.motion, lane.word, lane.self, lane.before, force_of<Terms, float>(step_, sums));
+        Vector<float> force = force_of<Terms, float>(step_, sums);
+        if constexpr (has_tool) force = force + load;
+        const Integrated<float, false> next =
+            integrate<MotionTerms>(step_.motion, lane.word, lane.self, lane.before, force);
         lane.self.point = next.point;
         lane.before = next.before;
         // A branch: without one the kernel of increments with 80 registers waits longer.
-        if (lane.published != nullptr && !last)
+        if (lane.published != nullptr && (in_ticks || !last))
             publish_if(true, lane.published + (1 - half) * step_.published_count, next.point.high, tag + 1);
         put(1 - half, lane.own_slot, next.point.high);
         if constexpr (overlaps) own_points_are_here();
@@ -180,9 +230,45 @@ private:
 
     template <class Border>
     __device__ void run_lane(Lane& lane, int count, std::uint32_t tag) {
+        if constexpr (in_ticks) return run_ticks<Border>(lane, tag);
         for (int n = 0; n < count; n += 2) {
             step_lane<Border, 0>(lane, tag + n, n == 0, n + 1 == count);
             if (n + 1 < count) step_lane<Border, 1>(lane, tag + n + 1, false, n + 2 == count);
+        }
+    }
+
+    /// A thread's place in the ticks.
+    struct Turn {
+        std::uint32_t next_tick;
+        std::uint32_t steps;  ///< of this tick, to be taken yet
+    };
+
+    /// Whether there is another step to take. All threads of the block come here before each; after the last
+    /// one of a tick they wait for the next tick. The first poller waits for the order, since lanes are busy
+    /// for longer. It replaces the one before: no thread still reads that, since each of its steps had a wait
+    /// for the border, and after the last of these no thread does.
+    __device__ bool goes_on(Turn& turn, std::uint32_t tag) {
+        if (turn.steps == 0) {
+            if (int(threadIdx.x) == shape.lanes)
+                shared_.order = wait_for_order(step_.line, turn.next_tick, step_.stall, tag);
+            __syncthreads();
+            turn = {turn.next_tick + 1, shared_.order.steps};
+            if (turn.steps == 0) return false;
+        }
+        --turn.steps;
+        return true;
+    }
+
+    /// Nobody knows when the last step is before it is over: every step publishes its points, and each, the
+    /// first of the launch too, waits for the border.
+    template <class Border>
+    __device__ void run_ticks(Lane& lane, std::uint32_t tag) {
+        Turn turn{step_.line.first_tick, 0};
+        while (true) {
+            if (!goes_on(turn, tag)) return;
+            step_lane<Border, 0>(lane, tag++, false, turn.steps == 0);
+            if (!goes_on(turn, tag)) return;
+            step_lane<Border, 1>(lane, tag++, false, turn.steps == 0);
         }
     }
 
@@ -202,6 +288,7 @@ private:
     }
 
     __device__ void run_poller(const Polls& polls, int count, std::uint32_t tag) {
+        if constexpr (in_ticks) return poll_ticks(polls, tag);
         for (int n = 1; n < count; n += 2) {
             poll(polls, 1, tag + n);
             border_is_here();
@@ -211,16 +298,25 @@ private:
         }
     }
 
+    /// Fetches what the next step reads as soon as it is published, whether or not that step is of this tick.
+    __device__ void poll_ticks(const Polls& polls, std::uint32_t tag) {
+        Turn turn{step_.line.first_tick, 0};
+        for (int half = 1; goes_on(turn, tag); half = 1 - half) {
+            border_is_here();
+            poll(polls, half, ++tag);
+        }
+    }
+
     /// Fetches into half `half` the points that other blocks publish with `tag`.
     __device__ void poll(const Polls& polls, int half, std::uint32_t tag) {
         std::uint32_t missing = polls.wanted;
         std::uint32_t polls_in_vain = 0;
         while (missing != 0) {
             TaggedPoint found[shape.rounds];
-#pragma unroll
+            UNROLLED
             for (int n = 0; n < shape.rounds; ++n)
                 found[n] = look_up(polls.from[n] + half * step_.published_count);
-#pragma unroll
+            UNROLLED
             for (int n = 0; n < shape.rounds; ++n) {
                 if ((missing >> n & 1) == 0 || found[n].tag != tag) continue;
                 put(half, polls.slot[n], found[n].point);
@@ -231,7 +327,7 @@ private:
     }
 
     Shared& shared_;
-    const ResidentStep& step_;
+    const Step& step_;
 };
 
 }  // namespace voxspring::cuda

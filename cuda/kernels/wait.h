@@ -32,6 +32,13 @@ __device__ inline void wait_until_counted(const std::uint32_t* counted_blocks, s
     }
 }
 
+/// By a clock that goes on whatever the card does.
+__device__ inline std::uint64_t nanoseconds() {
+    std::uint64_t now = 0;
+    asm volatile("mov.u64 %0, %globaltimer;" : "=l"(now)::"memory");
+    return now;
+}
+
 /// Waits for all of `threads` threads of a block at one of the hardware's barriers. __syncthreads() uses 0.
 template <int barrier, int threads>
 __device__ void meet() {

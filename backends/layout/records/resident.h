@@ -2,6 +2,7 @@
 #pragma once
 
 #include "backends/layout/records/implicit.h"
+#include "backends/layout/records/ticks.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring::cuda {
@@ -61,6 +62,19 @@ struct ResidentStep : ImplicitStep<float> {
     std::uint32_t* started_blocks;  ///< blocks that have read their start, of all launches
     std::uint64_t* stall;           ///< on the host: a ResidentStall, or 0
     bool operator==(const ResidentStep&) const = default;
+};
+
+/// Whose tool a resident kernel is compiled for: nobody's; one that stands still for a launch; one that the
+/// host moves while the launch goes on, between the ticks that it orders.
+enum class ToolMode : std::uint8_t { none, launch, ticks };
+
+/// The same where a tool holds particles.
+struct HeldResidentStep : ResidentStep {
+    const std::uint32_t* held_by_lane;  ///< each lane's particle in `held`, or resident_none
+    const HeldWord<float>* held;
+    ToolState<float> tool;     ///< moved so in ToolMode::launch
+    HeldForce<float>* forces;  ///< in the last step of a launch
+    TickLine line;             ///< of ToolMode::ticks
 };
 
 /// The mask bit of an offset.

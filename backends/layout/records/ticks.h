@@ -1,0 +1,56 @@
+// What the host and a resident kernel that does not end say to each other (cuda/kernels/ticks.h), in memory
+// that both reach. Every value is in a word of 8 bytes with the number of its tick. Such a word is written
+// and read whole: where the number has arrived, so has the value, and words may arrive in any order.
+#pragma once
+
+#include "backends/layout/records/tool.h"
+
+namespace voxspring::cuda {
+
+/// A value with the number of its tick.
+VOXSPRING_HOST_DEVICE constexpr std::uint64_t tick_word(std::uint32_t value, std::uint32_t tick) {
+    return std::uint64_t(tick) << 32 | value;
+}
+VOXSPRING_HOST_DEVICE constexpr std::uint64_t tick_word(float value, std::uint32_t tick) {
+    return tick_word(__builtin_bit_cast(std::uint32_t, value), tick);
+}
+VOXSPRING_HOST_DEVICE constexpr std::uint32_t tick_of(std::uint64_t word) {
+    return std::uint32_t(word >> 32);
+}
+VOXSPRING_HOST_DEVICE constexpr std::uint32_t count_in(std::uint64_t word) { return std::uint32_t(word); }
+VOXSPRING_HOST_DEVICE constexpr float real_in(std::uint64_t word) {
+    return __builtin_bit_cast(float, std::uint32_t(word));
+}
+
+/// What the host wants of a tick.
+struct TickOrder {
+    Vector<float> moved;  ///< where the tool is: ToolState::moved
+    std::uint32_t steps;  ///< 0: the kernel stores the state and ends
+    std::uint32_t tick;
+};
+
+/// The order of a tick: x, y and z of `moved`, and `steps`.
+struct alignas(32) OrderWords {
+    std::uint64_t word[4];
+};
+
+/// The force of the tool on a held particle in the last step of a tick: x, y and z.
+struct alignas(32) AnswerWords {
+    std::uint64_t word[3];
+};
+
+/// A kernel ends by itself if the host orders nothing for so long. Other blocks wait some ten times as long
+/// for the block that looks what the host orders (max_resident_polls).
+inline constexpr std::uint64_t max_idle_nanoseconds = 1'000'000'000;
+
+/// Where orders and answers go.
+struct TickLine {
+    const OrderWords* asked;      ///< on the host, which writes it
+    OrderWords* handed_on;        ///< on the device: by block 0 to all others
+    std::uint32_t* taken_blocks;  ///< blocks that have read their order, of all ticks of this launch
+    AnswerWords* answers;         ///< on the host: one for each particle that the tool holds
+    std::uint32_t first_tick;     ///< of this launch; each tick's number is one more than the last one's
+    std::uint64_t max_idle;       ///< nanoseconds
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,61 @@
+#include "cuda/common/ticks.h"
+
+#include <chrono>
+
+namespace voxspring::cuda {
+
+void Ticks::open(std::size_t held) {
+    asked_.resize(1);
+    answers_.resize(held);
+    handed_on_.resize(1);
+    handed_on_.fill_with_zeros(stream_);
+    taken_blocks_.resize(1);
+    desk_.open(asked_.data(), {answers_.data(), held});
+}
+
+void Ticks::order(Vector<float> moved, std::uint32_t steps) {
+    wait();
+    desk_.order(moved, steps);
+    if (!running_) begin(0);
+}
+
+void Ticks::end() {
+    if (!running_) return;
+    wait();
+    desk_.order_end();
+    running_ = false;
+}
+
+const std::vector<HeldForce<float>>& Ticks::forces() {
+    wait();
+    return desk_.forces();
+}
+
+void Ticks::begin(std::uint32_t again) {
+    taken_blocks_.fill_with_zeros(stream_);
+    launch_({asked_.data(), handed_on_.data(), taken_blocks_.data(), answers_.data(), desk_.tick(),
+             max_idle_nanoseconds},
+            again);
+    running_ = true;
+}
+
+void Ticks::wait() {
+    using Clock = std::chrono::steady_clock;
+    // An answer takes microseconds. To ask the driver each time would delay it.
+    constexpr auto patience = std::chrono::milliseconds(1);
+    bool again = false;
+    for (auto look = Clock::now() + patience; !desk_.answered();) {
+        if (Clock::now() < look) continue;
+        look = Clock::now() + patience;
+        // The answer may have come since it was looked for.
+        if (!stream_.has_ended() || desk_.answered()) continue;
+        running_ = false;
+        check_();
+        if (again) throw DeviceError("a resident kernel ends without seeing what the host orders");
+        again = true;
+        desk_.order_again();
+        begin(desk_.steps());
+    }
+}
+
+}  // namespace voxspring::cuda

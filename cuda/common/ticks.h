@@ -1,0 +1,58 @@
+// A launch that takes the steps of one tick after another as the host orders them, and ends when it orders
+// that.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "backends/layout/tick_desk.h"
+#include "cuda/device/buffer.h"
+#include "cuda/device/pinned.h"
+
+namespace voxspring::cuda {
+
+/// Orders and answers are in pinned memory, which the device reads and writes where it is. Whoever has one of
+/// these ends its launch before anything else is enqueued in the stream, and before it is destroyed.
+class Ticks {
+public:
+    /// Enqueues a launch that begins with the latest order. `again`: steps of it that have been ordered
+    /// before, in vain.
+    using Launch = std::function<void(const TickLine& line, std::uint32_t again)>;
+    /// `check()` throws DeviceError if what ran in the stream has failed.
+    Ticks(const Stream& stream, Launch launch, std::function<void()> check)
+        : stream_(stream), launch_(std::move(launch)), check_(std::move(check)) {}
+
+    /// For a tool that holds so many particles, one at least. No launch is running.
+    void open(std::size_t held);
+    std::uint64_t bytes() const { return handed_on_.bytes() + taken_blocks_.bytes(); }
+
+    /// Orders `steps` steps, of the launch that is running or of a new one, once the order before is
+    /// answered.
+    void order(Vector<float> moved, std::uint32_t steps);
+    /// Orders the end, once the order before is answered; nothing if no launch is running.
+    void end();
+    /// The forces of the latest order, once it is answered.
+    const std::vector<HeldForce<float>>& forces();
+
+private:
+    /// Waits for the answer to the latest order. A launch ends by itself if it sees no order for too long
+    /// (max_idle_nanoseconds), maybe just before it would have seen this one: then there is another launch.
+    /// Every wait in a launch is bounded, and so is this one: after a second such end it throws.
+    void wait();
+    void begin(std::uint32_t again);
+
+    const Stream& stream_;
+    Launch launch_;
+    std::function<void()> check_;
+    Pinned<OrderWords> asked_;
+    Pinned<AnswerWords> answers_;
+    Buffer<OrderWords> handed_on_;
+    Buffer<std::uint32_t> taken_blocks_;
+    TickDesk desk_;
+    bool running_ = false;  ///< there is a launch that was not told to end; it may have ended by itself
+};
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,77 @@
+// How a resident kernel that does not end hears from the host what to do, and answers. The words are those of
+// backends/layout/records/ticks.h. Device code, like resident_block.h.
+#pragma once
+
+#include "backends/layout/records/ticks.h"
+#include "cuda/kernels/wait.h"
+
+namespace voxspring::cuda {
+
+#ifdef __CUDACC__
+// Relaxed accesses of the whole system: words are read and written whole, in any order.
+
+/// Two words, neither of which need be as old as the other.
+__device__ inline void read_words(const std::uint64_t* from, std::uint64_t* to) {
+    asm volatile("ld.relaxed.sys.global.v2.u64 {%0, %1}, [%2];"
+                 : "=l"(to[0]), "=l"(to[1])
+                 : "l"(from)
+                 : "memory");
+}
+__device__ inline void write_word(std::uint64_t* to, std::uint64_t word) {
+    asm volatile("st.relaxed.sys.global.u64 [%0], %1;" ::"l"(to), "l"(word) : "memory");
+}
+#endif
+
+/// Whether all of the order of tick `tick` has arrived at `from`, which is then in `order`.
+__device__ inline bool look_for_order(const OrderWords* from, std::uint32_t tick, TickOrder& order) {
+    OrderWords found;
+    read_words(from->word, found.word);
+    read_words(from->word + 2, found.word + 2);
+    for (const std::uint64_t word : found.word) {
+        if (tick_of(word) != tick) return false;
+    }
+    order = {{real_in(found.word[0]), real_in(found.word[1]), real_in(found.word[2])},
+             count_in(found.word[3]),
+             tick};
+    return true;
+}
+
+__device__ inline void hand_on(const TickOrder& order, OrderWords* to) {
+    write_word(to->word, tick_word(order.moved.x, order.tick));
+    write_word(to->word + 1, tick_word(order.moved.y, order.tick));
+    write_word(to->word + 2, tick_word(order.moved.z, order.tick));
+    write_word(to->word + 3, tick_word(order.steps, order.tick));
+}
+
+__device__ inline void answer(Vector<float> force, std::uint32_t tick, AnswerWords* to) {
+    write_word(to->word, tick_word(force.x, tick));
+    write_word(to->word + 1, tick_word(force.y, tick));
+    write_word(to->word + 2, tick_word(force.z, tick));
+}
+
+/// Waits for the order of tick `tick`, in one thread of each block. Block 0 reads what the host writes, which
+/// takes a way over the bus, and hands it on to the others. If the host is silent for too long block 0 orders
+/// the end. `stall` and `step` are of a wait in vain.
+__device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t tick, std::uint64_t* stall,
+                                           std::uint32_t step) {
+    TickOrder order{{0, 0, 0}, 0, tick};
+    if (blockIdx.x == 0) {
+        // No block may still look for the order before this one when this one replaces it.
+        wait_until_counted(line.taken_blocks, (tick - line.first_tick) * gridDim.x, stall, step);
+        const std::uint64_t begin = nanoseconds();
+        bool late = false;
+        // The last look is after the time was found to be over: another process may have had the card since.
+        while (!look_for_order(line.asked, tick, order) && !late)
+            late = nanoseconds() - begin > line.max_idle;
+        hand_on(order, line.handed_on);
+    } else {
+        std::uint32_t polls_in_vain = 0;
+        while (!look_for_order(line.handed_on, tick, order)) {
+            if (++polls_in_vain == max_resident_polls) give_up(stall, step);
+        }
+    }
+    count_block(line.taken_blocks);
+    return order;
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,116 @@
+// Blocks of a CUDA launch on the host: each of their threads is one, with the built-in names and barriers of
+// a device and what kernels know of it (exchange.h, wait.h, ticks.h). To be included before a kernel's body.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <barrier>
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "backends/layout/records/resident.h"
+
+#define __device__
+
+struct HostIndex {
+    unsigned x = 0;
+};
+inline thread_local HostIndex threadIdx, blockIdx, gridDim;
+
+namespace voxspring::cuda {
+
+/// The hardware's barriers 0 to 2, for so many threads each.
+struct HostBarriers {
+    HostBarriers(int all, int first, int second)
+        : barrier{std::barrier(all), std::barrier(first), std::barrier(second)} {}
+    std::array<std::barrier<>, 3> barrier;
+};
+inline thread_local HostBarriers* host_barriers = nullptr;
+
+template <int barrier, int threads>
+void meet() {
+    host_barriers->barrier[barrier].arrive_and_wait();
+}
+
+/// Words of 16 bytes, which are read and written whole.
+inline std::mutex& mutex_of(const TaggedPoint* word) {
+    static std::array<std::mutex, 64> all;
+    return all[reinterpret_cast<std::uintptr_t>(word) / sizeof(TaggedPoint) % all.size()];
+}
+inline void publish_if(bool here, TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
+    if (!here) return;
+    const std::lock_guard lock(mutex_of(to));
+    *to = {point, tag};
+}
+/// Who looks in vain lets others run.
+inline TaggedPoint look_up(const TaggedPoint* from) {
+    std::this_thread::yield();
+    const std::lock_guard lock(mutex_of(from));
+    return *from;
+}
+
+/// A block whose looks for an order take long.
+inline std::atomic<unsigned> slow_block = ~0U;
+
+inline void read_words(const std::uint64_t* from, std::uint64_t* to) {
+    if (blockIdx.x == slow_block) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    std::this_thread::yield();
+    for (int n = 0; n < 2; ++n) to[n] = __atomic_load_n(from + n, __ATOMIC_RELAXED);
+}
+inline void write_word(std::uint64_t* to, std::uint64_t word) {
+    __atomic_store_n(to, word, __ATOMIC_RELAXED);
+}
+
+/// Ends the test: its threads would wait for ever.
+[[noreturn]] inline void give_up(std::uint64_t* /*stall*/, std::uint32_t number) {
+    std::fprintf(stderr, "block %u waited in vain for step %u\n", blockIdx.x, number);
+    std::abort();
+}
+inline void count_block(std::uint32_t* counted) { __atomic_fetch_add(counted, 1, __ATOMIC_RELEASE); }
+inline void wait_until_counted(const std::uint32_t* counted, std::uint32_t wanted, std::uint64_t* stall,
+                               std::uint32_t number) {
+    for (std::uint32_t n = 0; int(__atomic_load_n(counted, __ATOMIC_ACQUIRE) - wanted) < 0; ++n) {
+        if (n == max_resident_polls) give_up(stall, number);
+        std::this_thread::yield();
+    }
+}
+inline std::uint64_t nanoseconds() {
+    return std::uint64_t(std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1));
+}
+
+/// The threads of a launch. Its end is waited for.
+class HostLaunch {
+public:
+    /// Each thread calls body(shared), with one Shared a block. `second`: threads that meet at barrier 2.
+    template <class Shared, class Body>
+    static HostLaunch of(unsigned blocks, int threads, int second, Body body) {
+        HostLaunch launch;
+        for (unsigned b = 0; b < blocks; ++b) {
+            const auto barriers = std::make_shared<HostBarriers>(threads, threads, second);
+            const auto shared = std::make_shared<Shared>();
+            for (unsigned t = 0; t < unsigned(threads); ++t) {
+                launch.threads_.emplace_back([=] {
+                    threadIdx.x = t;
+                    blockIdx.x = b;
+                    gridDim.x = blocks;
+                    host_barriers = barriers.get();
+                    body(*shared);
+                });
+            }
+        }
+        return launch;
+    }
+
+private:
+    std::vector<std::jthread> threads_;
+};
+
+}  // namespace voxspring::cuda
+
+inline void __syncthreads() { voxspring::cuda::meet<0, 0>(); }

@@ -1,0 +1,385 @@
+// The body of the resident kernel on the host, with a thread for each of a launch's: steps, the tool, and
+// ticks that the host orders while the launch goes on.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <iterator>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "backends/layout/resident_layout.h"
+#include "backends/layout/tick_desk.h"
+#include "tests/host_blocks.h"
+// Kernels' bodies come after what they find on a device.
+#include "cuda/kernels/resident_block.h"
+#include "tests/host_kernels.h"
+#include "tests/support.h"
+
+#ifdef __has_feature
+#if __has_feature(thread_sanitizer)
+#define WATCHES_THREADS
+#endif
+#endif
+
+namespace voxspring::cuda {
+namespace {
+
+using testing::expect_same_bits;
+using testing::random_state;
+using testing::solid;
+
+Problem lattice(glm::ivec3 dims) {
+    Problem problem = make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.damping = 0.01;
+    problem.time_step = 0.2;
+    return problem;
+}
+
+/// One of the particles has a load of its own.
+Problem held(Problem problem, const State& start, const std::vector<std::uint32_t>& particles) {
+    Tool tool{.particles = particles, .held = {}, .stiffness = 0.125};
+    for (const std::uint32_t i : tool.particles) tool.held.push_back(start.displacement[i]);
+    problem.load.assign(problem.particle_count(), glm::dvec3(0));
+    problem.load[31] = {0.01, -0.02, 0.03};
+    take_hold(problem, tool);
+    return problem;
+}
+/// Of bodies of 120 particles and more, in several blocks.
+const std::vector<std::uint32_t> anywhere = {0, 31, 112, 119};
+
+/// A body and how it is dealt out.
+struct Body {
+    glm::ivec3 dims;
+    Partition partition;
+    bool overlap;
+    ResidentShape shape;
+};
+/// All springs wait for the border: the order of sums is that of the implicit kernels.
+inline constexpr Body mixed{
+    {8, 4, 4}, Partition::bisection, false, {32, 16, 2, 128, 1U << mixed_border, false, {}}};
+/// The same with lanes that have no particle.
+inline constexpr Body idle{{6, 5, 4}, Partition::bisection, false, mixed.shape};
+/// A warp a row, with borders on one or two sides: springs within a block are added first.
+inline constexpr Body rows{
+    {32, 2, 2}, Partition::rows, true, {32, 64, 2, 160, (1U << border_kinds) - 1, false, {}}};
+constexpr int max_blocks = 4;
+
+constexpr ResidentShape with(ToolMode mode, ResidentShape shape) {
+    shape.tool = mode;
+    return shape;
+}
+
+/// cuda_resident's tables and state, on the host.
+template <Formulation f, const Body& body, ToolMode mode>
+class Simulation {
+public:
+    using Terms = KernelTerms<f, FACE_BITS | EDGE_BITS,
+                              term_damping | term_gravity | (mode == ToolMode::none ? 0 : term_loads), false>;
+    using Block = ResidentBlock<Terms, with(mode, body.shape)>;
+
+    /// `tag` and `tick`: the numbers before the first.
+    Simulation(const Problem& problem, const State& start, std::uint32_t tag = 0, std::uint32_t tick = 0)
+        : problem_(problem),
+          placement_(place_compact(problem)),
+          layout_(lay_out_resident(problem, max_blocks, body.shape.pollers, body.partition, body.overlap)),
+          packed_(pack<float>(problem, start, placement_, problem.lattice.mask, f)),
+          load_(pack_load<float>(problem, placement_)),
+          held_(pack_held<float>(problem, placement_, f)),
+          held_by_lane_(held_by_lanes(layout_, problem.tool.particles)),
+          exchange_(2 * layout_.published_count),
+          forces_(held_.size()),
+          answers_(held_.size()),
+          tag_(tag),
+          desk_(tick) {
+        const ResidentShape& shape = body.shape;
+        if (layout_.blocks != max_blocks || layout_.lanes != shape.lanes || layout_.rounds != shape.rounds ||
+            layout_.slots > shape.slots || (layout_.border_kinds & ~shape.borders) != 0)
+            throw std::logic_error("the kernel is of another shape: lanes " + std::to_string(layout_.lanes) +
+                                   ", rounds " + std::to_string(layout_.rounds) + ", slots " +
+                                   std::to_string(layout_.slots));
+        packed_.previous.resize(placement_.words);
+        static_cast<ImplicitStep<float>&>(step_) =
+            make_implicit_step<float>(problem, place_on_grid(problem.lattice), f);
+        measure<float>(step_.rest_length, f);
+        step_.motion.load = load_.empty() ? nullptr : load_.data();
+        step_.particle = layout_.particle.data();
+        step_.published = layout_.published.data();
+        step_.own_slot = layout_.own_slot.data();
+        step_.slot = layout_.slot.data();
+        step_.border = layout_.border.data();
+        step_.polled = layout_.polled.data();
+        step_.polled_word = layout_.polled_word.data();
+        step_.polled_slot = layout_.polled_slot.data();
+        step_.lane_count = layout_.lane_count();
+        step_.published_count = layout_.published_count;
+        step_.exchange = exchange_.data();
+        step_.started_blocks = &started_blocks_;
+        step_.held_by_lane = held_by_lane_.data();
+        step_.held = held_.data();
+        step_.tool.stiffness = float(problem.tool.stiffness);
+        step_.forces = forces_.data();
+        if constexpr (mode == ToolMode::ticks) desk_.open(&asked_, answers_);
+    }
+    Simulation(const Simulation&) = delete;
+
+    void move_tool(const glm::dvec3& displacement) { step_.tool.moved = vector_of<float>(displacement); }
+
+    /// A launch of `count` steps.
+    void step(int count) {
+        launch(count);
+        end();
+        tag_ += std::uint32_t(count);
+    }
+    glm::dvec3 tool_force() const { return force_on_tool(forces_); }
+
+    // In ticks, as cuda/common/ticks.h does it:
+
+    void order(const glm::dvec3& moved, int steps) {
+        desk_.order(vector_of<float>(moved), std::uint32_t(steps));
+        if (!launch_) begin();
+        tag_ += desk_.steps();
+    }
+    void order_again() {
+        desk_.order_again();
+        begin();
+        tag_ += desk_.steps();
+    }
+    glm::dvec3 wait_for_force() {
+        while (!desk_.answered()) std::this_thread::yield();
+        return force_on_tool(desk_.forces());
+    }
+    void order_end() {
+        desk_.order_end();
+        end();
+    }
+    /// Waits until all blocks have stored their state.
+    void end() { launch_.reset(); }
+
+    TickDesk& desk() { return desk_; }
+    void set_max_idle(std::chrono::nanoseconds most) { max_idle_ = most; }
+    State download() const { return unpack<float>(problem_, packed_, placement_, f); }
+
+private:
+    void begin() {
+        taken_blocks_ = 0;
+        step_.line = {&asked_,         &handed_on_,  &taken_blocks_,
+                      answers_.data(), desk_.tick(), std::uint64_t(max_idle_.count())};
+        launch(0);
+    }
+    void launch(int count) {
+        const typename Block::Memory memory{packed_.current.data(), packed_.previous.data(),
+                                            packed_.increment.data(), increment_pitch(placement_)};
+        launch_ = HostLaunch::of<typename Block::Shared>(
+            max_blocks, Block::all_threads, body.shape.lanes,
+            [this, memory, count, tag = tag_, launches = ++launches_](auto& shared) {
+                Block(shared, step_).run(memory, count, tag, launches);
+            });
+    }
+
+    const Problem& problem_;
+    const Placement placement_;
+    const ResidentLayout layout_;
+    PackedState<float> packed_;
+    std::vector<Vector<float>> load_;
+    std::vector<HeldWord<float>> held_;
+    std::vector<std::uint32_t> held_by_lane_;
+    std::vector<TaggedPoint> exchange_;
+    std::vector<HeldForce<float>> forces_;
+    std::vector<AnswerWords> answers_;
+    OrderWords asked_{}, handed_on_{};
+    std::uint32_t started_blocks_ = 0, taken_blocks_ = 0, launches_ = 0;
+    std::uint32_t tag_;
+    TickDesk desk_;
+    std::chrono::nanoseconds max_idle_ = std::chrono::minutes(1);
+    HeldResidentStep step_{};
+    std::optional<HostLaunch> launch_;
+};
+
+template <class V>
+class Resident : public ::testing::Test {};
+using Formulations =
+    ::testing::Types<Variant<float, Formulation::position>, Variant<float, Formulation::increment>>;
+TYPED_TEST_SUITE(Resident, Formulations);
+
+const std::vector<int> launches = {1, 4, 1, 3};
+
+TYPED_TEST(Resident, StepsAsTheImplicitKernelDoes) {
+    const Problem problem = lattice(mixed.dims);
+    const State start = random_state(problem, 0.05, 1);
+    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
+    Simulation<TypeParam::formulation, mixed, ToolMode::none> resident(problem, start);
+    for (const int count : launches) {
+        expected.step(count);
+        resident.step(count);
+        expect_same_bits(resident.download(), expected.download());
+    }
+}
+
+/// Where the tool is in tick n.
+glm::dvec3 hand(std::size_t n) { return {0.05 * double(n % 3), -0.1 * double(n % 2), 0.02 * double(n + 1)}; }
+
+TYPED_TEST(Resident, AToolPullsAsThePassBeforeAnImplicitStepDoes) {
+    const State start = random_state(lattice(mixed.dims), 0.05, 1);
+    const Problem problem = held(lattice(mixed.dims), start, anywhere);
+    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
+    Simulation<TypeParam::formulation, mixed, ToolMode::launch> resident(problem, start);
+    for (std::size_t n = 0; n < launches.size(); ++n) {
+        expected.move_tool(hand(n));
+        expected.step(launches[n]);
+        resident.move_tool(hand(n));
+        resident.step(launches[n]);
+        expect_same_bits(resident.download(), expected.download());
+        EXPECT_EQ(resident.tool_force(), expected.tool_force());
+        EXPECT_NE(resident.tool_force(), glm::dvec3(0));
+    }
+}
+
+/// Ticks of the body, each as a launch would take it.
+template <Formulation f, const Body& body>
+void expect_ticks_as_launches(const std::vector<int>& ticks, std::uint32_t before_first = 0,
+                              const std::vector<std::uint32_t>& particles = anywhere) {
+    const State start = random_state(lattice(body.dims), 0.05, 2);
+    const Problem problem = held(lattice(body.dims), start, particles);
+    Simulation<f, body, ToolMode::launch> by_launch(problem, start);
+    Simulation<f, body, ToolMode::ticks> in_ticks(problem, start, before_first, before_first);
+    // Another launch goes on from the memory that the first one leaves.
+    const std::size_t half = ticks.size() / 2;
+    for (const auto& [begin, end] : {std::pair(std::size_t(0), half), std::pair(half, ticks.size())}) {
+        std::vector<glm::dvec3> forces;
+        for (std::size_t n = begin; n < end; ++n) {
+            by_launch.move_tool(hand(n));
+            by_launch.step(ticks[n]);
+            forces.push_back(by_launch.tool_force());
+        }
+        // At once: an order goes out as soon as the answer to the one before is there.
+        for (std::size_t n = begin; n < end; ++n) {
+            in_ticks.order(hand(n), ticks[n]);
+            ASSERT_EQ(in_ticks.wait_for_force(), forces[n - begin]) << "tick " << n;
+        }
+        in_ticks.order_end();
+        expect_same_bits(in_ticks.download(), by_launch.download());
+    }
+}
+
+TYPED_TEST(Resident, ATickGivesTheBitsOfALaunch) {
+    expect_ticks_as_launches<TypeParam::formulation, mixed>({1, 1, 4, 3, 1, 2, 5, 1});
+    expect_ticks_as_launches<TypeParam::formulation, rows>({1, 1, 4, 3, 1, 2, 5, 1});
+}
+
+// They write into one slot, which nobody reads: a race that ThreadSanitizer need not see.
+#ifndef WATCHES_THREADS
+TYPED_TEST(Resident, StepsWithIdleLanes) {
+    const Problem problem = lattice(idle.dims);
+    const State start = random_state(problem, 0.05, 1);
+    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
+    Simulation<TypeParam::formulation, idle, ToolMode::none> resident(problem, start);
+    expected.step(5);
+    resident.step(5);
+    expect_same_bits(resident.download(), expected.download());
+    expect_ticks_as_launches<TypeParam::formulation, idle>({1, 3, 2, 1});
+}
+#endif
+
+// Of ticks and of steps: 2^32 is among them.
+TEST(Ticks, NumbersBeginAnew) {
+    expect_ticks_as_launches<Formulation::position, mixed>({1, 1, 3, 1, 2, 1, 1, 1}, 0xFFFFFFFCU);
+}
+
+// Only block 0 answers. The order before is not replaced until the slow block has read that.
+TEST(Ticks, WaitForASlowBlock) {
+    for (const unsigned slow : {1U, 2U, 3U}) {
+        slow_block = slow;
+        expect_ticks_as_launches<Formulation::position, mixed>({1, 1, 1, 1, 1, 1, 1, 1, 1, 1}, 0, {0});
+    }
+    slow_block = ~0U;
+}
+
+// Nobody orders the end.
+TEST(Ticks, EndWhereTheHostIsSilentAndGoOnWhenItIsNot) {
+    const State start = random_state(lattice(rows.dims), 0.05, 2);
+    const Problem problem = held(lattice(rows.dims), start, anywhere);
+    Simulation<Formulation::increment, rows, ToolMode::launch> by_launch(problem, start);
+    Simulation<Formulation::increment, rows, ToolMode::ticks> in_ticks(problem, start);
+    in_ticks.set_max_idle(std::chrono::milliseconds(50));
+    in_ticks.order(hand(0), 3);
+    in_ticks.end();
+    by_launch.move_tool(hand(0));
+    by_launch.step(3);
+    EXPECT_EQ(in_ticks.wait_for_force(), by_launch.tool_force());
+    expect_same_bits(in_ticks.download(), by_launch.download());
+
+    // An order that no launch sees: another one takes it, as a tick of its own.
+    in_ticks.desk().order(vector_of<float>(hand(1)), 2);
+    EXPECT_FALSE(in_ticks.desk().answered());
+    EXPECT_EQ(force_on_tool(in_ticks.desk().forces()), by_launch.tool_force()) << "of the tick before";
+    in_ticks.order_again();
+    by_launch.move_tool(hand(1));
+    by_launch.step(2);
+    EXPECT_EQ(in_ticks.wait_for_force(), by_launch.tool_force());
+    in_ticks.order_end();
+    expect_same_bits(in_ticks.download(), by_launch.download());
+}
+
+TEST(Ticks, AnAnswerIsThereWhenAllOfItIs) {
+    std::vector<AnswerWords> answers(2);
+    OrderWords asked{};
+    TickDesk desk(6);
+    desk.open(&asked, answers);
+    EXPECT_TRUE(desk.answered()) << "nothing was asked";
+    desk.order({1, 2, 3}, 4);
+    EXPECT_EQ(desk.tick(), 7U);
+    EXPECT_FALSE(desk.answered());
+    answer({-1, -2, -3}, 7, &answers[1]);
+    answer({5, 6, 7}, 6, &answers[0]);
+    EXPECT_FALSE(desk.answered());
+    answers[0].word[2] = tick_word(-6.0F, 7);
+    answers[0].word[0] = tick_word(-4.0F, 7);
+    EXPECT_FALSE(desk.answered());
+    answers[0].word[1] = tick_word(-5.0F, 7);
+    EXPECT_TRUE(desk.answered());
+    EXPECT_EQ(force_on_tool(desk.forces()), glm::dvec3(5, 7, 9));
+    // The end has no answer, and leaves the latest.
+    desk.order_end();
+    EXPECT_TRUE(desk.answered());
+    EXPECT_EQ(force_on_tool(desk.forces()), glm::dvec3(5, 7, 9));
+    // What is left in memory is of no tick to come.
+    desk.open(&asked, answers);
+    desk.order({0, 0, 0}, 1);
+    EXPECT_EQ(desk.tick(), 9U);
+    EXPECT_FALSE(desk.answered());
+}
+
+TEST(Ticks, AnOrderIsThereWhenAllOfItIs) {
+    std::vector<AnswerWords> answers(1);
+    OrderWords asked{};
+    TickDesk desk;
+    desk.open(&asked, answers);
+    desk.order({1, -2, 0.5F}, 1000);
+    TickOrder order{};
+    EXPECT_FALSE(look_for_order(&asked, 2, order));
+    ASSERT_TRUE(look_for_order(&asked, 1, order));
+    EXPECT_EQ(order.moved, (Vector<float>{1, -2, 0.5F}));
+    EXPECT_EQ(order.steps, 1000U);
+    EXPECT_EQ(order.tick, 1U);
+    for (std::uint64_t& word : asked.word) {
+        const std::uint64_t whole = std::exchange(word, tick_word(count_in(word), 0));
+        EXPECT_FALSE(look_for_order(&asked, 1, order));
+        word = whole;
+    }
+    desk.order_again();
+    ASSERT_TRUE(look_for_order(&asked, 2, order));
+    EXPECT_EQ(order.steps, 1000U);
+    desk.order_end();
+    ASSERT_TRUE(look_for_order(&asked, 3, order));
+    EXPECT_EQ(order.steps, 0U);
+}
+
+}  // namespace
+}  // namespace voxspring::cuda
