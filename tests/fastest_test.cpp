@@ -241,6 +241,15 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
     EXPECT_TRUE(workload_of(load_scene("scalpel_1")).edited);
 }
 
+// What takes thousands of steps in a launch takes few of them where a tool moves.
+TEST(Auto, AsksWhetherAToolMoves) {
+    const Workload plain = workload_of(load_scene("heart")), held = workload_of(load_scene("grasp"));
+    EXPECT_EQ(held.particles, plain.particles);
+    EXPECT_FALSE(plain.held);
+    EXPECT_TRUE(held.held);
+    for (const Rule& rule : rules()) EXPECT_EQ(holds(rule, held), holds(rule, plain) && rule.edits);
+}
+
 TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
     nlohmann::json result =
         result_of({row_of("a", "cpu_parallel", 90), row_of("a", "gl_fragment_implicit", 80),

@@ -94,9 +94,11 @@ public:
     }
 
     std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) override {
+        let_end();
         const auto fed = pack_fed<Real>(problem(), particles, family_.formulation,
                                         [&](std::uint32_t i) { return placement_.at(i); });
         return make_feed<Real>(fed, buffer, stream(), [this] {
+            let_end();
             const auto now = std::size_t(current());
             return Feeding<Real>{.fed = nullptr,
                                  .count = 0,

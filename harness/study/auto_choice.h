@@ -18,6 +18,7 @@ namespace voxspring {
 struct Workload {
     std::uint64_t voxels = 0, particles = 0;
     bool edited = false;  ///< springs are cut or joined between steps
+    bool held = false;    ///< by a tool, which moves between steps
     double occupancy() const { return double(particles) / double(voxels); }
 };
 Workload workload_of(const Scene& scene);
@@ -29,7 +30,7 @@ struct Rule {
     std::string tuning;  ///< "fetch=l1": what is not at its default; empty: nothing
     double min_particles, max_particles;
     double min_occupancy, max_occupancy;
-    bool edits;          ///< also where springs are edited
+    bool edits;          ///< also where springs are edited or a tool moves
     std::string reason;  ///< as a user reads it
 };
 /// In the order in which they are asked: the first that holds, and whose backend is here and takes the
