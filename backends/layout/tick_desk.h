@@ -25,7 +25,8 @@ public:
     void order(Vector<float> moved, std::uint32_t steps);
     /// The latest order once more, in a tick of its own: the kernel has ended and had not taken it.
     void order_again();
-    /// Orders the kernel to store the state and to end. There will be no answer.
+    /// Orders the kernel to store the state and to end. There will be no answer; the next order waits for the
+    /// end.
     void order_end();
 
     /// Number of the latest order's tick: what a kernel that is launched now begins with.

@@ -24,6 +24,8 @@ void Ticks::end() {
     wait();
     desk_.order_end();
     running_ = false;
+    // Another order would replace this one before the launch has read it.
+    wait_for_stream_();
 }
 
 const std::vector<HeldForce<float>>& Ticks::forces() {
@@ -50,7 +52,7 @@ void Ticks::wait() {
         // The answer may have come since it was looked for.
         if (!stream_.has_ended() || desk_.answered()) continue;
         running_ = false;
-        check_();
+        wait_for_stream_();
         if (again) throw DeviceError("a resident kernel ends without seeing what the host orders");
         again = true;
         desk_.order_again();

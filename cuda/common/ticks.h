@@ -21,9 +21,9 @@ public:
     /// Enqueues a launch that begins with the latest order. `again`: steps of it that have been ordered
     /// before, in vain.
     using Launch = std::function<void(const TickLine& line, std::uint32_t again)>;
-    /// `check()` throws DeviceError if what ran in the stream has failed.
-    Ticks(const Stream& stream, Launch launch, std::function<void()> check)
-        : stream_(stream), launch_(std::move(launch)), check_(std::move(check)) {}
+    /// `wait_for_stream()` throws DeviceError if what ran in the stream has failed.
+    Ticks(const Stream& stream, Launch launch, std::function<void()> wait_for_stream)
+        : stream_(stream), launch_(std::move(launch)), wait_for_stream_(std::move(wait_for_stream)) {}
 
     /// For a tool that holds so many particles, one at least. No launch is running.
     void open(std::size_t held);
@@ -32,7 +32,7 @@ public:
     /// Orders `steps` steps, of the launch that is running or of a new one, once the order before is
     /// answered.
     void order(Vector<float> moved, std::uint32_t steps);
-    /// Orders the end, once the order before is answered; nothing if no launch is running.
+    /// Orders the end, once the order before is answered, and waits for it; nothing if no launch is running.
     void end();
     /// The forces of the latest order, once it is answered.
     const std::vector<HeldForce<float>>& forces();
@@ -46,7 +46,7 @@ private:
 
     const Stream& stream_;
     Launch launch_;
-    std::function<void()> check_;
+    std::function<void()> wait_for_stream_;
     Pinned<OrderWords> asked_;
     Pinned<AnswerWords> answers_;
     Buffer<OrderWords> handed_on_;
