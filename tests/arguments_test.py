@@ -49,7 +49,7 @@ class Words(InTemporaryFolder):
                 self.assertTrue(refused.stderr.endswith(f"; did you mean {meant}?\n"), refused.stderr)
             else:
                 self.assertNotIn("did you mean", refused.stderr)
-        self.assertIn("expected one of list, limits, info, run, study, advise, diff, report, completion", voxspring("nosuch").stderr)
+        self.assertIn("expected one of list, limits, info, run, view, study, advise, diff, report, completion", voxspring("nosuch").stderr)
 
     def test_a_worker_is_not_started_by_hand(self):
         for arguments in (["worker"], ["worker", "--of-a-study"], ["worker", "--of-a-study", "more"]):

@@ -64,8 +64,10 @@ struct Body {
 /// All springs wait for the border: the order of sums is that of the implicit kernels.
 inline constexpr Body mixed{
     {8, 4, 4}, Partition::bisection, false, {32, 16, 2, 128, 1U << mixed_border, false, {}}};
+#ifndef WATCHES_THREADS
 /// The same with lanes that have no particle.
 inline constexpr Body idle{{6, 5, 4}, Partition::bisection, false, mixed.shape};
+#endif
 /// A warp a row, with borders on one or two sides: springs within a block are added first.
 inline constexpr Body rows{
     {32, 2, 2}, Partition::rows, true, {32, 64, 2, 160, (1U << border_kinds) - 1, false, {}}};

@@ -142,7 +142,11 @@ class Study(unittest.TestCase):
         for package in self.asked_for("package"):
             self.assertNotRegex(package, "chromium|selenium|clang|llvm|python|scipy")
         self.assertEqual(self.asked_for("package") - self.asked_for("study"),
-                         {"libgtest-dev", "libgmock-dev", "xz-utils"})
+                         {"libglfw3-dev", "libimgui-dev", "libgtest-dev", "libgmock-dev", "xz-utils"})
+
+    def test_a_study_installs_nothing_of_a_window(self):
+        self.assertEqual(self.asked_for("view") - self.asked_for("study"), {"libglfw3-dev", "libimgui-dev"})
+        self.assertNotIn("libglfw3-dev", self.asked_for("study"))
 
     def test_the_quick_tests_install_no_browser_and_no_sanitizer(self):
         for package in self.asked_for("test"):
