@@ -86,10 +86,8 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
     for (const auto& [borders, masked, tool, slots, architecture] :
          {Variant{(1 << border_kinds) - 1, "0", "none", "2048", 90},
           Variant{1 << mixed_border, "1", "none", "768", 75},
-          Variant{(1 << border_kinds) - 1, "0", "launch", "2048", 90},
           Variant{1 << mixed_border, "1", "launch", "768", 75},
           Variant{(1 << border_kinds) - 1, "0", "ticks", "2016", 90},
-          Variant{1 << mixed_border, "1", "ticks", "768", 75},
           Variant{1 << mixed_border, "0", "ticks", "768", 120}}) {
         SCOPED_TRACE(tool);
         const KernelSource source{
