@@ -75,6 +75,24 @@ TEST_P(Compiler, CompilesEveryKernel) {
     }
 }
 
+KernelSource resident_source(
+    const char* tool, const char* slots = "768", int borders = 1 << mixed_border, const char* masked = "0",
+    const std::string& terms = "KernelTerms<Formulation::increment,262143u,0u,false>") {
+    return {"resident.cu",
+            {{"REAL", "float"},
+             {"FETCH", "PastL1"},
+             {"THREADS", "512"},
+             {"BLOCKS", "1"},
+             {"LANES", "256"},
+             {"POLLERS", "256"},
+             {"ROUNDS", "2"},
+             {"SLOTS", slots},
+             {"BORDERS", std::to_string(borders)},
+             {"MASKED", masked},
+             {"TOOL", tool},
+             {"TERMS", terms}}};
+}
+
 TEST_P(Compiler, CompilesTheResidentKernel) {
     if (GetParam() == Formulation::compensated) return;  // its points do not fit into a tagged word
     struct Variant {
@@ -90,39 +108,11 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
           Variant{(1 << border_kinds) - 1, "0", "ticks", "2016", 90},
           Variant{1 << mixed_border, "0", "ticks", "768", 120}}) {
         SCOPED_TRACE(tool);
-        const KernelSource source{
-            "resident.cu",
-            {{"REAL", "float"},
-             {"FETCH", "PastL1"},
-             {"THREADS", "512"},
-             {"BLOCKS", "1"},
-             {"LANES", "256"},
-             {"POLLERS", "256"},
-             {"ROUNDS", "2"},
-             {"SLOTS", slots},
-             {"BORDERS", std::to_string(borders)},
-             {"MASKED", masked},
-             {"TOOL", tool},
-             {"TERMS", "KernelTerms<Formulation::" + to_string(GetParam()) + ",262143u," +
-                           std::to_string(all_terms & ~term_materials) + "u,true>"}}};
+        const std::string terms = "KernelTerms<Formulation::" + to_string(GetParam()) + ",262143u," +
+                                  std::to_string(all_terms & ~term_materials) + "u,true>";
+        const KernelSource source = resident_source(tool, slots, borders, masked, terms);
         EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
     }
-}
-
-KernelSource resident_source(const char* tool) {
-    return {"resident.cu",
-            {{"REAL", "float"},
-             {"FETCH", "PastL1"},
-             {"THREADS", "512"},
-             {"BLOCKS", "1"},
-             {"LANES", "256"},
-             {"POLLERS", "256"},
-             {"ROUNDS", "2"},
-             {"SLOTS", "768"},
-             {"BORDERS", "16"},
-             {"MASKED", "0"},
-             {"TOOL", tool},
-             {"TERMS", "KernelTerms<Formulation::increment,262143u,0u,false>"}}};
 }
 
 std::size_t count_of(const std::string& word, const std::string& text) {

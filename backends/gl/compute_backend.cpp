@@ -194,8 +194,7 @@ std::unique_ptr<Feed> ComputeBackend::feed(const std::vector<std::uint32_t>& par
     context().make_current();
     const auto fed = cuda::pack_fed<float>(*problem_, particles, formulation(),
                                            [&](std::uint32_t i) { return layout_.placement.at(i); });
-    return std::make_unique<FeedPass>(context(), fed, buffer, formulation(), Defines{},
-                                      [this] { bind_words(); });
+    return std::make_unique<FeedPass>(context(), fed, buffer, feed_program({}), [this] { bind_words(); });
 }
 
 void ComputeBackend::set_problem(const Problem& edited) {

@@ -12,12 +12,13 @@ constexpr GLuint fed_binding = 11, displacements_binding = 12;  // as in shaders
 }  // namespace
 
 FeedPass::FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
-                   Formulation formulation, Defines defines, std::function<void()> bind_state)
-    : context_(context), count_(fed.size()), buffer_(buffer), bind_state_(std::move(bind_state)) {
-    defines.merge(glsl::formulation_defines(formulation));
-    program_ = Program(context, load_source("feed.comp", defines));
+                   const Program& program, std::function<void()> bind_state)
+    : context_(context),
+      program_(program),
+      count_(fed.size()),
+      buffer_(buffer),
+      bind_state_(std::move(bind_state)) {
     fed_.upload(context, fed);
-    program_.set("count", int(fed.size()));
 }
 
 void FeedPass::write() {
@@ -28,6 +29,7 @@ void FeedPass::write() {
     bind_state_();
     fed_.bind(fed_binding);
     glBindBufferBase(GL_SHADER_STORAGE_BUFFER, displacements_binding, buffer_);
+    program_.set("count", int(count_));
     glUseProgram(program_.get());
     glDispatchCompute(glsl::striding_groups(count_), 1, 1);
     glUseProgram(GLuint(stepping));

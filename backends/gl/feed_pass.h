@@ -13,16 +13,16 @@ namespace voxspring::gl {
 
 class FeedPass final : public Feed {
 public:
-    /// `buffer`: of 16 bytes a particle, in a context that shares objects with this one. `defines` specialise
-    /// the shader beyond the formulation. `bind_state` binds the state as it is then. The context is current.
+    /// `buffer`: of 16 bytes a particle, in a context that shares objects with this one. `program`: the
+    /// shader, which must outlive this. `bind_state` binds the state as it is then. The context is current.
     FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
-             Formulation formulation, Defines defines, std::function<void()> bind_state);
+             const Program& program, std::function<void()> bind_state);
 
     void write() override;
 
 private:
     const Context& context_;
-    Program program_;
+    const Program& program_;
     StorageBuffer fed_;
     std::size_t count_;
     GLuint buffer_;

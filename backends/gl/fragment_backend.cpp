@@ -278,7 +278,7 @@ std::unique_ptr<Feed> FragmentBackend::feed(const std::vector<std::uint32_t>& pa
     context().make_current();
     const auto fed = cuda::pack_fed<float>(*problem_, particles, formulation(),
                                            [&](std::uint32_t i) { return texel_of(i); });
-    return std::make_unique<FeedPass>(context(), fed, buffer, formulation(), Defines{{"TEXELS", ""}},
+    return std::make_unique<FeedPass>(context(), fed, buffer, feed_program({{"TEXELS", ""}}),
                                       [this] { bind_state(); });
 }
 

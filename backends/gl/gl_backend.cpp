@@ -57,6 +57,14 @@ void GlBackend::stand_at_start() {
     glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
 }
 
+const Program& GlBackend::feed_program(Defines defines) {
+    if (feed_program_.get() == 0) {
+        defines.merge(glsl::formulation_defines(formulation_));
+        feed_program_ = Program(context_, load_source("feed.comp", defines));
+    }
+    return feed_program_;
+}
+
 void GlBackend::move_tool(const glm::dvec3& displacement) {
     context_.make_current();
     tool_.move(displacement);

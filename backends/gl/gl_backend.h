@@ -41,6 +41,10 @@ protected:
     ToolPass& tool() { return tool_; }
     const ToolPass& tool() const { return tool_; }
 
+    /// shaders/feed.comp, which `defines`, always the same, specialise beyond the formulation. Feeds come and
+    /// go with each upload; it is compiled with the first.
+    const Program& feed_program(Defines defines);
+
     /// Stands at step 0, checked from here on as monitor() last said.
     void stand_at_start();
 
@@ -83,6 +87,7 @@ private:
     Program measure_program_;
     Program monitor_program_;  // made with the first upload that is monitored
     ToolPass tool_;
+    Program feed_program_;
     Buffer found_;                    // shaders/divergence_check.comp's
     std::int64_t steps_ = 0;          // since upload()
     DivergenceMonitor monitor_;       // of this run

@@ -99,14 +99,12 @@ const std::vector<Rule>& rules() {
         // gl_compute_implicit.
         {"vulkan_explicit", "", fits_one_wave, 1e5, 0, sparse, true, "lists of active particles alone"},
         // fastest.json: the box of 256^3 286 against 298 of gl_compute_implicit and 543 of vulkan_explicit,
-        // the
-        // heart of 1.9 million particles 59.4 against 57.5 and 66.6.
+        // the heart of 1.9 million particles 59.4 against 57.5 and 66.6.
         {"vulkan_implicit", "", 0, any_number, 0, any_occupancy, true, "a lattice needs no lists"},
         {"vulkan_explicit", "", 0, any_number, 0, any_occupancy, true,
          "lists, which take springs beyond the lattice"},
         // fastest.json: the heart 5.28 against 5.64 of gl_compute_explicit, that of 1.9 million
-        // particles 57.5
-        // against 67.2.
+        // particles 57.5 against 67.2.
         {"gl_compute_implicit", "", 0, any_number, 0, any_occupancy, true, "a lattice needs no lists"},
         {"gl_compute_explicit", "", 0, any_number, 0, any_occupancy, true,
          "lists, which take springs beyond the lattice"},

@@ -84,6 +84,7 @@ void BodyPainter::put_displacements(std::span<const glm::dvec3> displacement) {
 }
 
 void BodyPainter::put_values(std::span<const double> value) {
+    if (value.empty() && !has_values_ && values_.bytes() > 0) return;
     context_.make_current();
     std::vector<float> followed(1);  // never empty, so that there is something to bind
     if (!value.empty()) {

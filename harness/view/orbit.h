@@ -30,7 +30,7 @@ public:
     glm::dmat4 to_eye() const;
     glm::dmat4 to_clip(glm::ivec2 size) const;
     Ray through(glm::dvec2 pixel, glm::ivec2 size) const;
-    /// The pixel at which a place is seen; nothing for one behind the eye is kept apart.
+    /// The pixel at which a place is seen. Of a place behind the eye it says nothing.
     glm::dvec2 pixel_of(const glm::dvec3& place, glm::ivec2 size) const;
     /// The place that is seen at a pixel with a value of the depth buffer, 0 (near) to 1.
     glm::dvec3 place_at(glm::dvec2 pixel, double depth, glm::ivec2 size) const;

@@ -278,18 +278,12 @@ private:
         for (int move = 1; move <= moves; ++move) {
             if (simulation_->holds())
                 simulation_->drag(hand_before_ + (to - hand_before_) * (double(move) / moves));
-            const int end = int(std::int64_t(steps) * move / moves);
-            if (move == moves && end - done > 1) {
-                simulation_->step(end - done - 1);
-                done = end - 1;
-            }
-            if (move == moves) {
-                tick();
-            } else {
-                simulation_->step(end - done);
-            }
+            // The last step is the one that is timed.
+            const int end = move < moves ? int(std::int64_t(steps) * move / moves) : steps - 1;
+            if (end > done) simulation_->step(end - done);
             done = end;
         }
+        tick();
         hand_before_ = simulation_->holds() ? to : glm::dvec3(0);
         const double seconds = seconds_since(begin);
         // A mean of some frames: one that was disturbed is not to halve the next one's steps.
