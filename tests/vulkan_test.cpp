@@ -138,6 +138,36 @@ TEST_F(Vulkan, AMissingBarrierIsAnError) {
     EXPECT_THROW(copy_and_back(false), DeviceError);
 }
 
+TEST_F(Vulkan, BuffersThatWereReadAreUsedAgainAndOthersAreNot) {
+    const vulkan::Device device(Precision::float32);
+    vulkan::BufferPool pool(device);
+    const auto holding = [&](std::size_t count, std::byte value) {
+        return pool.holding(std::vector(count, value));
+    };
+    auto first = holding(100, std::byte{1});
+    const auto second = holding(100, std::byte{2});
+    const vk::Buffer given = first->get();
+    EXPECT_NE(second->get(), given);
+    EXPECT_EQ(first->host()[99], std::byte{1}) << "of the one that is still read";
+    first.reset();
+    const auto third = holding(200, std::byte{3});
+    EXPECT_EQ(third->get(), given) << "of the same size as a power of two";
+    EXPECT_EQ(third->host()[199], std::byte{3});
+    EXPECT_GE(holding(1000, std::byte{4})->bytes(), 1000U);
+    EXPECT_EQ(holding(0, std::byte{5})->bytes(), 0U);
+
+    const std::size_t large = (std::size_t(1) << 20) + 1;
+    EXPECT_EQ(holding(large, std::byte{6})->bytes(), large) << "what is not kept has no room beyond";
+}
+
+TEST_F(Vulkan, BuffersMayOutliveTheirPool) {
+    const vulkan::Device device(Precision::float32);
+    std::optional<vulkan::BufferPool> pool(device);
+    const auto given = pool->holding(std::vector(8, std::byte{7}));
+    pool.reset();
+    EXPECT_EQ(given->host()[7], std::byte{7});
+}
+
 // --- A lost device ----------------------------------------------------------------------------------------
 
 /// A driver whose device is lost, as long as this lives, from the next submission on.

@@ -1,5 +1,9 @@
 #include "backends/vulkan/buffer.h"
 
+#include <algorithm>
+#include <bit>
+#include <utility>
+
 namespace voxspring::vulkan {
 
 Buffer::Buffer(const Device& device, std::size_t bytes, Place place) : bytes_(bytes) {
@@ -21,6 +25,30 @@ Buffer::Buffer(const Device& device, std::size_t bytes, Place place) : bytes_(by
     buffer_.bindMemory(*memory_, 0);
     if (addressed) address_ = device.get().getBufferAddress(vk::BufferDeviceAddressInfo(*buffer_));
     if (on_host) host_ = static_cast<std::byte*>(memory_.mapMemory(0, VK_WHOLE_SIZE));
+}
+
+std::shared_ptr<const Buffer> BufferPool::holding(std::span<const std::byte> bytes) {
+    constexpr std::size_t least = 256, largest_kept = std::size_t(1) << 20;
+    if (bytes.empty()) return std::make_shared<Buffer>();
+    std::shared_ptr<Buffer> buffer;
+    if (bytes.size() > largest_kept) {
+        buffer = std::make_shared<Buffer>(device_, bytes.size(), Place::host);
+    } else {
+        buffer = of_size(std::bit_ceil(std::max(bytes.size(), least)));
+    }
+    std::ranges::copy(bytes, buffer->host().begin());
+    return buffer;
+}
+
+std::shared_ptr<Buffer> BufferPool::of_size(std::size_t size) {
+    std::vector<std::unique_ptr<Buffer>>& spare = (*spare_)[size];
+    if (spare.empty()) spare.push_back(std::make_unique<Buffer>(device_, size, Place::host));
+    Buffer* const taken = spare.back().release();
+    spare.pop_back();
+    return {taken, [pool = std::weak_ptr(spare_)](Buffer* given) {
+                std::unique_ptr<Buffer> back(given);
+                if (const auto known = pool.lock()) (*known)[back->bytes()].push_back(std::move(back));
+            }};
 }
 
 }  // namespace voxspring::vulkan

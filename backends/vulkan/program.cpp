@@ -113,9 +113,16 @@ Program::Program(const Device& device, const std::string& module, const glsl::Co
 
 Pass::Pass(Queue& queue, std::shared_ptr<const Program> program, const Uniforms& uniforms,
            const Buffers& buffers, const Buffer& nothing)
-    : program_(std::move(program)), uniforms_(queue.device(), uniforms.bytes().size(), Place::device) {
-    const vk::raii::Device& device = queue.device().get();
-    if (uniforms_.bytes() > 0) queue.update(uniforms_, uniforms.bytes());
+    : Pass(queue.device(), std::move(program),
+           std::make_shared<Buffer>(queue.device(), uniforms.bytes().size(), Place::device), buffers,
+           nothing) {
+    if (uniforms_->bytes() > 0) set(queue, uniforms);
+}
+
+Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared_ptr<const Buffer> uniforms,
+           const Buffers& buffers, const Buffer& nothing)
+    : program_(std::move(program)), uniforms_(std::move(uniforms)) {
+    const vk::raii::Device& device = of.get();
     const Module& module = program_->module();
     std::vector<vk::DescriptorPoolSize> sizes;
     if (!module.storage().empty())
@@ -138,7 +145,7 @@ Pass::Pass(Queue& queue, std::shared_ptr<const Program> program, const Uniforms&
               {(there ? *found->second : nothing).get(), 0, VK_WHOLE_SIZE});
     }
     for (const auto& [binding, block] : module.blocks()) {
-        write(binding, vk::DescriptorType::eUniformBuffer, {uniforms_.get(), block.begin, block.bytes});
+        write(binding, vk::DescriptorType::eUniformBuffer, {uniforms_->get(), block.begin, block.bytes});
     }
 }
 

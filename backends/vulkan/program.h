@@ -45,10 +45,13 @@ public:
     /// Enqueues the values of the uniforms. `nothing` stands where a binding has no buffer.
     Pass(Queue& queue, std::shared_ptr<const Program> program, const Uniforms& uniforms,
          const Buffers& buffers, const Buffer& nothing);
+    /// Of uniforms that a buffer has already.
+    Pass(const Device& device, std::shared_ptr<const Program> program, std::shared_ptr<const Buffer> uniforms,
+         const Buffers& buffers, const Buffer& nothing);
 
     const Module& module() const { return program_->module(); }
     /// Enqueues other values of the uniforms: what is enqueued later reads those.
-    void set(Queue& queue, const Uniforms& uniforms) const { queue.update(uniforms_, uniforms.bytes()); }
+    void set(Queue& queue, const Uniforms& uniforms) const { queue.update(*uniforms_, uniforms.bytes()); }
     /// What dispatch() runs from here on.
     void bind_program(const Commands& commands) const;
     /// Binds uniforms and buffers, and dispatches. Passes of one program may follow one bind_program().
@@ -56,7 +59,7 @@ public:
 
 private:
     std::shared_ptr<const Program> program_;
-    Buffer uniforms_;
+    std::shared_ptr<const Buffer> uniforms_;
     vk::raii::DescriptorPool pool_{nullptr};
     vk::DescriptorSet set_;  // the pool's
 };

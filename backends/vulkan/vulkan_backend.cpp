@@ -58,6 +58,7 @@ VulkanBackend::VulkanBackend(const Options& options, glm::ivec3 group)
       group_(group),
       marks_(guarded("starting", [&] { return make_marks(device_); })),
       nothing_(guarded("starting", [&] { return Buffer(device_, Module::block_alignment, Place::device); })),
+      sent_once_(device_),
       queue_(device_),
       mark_{record_mark(queue_, *marks_, 0), record_mark(queue_, *marks_, 1)} {}
 
@@ -404,15 +405,16 @@ void VulkanBackend::lay_out_anew() {
 
 void VulkanBackend::enqueue_dispatch(const std::shared_ptr<const Program>& program, std::size_t count,
                                      const Uniforms& uniforms, const Buffers& buffers,
-                                     const std::vector<std::shared_ptr<Buffer>>& sent) {
-    const auto pass = std::make_shared<Pass>(queue_, program, uniforms, buffers, nothing_);
+                                     const std::vector<std::shared_ptr<const Buffer>>& sent) {
+    const auto pass =
+        std::make_shared<Pass>(device_, program, sent_once_.holding(uniforms.bytes()), buffers, nothing_);
     queue_.enqueue_once([&](const Commands& commands) {
         pass->bind_program(commands);
         pass->dispatch(commands, {glsl::striding_groups(count), 1, 1});
         shaders_then_shaders(commands);
     });
     queue_.keep(pass);
-    for (const std::shared_ptr<Buffer>& buffer : sent) queue_.keep(buffer);
+    for (const auto& buffer : sent) queue_.keep(buffer);
     queue_.submit();
 }
 

@@ -2,7 +2,6 @@
 // particles' bits, the stopwatch and the divergence monitor (README.md).
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <map>
@@ -84,17 +83,14 @@ protected:
                                            glm::ivec3 group = {64, 1, 1});
     /// `values` where the device reads them, for enqueue_dispatch().
     template <class T>
-    std::shared_ptr<Buffer> send(const std::vector<T>& values) {
-        auto buffer = std::make_shared<Buffer>(device_, values.size() * sizeof(T), Place::host);
-        const auto bytes = std::as_bytes(std::span(values));
-        std::copy(bytes.begin(), bytes.end(), buffer->host().begin());
-        return buffer;
+    std::shared_ptr<const Buffer> send(const std::vector<T>& values) {
+        return sent_once_.holding(std::as_bytes(std::span(values)));
     }
     /// Enqueues a program that strides over `count` things, between the steps before and after; keeps what it
     /// reads, `sent`, until it has run.
     void enqueue_dispatch(const std::shared_ptr<const Program>& program, std::size_t count,
                           const Uniforms& uniforms, const Buffers& buffers,
-                          const std::vector<std::shared_ptr<Buffer>>& sent);
+                          const std::vector<std::shared_ptr<const Buffer>>& sent);
     /// Gives particles new bits, which every step copies on from the words that it reads.
     void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);
     /// Puts values into a buffer, in new memory unless it is of that size. Waits.
@@ -162,6 +158,7 @@ private:
     std::map<std::uint32_t, Buffer> own_;
     std::array<Buffer, 6> start_;  // copies of state_buffers()
     Buffer found_;                 // shaders/divergence_check.comp's
+    BufferPool sent_once_;
     Queue queue_;
     std::array<Commands, 2> mark_;
     std::shared_ptr<Stepping> stepping_;
