@@ -350,7 +350,7 @@ class Diff(unittest.TestCase):
                 found = self.judge(path, path)[1]
                 self.assertLessEqual(set(found["counts"]),
                                      {"same", "too few repetitions", "still fails", "too noisy to tell"})
-        older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json.gz") for name in ("tuning", "formulations"))
+        older, newer = (pathlib.Path(f"results/nvidia-h200/{name}.json.gz") for name in ("table1", "formulations"))
         steps = [{(row["scene"], row["backend"], row["formulation"], row["tuning"]): row["steps"]
                   for row in result_files.load(path)["benchmarks"]} for path in (older, newer)]
         otherwise = sum(steps[0][one] != steps[1][one] for one in steps[0].keys() & steps[1].keys())
