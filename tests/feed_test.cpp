@@ -92,7 +92,9 @@ TEST_P(Feeding, FillsABufferWithWhatIsDownloaded) {
     const auto alone = BackendSpec::parse(GetParam()).make();
     alone->upload(problem, random_state(problem, 0.1, 4));
     alone->step(5);
-    EXPECT_EQ(backend_->download().displacement, alone->download().displacement);
+    if (alone->capabilities().deterministic) {
+        EXPECT_EQ(backend_->download().displacement, alone->download().displacement);
+    }
 }
 
 TEST_P(Feeding, WithoutAWindowThereIsNone) {
