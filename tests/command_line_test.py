@@ -566,6 +566,21 @@ class Haptic(InTemporaryFolder):
                                              capture_output=True, text=True, check=True).stdout)
         self.assertEqual(compared["counts"]["new"], len(result["haptic"]) - 1)
 
+    def test_a_scene_may_have_rates_and_times_of_its_own(self):
+        study, out = self.write("time,x,y,z\n0,0,0,0\n1,0.2,0,0\n"), self.folder / "result.json"
+        item = {"scene": "held.json", "rates": [100, 200], "motion_seconds": 0.2, "longest_seconds": 0.3}
+        study.write_text(json.dumps(json.loads(study.read_text()) | {"scenes": [item]}))
+        with open("results/study.schema.json") as file:
+            jsonschema.Draft202012Validator(json.load(file)).validate(json.loads(study.read_text()))
+        ran = voxspring("study", study, "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
+        result = json.loads(out.read_text())
+        # Ticks that were missed on a busy machine do not count as ticks.
+        ticks = {(row["hertz"], row["edited"]): row["ticks"] + row["missed"] for row in result["haptic"] if not row["drawn"]}
+        self.assertEqual(ticks, {(100, False): 20, (100, True): 20, (200, False): 60, (200, True): 40})
+        study.write_text(json.dumps(json.loads(study.read_text()) | {"scenes": [item | {"longest_seconds": 0}]}))
+        self.assert_refused(voxspring("study", study), "longest_seconds", "0", "from 0.1 to 3600")
+
     def test_without_opengl_nothing_is_drawn_and_the_result_says_why(self):
         study, out = self.write("time,x,y,z\n0,0,0,0\n1,0.2,0,0\n"), self.folder / "result.json"
         ran = voxspring("study", study, "--out", out, env={

@@ -83,7 +83,7 @@ TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
         EXPECT_EQ(load_scene(scene.name).description, scene.description);
     }
     EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "grasp", "heart", "incision", "poke",
-                                               "scalpel_1", "scalpel_10", "scalpel_100"}));
+                                               "press", "scalpel_1", "scalpel_10", "scalpel_100"}));
 }
 
 TEST(Scene, PokeMovesOnlyTheCorner) {
@@ -539,7 +539,7 @@ TEST(Scene, BadArgumentsAreRefused) {
     EXPECT_EQ(
         refused("bax"),
         "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, grasp, heart, "
-        "incision, poke, "
+        "incision, poke, press, "
         "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .hdr, "
         ".hdr.gz, .img, .img.gz, .nrrd, .nhdr, .mha or .mhd); did you mean box?");
     for (const std::string suffix :

@@ -36,12 +36,13 @@ constexpr int compared_forces = 20;
 struct Playing {
     double hertz = 0;
     bool edited = false, drawn = false;
+    double seconds = 0;
 
     std::string key() const {
         return fixed_text(hertz, 3) + " Hz" + (edited ? ", edited" : "") + (drawn ? ", drawn" : "");
     }
     nlohmann::json question() const {
-        return {{"do", "play"}, {"hertz", hertz}, {"edited", edited}, {"drawn", drawn}};
+        return {{"do", "play"}, {"hertz", hertz}, {"edited", edited}, {"drawn", drawn}, {"seconds", seconds}};
     }
 };
 
@@ -162,7 +163,6 @@ public:
         : shared_(parameters.at("drawn") ? std::make_unique<Shared>(spec) : nullptr),
           scene_(scene),
           steps_(parameters.at("steps")),
-          seconds_(parameters.at("seconds")),
           edited_(scene.problem),
           runner_(scene) {
         find_edits();
@@ -171,7 +171,8 @@ public:
     nlohmann::json answer(Backend& own, const nlohmann::json& question, const OnEvent&) override {
         Backend& backend = shared_ ? *shared_->backend : own;
         if (question.at("do") == "play") {
-            const Playing playing{question.at("hertz"), question.at("edited"), question.at("drawn")};
+            const Playing playing{question.at("hertz"), question.at("edited"), question.at("drawn"),
+                                  question.at("seconds")};
             HapticRow row = play(backend, playing);
             row.steps_that_fit = steps_that_fit(backend, 1 / playing.hertz);
             drawing_.reset();
@@ -197,12 +198,12 @@ private:
         edits_[1] = editor.suture(pairs);
     }
 
-    /// The whole motion in seconds_, a tick every 1 / hertz: where the tool is goes out, a step is taken,
-    /// the force comes back. A tick that begins late is left out, and so are those whose time is over.
+    /// The whole motion in `playing.seconds`, a tick every 1 / hertz: where the tool is goes out, a step is
+    /// taken, the force comes back. A tick that begins late is left out, and so are those whose time is over.
     HapticRow play(Backend& backend, const Playing& playing) {
         HapticRow row{.playing = playing};
         const double hertz = playing.hertz;
-        const int ticks = std::max(1, int(std::lround(seconds_ * hertz)));
+        const int ticks = std::max(1, int(std::lround(playing.seconds * hertz)));
         const int ticks_an_edit = std::max(1, int(std::lround(edit_seconds * hertz)));
         stand_at_start(backend, playing.drawn);
         std::size_t next_edit = 0;
@@ -322,7 +323,6 @@ private:
     const RealTime real_time_;              // before the threads of the first step
     const Scene& scene_;
     const int steps_;
-    const double seconds_;
     std::array<SpringEdit, 2> edits_;
     Problem edited_;
     SceneRunner runner_;
@@ -336,14 +336,46 @@ const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, c
 
 // --- In the process of the study ------------------------------------------------------------------------
 
+/// How the motion is played, of a study and of a scene that says otherwise.
+struct Motions {
+    std::vector<double> rates{1000, 5000, 10000};
+    double seconds = 2;                     ///< in which the motion is played
+    std::optional<double> longest_seconds;  ///< the same at the highest rate, neither edited nor drawn
+
+    void read(JsonObject& from) {
+        if (const auto listed = from.find("rates")) {
+            rates.clear();
+            for (const JsonValue& rate : listed->array(1, 16)) rates.push_back(rate.number(1, 1e5));
+        }
+        if (const auto given = from.find("motion_seconds")) seconds = given->number(0.1, 3600);
+        if (const auto given = from.find("longest_seconds")) longest_seconds = given->number(0.1, 3600);
+    }
+    /// In the order of a case's rows.
+    std::vector<Playing> playings() const;
+};
+
+std::vector<Playing> Motions::playings() const {
+    const auto [lowest, highest] = std::minmax_element(rates.begin(), rates.end());
+    std::vector<Playing> all;
+    for (const double& rate : rates) {
+        const bool is_long = &rate == &*highest;
+        all.push_back({rate, false, false, is_long ? longest_seconds.value_or(seconds) : seconds});
+        all.push_back({rate, true, false, seconds});
+    }
+    // Of what edits add to drawing, new meshes, the lowest rate tells: they come as often at any other.
+    for (const double& rate : rates) {
+        all.push_back({rate, false, true, seconds});
+        if (&rate == &*lowest) all.push_back({rate, true, true, seconds});
+    }
+    return all;
+}
+
 class HapticStudy final : public StudyKind {
 public:
-    void read(JsonObject& study) override {
-        if (const auto rates = study.find("rates")) {
-            rates_.clear();
-            for (const JsonValue& rate : rates->array(1, 16)) rates_.push_back(rate.number(1, 1e5));
-        }
-        if (const auto seconds = study.find("motion_seconds")) seconds_ = seconds->number(0.1, 3600);
+    void read(JsonObject& study) override { motions_.read(study); }
+    std::string read_scene(JsonObject& item) const override {
+        Motions().read(item);
+        return StudyKind::read_scene(item);
     }
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
         const std::string where = "study " + study.name, what = "scene " + scene.name;
@@ -353,22 +385,31 @@ public:
             throw BadInput(where, what, std::to_string(scene.edits.size()) + " edits",
                            "none in a haptic study, which makes its own");
     }
-    int rows_of_case(const Study&, const StudyScene&) const override { return int(playings().size()); }
+    int rows_of_case(const Study&, const StudyScene& item) const override {
+        return int(motions_of(item).playings().size());
+    }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
     void run(StudyBench& bench) override;
     std::vector<std::string> lists() const override { return {"haptic"}; }
     void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
 
 private:
-    /// Those of a case, in the order of its rows.
-    std::vector<Playing> playings() const;
+    Motions motions_of(const StudyScene& item) const;
     void measure(StudyBench& bench, const BackendSpec& spec, const std::vector<glm::dvec3>& reference) const;
     void add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
                   std::optional<double> force_error) const;
 
-    std::vector<double> rates_{1000, 5000, 10000};
-    double seconds_ = 2;  ///< in which the motion is played
+    Motions motions_;
 };
+
+Motions HapticStudy::motions_of(const StudyScene& item) const {
+    Motions motions = motions_;
+    motions.rates = item.settings.value("rates", motions.rates);
+    motions.seconds = item.settings.value("motion_seconds", motions.seconds);
+    if (const auto longest = item.settings.find("longest_seconds"); longest != item.settings.end())
+        motions.longest_seconds = longest->get<double>();
+    return motions;
+}
 
 /// The largest difference of two lists of forces, relative to the largest force.
 std::optional<double> force_error(const nlohmann::json& forces, const std::vector<glm::dvec3>& reference) {
@@ -398,27 +439,13 @@ void HapticStudy::run(StudyBench& bench) {
     }
 }
 
-std::vector<Playing> HapticStudy::playings() const {
-    std::vector<Playing> all;
-    for (const double rate : rates_) {
-        for (const bool edited : {false, true}) all.push_back({rate, edited, false});
-    }
-    // Of what edits add to drawing, new meshes, the lowest rate tells: they come as often at any other.
-    const double lowest = *std::min_element(rates_.begin(), rates_.end());
-    for (const double rate : rates_) {
-        all.push_back({rate, false, true});
-        if (rate == lowest) all.push_back({rate, true, true});
-    }
-    return all;
-}
-
 void HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
                           const std::vector<glm::dvec3>& reference) const {
+    const Motions motions = motions_of(bench.item());
     std::optional<JournalScope> scope;
     // What is drawn runs in a process of its own: contexts that share buffers may slow each other down.
     for (const bool drawn : {false, true}) {
-        auto entered = bench.enter(
-            spec, {"haptic", {{"steps", bench.item().steps}, {"seconds", seconds_}, {"drawn", drawn}}});
+        auto entered = bench.enter(spec, {"haptic", {{"steps", bench.item().steps}, {"drawn", drawn}}});
         if (!entered) break;
         scope = entered->scope();
         const auto once = [&](const std::string& key, const nlohmann::json& question) {
@@ -435,7 +462,7 @@ void HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
             if (failure) scope->keep("failed", *failure);
         };
         if (!drawn) once("forces", {{"do", "forces"}});
-        for (const Playing& playing : playings()) {
+        for (const Playing& playing : motions.playings()) {
             if (playing.drawn == drawn) once(playing.key(), playing.question());
         }
     }
@@ -450,7 +477,7 @@ void HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
 void HapticStudy::add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
                            std::optional<double> force_error) const {
     const Scene& scene = bench.scene();
-    for (const Playing& playing : playings()) {
+    for (const Playing& playing : motions_of(bench.item()).playings()) {
         const nlohmann::json* measured = scope.find(playing.key());
         if (measured == nullptr) continue;
         HapticRow row = haptic_row_from_json(*measured);
