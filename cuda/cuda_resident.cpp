@@ -3,11 +3,14 @@
 #include <algorithm>
 #include <memory>
 #include <optional>
+#include <span>
+#include <vector>
 
 #include "backends/layout/blocks.h"
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
+#include "cuda/common/edit.h"
 #include "cuda/common/joint_launch.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -20,7 +23,9 @@ namespace {
 /// ResidentStep's tables on the device.
 class ResidentTables {
 public:
-    void upload(const ResidentLayout& layout, ResidentStep& step, const Stream& stream) {
+    /// `mask`: as Lattice has it.
+    void upload(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask, ResidentStep& step,
+                const Stream& stream) {
         const auto send = [&](auto& buffer, const auto& values, auto& pointer) {
             buffer.upload(values, stream);
             pointer = buffer.data();
@@ -30,7 +35,7 @@ public:
         send(polled_, layout.polled, step.polled);
         send(polled_word_, layout.polled_word, step.polled_word);
         send(own_slot_, layout.own_slot, step.own_slot);
-        send(slot_, layout.slot, step.slot);
+        send(slot_, slots_with(layout, mask), step.slot);
         send(polled_slot_, layout.polled_slot, step.polled_slot);
         send(border_, layout.border, step.border);
         exchange_.resize(std::size_t(2) * layout.published_count);
@@ -39,6 +44,7 @@ public:
         step.lane_count = layout.lane_count();
         step.published_count = layout.published_count;
     }
+    std::uint16_t* slot() const { return slot_.data(); }
     std::uint64_t bytes() const {
         return particle_.bytes() + published_.bytes() + polled_.bytes() + polled_word_.bytes() +
                own_slot_.bytes() + slot_.bytes() + polled_slot_.bytes() + border_.bytes() + exchange_.bytes();
@@ -105,15 +111,17 @@ public:
         return force_on_tool(ticks_.forces());
     }
 
-    /// Every table anew: which particles a block steps stays, but not what its neighbours are.
+    /// The slots where lanes find the neighbours that a spring parts from them or joins to them, and masks;
+    /// nothing else, since the tables have room for every spring of the lattice's groups. A launch reads both
+    /// when it begins.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
         if (edit.empty()) return;
-        synchronize();
-        Launch launch = prepare(edited);
-        launch.step.motion = this->launch().step.motion;
-        resume(launch);
-        write_masks(edit);
+        let_end();
+        const ResidentEdit written = resident_edit(*layout_, edit);
+        const EditedWord* const words = staging_.send(std::span(written.words), stream());
+        write_slots_and_bits(tables_.slot(), written.slots, current_words(), words, written.words.size(),
+                             stream());
     }
 
     /// That of an implicit step without its memory: the state leaves registers at the end of a launch alone.
@@ -137,15 +145,16 @@ private:
                            [](float deficit) { return deficit != 0; });
     }
 
-    /// The tables for `problem`; those that refused() made if it is the same body.
-    const ResidentLayout& layout_of(const Problem& problem, bool stressed) const {
-        if (latest_ && latest_->stressed == stressed && latest_->dims == problem.lattice.dims &&
-            latest_->voxel == problem.lattice.voxel && latest_->mask == problem.lattice.mask)
+    /// The tables for `problem`; those that refused() made if it is the same body, whatever its springs.
+    std::shared_ptr<const ResidentLayout> layout_of(const Problem& problem, bool stressed) const {
+        if (latest_ && latest_->stressed == stressed && latest_->group_bits == problem.group_bits &&
+            latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel)
             return latest_->layout;
         // Masks are not mirrored.
         const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
-        latest_ = {stressed, problem.lattice.dims, problem.lattice.voxel, problem.lattice.mask,
-                   lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap)};
+        latest_ = {stressed, problem.group_bits, problem.lattice.dims, problem.lattice.voxel,
+                   std::make_shared<const ResidentLayout>(
+                       lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap))};
         return latest_->layout;
     }
 
@@ -154,12 +163,13 @@ private:
         static_cast<ImplicitStep<float>&>(launch.step) =
             make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation());
         const bool stressed = is_stressed(launch.step);
-        const ResidentLayout& layout = layout_of(problem, stressed);
+        layout_ = layout_of(problem, stressed);
+        const ResidentLayout& layout = *layout_;
         tool_mode_ = tool_mode_for(problem);
         tool_stiffness_ = float(problem.tool.stiffness);
         if (std::string why = too_much_for_a_block(layout, tool_mode_); !why.empty()) throw DeviceError(why);
         if (!by_increments(formulation())) calibrate_rest_lengths<float>(launch.step.rest_length, stream());
-        tables_.upload(layout, launch.step, stream());
+        tables_.upload(layout, problem.lattice.mask, launch.step, stream());
         held_by_lane_.upload(
             problem.has_tool() ? held_by_lanes(layout, problem.tool.particles) : std::vector<std::uint32_t>(),
             stream());
@@ -230,8 +240,8 @@ private:
         if (mode == ToolMode::ticks && device().ends_long_kernels())
             return "ticks=resident: the driver ends kernels that run for seconds on a device with a display";
         return too_much_for_a_block(
-            layout_of(problem, is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice),
-                                                                     formulation()))),
+            *layout_of(problem, is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice),
+                                                                      formulation()))),
             mode);
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
@@ -239,7 +249,7 @@ private:
     }
     std::uint64_t bytes_held() const override {
         return particle_bytes_held() + tables_.bytes() + joint_.bytes() + held_by_lane_.bytes() +
-               ticks_.bytes();
+               ticks_.bytes() + staging_.bytes();
     }
 
     std::string failure_note() const override { return joint_.failure_note("resident block"); }
@@ -252,14 +262,17 @@ private:
     /// The latest layout and all that it follows from: refused() and the upload after it ask for the same.
     struct LaidOut {
         bool stressed;
+        std::uint32_t group_bits;
         glm::ivec3 dims;
-        std::vector<std::uint32_t> voxel, mask;
-        ResidentLayout layout;
+        std::vector<std::uint32_t> voxel;
+        std::shared_ptr<const ResidentLayout> layout;
     };
     mutable std::optional<LaidOut> latest_;
+    std::shared_ptr<const ResidentLayout> layout_;  ///< of the latest upload
+    Staging<EditedWord> staging_;
     JointLaunch joint_;
     Buffer<std::uint32_t> held_by_lane_;
-    // Of the latest upload or edit. A launch may have to begin anew when the problem is gone.
+    // Of the latest upload. A launch may have to begin anew when the problem is gone.
     ToolMode tool_mode_ = ToolMode::none;
     float tool_stiffness_ = 0;
     Vector<float> moved_{};  ///< the tool's, from the next step on

@@ -312,7 +312,8 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
     ASSERT_LE(layout.lanes + layout.pollers, 1024) << "threads of a block";
     ASSERT_LE(2 * 3 * std::size_t(layout.slots) * sizeof(float), std::size_t(48) << 10U)
         << "shared memory of any card";
-    for (const std::uint16_t slot : layout.slot) ASSERT_LT(int(slot), layout.slots);
+    const std::vector<std::uint16_t> slots = slots_with(layout, problem.lattice.mask);
+    for (const std::uint16_t slot : layout.neighbour_slot) ASSERT_LT(int(slot), layout.slots);
     for (const std::uint16_t slot : layout.own_slot) ASSERT_LT(int(slot), layout.slots);
     // Every spring's other end is in the slot that its direction names.
     const auto particle = particle_of_voxel(problem.lattice);
@@ -340,7 +341,7 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
                 glm::ivec3 o = direction.offset;
                 if ((layout.border[at / 32] & mirrored_y) != 0) o.y = -o.y;
                 if ((layout.border[at / 32] & mirrored_z) != 0) o.z = -o.z;
-                const int slot = layout.slot[std::size_t(bit_of(o.x, o.y, o.z)) * layout.lane_count() + at];
+                const int slot = slots[std::size_t(bit_of(o.x, o.y, o.z)) * layout.lane_count() + at];
                 const auto voxel =
                     std::ptrdiff_t(problem.lattice.voxel[i]) + problem.lattice.stride(direction);
                 ASSERT_EQ(point.at(slot), particle[std::size_t(voxel)]);

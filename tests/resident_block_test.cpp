@@ -17,6 +17,7 @@
 #include "backends/layout/tick_desk.h"
 #include "tests/host_blocks.h"
 // Kernels' bodies come after what they find on a device.
+#include "cuda/kernels/edit.h"
 #include "cuda/kernels/resident_block.h"
 #include "tests/host_kernels.h"
 #include "tests/support.h"
@@ -31,16 +32,19 @@ namespace voxspring::cuda {
 namespace {
 
 using testing::expect_same_bits;
+using testing::random_edits;
+using testing::random_grid;
 using testing::random_state;
 using testing::solid;
 
-Problem lattice(glm::ivec3 dims) {
-    Problem problem = make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS);
+Problem lattice(const VoxelGrid& grid) {
+    Problem problem = make_lattice_problem(grid, FACE_BITS | EDGE_BITS);
     problem.gravity = {8e-4, 0, -2e-3};
     problem.damping = 0.01;
     problem.time_step = 0.2;
     return problem;
 }
+Problem lattice(glm::ivec3 dims) { return lattice(solid(dims)); }
 
 /// One of the particles has a load of its own.
 Problem held(Problem problem, const State& start, const std::vector<std::uint32_t>& particles) {
@@ -64,6 +68,9 @@ struct Body {
 /// All springs wait for the border: the order of sums is that of the implicit kernels.
 inline constexpr Body mixed{
     {8, 4, 4}, Partition::bisection, false, {32, 16, 2, 128, 1U << mixed_border, false, {}}};
+/// The same of a lattice that is stressed at rest.
+inline constexpr Body masked{
+    mixed.dims, Partition::bisection, false, {32, 16, 2, 128, 1U << mixed_border, true, {}}};
 #ifndef WATCHES_THREADS
 /// The same with lanes that have no particle.
 inline constexpr Body idle{{6, 5, 4}, Partition::bisection, false, mixed.shape};
@@ -91,6 +98,7 @@ public:
         : problem_(problem),
           placement_(place_compact(problem)),
           layout_(lay_out_resident(problem, max_blocks, body.shape.pollers, body.partition, body.overlap)),
+          slot_(slots_with(layout_, problem.lattice.mask)),
           packed_(pack<float>(problem, start, placement_, problem.lattice.mask, f)),
           load_(pack_load<float>(problem, placement_)),
           held_(pack_held<float>(problem, placement_, f)),
@@ -114,7 +122,7 @@ public:
         step_.particle = layout_.particle.data();
         step_.published = layout_.published.data();
         step_.own_slot = layout_.own_slot.data();
-        step_.slot = layout_.slot.data();
+        step_.slot = slot_.data();
         step_.border = layout_.border.data();
         step_.polled = layout_.polled.data();
         step_.polled_word = layout_.polled_word.data();
@@ -130,6 +138,13 @@ public:
         if constexpr (mode == ToolMode::ticks) desk_.open(&asked_, answers_);
     }
     Simulation(const Simulation&) = delete;
+
+    /// Between launches.
+    void edit(const SpringEdit& edit) {
+        const ResidentEdit written = resident_edit(layout_, edit);
+        for (std::size_t n = 0; n < written.words.size(); ++n)
+            write_slot_or_bits(slot_.data(), written.slots, packed_.current.data(), written.words.data(), n);
+    }
 
     void move_tool(const glm::dvec3& displacement) { step_.tool.moved = vector_of<float>(displacement); }
 
@@ -188,6 +203,7 @@ private:
     const Problem& problem_;
     const Placement placement_;
     const ResidentLayout layout_;
+    std::vector<std::uint16_t> slot_;
     PackedState<float> packed_;
     std::vector<Vector<float>> load_;
     std::vector<HeldWord<float>> held_;
@@ -222,6 +238,34 @@ TYPED_TEST(Resident, StepsAsTheImplicitKernelDoes) {
         resident.step(count);
         expect_same_bits(resident.download(), expected.download());
     }
+}
+
+/// A body that is edited again and again steps as one that is uploaded as it is then.
+template <Formulation f, const Body& body>
+void expect_edits_as_uploads(const Problem& problem) {
+    const State start = random_state(problem, 0.05, 3);
+    Problem now = problem, edited = problem;
+    Simulation<f, body, ToolMode::none> in_place(now, start);
+    in_place.step(2);
+    for (const SpringEdit& edit : random_edits(edited, 4, 8)) {
+        ASSERT_FALSE(edit.empty());
+        const State midway = in_place.download();
+        apply(now, edit);
+        in_place.edit(edit);
+        in_place.step(3);
+        Simulation<f, body, ToolMode::none> anew(now, midway);
+        anew.step(3);
+        expect_same_bits(in_place.download(), anew.download());
+    }
+}
+
+TYPED_TEST(Resident, AnEditStepsAsTheEditedProblemDoes) {
+    expect_edits_as_uploads<TypeParam::formulation, mixed>(lattice(mixed.dims));
+    expect_edits_as_uploads<TypeParam::formulation, rows>(lattice(rows.dims));
+    // Springs pull at rest: masks are asked, and all springs wait for the border.
+    Problem stressed = lattice(masked.dims);
+    for (double& length : stressed.rest_length) length *= 0.9;
+    expect_edits_as_uploads<TypeParam::formulation, masked>(stressed);
 }
 
 /// Where the tool is in tick n.
@@ -275,6 +319,28 @@ TYPED_TEST(Resident, ATickGivesTheBitsOfALaunch) {
     expect_ticks_as_launches<TypeParam::formulation, rows>({1, 1, 4, 3, 1, 2, 5, 1});
 }
 
+// An edit between two ticks: the launch ends, and another one begins.
+TYPED_TEST(Resident, AnEditBetweenTicksStepsAsTheEditedProblemDoes) {
+    const State start = random_state(lattice(rows.dims), 0.05, 2);
+    Problem now = held(lattice(rows.dims), start, anywhere), edited = now;
+    Simulation<TypeParam::formulation, rows, ToolMode::ticks> in_ticks(now, start);
+    in_ticks.order(hand(0), 2);
+    (void)in_ticks.wait_for_force();
+    for (const SpringEdit& edit : random_edits(edited, 3, 9)) {
+        in_ticks.order_end();
+        apply(now, edit);
+        in_ticks.edit(edit);
+        Simulation<TypeParam::formulation, rows, ToolMode::launch> anew(now, in_ticks.download());
+        for (const int steps : {1, 3}) {
+            anew.move_tool(hand(std::size_t(steps)));
+            anew.step(steps);
+            in_ticks.order(hand(std::size_t(steps)), steps);
+            ASSERT_EQ(in_ticks.wait_for_force(), anew.tool_force());
+        }
+    }
+    in_ticks.order_end();
+}
+
 // They write into one slot, which nobody reads: a race that ThreadSanitizer need not see.
 #ifndef WATCHES_THREADS
 TYPED_TEST(Resident, StepsWithIdleLanes) {
@@ -286,6 +352,11 @@ TYPED_TEST(Resident, StepsWithIdleLanes) {
     resident.step(5);
     expect_same_bits(resident.download(), expected.download());
     expect_ticks_as_launches<TypeParam::formulation, idle>({1, 3, 2, 1});
+}
+
+TYPED_TEST(Resident, AnEditOfAPorousBodyStepsAsTheEditedProblemDoes) {
+    for (const double fill : {0.95, 0.63})
+        expect_edits_as_uploads<TypeParam::formulation, mixed>(lattice(random_grid(mixed.dims, fill, 4)));
 }
 #endif
 

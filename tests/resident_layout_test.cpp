@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "backends/layout/blocks.h"
+#include "cuda/kernels/edit.h"
 #include "cuda/kernels/resident.h"
 #include "tests/support.h"
 
@@ -32,14 +33,24 @@ struct Case {
     int blocks, pollers;
     Partition partition;
     bool overlap;
+    int edits = 0;  ///< before it is laid out
 };
 
 class Resident : public ::testing::TestWithParam<Case> {
 protected:
     Resident()
-        : problem_(make_lattice_problem(body(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS)),
-          layout_(lay_out_resident(problem_, GetParam().blocks, GetParam().pollers, GetParam().partition,
-                                   GetParam().overlap)) {}
+        : problem_(edited(make_lattice_problem(body(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS))),
+          layout_(lay_out(problem_)),
+          slot_(slots_with(layout_, problem_.lattice.mask)) {}
+
+    static Problem edited(Problem problem) {
+        voxspring::testing::random_edits(problem, GetParam().edits, 6);
+        return problem;
+    }
+    static ResidentLayout lay_out(const Problem& problem) {
+        return lay_out_resident(problem, GetParam().blocks, GetParam().pollers, GetParam().partition,
+                                GetParam().overlap);
+    }
 
     std::size_t lane_of(std::size_t block, std::size_t lane) const {
         return block * std::size_t(layout_.lanes) + lane;
@@ -50,7 +61,7 @@ protected:
         glm::ivec3 o = direction.offset;
         if ((layout_.border[at / 32] & mirrored_y) != 0) o.y = -o.y;
         if ((layout_.border[at / 32] & mirrored_z) != 0) o.z = -o.z;
-        return layout_.slot[std::size_t(bit_of(o.x, o.y, o.z)) * layout_.lane_count() + at];
+        return slot_[std::size_t(bit_of(o.x, o.y, o.z)) * layout_.lane_count() + at];
     }
 
     /// Which particle each slot of a block has, or fails the test where one has two.
@@ -75,6 +86,7 @@ protected:
 
     const Problem problem_;
     const ResidentLayout layout_;
+    const std::vector<std::uint16_t> slot_;
 };
 
 TEST_P(Resident, EveryParticleHasOneLane) {
@@ -207,8 +219,7 @@ TEST_P(Resident, SlotsGiveTheForcesOfTheGrid) {
             if (i == resident_none) continue;
             const Self<float, false> self{point(i), problem_.lattice.mask[i]};
             const auto by_slot = [&](int dx, int dy, int dz) {
-                return point(
-                    slots.at(layout_.slot[std::size_t(bit_of(dx, dy, dz)) * layout_.lane_count() + at]));
+                return point(slots.at(slot_[std::size_t(bit_of(dx, dy, dz)) * layout_.lane_count() + at]));
             };
             const auto by_grid = [&](int dx, int dy, int dz) {
                 if ((self.bits >> bit_of(dx, dy, dz) & 1U) == 0) return self.point;
@@ -243,8 +254,31 @@ INSTANTIATE_TEST_SUITE_P(
                       Case{"box_by_bisection", {12, 11, 10}, 1, 6, 256, Partition::bisection, false},
                       Case{"sparse", {14, 13, 12}, 0.4, 9, 32, Partition::automatic, true},
                       Case{"sparse_in_rows", {40, 6, 5}, 0.3, 4, 128, Partition::rows, true},
+                      Case{"cut_in_rows", {32, 8, 8}, 1, 8, 256, Partition::rows, true, 3},
+                      Case{"sparse_and_cut", {14, 13, 12}, 0.63, 9, 64, Partition::automatic, true, 4},
                       Case{"more_blocks_than_particles", {2, 2, 1}, 1, 9, 32, Partition::bisection, true}),
     [](const auto& tested) { return std::string(tested.param.name); });
+
+// Edits one after another, each written as on a device, leave all that a launch reads as it is where the
+// edited problem is laid out anew.
+TEST_P(Resident, AnEditLeavesTheTablesOfTheEditedProblem) {
+    Problem now = problem_, edited = problem_;
+    std::vector<std::uint16_t> slot = slot_;
+    std::vector<ParticleRecord<float>> words(problem_.particle_count());
+    for (std::size_t i = 0; i < words.size(); ++i) words[i].bits = problem_.lattice.mask[i];
+    for (const SpringEdit& edit : voxspring::testing::random_edits(edited, 6, 7)) {
+        apply(now, edit);
+        const ResidentEdit written = resident_edit(layout_, edit);
+        EXPECT_EQ(written.slots, 2 * (edit.removed.size() + edit.added.size()));
+        EXPECT_EQ(written.words.size(), written.slots + edit.touched.size());
+        for (std::size_t n = 0; n < written.words.size(); ++n)
+            write_slot_or_bits(slot.data(), written.slots, words.data(), written.words.data(), n);
+        EXPECT_EQ(layout_, lay_out(now));
+        EXPECT_EQ(slot, slots_with(layout_, now.lattice.mask));
+        for (std::size_t i = 0; i < words.size(); ++i) ASSERT_EQ(words[i].bits, now.lattice.mask[i]);
+    }
+    EXPECT_EQ(now.lattice.mask, edited.lattice.mask);
+}
 
 TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
     const Problem problem = make_lattice_problem(body({32, 32, 32}, 1, 1), FACE_BITS | EDGE_BITS);

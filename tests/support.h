@@ -137,4 +137,33 @@ inline std::vector<SpringEdit> edit_everything(Problem& problem, bool beyond) {
     return edits;
 }
 
+/// `count` edits of `problem`, which they change: cuts of any springs, a few or a third of all, of all that
+/// one particle has, and joins of some of what was cut before.
+inline std::vector<SpringEdit> random_edits(Problem& problem, int count, unsigned seed) {
+    std::mt19937 generator(seed);
+    SpringEditor editor(problem);
+    std::vector<ChangedSpring> apart;
+    std::vector<SpringEdit> edits;
+    for (int n = 0; n < count; ++n) {
+        if (n % 2 == 1) {
+            std::shuffle(apart.begin(), apart.end(), generator);
+            const auto kept = apart.begin() + std::ptrdiff_t(apart.size() / 2);
+            edits.push_back(editor.join({kept, apart.end()}));
+            apart.erase(kept, apart.end());
+            continue;
+        }
+        const auto alone = std::uint32_t(generator() % problem.particle_count());
+        const double share = n % 4 == 0 ? 0.02 : 0.33;
+        std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
+        for (const Spring& spring : list_springs(problem)) {
+            const bool its = spring.first == alone || spring.second == alone;
+            if (its || std::generate_canonical<double, 32>(generator) < share)
+                pairs.emplace_back(spring.first, spring.second);
+        }
+        edits.push_back(editor.cut(pairs));
+        apart.insert(apart.end(), edits.back().removed.begin(), edits.back().removed.end());
+    }
+    return edits;
+}
+
 }  // namespace voxspring::testing

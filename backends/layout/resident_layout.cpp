@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <glm/common.hpp>
+#include <glm/vector_relational.hpp>
 #include <limits>
 #include <numeric>
 #include <unordered_map>
 
 #include "backends/layout/rounding.h"
-#include "backends/layout/springs.h"
 #include "backends/physics/addressing.h"
 
 namespace voxspring::cuda {
@@ -108,6 +108,24 @@ struct Banks {
     }
 };
 
+// The mask bits of a warp that is mirrored along y, along z, and along both.
+constexpr auto mirrored_bits = [] {
+    std::array<std::array<int, neighbour_bits>, 4> bits{};
+    for (unsigned how = 0; how < bits.size(); ++how) {
+        const int y = (how & 1U) != 0 ? -1 : 1, z = (how & 2U) != 0 ? -1 : 1;
+#define MIRROR(bit, dx, dy, dz) bits[how][bit] = bit_of(dx, y * (dy), z * (dz));
+        FACE_NEIGHBOURS(MIRROR) EDGE_NEIGHBOURS(MIRROR) CORNER_NEIGHBOURS(MIRROR)
+#undef MIRROR
+    }
+    return bits;
+}();
+
+// What a warp with such a border calls the direction of a mask bit.
+int mirrored(int bit, int border) {
+    static_assert(mirrored_y == border_kind_bits + 1 && mirrored_z == 2 * mirrored_y);
+    return mirrored_bits[std::size_t(border) / mirrored_y][std::size_t(bit)];
+}
+
 // Slots of one block's points.
 class Slots {
 public:
@@ -131,7 +149,7 @@ public:
     Layout(const Problem& problem, int pollers, bool overlap,
            const std::vector<std::vector<std::uint32_t>>& blocks)
         : problem_(problem),
-          springs_(problem),
+          particle_(particle_of_voxel(problem.lattice)),
           blocks_(blocks),
           block_of_(problem.particle_count()),
           overlap_(overlap) {
@@ -151,8 +169,9 @@ public:
         publish();
         const std::size_t lanes = out_.lane_count();
         out_.particle.assign(lanes, resident_none);
+        out_.lane.assign(problem_.particle_count(), resident_none);
         out_.own_slot.assign(lanes, 0);
-        out_.slot.assign(neighbour_bits * lanes, 0);
+        out_.neighbour_slot.assign(neighbour_bits * lanes, 0);
         out_.border.assign(lanes / warp, mixed_border);
         std::vector<std::size_t> slots(blocks_.size());
 #pragma omp parallel for schedule(dynamic)
@@ -166,6 +185,23 @@ public:
 private:
     glm::ivec3 at(std::uint32_t i) const { return problem_.lattice.coordinates(problem_.lattice.voxel[i]); }
 
+    // Calls visit(j, direction) for each neighbour j of particle i that a spring of the lattice joins to it,
+    // or an edit may.
+    template <class Visit>
+    void visit_neighbours(std::uint32_t i, Visit visit) const {
+        const Lattice& lattice = problem_.lattice;
+        const glm::ivec3 from = at(i);
+        visit_directions(problem_.group_bits, [&](const Direction& direction) {
+            const glm::ivec3 to = from + direction.offset;
+            if (glm::any(glm::lessThan(to, glm::ivec3(0))) ||
+                glm::any(glm::greaterThanEqual(to, lattice.dims)))
+                return;
+            const std::uint32_t j =
+                particle_[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + lattice.stride(direction))];
+            if (j != no_particle) visit(j, direction);
+        });
+    }
+
     // Particles of other blocks that each block reaches, ascending.
     void find_borders() {
         reached_.resize(blocks_.size());
@@ -175,7 +211,7 @@ private:
             std::vector<std::uint32_t>& reached = reached_[b];
             for (const std::uint32_t i : blocks_[b]) {
                 if (i == resident_none) continue;
-                springs_.all_of(i, [&](std::uint32_t j, const Direction&) {
+                visit_neighbours(i, [&](std::uint32_t j, const Direction&) {
                     if (block_of_[j] != b) reached.push_back(j);
                 });
             }
@@ -250,6 +286,7 @@ private:
                 continue;
             }
             out_.particle[first + lane] = i;
+            out_.lane[i] = std::uint32_t(first + lane);
             out_.own_slot[first + lane] = std::uint16_t(slot_of[i] = slots.take(at(i)));
         }
         const std::vector<std::uint32_t>& reached = reached_[b];
@@ -268,21 +305,15 @@ private:
             out_.border[first / warp + row] = std::uint8_t(border_of(b, row * warp));
         for (std::size_t lane = 0; lane < std::size_t(out_.lanes); ++lane) {
             for (std::size_t bit = 0; bit < neighbour_bits; ++bit)
-                out_.slot[bit * out_.lane_count() + first + lane] = out_.own_slot[first + lane];
+                out_.neighbour_slot[bit * out_.lane_count() + first + lane] = out_.own_slot[first + lane];
             if (lane >= lanes.size() || lanes[lane] == resident_none) continue;
             const int border = out_.border[(first + lane) / warp];
-            springs_.all_of(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
-                const auto bit = std::size_t(mirrored(direction, border));
-                out_.slot[bit * out_.lane_count() + first + lane] = std::uint16_t(slot_of.at(j));
+            visit_neighbours(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
+                const auto bit = std::size_t(mirrored(direction.bit, border));
+                out_.neighbour_slot[bit * out_.lane_count() + first + lane] = std::uint16_t(slot_of.at(j));
             });
         }
         return size;
-    }
-
-    // What a warp with this border calls a direction.
-    static int mirrored(const Direction& direction, int border) {
-        const glm::ivec3 o = direction.offset;
-        return bit_of(o.x, (border & mirrored_y) != 0 ? -o.y : o.y, (border & mirrored_z) != 0 ? -o.z : o.z);
     }
 
     // The border of the warp whose lanes begin at `first`.
@@ -292,7 +323,7 @@ private:
         std::uint32_t within = 0, beyond = 0;  // mask bits
         for (std::size_t lane = first; lane < std::min(first + warp, lanes.size()); ++lane) {
             if (lanes[lane] == resident_none) continue;
-            springs_.all_of(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
+            visit_neighbours(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
                 (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
             });
         }
@@ -316,7 +347,7 @@ private:
     }
 
     const Problem& problem_;
-    const LatticeSprings springs_;
+    const std::vector<std::uint32_t> particle_;  // in each voxel
     const std::vector<std::vector<std::uint32_t>>& blocks_;
     std::vector<std::uint32_t> block_of_;
     bool overlap_;
@@ -339,6 +370,45 @@ ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers,
         if (too_much_for_a_block(layout).empty()) return layout;
     }
     return lay_out(partition == Partition::rows);
+}
+
+std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask) {
+    std::vector<std::uint16_t> slot(layout.neighbour_slot.size());
+    const std::size_t lanes = layout.lane_count();
+    for (int bit = 0; bit < neighbour_bits; ++bit) {
+        for (std::size_t lane = 0; lane < lanes; ++lane) {
+            const std::uint32_t i = layout.particle[lane];
+            const bool joined = i != resident_none && (mask[i] >> bit & 1U) != 0;
+            const std::size_t at = std::size_t(mirrored(bit, layout.border[lane / warp])) * lanes + lane;
+            slot[at] = joined ? layout.neighbour_slot[at] : layout.own_slot[lane];
+        }
+    }
+    return slot;
+}
+
+ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit) {
+    ResidentEdit edited;
+    edited.slots = 2 * (edit.removed.size() + edit.added.size());
+    edited.words.reserve(edited.slots + edit.touched.size());
+    const auto look_at = [&](std::uint32_t particle, int bit) {
+        const auto touched = std::lower_bound(
+            edit.touched.begin(), edit.touched.end(), particle,
+            [](const SpringEdit::Touched& one, std::uint32_t i) { return one.particle < i; });
+        const std::uint32_t lane = layout.lane[particle];
+        const auto word =
+            std::uint32_t(mirrored(bit, layout.border[lane / warp])) * layout.lane_count() + lane;
+        const bool joined = (touched->mask >> bit & 1U) != 0;
+        edited.words.push_back({word, joined ? layout.neighbour_slot[word] : layout.own_slot[lane]});
+    };
+    for (const auto* springs : {&edit.removed, &edit.added}) {
+        for (const ChangedSpring& changed : *springs) {
+            look_at(changed.spring.first, changed.bit);
+            look_at(changed.spring.second, changed.bit ^ 1);
+        }
+    }
+    for (const SpringEdit::Touched& touched : edit.touched)
+        edited.words.push_back({touched.particle, touched.mask});
+    return edited;
 }
 
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together) {

@@ -6,7 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "backends/layout/records/edit.h"
 #include "backends/layout/records/resident.h"
+#include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 
 namespace voxspring::cuda {
@@ -22,7 +24,8 @@ inline constexpr int max_resident_rounds = 4;
 inline constexpr int max_resident_slots = 2048;  ///< 48 KiB of points
 inline constexpr int max_slots_in_ticks = 2016;  ///< whole warps that leave room for an order
 
-/// The tables of ResidentStep.
+/// The tables of ResidentStep. They follow from where particles are and have room for every spring that the
+/// lattice may have, so that edits leave them as they are.
 struct ResidentLayout {
     int blocks = 0;
     int lanes = 0;  ///< of a block: whole warps
@@ -32,18 +35,33 @@ struct ResidentLayout {
     std::uint32_t border_kinds = 0;
     std::uint32_t published_count = 0;
     std::vector<std::uint32_t> particle, published, polled, polled_word;
-    std::vector<std::uint16_t> own_slot, slot, polled_slot;
+    std::vector<std::uint16_t> own_slot, polled_slot;
+    std::vector<std::uint16_t> neighbour_slot;  ///< ResidentStep::slot if no spring were missing
     std::vector<std::uint8_t> border;
+    std::vector<std::uint32_t> lane;  ///< of each particle
 
     std::uint32_t lane_count() const { return std::uint32_t(blocks) * std::uint32_t(lanes); }
+    bool operator==(const ResidentLayout&) const = default;
 };
 
-/// `problem` has a lattice, a particle at least, and no springs beyond the lattice. At most `blocks` blocks.
-/// `overlap`: springs within a block are added while points from beyond its border are on their way, where a
-/// whole warp can. `automatic` takes rows where they waste no more than a tenth of their lanes and a block
-/// can hold its share.
+/// `problem` has a lattice, a particle at least, and no springs beyond the lattice; masks are not asked.
+/// At most `blocks` blocks. `overlap`: springs within a block are added while points from beyond its border
+/// are on their way, where a whole warp can. `automatic` takes rows where they waste no more than a tenth of
+/// their lanes and a block can hold its share.
 ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
                                 bool overlap);
+
+/// ResidentStep::slot where springs are as `mask` says, which is Lattice::mask.
+std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask);
+
+/// What an edit writes: first words of ResidentStep::slot, of which one may come twice, then bits of
+/// particles.
+struct ResidentEdit {
+    std::vector<EditedWord> words;
+    std::size_t slots = 0;  ///< how many are of ResidentStep::slot
+};
+/// `edit` is of springs of the lattice.
+ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit);
 
 /// Empty, or why no layout of `problem` serves a card of so many multiprocessors, whose blocks may or may not
 /// wait for each other (`launches_together`).

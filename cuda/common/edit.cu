@@ -23,6 +23,11 @@ __global__ void words_kernel(std::uint32_t* words, const EditedWord* edited, std
     if (thread_number() < count) words[edited[thread_number()].word] = edited[thread_number()].bits;
 }
 
+__global__ void slots_and_bits_kernel(std::uint16_t* slot, std::size_t slots, ParticleRecord<float>* words,
+                                      const EditedWord* edited, std::size_t count) {
+    if (thread_number() < count) write_slot_or_bits(slot, slots, words, edited, thread_number());
+}
+
 template <class Real>
 __global__ void rows_kernel(EditedRows<Real> rows, std::size_t slots, ListShape shape,
                             ParticleRecord<Real>* words, std::uint32_t* neighbour,
@@ -84,6 +89,13 @@ void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size
 void write_words(std::uint32_t* words, const EditedWord* edited, std::size_t count, const Stream& stream) {
     if (count == 0) return;
     words_kernel<<<blocks_for(count), block, 0, stream.get()>>>(words, edited, count);
+    check(cudaGetLastError());
+}
+
+void write_slots_and_bits(std::uint16_t* slot, std::size_t slots, ParticleRecord<float>* words,
+                          const EditedWord* edited, std::size_t count, const Stream& stream) {
+    if (count == 0) return;
+    slots_and_bits_kernel<<<blocks_for(count), block, 0, stream.get()>>>(slot, slots, words, edited, count);
     check(cudaGetLastError());
 }
 

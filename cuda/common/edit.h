@@ -119,6 +119,9 @@ void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size
                 const Stream& stream);
 /// The same of words that are bits alone.
 void write_words(std::uint32_t* words, const EditedWord* edited, std::size_t count, const Stream& stream);
+/// The first `slots` of `edited` into `slot`, the others as write_bits() does.
+void write_slots_and_bits(std::uint16_t* slot, std::size_t slots, ParticleRecord<float>* words,
+                          const EditedWord* edited, std::size_t count, const Stream& stream);
 /// `count` rows and, unless `words` is null, the bits of their particles.
 template <class Real>
 void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape,

@@ -51,7 +51,7 @@ public:
         if (stall_.size() == 0 || *stall_.data() == 0) return {};
         const ResidentStall stall = ResidentStall::unpacked(*stall_.data());
         return block + " " + std::to_string(stall.block) + " waited in vain for step " +
-               std::to_string(stall.step) + " since the latest upload or edit";
+               std::to_string(stall.step) + " since the latest upload";
     }
     std::uint64_t bytes() const { return started_blocks_.bytes(); }
 

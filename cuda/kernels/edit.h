@@ -1,5 +1,5 @@
-// The bodies of the kernels that write on the device what an edit changed: particles' bits, rows of their
-// lists, springs of the spring array.
+// The bodies of the kernels that write on the device what an edit changed: particles' bits, slots of their
+// neighbours, rows of their lists, springs of the spring array.
 #pragma once
 
 #include <cfloat>
@@ -27,6 +27,18 @@ VOXSPRING_HOST_DEVICE SpringConstants<Real> rest_measured(SpringConstants<Real> 
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_bits(ParticleRecord<Real>* words, EditedWord edited) {
     words[edited.word].bits = edited.bits;
+}
+
+/// Writes word n of an edit, whose first `slots` are ResidentStep::slot's and the others bits of `words`.
+template <class Real>
+VOXSPRING_HOST_DEVICE void write_slot_or_bits(std::uint16_t* slot, std::size_t slots,
+                                              ParticleRecord<Real>* words, const EditedWord* edited,
+                                              std::size_t n) {
+    if (n < slots) {
+        slot[edited[n].word] = std::uint16_t(edited[n].bits);
+    } else {
+        write_bits(words, edited[n]);
+    }
 }
 
 /// Writes slot n of the rows to where `shape` has it.

@@ -60,7 +60,8 @@ const std::vector<Rule>& rules() {
     constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
     static const std::vector<Rule> list = {
         // fastest.json: the box of 32^3 0.89 against 2.05 of cuda_implicit_cached:fetch=l1, the heart 1.29
-        // against 2.59 of cuda_explicit_delta. edits.json: an edit lays its tables out anew, 9 ms.
+        // against 2.59 of cuda_explicit_delta. edits.json: an edit laid its tables out anew, 9 ms; one in
+        // place is not measured yet.
         // Where a tool moves it takes few steps a launch: not measured yet.
         {"cuda_resident", "", 0, max_resident, 0, any_occupancy, false,
          "state stays on the chip from step to step"},

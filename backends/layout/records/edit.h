@@ -6,7 +6,7 @@
 
 namespace voxspring::cuda {
 
-/// A particle's new bits, by its word.
+/// A particle's new bits, by its word; or what a table has anew, by where.
 struct alignas(8) EditedWord {
     std::uint32_t word, bits;
 };
