@@ -26,7 +26,9 @@
 namespace voxspring::cuda {
 namespace {
 
+using testing::expect_same_bits;
 using testing::make_grid;
+using testing::random_edits;
 using testing::random_grid;
 using testing::random_state;
 using testing::solid;
@@ -291,28 +293,35 @@ TYPED_TEST(BrickBody, LaunchesChangeNoBit) {
     }
 }
 
-// An edit leaves the tables as they are built for the edited problem, and the words that it names are all
-// that it changed.
-TYPED_TEST(BrickBody, AnEditLeavesTheTablesOfTheEditedProblem) {
-    Problem problem = lattice(solid({12, 10, 11}));
-    Simulation<TypeParam> simulation(problem, state_at_rest(problem));
-    if (!Simulation<TypeParam>::fits(problem)) return;
-    SpringEditor editor(problem);
+// Edits one after another leave the tables as they are built for the edited problem, and the words that each
+// names are all that it changed. The steps after it are those of the edited problem, to the bit.
+TYPED_TEST(BrickBody, AnEditLeavesTheTablesAndTheStepsOfTheEditedProblem) {
     std::size_t changed = 0;
-    for (const Shape& shape : {Shape(Plane{{5.5, 0, 0}, {1, 0.3, 0}}), Shape(Ball{{5, 5, 3}, 2.2})}) {
-        const std::vector<std::uint32_t> before = simulation.layout().masks();
-        const SpringEdit edit = editor.cut(shape);
-        const std::vector<EditedWord> edited = simulation.edit(edit);
-        const BrickLayout anew(problem, {.shape = TypeParam::shape, .pollers = 32});
-        EXPECT_EQ(simulation.layout().masks(), anew.masks());
-        EXPECT_EQ(simulation.layout().blocks(), anew.blocks());
-        std::vector<std::uint32_t> patched = before;
-        for (const EditedWord& word : edited) {
-            EXPECT_NE(patched.at(word.word), word.bits);
-            patched.at(word.word) = word.bits;
+    for (const double fill : {1.0, 0.95, 0.63}) {
+        SCOPED_TRACE(fill);
+        Problem now = lattice(random_grid({12, 10, 11}, fill, 3)), edited = now;
+        if (!Simulation<TypeParam>::fits(now)) return;
+        Simulation<TypeParam> simulation(now, random_state(now, 0.05, 7));
+        simulation.run(2);
+        for (const SpringEdit& edit : random_edits(edited, 5, 9)) {
+            apply(now, edit);
+            const BrickLayout& layout = simulation.layout();
+            std::vector<std::uint32_t> patched = layout.masks();
+            const std::vector<EditedWord> words = simulation.edit(edit);
+            for (const EditedWord& word : words) {
+                EXPECT_NE(patched.at(word.word), word.bits);
+                patched.at(word.word) = word.bits;
+            }
+            Simulation<TypeParam> anew(now, simulation.download());
+            EXPECT_EQ(patched, anew.layout().masks());
+            EXPECT_EQ(layout.masks(), anew.layout().masks());
+            EXPECT_EQ(layout.blocks(), anew.layout().blocks());
+            EXPECT_EQ(layout.polls(), anew.layout().polls());
+            simulation.run(2);
+            anew.run(2);
+            expect_same_bits(simulation.download(), anew.download());
+            changed += words.size();
         }
-        EXPECT_EQ(patched, anew.masks());
-        changed += edited.size();
     }
     EXPECT_GT(changed, 50U);
 }
