@@ -20,6 +20,7 @@ import unittest
 from unittest import mock
 
 sys.path.insert(0, "results")
+import auto_rules  # noqa: E402
 import compact  # noqa: E402
 import result_files  # noqa: E402
 
@@ -31,6 +32,38 @@ ABSENT = "raise ImportError('No module named {}')"
 
 def run(*command, **more):
     return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, **more)
+
+
+class AutoRules(unittest.TestCase):
+    """results/auto_rules.py, on made-up medians of one machine."""
+
+    @staticmethod
+    def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
+        name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)
+        return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles, "backend": backend,
+                "formulation": formulation, "precision": "float32", "real_time": time}
+
+    def rules_of(self, medians):
+        with mock.patch.object(auto_rules.rows, "medians", lambda study, machine: medians if study == "fastest" else []):
+            return [rule for rule in auto_rules.rules() if rule["of"] == "CUDA"]
+
+    def test_the_fastest_goes_first_and_what_was_not_measured_last(self):
+        dense = self.rules_of([self.row("box@4", 100, "cuda_a", 2), self.row("box@4", 100, "cuda_b", 3),
+                               self.row("box@4", 100, "cuda_b", 1, "fetch=l1"), self.row("box@9", 10000, "cuda_a", 5)])
+        self.assertEqual([(rule["particles"], rule["order"]) for rule in dense],
+                         [([0, 1000], ["cuda_b:fetch=l1", "cuda_a"]), ([1000, None], ["cuda_a", "cuda_b:fetch=l1"])])
+
+    def test_the_worst_formulation_counts_and_equal_neighbours_are_one(self):
+        dense = self.rules_of([self.row("box@4", 100, "cuda_a", 1), self.row("box@4", 100, "cuda_b", 1.2),
+                               self.row("box@4", 100, "cuda_a", 3, formulation="increment"),
+                               self.row("box@4", 100, "cuda_b", 2, formulation="increment"),
+                               self.row("box@9", 900, "cuda_b", 1), self.row("box@9", 900, "cuda_a", 2)])
+        self.assertEqual([(rule["particles"], rule["order"]) for rule in dense], [([0, None], ["cuda_b", "cuda_a"])])
+
+    def test_sparse_bodies_have_rules_of_their_own_and_scenes_that_lack_springs_none(self):
+        found = self.rules_of([self.row("heart", 100, "cuda_a", 1, voxels=500), self.row("box@4", 100, "cuda_b", 1),
+                               self.row("incision@9", 729, "cuda_c", 1)])
+        self.assertEqual([(rule["occupancy"], rule["order"]) for rule in found], [([0, 0.5], ["cuda_a"]), ([0.5, None], ["cuda_b"])])
 
 
 class InTemporaryFolder(unittest.TestCase):

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <set>
 #include <sstream>
 #include <utility>
 
+#include "auto_rule_files.h"  // generated
 #include "harness/results/capabilities.h"
 #include "harness/results/row.h"
 
@@ -14,7 +16,25 @@ namespace voxspring {
 namespace {
 
 constexpr double any_number = std::numeric_limits<double>::infinity();
-constexpr double any_occupancy = 2;
+
+/// Not for scenes that are edited, where one lays its tables out anew, the longer the larger the body, and the
+/// other's edits in place have not been measured; nor where a tool moves, for which one has nothing and the
+/// other takes few of its thousands of steps a launch.
+const std::set<std::string> only_left_alone = {"cuda_march", "cuda_resident"};
+
+/// Why a backend is as fast as it is, as a user reads it.
+std::string reason_for(const std::string& backend) {
+    static const std::map<std::string, std::string> reasons = {
+        {"cuda_resident", "state stays on the chip from step to step"},
+        {"cuda_bricks", "what multiprocessors hold together stays there from step to step"},
+        {"cuda_march", "each thread marches along a column and reads a particle once"},
+        {"cuda_explicit_delta", "compressed lists of active particles alone, which runs of them share"},
+        {"gl_fragment_implicit", "a lattice needs no lists, and the stencil mask skips what is empty"},
+        {"cpu_parallel", "every core and its registers"}};
+    if (const auto found = reasons.find(backend); found != reasons.end()) return found->second;
+    return backend.find("implicit") != std::string::npos ? "a lattice needs no lists"
+                                                         : "lists, which take springs beyond the lattice";
+}
 
 bool is_software(const nlohmann::json& backend) { return capabilities_of(backend).is_software; }
 
@@ -48,76 +68,26 @@ std::string options_of(const std::string& text) {
 
 }  // namespace
 
-// Which figures a rule rests on stands beside it: results/nvidia-h200 and results/amd-epyc, microseconds a
-// step. fastest_test holds the rules against every results/*/fastest.json: what they take is within 10% of
-// the fastest. After a new measurement change the bounds here until it does. Beside a rule without a figure:
-// no committed result has its backend yet.
 const std::vector<Rule>& rules() {
-    // Bounds that more than one rule shares.
-    constexpr double max_resident = 6e4;   // 512 a multiprocessor of a large card
-    constexpr double sparse = 0.5;         // occupancy under which lists are shorter than a lattice
-    constexpr double min_marched = 1e6;    // particles from which on columns fill a card
-    constexpr double fits_one_wave = 2e4;  // particles under which a step is a launch and little else
-    static const std::vector<Rule> list = {
-        // fastest.json: the box of 32^3 0.89 against 2.05 of cuda_implicit_cached:fetch=l1, the heart 1.29
-        // against 2.59 of cuda_explicit_delta. edits.json: an edit laid its tables out anew, 9 ms; one in
-        // place is not measured yet.
-        // Where a tool moves it takes few steps a launch: not measured yet.
-        {"cuda_resident", "", 0, max_resident, 0, any_occupancy, false,
-         "state stays on the chip from step to step"},
-        // fastest.json: the box of 48^3 2.02 against 4.33 of cuda_explicit_device:fetch=l1, 96^3 11.7 against
-        // 16.7 of cuda_explicit_delta. An edit writes the masks of the threads that it touches.
-        {"cuda_bricks", "", 0, min_marched, 0, any_occupancy, true,
-         "what multiprocessors hold together stays there from step to step"},
-        // figure8.json: the box of 128^3 27.0 against 40.5 of gl_compute_implicit, 256^3 171 against 301 of
-        // cuda_implicit_cached:fetch=l1, 96^3 17.1 against 16.9 of cuda_explicit_delta. edits.json: an edit
-        // lays its plan out anew, 0.17 ms on the box of 32^3.
-        {"cuda_march", "", min_marched, any_number, sparse, any_occupancy, false,
-         "each thread marches along a column and reads a particle once"},
-        {"cuda_explicit_delta", "", 0, any_number, 0, sparse, true,
-         "compressed lists of active particles alone"},
-        // figure8.json: the box of 64^3 6.8 against 7.1 of cuda_implicit_cached:fetch=l1, 96^3 16.9 against
-        // 18.4, 48^3 4.4 against 4.3 of cuda_explicit_cached_grid:fetch=l1.
-        {"cuda_explicit_delta", "", max_resident, min_marched, sparse, any_occupancy, true,
-         "between what the chip holds and what columns fill, compressed lists share a run's neighbours"},
-        // table1.json: the heart 2.69 against 3.39 of cuda_implicit_cached, the box of 32^3 2.61
-        // against 2.46.
-        {"cuda_explicit_cached_grid", "", fits_one_wave, 1e5, 0, sparse, true,
-         "lists of active particles alone"},
-        // figure8.json: the box of 8^3 1.74 against 1.79 of cuda_implicit_cached:fetch=l1, 16^3 2.03 against
-        // 1.86, 32^3 2.52 against 2.05.
-        {"cuda_explicit_cached_grid", "fetch=l1", 0, fits_one_wave, 0, any_occupancy, true,
-         "a step is hardly more than a launch, and lists compute no address"},
-        // figure8.json: the box of 32^3 2.05, the fastest with a launch a step; 256^3 301 against 325 of
-        // cuda_implicit_shared.
-        {"cuda_implicit_cached", "fetch=l1", 0, any_number, 0, any_occupancy, true,
-         "a lattice needs no lists, and L1 holds what neighbours share"},
-        // tuning.json: 543 on the box of 256^3 against 1028 of cuda_explicit_cached; both take any springs.
-        {"cuda_explicit_device", "fetch=l1", 0, any_number, 0, any_occupancy, true,
-         "lists, which take springs beyond the lattice"},
-        // fastest.json, where there is no CUDA: the heart 4.68 against 4.96 of vulkan_implicit and 5.28 of
-        // gl_compute_implicit, the box of 32^3 4.40 against 3.67 of vulkan_implicit, 4.29 of
-        // gl_compute_implicit.
-        {"vulkan_explicit", "", fits_one_wave, 1e5, 0, sparse, true, "lists of active particles alone"},
-        // fastest.json: the box of 256^3 286 against 298 of gl_compute_implicit and 543 of vulkan_explicit,
-        // the heart of 1.9 million particles 59.4 against 57.5 and 66.6.
-        {"vulkan_implicit", "", 0, any_number, 0, any_occupancy, true, "a lattice needs no lists"},
-        {"vulkan_explicit", "", 0, any_number, 0, any_occupancy, true,
-         "lists, which take springs beyond the lattice"},
-        // fastest.json: the heart 5.28 against 5.64 of gl_compute_explicit, that of 1.9 million
-        // particles 57.5 against 67.2.
-        {"gl_compute_implicit", "", 0, any_number, 0, any_occupancy, true, "a lattice needs no lists"},
-        {"gl_compute_explicit", "", 0, any_number, 0, any_occupancy, true,
-         "lists, which take springs beyond the lattice"},
-        // table1.json: 34.4 against 47.0 of gl_fragment_explicit, the heart 34.6 against 51.9.
-        {"gl_fragment_implicit", "", 0, any_number, 0, any_occupancy, true,
-         "a lattice needs no lists, and the stencil mask skips what is empty"},
-        {"gl_fragment_explicit", "", 0, any_number, 0, any_occupancy, true,
-         "lists, which take springs beyond the lattice"},
-        // amd-epyc/fastest.json: several times the speed of OpenGL on the same processor.
-        {"cpu_parallel", "", 0, any_number, 0, any_occupancy, true, "every core and its registers"},
-        {"cpu_reference", "", 0, any_number, 0, any_occupancy, true,
-         "lists, which take springs beyond the lattice"}};
+    static const std::vector<Rule> list = [] {
+        std::vector<Rule> all;
+        const auto file = nlohmann::json::parse(auto_rule_files.at("auto_rules.json"));
+        const auto bound = [](const nlohmann::json& value) {
+            return value.is_null() ? any_number : value.get<double>();
+        };
+        for (const nlohmann::json& block : file.at("rules")) {
+            const auto& particles = block.at("particles");
+            const auto& occupancy = block.at("occupancy");
+            for (const std::string contender : block.at("order")) {
+                const auto colon = contender.find(':');
+                const std::string backend = contender.substr(0, colon);
+                all.push_back({backend, colon == std::string::npos ? "" : contender.substr(colon + 1),
+                               bound(particles[0]), bound(particles[1]), bound(occupancy[0]),
+                               bound(occupancy[1]), !only_left_alone.contains(backend), reason_for(backend)});
+            }
+        }
+        return all;
+    }();
     return list;
 }
 

@@ -34,7 +34,8 @@ struct Rule {
     std::string reason;  ///< as a user reads it
 };
 /// In the order in which they are asked: the first that holds, and whose backend is here and takes the
-/// problem, decides; a graphics API in software never does. auto_choice.cpp says which results each rests on.
+/// problem, decides; a graphics API in software never does. They are auto_rules.json, which
+/// results/auto_rules.py makes of committed results.
 const std::vector<Rule>& rules();
 bool holds(const Rule& rule, const Workload& workload);
 

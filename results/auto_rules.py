@@ -1,0 +1,102 @@
+#!/usr/bin/env python3
+"""Writes what `--backend auto` chooses by, harness/study/auto_rules.json, from committed results.
+
+Usage: auto_rules.py [--check]
+
+For each API, for bodies that fill less than half of their lattice and for others, and for ranges of particle counts around the
+bodies of `fastest` and `figure8`: its backends in the order of their times there, each with the tuning that was fastest. The
+first one that a device has and that takes the scene is chosen. --check writes nothing and exits with 1 if the file is not what
+the results say.
+"""
+
+import json
+import math
+import pathlib
+import sys
+
+import result_files
+from readme import rows
+
+FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/study/auto_rules.json"
+# Families of backends that rank among themselves: name, first letters of its backends, the machine they were measured on.
+FAMILIES = (("CUDA", ("cuda_",), rows.GPU), ("Vulkan", ("vulkan_",), rows.GPU), ("OpenGL compute", ("gl_compute_",), rows.GPU),
+            ("OpenGL", ("gl_fragment_",), rows.GPU), ("CPU", ("cpu_",), rows.CPU))
+# Take any scene that any backend takes, and are never fast.
+LAST = {"CPU": ["cpu_reference"]}
+# How much of its lattice a body fills.
+OCCUPANCIES = ((0, 0.5), (0.5, None))
+# Bodies that lack springs of their lattice are refused by some of the fastest, and say nothing of others.
+DATASETS = ("box", "heart")
+
+
+def bodies(prefixes, machine, occupancy):
+    """Particles of each body, ascending, and of each contender its time over the fastest's: the worst over studies and
+    formulations."""
+    low, high = occupancy
+    found = {}
+    for study in ("fastest", "figure8"):
+        if not result_files.named(rows.RESULTS / machine, study).exists():  # of the processor there is no figure8
+            continue
+        cases = {}
+        for row in rows.medians(study, machine):
+            share = row["particles"] / row["voxels"]
+            if (row["backend"].startswith(prefixes) and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
+                    and low <= share < (high or math.inf)):
+                cases.setdefault((row["particles"], row["formulation"]), {})[contender(row)] = row["real_time"]
+        for (particles, _), times in cases.items():
+            fastest = min(times.values())
+            worst = found.setdefault(particles, {})
+            for one, time in times.items():
+                worst[one] = max(worst.get(one, 1), time / fastest)
+    return sorted(found.items())
+
+
+def contender(row):
+    """backend or backend:key=value,..., what of its tuning is not at its default."""
+    parts = rows.name_of(row).split("/")
+    return ":".join([row["backend"], ",".join(parts[4:])]) if parts[4:] else row["backend"]
+
+
+def order_of(worst):
+    """Each backend once, with its best tuning, the fastest first."""
+    order = {}
+    for one in sorted(worst, key=lambda one: (worst[one], one)):
+        order.setdefault(one.split(":")[0], one)
+    return list(order.values())
+
+
+def rules():
+    listed = []
+    for name, prefixes, machine in FAMILIES:
+        for occupancy in OCCUPANCIES:
+            measured = bodies(prefixes, machine, occupancy)
+            orders = [order_of(worst) for _, worst in measured]
+            # What was not measured on a body, too large for it or too slow, comes after what was, as on the nearest other one.
+            for here, order in enumerate(orders):
+                for other in sorted(range(len(orders)), key=lambda other: abs(other - here)):
+                    order += [one for one in order_of(measured[other][1]) if one.split(":")[0] not in {x.split(":")[0] for x in order}]
+                order += LAST.get(name, [])
+            bounds = [math.sqrt(one[0] * other[0]) for one, other in zip(measured, measured[1:])]
+            for low, high, order in zip([0] + bounds, bounds + [None], orders):
+                if listed and listed[-1]["of"] == name and listed[-1]["order"] == order and listed[-1]["occupancy"] == list(occupancy):
+                    listed[-1]["particles"][1] = high and round(high)
+                else:
+                    listed.append({"of": name, "occupancy": list(occupancy), "particles": [round(low), high and round(high)],
+                                   "order": order})
+    return listed
+
+
+def main():
+    commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
+               for study, machine in (("fastest", rows.GPU), ("figure8", rows.GPU), ("fastest", rows.CPU))}
+    blocks = ",\n".join("    " + json.dumps(rule) for rule in rules())
+    text = f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "rules": [\n{blocks}\n  ]\n}}\n'
+    if "--check" in sys.argv[1:]:
+        if not FILE.exists() or FILE.read_text() != text:
+            sys.exit(f"{FILE.name} is not what the results say: run results/auto_rules.py")
+    else:
+        FILE.write_text(text)
+
+
+if __name__ == "__main__":
+    main()
