@@ -543,6 +543,9 @@ class Haptic(InTemporaryFolder):
         # Of rows that are not there the result says why.
         if drawn:
             self.assertEqual([row["edited"] for row in drawn], [False, True])
+            self.assertGreater(drawn[0]["picture_seconds"], 0)
+            self.assertGreater(drawn[0]["hand_over_seconds"], 0)
+            self.assertIn("A picture takes", ran.stdout)
         else:
             self.assertIn("while it is drawn: ", result["skipped"][0]["reason"])
         row = result["haptic"][0]

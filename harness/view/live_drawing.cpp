@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "harness/base/statistics.h"
 #include "harness/view/body_mesh.h"
 #include "harness/view/orbit.h"
 
@@ -22,6 +23,15 @@ BodyMesh mesh_or_absent(const Problem& problem) {
     } catch (const std::runtime_error& why) {
         throw Unavailable(why.what());
     }
+}
+
+double seconds_since(std::chrono::steady_clock::time_point begin) {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+std::optional<double> median_of(const std::vector<double>& values) {
+    if (values.empty()) return std::nullopt;
+    return median(values);
 }
 
 }  // namespace
@@ -64,6 +74,7 @@ void LiveDrawing::hand_over_if_due() {
     } else {
         handed_over_by_host_ = backend_.download().displacement;
     }
+    hand_overs_.push_back(seconds_since(now));
     {
         const std::lock_guard lock(mutex_);
         is_full_ = true;
@@ -102,7 +113,14 @@ void LiveDrawing::feed_mesh(std::unique_lock<std::mutex> lock) {
 
 std::int64_t LiveDrawing::pictures() const {
     const std::lock_guard lock(mutex_);
-    return pictures_;
+    return std::int64_t(pictures_.size());
+}
+
+std::optional<double> LiveDrawing::hand_over_seconds() const { return median_of(hand_overs_); }
+
+std::optional<double> LiveDrawing::picture_seconds() const {
+    const std::lock_guard lock(mutex_);
+    return median_of(pictures_);
 }
 
 // --- In the drawing thread ------------------------------------------------------------------------------
@@ -146,12 +164,14 @@ void LiveDrawing::draw(const std::stop_token& stop, Problem& problem) {
             if (!is_full_) edits.swap(edits_);
         }
         if (edits.empty()) {
+            const auto begin = Clock::now();
             if (!take(painter)) continue;
             painter.draw(orbit, size, {});
             glFinish();
             is_seen = true;
+            const double seconds = seconds_since(begin);
             const std::lock_guard lock(mutex_);
-            ++pictures_;
+            pictures_.push_back(seconds);
         } else {
             for (const SpringEdit* edit : edits) apply(problem, *edit);
             painter.set_mesh(mesh_of(problem));

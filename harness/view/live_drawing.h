@@ -52,6 +52,10 @@ public:
 
     /// That are finished.
     std::int64_t pictures() const;
+    /// Medians: of handing displacements over, in the thread that steps, and of a picture, from taking them
+    /// until the card has drawn it. Of none nothing.
+    std::optional<double> hand_over_seconds() const;
+    std::optional<double> picture_seconds() const;
     /// Whether displacements stay on the device.
     bool from_device() const { return feed_ != nullptr; }
 
@@ -72,6 +76,7 @@ private:
     std::unique_ptr<Feed> feed_;
     int fed_mesh_ = 0;
     Clock::time_point due_;
+    std::vector<double> hand_overs_;
 
     /// Of all that follows. Whoever steps may be real-time and the other one not: he waits for it as seldom
     /// as he can, and else asks again in the next tick.
@@ -84,7 +89,7 @@ private:
     bool shares_ = false;
     std::vector<const SpringEdit*> edits_;  ///< that the mesh is without
     std::optional<std::string> absent_, failure_;
-    std::int64_t pictures_ = 0;
+    std::vector<double> pictures_;  ///< seconds
 
     std::jthread thread_;  ///< the last one: ends before anything that it uses
 };

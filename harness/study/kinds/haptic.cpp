@@ -55,7 +55,7 @@ struct HapticRow {
     std::optional<double> force_error = {};
     bool real_time = false;
     Histogram histogram = {};
-    std::optional<double> pictures_per_second = {};
+    std::optional<double> pictures_per_second = {}, hand_over_seconds = {}, picture_seconds = {};
     std::optional<std::string> displacements_by = {}, renderer = {};
 };
 
@@ -75,6 +75,8 @@ void haptic_fields(Self& row, Fields& fields) {
     fields.required("real_time", row.real_time);
     fields.required("histogram", row.histogram);
     fields.nullable("pictures_per_second", row.pictures_per_second);
+    fields.nullable("hand_over_seconds", row.hand_over_seconds);
+    fields.nullable("picture_seconds", row.picture_seconds);
     fields.nullable("displacements_by", row.displacements_by);
     fields.nullable("renderer", row.renderer);
 }
@@ -234,6 +236,8 @@ private:
         if (drawing_) {
             const auto drawn = double(drawing_->pictures() - drawn_before);
             row.pictures_per_second = drawn / seconds_between(start, Clock::now());
+            row.hand_over_seconds = drawing_->hand_over_seconds();
+            row.picture_seconds = drawing_->picture_seconds();
             row.displacements_by = drawing_->from_device() ? "feed" : "download";
             row.renderer = shared_->context.capabilities().device;
         }
@@ -497,9 +501,12 @@ void HapticStudy::print(const nlohmann::json& result, std::ostream& out, TableWi
         {"worst", 1},       {"missed"},           {"steps fit"}, {"force error", 2}};
     std::vector<std::vector<std::string>> table;
     bool real_time = true;
+    std::vector<double> hand_overs, pictures;
     for (const auto& json : result.at("haptic")) {
         const HapticRow row = haptic_row_from_json(json);
         real_time = real_time && row.real_time;
+        if (row.hand_over_seconds) hand_overs.push_back(*row.hand_over_seconds);
+        if (row.picture_seconds) pictures.push_back(*row.picture_seconds);
         table.push_back({row.row.identity.scene, row.row.label(), si(row.playing.hertz, "Hz"),
                          row.playing.edited ? "yes" : "no",
                          row.pictures_per_second ? fixed_text(*row.pictures_per_second, 0) : "-",
@@ -512,6 +519,9 @@ void HapticStudy::print(const nlohmann::json& result, std::ostream& out, TableWi
         out << "The host's thread was " << (real_time ? "" : "not ")
             << "real-time (SCHED_FIFO). Missed: ticks that began before the force of the one before was "
                "there. Pictures/s: of the body, drawn meanwhile on the same card.\n";
+    if (!pictures.empty())
+        out << "A picture takes " << si(median(pictures), "s") << ", and handing the displacements over "
+            << si(median(hand_overs), "s") << " of the stepping thread: medians of the rows.\n";
     print_unmeasured(result, out);
 }
 
