@@ -174,8 +174,17 @@ void Journal::keep(const std::string& name, nlohmann::json value) {
 
 void Journal::append(const nlohmann::json& object, const std::string& what) {
     const std::string line = line_of(object);
-    if (!write_all(descriptor_.number, line) || fdatasync(descriptor_.number) != 0)
+    if (!write_all(descriptor_.number, line) || !sync_now_and_then())
         throw unwritten("; it misses " + what + " and is complete up to there: --resume goes on with it");
+}
+
+/// A disk takes milliseconds, and there is a line for every repetition, which may be shorter.
+bool Journal::sync_now_and_then() {
+    constexpr std::chrono::seconds pause(1);
+    const auto now = std::chrono::steady_clock::now();
+    if (synced_ && now - *synced_ < pause) return true;
+    synced_ = now;
+    return fdatasync(descriptor_.number) == 0;
 }
 
 void Journal::remove() {

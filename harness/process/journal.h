@@ -1,11 +1,13 @@
-// What a study has finished, on disk as soon as it is: what is there is not lost to whatever ends the
+// What a study has finished, written as soon as it is: what is there is not lost to whatever ends the
 // process.
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -43,8 +45,9 @@ public:
     const nlohmann::json* find(const std::string& name) const;
     /// In which session, from 1, it was finished. Of what is finished.
     int session_of(const std::string& name) const { return finished_.at(name).first; }
-    /// Keeps it; it is on disk when this returns. Throws std::system_error, whose message says what could not
-    /// be written. JSON has neither infinity nor NaN: `value` is to have none.
+    /// Keeps it; it is in the file when this returns, whatever then ends this process. The disk is waited for
+    /// once a second at most: only an end of the whole machine loses more, the last moments of it. Throws
+    /// Unwritten. JSON has neither infinity nor NaN: `value` is to have none.
     void keep(const std::string& name, nlohmann::json value);
 
     /// Each finished measurement, by name.
@@ -67,6 +70,8 @@ private:
     std::string complete_lines();
     void read(const std::string& text, const nlohmann::json& study);
     void append(const nlohmann::json& line, const std::string& what);
+    /// Waits for the disk, unless it was waited for a moment ago.
+    bool sync_now_and_then();
 
     /// Closes what it has opened, which gives its lock back.
     struct Descriptor {
@@ -76,6 +81,7 @@ private:
 
     std::filesystem::path file_;  ///< empty: in memory alone
     Descriptor descriptor_;
+    std::optional<std::chrono::steady_clock::time_point> synced_;
     int session_ = 1;
     std::string note_;
     std::map<std::string, std::pair<int, nlohmann::json>> finished_;
