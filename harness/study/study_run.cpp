@@ -142,7 +142,7 @@ void StudyRun::check(const StudyScene& item) {
         too_large_[item.scene] = refusal.what();
         return;
     }
-    scenes_.check_name(item);
+    scenes_.check_name(item, *loaded);
     particles_[item.scene] = double(loaded->problem.particle_count());
     kind_->check(study_, item, *loaded);
     check_backends(item);

@@ -36,21 +36,31 @@ std::shared_ptr<const Scene> StudyScenes::of(const StudyScene& item) {
     if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
     auto scene = std::make_shared<const Scene>(
         load_scene(item.scene, is_volume_name(item.scene) ? volume_ : VolumeOptions{}));
-    if (particles_ + scene->problem.particle_count() <= SceneSizeLimits::of_this_machine().particles / 4) {
-        particles_ += scene->problem.particle_count();
-        kept_[item.scene] = scene;
-    }
+    keep(item.scene, scene);
     return scene;
 }
 
-void StudyScenes::check_name(const StudyScene& item) {
-    const auto scene = of(item);
-    const auto [first, added] = named_.emplace(scene->name, &item);
+void StudyScenes::keep(const std::string& name, const std::shared_ptr<const Scene>& scene) {
+    const std::uint64_t most = SceneSizeLimits::of_this_machine().particles / 4;
+    if (scene->problem.particle_count() > most) return;
+    kept_[name] = scene;
+    particles_ += scene->problem.particle_count();
+    while (particles_ > most) {
+        const auto smallest = std::min_element(kept_.begin(), kept_.end(), [](const auto& a, const auto& b) {
+            return a.second->problem.particle_count() < b.second->problem.particle_count();
+        });
+        particles_ -= smallest->second->problem.particle_count();
+        kept_.erase(smallest);
+    }
+}
+
+void StudyScenes::check_name(const StudyScene& item, const Scene& scene) {
+    const auto [first, added] = named_.emplace(scene.name, &item);
     const StudyScene& other = *first->second;
     if (added || (other.scene == item.scene && other.built == item.built)) return;
-    if (fingerprint_of(*of(other)) == fingerprint_of(*scene)) return;
+    if (fingerprint_of(*of(other)) == fingerprint_of(scene)) return;
     throw BadInput("study", "scene", item.scene,
-                   "a scene of another name: " + other.scene + " is called " + scene->name +
+                   "a scene of another name: " + other.scene + " is called " + scene.name +
                        " as well, and rows of the two could not be told apart; rename the file");
 }
 

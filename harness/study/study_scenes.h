@@ -16,7 +16,8 @@ namespace voxspring {
 /// What --scene leaves of the study's scenes, each once, and what it adds to them.
 void select_scenes(Study& study, const std::vector<std::string>& globs);
 
-/// Loads scenes and keeps them, up to a quarter of the machine's memory, as each is asked for twice.
+/// Loads scenes and keeps them, up to a quarter of the machine's memory, as each is asked for twice. Where
+/// that is too little it keeps the largest, which take the longest to build.
 class StudyScenes {
 public:
     /// `volume` is of those that are volume files.
@@ -24,10 +25,13 @@ public:
 
     /// Throws BadInput, TooLarge.
     std::shared_ptr<const Scene> of(const StudyScene& item);
-    /// Refuses a scene of the name of another one that is not the same: results tell scenes apart by name.
-    void check_name(const StudyScene& item);
+    /// Refuses `scene`, which is that of `item`, if another one that is not the same has its name: results
+    /// tell scenes apart by name.
+    void check_name(const StudyScene& item, const Scene& scene);
 
 private:
+    void keep(const std::string& name, const std::shared_ptr<const Scene>& scene);
+
     const StudyKind& kind_;
     const VolumeOptions volume_;
     std::map<std::string, std::shared_ptr<const Scene>> kept_;
