@@ -199,9 +199,10 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
 
 void pin(Problem& problem, std::vector<std::uint8_t> pinned) {
     const bool any = std::any_of(pinned.begin(), pinned.end(), [](auto p) { return p != 0; });
-    for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
-        auto& mask = problem.lattice.mask[i];
-        mask = pinned[i] != 0 ? mask | PINNED_BIT : mask & ~PINNED_BIT;
+#pragma omp parallel for
+    for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(problem.lattice.mask.size()); ++i) {
+        auto& mask = problem.lattice.mask[std::size_t(i)];
+        mask = pinned[std::size_t(i)] != 0 ? mask | PINNED_BIT : mask & ~PINNED_BIT;
     }
     problem.pinned = any ? std::move(pinned) : std::vector<std::uint8_t>{};
 }

@@ -121,8 +121,9 @@ Problem make_problem(const SceneFile& scene, LabelledGrid labelled) {
 std::pair<int, int> active_slices(const Lattice& lattice, int axis) {
     int lowest = lattice.dims[axis];
     int highest = 0;
-    for (const std::uint32_t voxel : lattice.voxel) {
-        const int slice = lattice.coordinates(voxel)[axis];
+#pragma omp parallel for reduction(min : lowest) reduction(max : highest)
+    for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(lattice.voxel.size()); ++i) {
+        const int slice = lattice.coordinates(lattice.voxel[std::size_t(i)])[axis];
         lowest = std::min(lowest, slice);
         highest = std::max(highest, slice);
     }
@@ -147,15 +148,21 @@ std::pair<glm::ivec3, glm::ivec3> voxels_of(const Region& region, const Lattice&
     return {from, to};
 }
 
-/// The particles of `region`, of which there must be one at least.
+/// The particles of `region`, of which there must be one at least; ascending.
 std::vector<std::size_t> particles_in(const Region& region, const Lattice& lattice) {
     const auto [from, to] = voxels_of(region, lattice);
+    // Row after row of its voxels, whose particles follow each other.
     std::vector<std::size_t> particles;
-    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
-        const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
-        if (at.x >= from.x && at.y >= from.y && at.z >= from.z && at.x <= to.x && at.y <= to.y &&
-            at.z <= to.z) {
-            particles.push_back(i);
+    const auto number_of = [&](int x, int y, int z) {
+        return (std::int64_t(z) * lattice.dims.y + y) * lattice.dims.x + x;
+    };
+    for (int z = std::max(from.z, 0); z <= std::min(to.z, lattice.dims.z - 1); ++z) {
+        for (int y = std::max(from.y, 0); y <= std::min(to.y, lattice.dims.y - 1); ++y) {
+            const auto end = number_of(std::min(to.x, lattice.dims.x - 1), y, z);
+            auto next = std::lower_bound(lattice.voxel.begin(), lattice.voxel.end(),
+                                         number_of(std::max(from.x, 0), y, z));
+            for (; next != lattice.voxel.end() && *next <= end; ++next)
+                particles.push_back(std::size_t(next - lattice.voxel.begin()));
         }
     }
     if (particles.empty())
@@ -192,6 +199,7 @@ void pin_regions(Problem& problem, const SceneFile& scene) {
 /// Sets `field` on the particles of its region that may move, times `scale`.
 void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double scale,
                const Problem& problem) {
+    if (!field.region && field.vector == glm::dvec3(0) && !(field.amplitude > 0)) return;  // is zero
     std::vector<bool> chosen(out.size(), !field.region);
     if (field.region) {
         for (const std::size_t i : particles_in(*field.region, problem.lattice)) chosen[i] = true;

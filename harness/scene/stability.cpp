@@ -207,9 +207,12 @@ double frequency_bound_squared(const Problem& problem) {
     const bool by_mask = !problem.has_materials() && beyond.empty();
 
     double largest = 0;
+    std::optional<std::uint32_t> before;  // the mask of the last one that was looked at: mostly the same
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        if (problem.is_pinned(i)) continue;
         const std::uint32_t mask = problem.lattice.mask.empty() ? 0 : problem.lattice.mask[i];
+        if (by_mask && mask == before) continue;
+        if (problem.is_pinned(i)) continue;
+        before = mask;
         if (by_mask && !seen.insert(mask).second) continue;
         Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
         if (!beyond.empty()) sum = beyond[i];
