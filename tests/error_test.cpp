@@ -230,6 +230,23 @@ TEST(Spread, IsWiderWhereRootsAreApproximate) {
     EXPECT_EQ(spread("cpu_parallel"), spread("cpu_parallel")) << "the same numbers every time";
 }
 
+TEST(Spread, OfSeveralModelsIsThatOfEach) {
+    References references{no_cache()};
+    const Scene scene = load_scene("box@6");
+    const State end = references.after(scene, 100);
+    std::vector<RoundingModel> models;
+    for (const char* spec : {"cpu_parallel", "cpu_parallel:formulation=position", "cpu_parallel:root=raw",
+                             "cpu_parallel:precision=float64"})
+        models.push_back(rounding_model_of(BackendSpec::parse(spec)));
+    const std::vector<Spread> together = references.spreads(scene, 100, end, models);
+    ASSERT_EQ(together.size(), models.size());
+    for (std::size_t n = 0; n < models.size(); ++n) {
+        const Spread alone = references.spread(scene, 100, end, models[n]);
+        EXPECT_EQ(together[n].max, alone.max) << to_string(models[n]);
+        EXPECT_EQ(together[n].rms, alone.rms) << to_string(models[n]);
+    }
+}
+
 TEST(Refined, IsLeftOutWhereItTakesTooLong) {
     References references{no_cache()};
     const Scene scene = load_scene("box@100");

@@ -83,7 +83,7 @@ TEST(ParallelReference, FollowsEdits) {
         const State start = random_state(now, 0.05, 7);
         const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
         const auto plain = BackendSpec::parse("cpu_reference:formulation=increment").make();
-        const auto parallel = make_perturbed_reference({});
+        const std::unique_ptr<Backend> parallel = make_perturbed_reference({});
         for (Backend* backend : {plain.get(), parallel.get()}) backend->upload(now, start);
         for (const SpringEdit& edit : edits) {
             apply(now, edit);
@@ -114,6 +114,35 @@ TEST(ParallelReference, DependsOnNoNumberOfThreads) {
         }
     }
     omp_set_num_threads(threads);
+}
+
+TEST(ParallelReference, UsedAgainRunsAsANewOne) {
+    // Of many blocks, so that several threads list them; and with what other problems have no arrays for.
+    std::vector<Problem> bodies = {
+        with_dynamics(make_lattice_problem(solid({128, 128, 65}), FACE_BITS)),
+        with_dynamics(make_lattice_problem(random_grid({12, 11, 10}, 0.7, 4, 3), FACE_BITS | EDGE_BITS)),
+        with_dynamics(make_lattice_problem(random_grid({12, 11, 10}, 0.5, 5), FACE_BITS | EDGE_BITS))};
+    bodies[1].materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+    bodies[1].load.assign(bodies[1].particle_count(), glm::dvec3(0.01, 0, -0.02));
+    bodies[1].springs = {{0, 7, 0.5, 3.0}, {1, 20, 0.25, 2.0}};
+    const auto again = make_perturbed_reference({});
+    State state;
+    for (const Problem& problem : bodies) {
+        const State start = random_state(problem, 0.05, 7);
+        for (const auto& [kind, formulation] :
+             {std::pair{Kind::random, Formulation::increment},
+              std::pair{Kind::nearest, Formulation::position}, std::pair{Kind::none, Formulation::position},
+              std::pair{Kind::random, Formulation::increment}}) {
+            const Perturbation perturbation{kind, formulation, Precision::float32, 0, 5};
+            again->perturb(perturbation);
+            again->upload(problem, start);
+            again->step(3);
+            again->read(state);
+            const State once = run(*make_perturbed_reference(perturbation), problem, start, 3);
+            EXPECT_EQ(state.displacement, once.displacement);
+            EXPECT_EQ(state.increment, once.increment);
+        }
+    }
 }
 
 // --- Rounding --------------------------------------------------------------------------------------------

@@ -6,6 +6,8 @@
 #include <bit>
 #include <cmath>
 #include <glm/geometric.hpp>
+#include <numeric>
+#include <utility>
 #include <vector>
 
 #include "backends/cpu/array.h"
@@ -61,16 +63,18 @@ std::array<Pointer, 3> pointers(Arrays& arrays) {
     return {arrays[0].get(), arrays[1].get(), arrays[2].get()};
 }
 
-class PerturbedReference final : public CpuBackend {
+class Reference final : public PerturbedReference {
 public:
-    explicit PerturbedReference(const Perturbation& perturbation)
-        : formulation_(perturbation.kind == Kind::none ? Formulation::increment : perturbation.formulation),
-          perturbation_(perturbation),
-          rounding_(rounding_of(perturbation)) {}
+    explicit Reference(const Perturbation& perturbation) : next_perturbation_(perturbation) {}
 
     Capabilities capabilities() const override { return cpu_capabilities("float64", omp_get_max_threads()); }
 
+    void perturb(const Perturbation& perturbation) override { next_perturbation_ = perturbation; }
+
     void upload(const Problem& problem, const State& state) override {
+        perturbation_ = next_perturbation_;
+        formulation_ = perturbation_.kind == Kind::none ? Formulation::increment : perturbation_.formulation;
+        rounding_ = rounding_of(perturbation_);
         problem_ = &problem;
         step_ = 0;
         lay_out();
@@ -114,7 +118,14 @@ public:
     }
 
     State download() override {
-        State state = state_at_rest(*problem_);
+        State state;
+        read(state);
+        return state;
+    }
+
+    void read(State& state) const override {
+        state.displacement.resize(problem_->particle_count());
+        state.increment.resize(problem_->particle_count());
         const auto now = std::size_t(step_ % 2);
         each_particle([&](std::size_t i) {
             const auto e = std::size_t(element_[i]);
@@ -126,7 +137,6 @@ public:
                                                                     : at - place_[1 - now][std::size_t(c)][e];
             }
         });
-        return state;
     }
 
     StepWork step_work(const Problem&) const override { return {}; }
@@ -169,9 +179,10 @@ private:
         row_ = (dims.x + block_size) / block_size * block_size;  // a column of nothing at its end
         slice_ = row_ * (dims.y + 1);
         const std::ptrdiff_t guard = slice_ + row_ + block_size;
-        size_ = guard + slice_ * dims.z + guard;
+        const std::ptrdiff_t size = guard + slice_ * dims.z + guard;
+        if (size != std::exchange(size_, size)) forget_arrays();
         element_.resize(problem.particle_count());
-        mask_ = filled(size_, std::uint64_t(0));
+        fill_with(mask_, std::uint64_t(0));
         each_particle([&](std::size_t i) {
             const glm::ivec3 at =
                 has_lattice ? lattice.coordinates(lattice.voxel[i]) : glm::ivec3(int(i), 0, 0);
@@ -179,11 +190,53 @@ private:
             const std::uint32_t alone = ACTIVE_BIT | (problem.is_pinned(i) ? PINNED_BIT : 0);
             mask_[std::size_t(element_[i])] = has_lattice ? lattice.mask[i] : alone;
         });
-        blocks_.clear();
-        for (const std::ptrdiff_t element : element_) {
-            const std::ptrdiff_t block = element - (element - guard) % block_size;
-            if (blocks_.empty() || blocks_.back() != block) blocks_.push_back(block);
+        list_blocks(guard);
+    }
+
+    /// The blocks that `element_` is in; the first one begins at `guard`.
+    void list_blocks(std::ptrdiff_t guard) {
+        const auto block_of = [&](std::size_t i) { return element_[i] - (element_[i] - guard) % block_size; };
+        const auto begins_block = [&](std::size_t i) { return i == 0 || block_of(i) != block_of(i - 1); };
+        // Counted first, so that chunks of particles are gone through side by side.
+        constexpr std::size_t chunk = std::size_t(1) << 20;
+        const std::size_t particles = element_.size(), chunks = (particles + chunk - 1) / chunk;
+        std::vector<std::size_t> begin(chunks + 1);
+        const auto each_chunk = [&](const auto& act) {
+#pragma omp parallel for schedule(static) if (chunks > 1)
+            for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(chunks); ++n) act(std::size_t(n));
+        };
+        const auto each_block = [&](std::size_t n, const auto& act) {
+            for (std::size_t i = n * chunk; i < std::min(particles, (n + 1) * chunk); ++i) {
+                if (begins_block(i)) act(block_of(i));
+            }
+        };
+        each_chunk([&](std::size_t n) { each_block(n, [&](std::ptrdiff_t) { ++begin[n + 1]; }); });
+        std::partial_sum(begin.begin(), begin.end(), begin.begin());
+        blocks_.resize(begin.back());
+        each_chunk([&](std::size_t n) {
+            std::size_t next = begin[n];
+            each_block(n, [&](std::ptrdiff_t block) { blocks_[next++] = block; });
+        });
+    }
+
+    /// `array` has size_ elements, all of them `value`. It stays where it is if there is one.
+    template <class T>
+    void fill_with(cpu_parallel::Array<T>& array, T value) const {
+        if (array == nullptr) {
+            array = filled(size_, value);
+            return;
         }
+        T* const begin = array.get();
+#pragma omp parallel for schedule(static) if (size_ >= worth_threads)
+        for (std::ptrdiff_t i = 0; i < size_; ++i) begin[i] = value;
+    }
+
+    void forget_arrays() {
+        mask_ = nullptr;
+        inverse_mass_ = nullptr;
+        compliance_ = nullptr;
+        for (Arrays* arrays : {&place_[0], &place_[1], &increment_, &load_, &extra_, &extra_size_})
+            fill_with_zeros(*arrays, false);
     }
 
     /// A number of particle i's state as an upload rounds it; the same number of `which` each time.
@@ -201,8 +254,12 @@ private:
         fill_with_zeros(increment_, by_increments(formulation_));
         fill_with_zeros(load_, !problem.load.empty());
         tool_moved_ = tool_force_ = glm::dvec3(0);
-        inverse_mass_ = filled(size_, parameter(1 / problem.materials[0].mass, 0));
-        compliance_ = problem.has_materials() ? filled(size_, 1.0) : nullptr;
+        fill_with(inverse_mass_, parameter(1 / problem.materials[0].mass, 0));
+        if (problem.has_materials()) {
+            fill_with(compliance_, 1.0);
+        } else {
+            compliance_ = nullptr;
+        }
         const auto stored = [this](double value, std::size_t i, std::uint64_t which) {
             return stored_at_start(value, i, which);
         };
@@ -224,7 +281,13 @@ private:
         });
     }
     void fill_with_zeros(Arrays& arrays, bool wanted) const {
-        for (Array& array : arrays) array = wanted ? filled(size_, 0.0) : nullptr;
+        for (Array& array : arrays) {
+            if (wanted) {
+                fill_with(array, 0.0);
+            } else {
+                array = nullptr;
+            }
+        }
     }
 
     /// The directions in use and the springs beyond the lattice, as an upload or an edit has left them.
@@ -338,9 +401,10 @@ private:
         return task;
     }
 
-    const Formulation formulation_;
-    const Perturbation perturbation_;
-    const RoundingBits rounding_;
+    Perturbation next_perturbation_;
+    Perturbation perturbation_;
+    Formulation formulation_ = Formulation::increment;
+    RoundingBits rounding_;
     const Problem* problem_ = nullptr;
     std::int64_t step_ = 0;
     std::ptrdiff_t row_ = 0, slice_ = 0;
@@ -359,8 +423,8 @@ private:
 
 }  // namespace
 
-std::unique_ptr<Backend> make_perturbed_reference(const Perturbation& perturbation) {
-    return std::make_unique<PerturbedReference>(perturbation);
+std::unique_ptr<PerturbedReference> make_perturbed_reference(const Perturbation& perturbation) {
+    return std::make_unique<Reference>(perturbation);
 }
 
 }  // namespace voxspring

@@ -9,7 +9,7 @@
 #include <memory>
 #include <string>
 
-#include "backends/backend.h"
+#include "backends/cpu/cpu_backend.h"
 
 namespace voxspring {
 
@@ -29,6 +29,8 @@ struct Perturbation {
     std::uint64_t seed = 0;  ///< of the random numbers, which depend on it, the step and the particle alone
 };
 
+/// One run of the reference after another, each perturbed as it is told.
+///
 /// Float64, every core and SIMD register. Each particle sums its lattice springs in the order of
 /// neighbours.h, then Problem::springs in their order; no bit depends on the number of threads or the width
 /// of a register. What is rounded, by formulation:
@@ -43,7 +45,15 @@ struct Perturbation {
 ///
 /// A force is off by up to half a unit of `precision` of the sum of what its springs are relative to.
 /// Backends round some ten operations a spring, whose errors are independent: of about that size together.
-std::unique_ptr<Backend> make_perturbed_reference(const Perturbation& perturbation);
+class PerturbedReference : public CpuBackend {
+public:
+    /// From the next upload() on.
+    virtual void perturb(const Perturbation& perturbation) = 0;
+    /// download() to where an earlier state may have been: for a large one new memory takes longer than a
+    /// step.
+    virtual void read(State& state) const = 0;
+};
+std::unique_ptr<PerturbedReference> make_perturbed_reference(const Perturbation& perturbation);
 
 /// What result rows call the one that is not perturbed.
 inline const std::string parallel_reference_name = "parallel_reference";

@@ -381,12 +381,16 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
 }
 
 void add_spreads(StudyBench& bench, const std::vector<BackendSpec>& specs, ReferenceSolution& solution) {
+    std::vector<RoundingModel> models;
     for (const BackendSpec& spec : specs) {
         const RoundingModel model = rounding_model_of(spec);
-        if (spread_of(solution, model) != nullptr) continue;
-        solution.spreads.emplace_back(
-            model, bench.references().spread(bench.scene(), solution.steps, solution.same_step, model));
+        if (spread_of(solution, model) == nullptr &&
+            std::find(models.begin(), models.end(), model) == models.end())
+            models.push_back(model);
     }
+    const std::vector<Spread> spreads =
+        bench.references().spreads(bench.scene(), solution.steps, solution.same_step, models);
+    for (std::size_t n = 0; n < models.size(); ++n) solution.spreads.emplace_back(models[n], spreads[n]);
 }
 
 void check_batch(const Study& study, const Scene& scene, const Batch& batch) {

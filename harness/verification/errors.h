@@ -20,9 +20,9 @@ namespace voxspring {
 struct ReferenceSolution {
     const Problem& problem;  ///< as the edits until then leave it
     int steps = 0;
-    State same_step;   ///< float64 at the same time step: the rounding error is the difference from it
-    Refined refined;   ///< float64 without a time step: the total error is
-    State start = {};  ///< where the runs began
+    State same_step;     ///< float64 at the same time step: the rounding error is the difference from it
+    Refined refined;     ///< float64 without a time step: the total error is
+    const State& start;  ///< where the runs began
     Conserved conserved = {};  ///< of same_step
     /// Of what backends' runs round; where a model is missing they are only held to be finite.
     std::vector<std::pair<RoundingModel, Spread>> spreads = {};

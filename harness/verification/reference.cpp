@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <glm/geometric.hpp>
 #include <limits>
@@ -127,11 +128,23 @@ std::string name_of(const Scene& scene, int steps, const std::string& what) {
 }
 
 /// The same on every machine and of every build.
-std::uint64_t seed_of(const Scene& scene, int steps, const RoundingModel& model) {
+std::string hash_for_seed(const Scene& scene, int steps, const RoundingModel& model) {
     Hash hash;
     hash.add(to_string(model));
     add(hash, scene, steps);
-    return std::stoull(hash.text().substr(0, 16), nullptr, 16);
+    return hash.text();
+}
+std::uint64_t seed_of(const std::string& hash) { return std::stoull(hash.substr(0, 16), nullptr, 16); }
+
+/// A hash of the same for each model, side by side: of a large scene each takes as long as all of them.
+std::vector<std::string> hashes_of(const std::vector<RoundingModel>& models,
+                                   const std::function<std::string(const RoundingModel&)>& hash_of_model) {
+    (void)fingerprint_of_executable();  // which may throw
+    std::vector<std::string> hashes(models.size());
+#pragma omp parallel for schedule(dynamic) if (models.size() > 1)
+    for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(models.size()); ++n)
+        hashes[std::size_t(n)] = hash_of_model(models[std::size_t(n)]);
+    return hashes;
 }
 
 /// How many of the runs of a scene in `counts` steps take max_refined_updates together.
@@ -154,6 +167,12 @@ std::vector<glm::dvec3> extrapolate(const std::vector<glm::dvec3>& coarse,
 }
 
 }  // namespace
+
+/// Perturbed runs one after the other, in the same memory.
+struct References::PerturbedRuns {
+    std::unique_ptr<PerturbedReference> backend;
+    State state;  ///< that the last one left
+};
 
 std::string fingerprint_of(const Scene& scene) {
     return name_of(scene, std::numeric_limits<int>::max(), "any backend");
@@ -212,7 +231,14 @@ std::string References::name_of_backend(const Scene& scene, int steps) {
     return is_plain(scene, steps) ? reference_backend : parallel_reference_name;
 }
 
-void References::play(SceneRunner& runner, Backend& backend, int steps) const {
+/// From the scene's start on.
+void References::play(const Scene& scene, int steps, Backend& backend) const {
+    SceneRunner runner(scene);
+    runner.rewind(backend);
+    if (!on_progress_) {
+        runner.run(backend, steps);
+        return;
+    }
     using Clock = std::chrono::steady_clock;
     constexpr std::chrono::duration<double> often(0.1);
     const auto begin = Clock::now();
@@ -230,13 +256,7 @@ void References::play(SceneRunner& runner, Backend& backend, int steps) const {
 }
 
 State References::computed(const Scene& scene, int steps, Backend& backend) const {
-    SceneRunner runner(scene);
-    runner.rewind(backend);
-    if (on_progress_) {
-        play(runner, backend, steps);
-    } else {
-        runner.run(backend, steps);
-    }
+    play(scene, steps, backend);
     return backend.download();
 }
 
@@ -280,25 +300,51 @@ const State& References::latest(const std::string& name, State state) {
     return latest_[name] = std::move(state);
 }
 
-Spread References::spread(const Scene& scene, int steps, const State& expected, const RoundingModel& model) {
+std::vector<Spread> References::spreads(const Scene& scene, int steps, const State& expected,
+                                        const std::vector<RoundingModel>& models) {
     static_assert(std::is_trivially_copyable_v<Spread>);
-    const std::string name = name_of(scene, steps, "spread of " + to_string(model));
-    Spread spread;
-    if (const auto known = cache_.find(name); known && known->size() == sizeof spread) {
-        std::memcpy(&spread, known->data(), sizeof spread);
-        return spread;
+    const auto names = hashes_of(models, [&](const RoundingModel& model) {
+        return name_of(scene, steps, "spread of " + to_string(model));
+    });
+    std::vector<Spread> spreads(models.size());
+    std::vector<std::size_t> missing;
+    std::vector<RoundingModel> missing_models;
+    for (std::size_t n = 0; n < models.size(); ++n) {
+        const auto known = cache_.find(names[n]);
+        if (known && known->size() == sizeof(Spread)) {
+            std::memcpy(&spreads[n], known->data(), sizeof(Spread));
+        } else {
+            missing.push_back(n);
+            missing_models.push_back(models[n]);
+        }
     }
-    const Problem last = problem_after(scene, steps);
+    if (missing.empty()) return spreads;
+    const auto seeds = hashes_of(
+        missing_models, [&](const RoundingModel& model) { return hash_for_seed(scene, steps, model); });
+    PerturbedRuns runs{make_perturbed_reference({}), {}};
+    for (std::size_t m = 0; m < missing.size(); ++m) {
+        Spread& spread = spreads[missing[m]];
+        spread = measured_spread(scene, steps, expected, models[missing[m]], seed_of(seeds[m]), runs);
+        cache_.keep(names[missing[m]], {reinterpret_cast<const char*>(&spread), sizeof spread});
+    }
+    return spreads;
+}
+
+Spread References::measured_spread(const Scene& scene, int steps, const State& expected,
+                                   const RoundingModel& model, std::uint64_t seed,
+                                   PerturbedRuns& runs) const {
+    Spread spread;
     const Comparison motion = differences(expected, scene.state);
     spread.motion_max = motion.max;
     spread.motion_rms = motion.rms;
-    const std::uint64_t seed = seed_of(scene, steps, model);
     const int random = random_runs(scene.problem.particle_count());
-    const auto rounded = [&](int run) {
-        const auto backend = make_perturbed_reference(
-            {run == 0 ? Perturbation::Kind::nearest : Perturbation::Kind::random, model.formulation,
-             model.precision, model.root_error, seed + std::uint64_t(run)});
-        return computed(scene, steps, *backend);
+    const auto rounded = [&](int run) -> const State& {
+        runs.backend->perturb({run == 0 ? Perturbation::Kind::nearest : Perturbation::Kind::random,
+                               model.formulation, model.precision, model.root_error,
+                               seed + std::uint64_t(run)});
+        play(scene, steps, *runs.backend);
+        runs.backend->read(runs.state);
+        return runs.state;
     };
     for (int run = 0; run <= random; ++run) {
         const Comparison apart = differences(rounded(run), expected);
@@ -307,15 +353,16 @@ Spread References::spread(const Scene& scene, int steps, const State& expected, 
         spread.rms = std::max(spread.rms, apart.rms);
         ++spread.runs;
     }
+    if (!is_chaotic(spread)) return spread;
     // Nothing else is judged by them. The same runs again cost chaotic scenes alone.
-    for (int run = 0; is_chaotic(spread) && run <= random; ++run) {
-        const State state = rounded(run);
+    const Problem last = problem_after(scene, steps);
+    for (int run = 0; run <= random; ++run) {
+        const State& state = rounded(run);
         if (!differences(state, expected).finite) continue;
         const Statistics found = statistics(last, scene.state, state, expected);
         for (std::size_t kind = 0; kind < found.size(); ++kind)
             spread.statistic[kind] = std::max(spread.statistic[kind], found[kind].difference);
     }
-    cache_.keep(name, {reinterpret_cast<const char*>(&spread), sizeof spread});
     return spread;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <memory>
@@ -83,8 +84,13 @@ public:
     /// of counts.back() steps, and of 1, or by less than 1e-11; given up after four doublings.
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
-    /// How far rounding of that kind carries the scene in `steps` steps, whose reference is `reference`.
-    Spread spread(const Scene& scene, int steps, const State& reference, const RoundingModel& model);
+    /// How far rounding of each of these kinds carries the scene in `steps` steps, whose reference is
+    /// `reference`.
+    std::vector<Spread> spreads(const Scene& scene, int steps, const State& reference,
+                                const std::vector<RoundingModel>& models);
+    Spread spread(const Scene& scene, int steps, const State& reference, const RoundingModel& model) {
+        return spreads(scene, steps, reference, {model}).front();
+    }
 
     /// Trajectories computed so far rather than found.
     int computed() const { return computed_; }
@@ -94,9 +100,12 @@ public:
     static std::string name_of_backend(const Scene& scene, int steps);
 
 private:
-    void play(SceneRunner& runner, Backend& backend, int steps) const;
+    void play(const Scene& scene, int steps, Backend& backend) const;
     State computed(const Scene& scene, int steps, Backend& backend) const;
     void check_first_steps(const Scene& scene, int steps) const;
+    struct PerturbedRuns;
+    Spread measured_spread(const Scene& scene, int steps, const State& expected, const RoundingModel& model,
+                           std::uint64_t seed, PerturbedRuns& runs) const;
     const State& latest(const std::string& name, State state);
 
     DiskCache cache_;
