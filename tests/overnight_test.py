@@ -369,12 +369,12 @@ class Progress(Overnight):
         lines = [line.removeprefix("\x1b[K") for line in shown.decode().split("\r")]
         self.assertEqual(lines[-1], "", "it is gone in the end")
         self.assertTrue(all(len(line) < columns for line in lines))
-        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows(?:, about \d+ (?:s|min) left)?: (\S+)")
+        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows(?:, about \d+ (?:s|min) left)?: (?:judging )?(\S+)")
         found = [form.fullmatch(line) for line in lines if line]
         self.assertNotIn(None, found, lines)
         self.assertEqual({match[6] for match in found}, {"slow/increment/float64", "cpu_reference/increment/float64"})
         self.assertEqual([int(match[3]) for match in found if match[2] == "box@4" and match[4] == "8"],
-                         [0, 0, *range(8)], "two that warm up, and every repetition")
+                         [0, 0, *range(8), 8, 8], "two that warm up, every repetition, and two states")
         self.assertEqual({(match[1], match[5]) for match in found}, {("1", "0"), ("2", "2")})
         self.assertTrue(any(" left: " in line for line in lines))
 

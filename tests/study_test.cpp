@@ -126,7 +126,10 @@ struct Device {
     std::array<char, 16> lost_in = {};
     int calls_left = 0;
     bool lost = false;
+    int downloads = 0, steps_after_one = 0;
     void call(const std::string& name) {
+        if (name == "download") ++downloads;
+        if (name == "step" && downloads > 0) ++steps_after_one;
         if (name == lost_in.data() && --calls_left == 0) lost = true;
         if (lost) throw DeviceError("device lost, seen in " + name);
     }
@@ -576,6 +579,17 @@ protected:
     std::filesystem::path out_ = folder_.path() / "out.json";
     void TearDown() override { device = {}; }
 };
+
+// To read and judge a state takes all cores, and gigabytes of memory of a large scene.
+TEST_F(StudyFile, ReadsNoStateBeforeTheLastBatchOfAll) {
+    write(R"({"backends": ["losing_*"], "scenes": [{"scene": "box@3"}], "repetitions": 4, "steps": 2})");
+    device = {};
+    std::ostringstream table;
+    EXPECT_EQ(run_and_print_study(path_.string(), {}, table), 0);
+    EXPECT_EQ(device.downloads, 2);
+    EXPECT_EQ(device.steps_after_one, 0);
+    device = {};
+}
 
 // Two cases, each of which warms up (upload, step, synchronize), is timed four times (upload,
 // synchronize, step, synchronize) and read once. Before the device is lost in the second scene, three batches

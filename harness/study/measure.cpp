@@ -71,7 +71,7 @@ public:
     int missing() const { return failure_.empty() ? context_.batch.repetitions - done_ : 0; }
     /// Whether there is nothing left to ask.
     bool finished() const {
-        return !failure_.empty() || (missing() == 0 && (context_.edits == 0 || known("edits")));
+        return !failure_.empty() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")));
     }
 
     /// Has its process compile what it will run, if that pays; returns whether it does, before it has. Of a
@@ -106,12 +106,44 @@ public:
         });
     }
 
-    /// The next repetition, if none failed before.
+    /// The next repetition, if none failed before. The last one is finished when the state that it left is
+    /// judged.
     void repeat() {
         attempt([&] {
             const std::string name = name_of_repetition(done_ + 1);
-            case_.scope().keep(name, timed(name, done_ + 1 == context_.batch.repetitions));
+            nlohmann::json answer = timed(name);
+            if (done_ + 1 == context_.batch.repetitions) {
+                unjudged_ = std::move(answer);
+            } else {
+                case_.scope().keep(name, answer);
+            }
             ++done_;
+        });
+    }
+
+    /// Has its process hand over the state that its last repetition left; returns before it has.
+    void begin_reading() {
+        if (!unjudged_) return;
+        attempt([&] {
+            case_.begin({{"do", "state"}});
+            reading_ = true;
+        });
+    }
+    bool is_reading() const { return reading_; }
+    /// Waits until it has, and takes the state.
+    void finish_reading() {
+        if (!reading_) return;
+        attempt([&] {
+            context_.state.take(case_.finish("reading the state that it left"), context_.left);
+            read_ = true;
+        });
+    }
+    /// Judges the state that was taken last.
+    void judge_state() {
+        if (!read_) return;
+        attempt([&] {
+            (*unjudged_)["verified"] = to_json(judged());
+            case_.scope().keep(name_of_repetition(done_), *std::exchange(unjudged_, std::nullopt));
         });
     }
 
@@ -136,8 +168,8 @@ private:
         }
     }
 
-    nlohmann::json timed(const std::string& name, bool last);
-    void verify(nlohmann::json& answer);
+    nlohmann::json timed(const std::string& name);
+    Row judged() const;
     void look_at_card(nlohmann::json& answer);
 
     template <class Visit>
@@ -157,25 +189,23 @@ private:
     const MeasurementContext& context_;
     std::string failure_;  ///< empty: none so far
     int done_ = 0;         ///< repetitions
-    bool compiling_ = false;
+    bool compiling_ = false, reading_ = false, read_ = false;
+    std::optional<nlohmann::json> unjudged_;  ///< the last repetition
 };
 
-nlohmann::json TimedCase::timed(const std::string& name, bool last) {
-    nlohmann::json answer = case_.ask({{"do", "repeat"}, {"last", last}}, "timing " + name);
+nlohmann::json TimedCase::timed(const std::string& name) {
+    nlohmann::json answer = case_.ask({{"do", "repeat"}}, "timing " + name);
     for (const char* clock : {"device_seconds", "host_seconds"}) {
         if (!std::isfinite(answer.at(clock).get<double>()))
             throw std::runtime_error(std::string("its clock gave no number of ") + clock);
     }
     look_at_card(answer);
-    if (answer.contains("state")) verify(answer);
     return answer;
 }
 
-/// Judges the state at once: of a large scene the states of all cases would not fit into memory.
-void TimedCase::verify(nlohmann::json& answer) {
-    State& left = context_.left;
-    context_.state.take(answer.at("state"), left);
-    answer.erase("state");
+/// What the row says of the state.
+Row TimedCase::judged() const {
+    const State& left = context_.left;
     const Comparison comparison = judge(context_.solution, left, case_.spec());
     Row verified;
     verified.errors = errors_of(context_.solution, left, comparison, case_.spec());
@@ -191,7 +221,7 @@ void TimedCase::verify(nlohmann::json& answer) {
         verified.verdict->motion_rms = spread->motion_rms;
     }
     if (!comparison.passed()) verified.reason = comparison.reason;
-    answer["verified"] = to_json(verified);
+    return verified;
 }
 
 /// Right after a batch, before the card's clock has had time to fall.
@@ -339,12 +369,12 @@ void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
 }
 
 /// Has every case make its repetitions, interleaved in random order, so that what changes on the machine with
-/// time changes all of them alike.
-void repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
+/// time changes all of them alike. How many there were.
+int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     int total = 0, done = 0;
     for (TimedCase& one : cases) total += one.missing();
     for (TimedCase& one : cases) {
-        if (interrupted()) return;
+        if (interrupted()) return total;
         if (!one.finished()) bench.show(one.label(), 0, total);
         one.warm_up();
     }
@@ -353,12 +383,26 @@ void repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     std::shuffle(order.begin(), order.end(), std::mt19937(std::random_device{}()));
     total = int(order.size());
     for (TimedCase* one : order) {
-        if (interrupted()) return;
+        if (interrupted()) return total;
         if (one->missing() > 0) {
             bench.show(one->label(), done, total);
             one->repeat();
         }
         ++done;
+    }
+    return total;
+}
+
+/// Judges the states that all cases' last of `total` repetitions left: after all of them, as that takes all
+/// cores and memory by the gigabyte. Until then each is on its device, where nothing else is asked for. The
+/// next state is read while one is judged; of a large scene no more of them would fit into memory.
+void judge_states(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
+    if (!cases.empty() && !interrupted()) cases.front().begin_reading();
+    for (std::size_t n = 0; n < cases.size() && !interrupted(); ++n) {
+        if (cases[n].is_reading()) bench.show("judging " + cases[n].label(), total, total);
+        cases[n].finish_reading();
+        if (n + 1 < cases.size()) cases[n + 1].begin_reading();
+        cases[n].judge_state();
     }
 }
 
@@ -436,7 +480,8 @@ void measure(StudyBench& bench, const Batch& batch) {
         cases.reserve(entered.size());
         for (Case& one : entered) cases.emplace_back(one, context);
         compile_together(bench, cases);
-        repeat_interleaved(bench, cases);
+        const int total = repeat_interleaved(bench, cases);
+        judge_states(bench, cases, total);
         for (TimedCase& one : cases) {
             if (!interrupted()) one.measure_edits();
         }

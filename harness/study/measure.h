@@ -21,9 +21,9 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
 void add_spreads(StudyBench& bench, const std::vector<BackendSpec>& specs, ReferenceSolution& solution);
 
 /// Runs every backend of the bench `repetitions` times for `steps` steps, from the same state each time,
-/// interleaved in random order after one warm-up batch each, and compares the state that its last timed batch
-/// left with float64 (errors.h). A DeviceError fails that case only, and so does the end of its process, or a
-/// run that diverges. What the journal has is not run again. Where there are more than
+/// interleaved in random order after one warm-up batch each, and then compares the state that its last timed
+/// batch left with float64 (errors.h). A DeviceError fails that case only, and so does the end of its
+/// process, or a run that diverges. What the journal has is not run again. Where there are more than
 /// StudyOptions::together, one group follows another, and interleaving is within each. The rows say what
 /// speaks against trusting their times (noise.h). Once interrupted, cases that are not finished are left out.
 ///

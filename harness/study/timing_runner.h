@@ -19,8 +19,9 @@ struct Batch {
 /// Steps from the state that the last batch left back to the last rewind, the warm-up included.
 int steps_in_all(const Batch& batch);
 
-/// Answers "warm up" with what the first upload took, "repeat" with a timed batch, "edits" with their
-/// latencies and "step work" with the least work of a step (limits.h). States come through `shared`.
+/// Answers "warm up" with what the first upload took, "repeat" with a timed batch, "state" with what the last
+/// one left, through `shared`, "edits" with their latencies and "step work" with the least work of a step
+/// (limits.h).
 CaseProgram timing_program(const Batch& batch, SharedState& shared);
 
 }  // namespace voxspring
