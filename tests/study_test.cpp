@@ -799,16 +799,19 @@ TEST(AScene, ArrivesInAnotherProcessAsItIs) {
     const std::string still = fingerprint_of(sent);
     sent.tool_motion = {.every = 3, .time = {0, 1}, .displacement = {{0, 0, 0}, {1, 2, 3}}};
     EXPECT_NE(fingerprint_of(sent), still);
-    const auto arrived = [](const Scene* scene) {
+    const auto arrived = [](const Scene* scene, pid_t receiver = getpid()) {
         int ends[2];
         if (socketpair(AF_UNIX, SOCK_STREAM, 0, ends) != 0) throw std::runtime_error("no sockets");
-        std::thread sender([&] { send_scene(ends[0], scene); });
+        std::thread sender([&] { send_scene(ends[0], scene, receiver); });
         std::optional<Scene> received = receive_scene(ends[1]);
         sender.join();
         for (const int end : ends) close(end);
         return received;
     };
     EXPECT_FALSE(arrived(nullptr));
+    // Of so many bytes that it is written into memory where that is allowed. No process has the number 0.
+    ASSERT_GE(sent.problem.rest_position.size() * sizeof(glm::dvec3), std::size_t(1) << 22);
+    EXPECT_EQ(fingerprint_of(arrived(&sent, 0).value()), fingerprint_of(sent));
     const std::optional<Scene> received = arrived(&sent);
     ASSERT_TRUE(received);
     EXPECT_EQ(received->name, sent.name);

@@ -136,7 +136,7 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene) {
     close(ends[1]);
     try {
         check_build(program);
-        send_scene(socket_, scene);
+        send_scene(socket_, scene, process_);
         const nlohmann::json ready = receive_message(socket_, after(launcher_patience));
         if (ready.contains("error")) throw std::runtime_error(ready.at("error").get<std::string>());
     } catch (const Closed&) {

@@ -1,5 +1,11 @@
 #include "harness/process/scene_stream.h"
 
+#include <sys/uio.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <type_traits>
@@ -10,9 +16,40 @@
 namespace voxspring {
 namespace {
 
+/// From how many bytes on an array is written into the receiver's memory; how many a thread writes at a time.
+constexpr std::size_t large = std::size_t(1) << 22;
+
+/// Copies `count` bytes to `address` of another process. False: it could not, and has left anything there.
+bool write_into(pid_t process, std::uint64_t address, const void* from, std::size_t count) {
+    std::atomic<bool> written = true;
+#pragma omp parallel for schedule(dynamic)
+    for (std::ptrdiff_t n = 0; n < std::ptrdiff_t((count + large - 1) / large); ++n) {
+        std::size_t at = std::size_t(n) * large;
+        const std::size_t end = std::min(count, at + large);
+        while (at < end && written) {
+            const iovec here{const_cast<char*>(static_cast<const char*>(from)) + at, end - at};
+            const iovec there{std::bit_cast<void*>(address + at), end - at};
+            const ssize_t some = process_vm_writev(process, &here, 1, &there, 1, 0);
+            if (some <= 0) written = false;
+            at += std::size_t(std::max<ssize_t>(some, 0));
+        }
+    }
+    return written;
+}
+
 struct Sender {
     int socket;
-    void bytes(const void* from, std::size_t count) const { send_bytes(socket, from, count); }
+    pid_t receiver;
+    void bytes(const void* from, std::size_t count) const {
+        if (count >= large) {
+            std::uint64_t address = 0;
+            receive_bytes(socket, &address, sizeof address);
+            const bool written = write_into(receiver, address, from, count);
+            send_bytes(socket, &written, sizeof written);
+            if (written) return;
+        }
+        send_bytes(socket, from, count);
+    }
     template <class Sequence>
     void size(const Sequence& sequence) const {
         const std::uint64_t count = sequence.size();
@@ -22,7 +59,16 @@ struct Sender {
 
 struct Receiver {
     int socket;
-    void bytes(void* to, std::size_t count) const { receive_bytes(socket, to, count); }
+    void bytes(void* to, std::size_t count) const {
+        if (count >= large) {
+            const auto address = std::bit_cast<std::uint64_t>(to);
+            send_bytes(socket, &address, sizeof address);
+            bool written = false;
+            receive_bytes(socket, &written, sizeof written);
+            if (written) return;
+        }
+        receive_bytes(socket, to, count);
+    }
     template <class Sequence>
     void size(Sequence& sequence) const {
         std::uint64_t count = 0;
@@ -100,10 +146,11 @@ void pass(const Stream& stream, Value& value) {
 
 }  // namespace
 
-void send_scene(int socket, const Scene* scene) {
+void send_scene(int socket, const Scene* scene, pid_t receiver) {
     const bool there = scene != nullptr;
-    pass(Sender{socket}, there);
-    if (there) pass(Sender{socket}, *scene);
+    const Sender sender{socket, receiver};
+    pass(sender, there);
+    if (there) pass(sender, *scene);
 }
 
 std::optional<Scene> receive_scene(int socket) {
