@@ -158,6 +158,20 @@ class Faults(Overnight):
         self.assertFalse(self.journal.exists())
         self.assert_nothing_runs()
 
+    def test_take_their_own_row_where_cases_start_at_once(self):
+        self.study(backends=["faulty_aborts_when_constructed", "faulty_crashes", "cpu_*"], start_times=False,
+                   scenes=[{"scene": "box@4"}])
+        self.run_study(code=1)
+        result = self.result()
+        self.assertEqual({row["backend"]: row["reason"] for row in result["failed"]},
+                         {"faulty_crashes": "was killed by signal 11 (Segmentation fault) while warming up",
+                          "faulty_aborts_when_constructed":
+                              "was killed by signal 6 (Aborted) while constructing faulty_aborts_when_constructed"})
+        self.assertEqual({row["backend"] for row in result["benchmarks"]}, {"cpu_reference", "cpu_parallel"})
+        self.assertFalse([row for row in result["benchmarks"] if "construct_seconds" in row or "ready_seconds" in row])
+        self.assertTrue(all("limit_seconds" in row for row in result["benchmarks"]))
+        self.assert_nothing_runs()
+
     def test_are_taken_by_every_kind_of_study(self):
         backends = ["faulty_crashes", "cpu_parallel"]
         for study in ({"kind": "pareto", "time_steps": [0.5, 0.25], "scenes": [{"scene": "box@4"}]},

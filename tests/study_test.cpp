@@ -127,6 +127,7 @@ struct Device {
     int calls_left = 0;
     bool lost = false;
     int downloads = 0, steps_after_one = 0;
+    int constructing = 0;
     void call(const std::string& name) {
         if (name == "download") ++downloads;
         if (name == "step" && downloads > 0) ++steps_after_one;
@@ -238,7 +239,24 @@ private:
     }
 };
 
+/// A device that constructs until three processes do at once.
+class Together : public Faulty {
+public:
+    Together() : Faulty(Fault::none) {
+        using Clock = std::chrono::steady_clock;
+        const auto patience = Clock::now() + std::chrono::seconds(60);
+        const std::atomic_ref constructing(device.constructing);
+        for (++constructing; constructing < 3;) {
+            if (Clock::now() > patience) throw DeviceError("the others are not constructed meanwhile");
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        }
+    }
+};
+
 const Registered host_backends[] = {
+    fake("together_one", [] { return std::make_unique<Together>(); }),
+    fake("together_two", [] { return std::make_unique<Together>(); }),
+    fake("together_three", [] { return std::make_unique<Together>(); }),
     fake("with_locks", make_with_locks),
     fake("launcher_killed", [] { return std::make_unique<LauncherKilled>(); }),
     fake("launcher_killed_early",
@@ -579,6 +597,27 @@ protected:
     std::filesystem::path out_ = folder_.path() / "out.json";
     void TearDown() override { device = {}; }
 };
+
+TEST_F(StudyFile, ConstructsSeveralAtOnceWhereItSaysNothingOfTheirStart) {
+    write(
+        R"({"backends": ["together_*", "test_unavailable", "test_unsupported", "test_sound"], "start_times": false,
+              "scenes": [{"scene": "box@3"}], "repetitions": 1, "steps": 2})");
+    device = {};
+    StudyOptions options;
+    options.side_by_side = 3;
+    const nlohmann::json result = run_study(load_study(path_.string()), options);
+    device = {};
+    EXPECT_EQ(result.at("failed").size(), 0u) << result.at("failed");
+    EXPECT_EQ(result.at("skipped").size(), 2u);
+    std::vector<std::string> timed;
+    for (const auto& row : result.at("benchmarks")) {
+        if (row.at("run_type") == "iteration") timed.push_back(row.at("backend"));
+        EXPECT_FALSE(row.contains("construct_seconds"));
+        EXPECT_TRUE(row.at("limit_seconds").is_number());
+    }
+    EXPECT_THAT(timed,
+                ::testing::ElementsAre("together_one", "together_three", "together_two", "test_sound"));
+}
 
 // To read and judge a state takes all cores, and gigabytes of memory of a large scene.
 TEST_F(StudyFile, ReadsNoStateBeforeTheLastBatchOfAll) {

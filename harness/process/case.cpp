@@ -50,8 +50,11 @@ private:
     std::unique_ptr<CaseRunner> runner_;
 };
 
+const nlohmann::json construct_question = {{"do", "construct"}};
+std::string constructing(const BackendSpec& spec) { return "constructing " + spec.entry->name; }
+
 nlohmann::json introduction_by(Worker& worker, const BackendSpec& spec) {
-    return worker.ask({{"do", "construct"}}, "constructing " + spec.entry->name);
+    return worker.ask(construct_question, constructing(spec));
 }
 
 }  // namespace
@@ -66,9 +69,39 @@ Case::Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope
 
 void Case::start() {
     if (interrupted()) throw Interrupted();
+    if (const std::exception_ptr failure = std::exchange(too_early_, nullptr))
+        std::rethrow_exception(failure);
     if (process_ != nullptr) return;
+    make_process();
+    take_introduction(introduction_by(*process_, spec_));
+}
+
+void Case::make_process() {
     process_ = std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_);
-    const nlohmann::json introduction = introduction_by(*process_, spec_);
+}
+
+void Case::begin_introduction() {
+    if (interrupted() || process_ != nullptr) return;
+    if (scope_.find("introduction") != nullptr || scope_.find("not entered") != nullptr) return;
+    try {
+        make_process();
+        process_->begin(construct_question);
+        introducing_ = true;
+    } catch (...) {
+        too_early_ = std::current_exception();
+    }
+}
+
+void Case::await_introduction() {
+    if (!std::exchange(introducing_, false)) return;
+    try {
+        take_introduction(process_->finish(constructing(spec_)));
+    } catch (...) {
+        too_early_ = std::current_exception();
+    }
+}
+
+void Case::take_introduction(const nlohmann::json& introduction) {
     const nlohmann::json* known = scope_.find("introduction");
     if (known == nullptr) {
         scope_.keep("introduction", introduction);

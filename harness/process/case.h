@@ -39,6 +39,10 @@ public:
     /// Constructs the backend, unless the journal has what that gave: its `capabilities`, `unsupported`
     /// (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
     nlohmann::json introduce();
+    /// The same ahead of time and in two parts, so that several cases construct at once, which takes each of
+    /// them longer: it begins, and waits. What goes wrong introduce() throws.
+    void begin_introduction();
+    void await_introduction();
     /// Of the backend that it has been introduced with.
     const nlohmann::json& capabilities() const { return scope_.find("introduction")->at("capabilities"); }
     /// Asks its runner. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
@@ -63,6 +67,8 @@ public:
 
 private:
     void start();
+    void make_process();
+    void take_introduction(const nlohmann::json& introduction);
 
     BackendSpec spec_;
     Workers* workers_;
@@ -70,6 +76,8 @@ private:
     JournalScope scope_;
     std::chrono::duration<double> timeout_;
     std::unique_ptr<Worker> process_;
+    bool introducing_ = false;      ///< it has begun
+    std::exception_ptr too_early_;  ///< what went wrong ahead of time
 };
 
 /// Calls `action`, which is about one case. Why it failed; nothing if it did not or was interrupted

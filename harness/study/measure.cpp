@@ -345,7 +345,7 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
         return;
     }
     row.limit = limit_part();
-    row.start = start_part();
+    if (context_.batch.start_times) row.start = start_part();
     if (context_.edits > 0) row.edits = edit_part();
     if (resumed()) row.resumed = true;
     row.noisy = noise();
@@ -458,7 +458,8 @@ void measure(StudyBench& bench, const Batch& batch) {
     State left;
     int number = 0;
     for (const std::span<const BackendSpec> group : bench.groups()) {
-        std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state), true);
+        std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state),
+                                                    {.limits = true, .at_once = !batch.start_times});
         if (entered.empty()) continue;
         std::vector<BackendSpec> specs;
         for (const Case& one : entered) specs.push_back(one.spec());

@@ -68,7 +68,8 @@ struct StudyOptions {
     /// So many processes measure in turns at most; each makes starting the next take longer, where all have a
     /// context on a GPU.
     int together = 32;
-    /// So many suites, which are not timed, are gone through at once at most. Nothing: one for two cores.
+    /// So many cases do at once what is not timed, at most: construct, compile, go through a suite. Nothing:
+    /// one for two cores.
     std::optional<int> side_by_side;
     /// The first SIGINT or SIGTERM ends the process, where nobody wants what is finished.
     bool stops_at_once = false;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "backends/disk_cache.h"
@@ -71,19 +72,26 @@ std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
     return groups;
 }
 
+Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program) {
+    return Case(spec, *workers_, program,
+                JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout);
+}
+
 std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, bool limits) {
-    Case entered(spec, *workers_, program,
-                 JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "),
-                 options_.timeout);
-    if (const nlohmann::json* failed = entered.scope().find("not entered")) {
+    return entered(case_of(spec, program), limits);
+}
+
+std::optional<Case> StudyBench::entered(Case one, bool limits) {
+    const BackendSpec& spec = one.spec();
+    if (const nlohmann::json* failed = one.scope().find("not entered")) {
         fail(spec, *failed);
         return std::nullopt;
     }
     std::string unavailable, reason;
     const auto failure = failure_of([&] {
         try {
-            reason = refusal_of(entered);
-            if (reason.empty() && limits) measure_limits(entered);
+            reason = refusal_of(one);
+            if (reason.empty() && limits) measure_limits(one);
         } catch (const Unavailable& absent) {
             unavailable = absent.what();
         }
@@ -91,21 +99,40 @@ std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram
     // What was there for an earlier scene has been lost since.
     const bool lost = context()["backends"].contains(spec.entry->name);
     if (failure) {
-        entered.scope().keep("not entered", *failure);
+        one.scope().keep("not entered", *failure);
         fail(spec, *failure);
     }
     if (!unavailable.empty()) put(lost ? "failed" : "skipped", spec, unavailable);
     if (!reason.empty()) skip(spec, reason);
     if (failure || !unavailable.empty() || !reason.empty() || interrupted()) return std::nullopt;
-    return entered;
+    return one;
+}
+
+std::size_t StudyBench::side_by_side() const {
+    const int half = std::max(1, int(std::thread::hardware_concurrency()) / 2);
+    return std::size_t(options_.side_by_side.value_or(half));
+}
+
+/// Before the first of them measures its device's limits.
+void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
+    const std::size_t most = side_by_side();
+    for (std::size_t n = 0; n < cases.size() + most; ++n) {
+        if (n >= most) cases[n - most].await_introduction();
+        if (n < cases.size()) cases[n].begin_introduction();
+    }
 }
 
 std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
-                                        bool limits) {
-    std::vector<Case> cases;
-    for (const BackendSpec& spec : specs) {
-        show(spec.label(), 0, 1);
-        if (auto entered = enter(spec, program, limits)) cases.push_back(*std::move(entered));
+                                        Entering how) {
+    std::vector<Case> made, cases;
+    for (const BackendSpec& spec : specs) made.push_back(case_of(spec, program));
+    if (how.at_once) {
+        show("constructing " + std::to_string(made.size()) + " backends", 0, 1);
+        introduce_at_once(made);
+    }
+    for (Case& one : made) {
+        show(one.spec().label(), 0, 1);
+        if (auto can = entered(std::move(one), how.limits)) cases.push_back(*std::move(can));
     }
     if (!specs.empty()) progress_.narrow(double(cases.size()) / double(specs.size()));
     return cases;

@@ -51,8 +51,14 @@ public:
     /// says. With `limits` what its device can do at best is measured as well, once a device.
     std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, bool limits = false);
     /// Those of `specs` that can run the scene.
-    std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
-                                bool limits = false);
+    struct Entering {
+        bool limits = false;  ///< as of enter()
+        /// Construct several at once, where nobody wants to know how long that takes: side_by_side() of them.
+        bool at_once = false;
+    };
+    std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program, Entering how);
+    /// How many cases do at once what is not timed.
+    std::size_t side_by_side() const;
 
     /// Adds a row to a list of the result.
     void add(const std::string& list, nlohmann::json row);
@@ -72,6 +78,10 @@ public:
     void describe_devices();
 
 private:
+    Case case_of(const BackendSpec& spec, const CaseProgram& program);
+    /// The case, unless it cannot run the scene.
+    std::optional<Case> entered(Case one, bool limits);
+    void introduce_at_once(std::vector<Case>& cases) const;
     void put(const char* list, const BackendSpec& spec, const std::string& reason);
     std::vector<std::string> with_choices(std::vector<std::string> patterns);
     std::string refusal_of(Case& benchmark_case);

@@ -4,7 +4,6 @@
 #include <deque>
 #include <memory>
 #include <set>
-#include <thread>
 #include <utility>
 
 #include "harness/base/interruption.h"
@@ -86,10 +85,6 @@ private:
     bool working_ = false;
 };
 
-int side_by_side(const StudyOptions& options) {
-    return options.side_by_side.value_or(std::max(1, int(std::thread::hardware_concurrency()) / 2));
-}
-
 }  // namespace
 
 nlohmann::json SuiteRunner::answer(Backend& backend, const nlohmann::json& question,
@@ -116,7 +111,7 @@ void measure_suites(StudyBench& bench, const Suites& suites) {
         if (!entered) continue;
         auto next = std::make_unique<SuiteCase>(bench, *std::move(entered), suites.on_event);
         const bool alone = std::exchange(first, false) || next->is_on_processor();
-        finish_until(alone ? 0 : std::size_t(side_by_side(bench.options())) - 1);
+        finish_until(alone ? 0 : bench.side_by_side() - 1);
         next->begin(suites.known());
         working.push_back(std::move(next));
         if (alone) finish_until(0);

@@ -10,6 +10,7 @@ struct Batch {
     int steps = 0;
     int repetitions = 0;
     bool total_error = true;  ///< whether errors are taken against the converged solution as well
+    bool start_times = true;  ///< whether rows say how long a start takes, which is then made one by one
     /// Whether each batch starts from the scene's state. If not each goes on where the one before it ended,
     /// for scenes whose upload takes longer than many batches, and which have no edits: after the same number
     /// of steps all cases are at the same state but for rounding, and errors are taken after the last batch.

@@ -247,7 +247,7 @@ void ParetoStudy::run(StudyBench& bench) {
     std::map<std::string, std::string> by_uuid;
     int begun = 0;
     for (const std::span<const BackendSpec> group : bench.groups()) {
-        std::vector<Case> cases = bench.enter_all(group, program);
+        std::vector<Case> cases = bench.enter_all(group, program, {.at_once = true});
         if (cases.empty()) continue;
         if (!refined) {
             bench.show("float64 references", 0, total);

@@ -10,6 +10,7 @@ class TimingStudy final : public StudyKind {
 public:
     void read(JsonObject& study) override {
         if (const auto total = study.find("total_error")) total_error_ = total->boolean();
+        if (const auto times = study.find("start_times")) start_times_ = times->boolean();
     }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
         check_batch(study, scene, batch_of(study, item));
@@ -21,10 +22,13 @@ public:
 
 private:
     Batch batch_of(const Study& study, const StudyScene& item) const {
-        return {.steps = item.steps, .repetitions = study.repetitions, .total_error = total_error_};
+        return {.steps = item.steps,
+                .repetitions = study.repetitions,
+                .total_error = total_error_,
+                .start_times = start_times_};
     }
 
-    bool total_error_ = true;
+    bool total_error_ = true, start_times_ = true;
 };
 
 const RegisteredStudyKind timing_kind("timing", [] { return std::make_unique<TimingStudy>(); });
