@@ -8,7 +8,6 @@
 #include <span>
 #include <stdexcept>
 #include <string>
-#include <thread>
 #include <utility>
 
 #include "harness/base/bad_input.h"
@@ -358,13 +357,11 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
 
 /// Has every case compile what it will run, some of them at once: a compiler has one thread.
 void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
-    const std::size_t at_once = std::max(1U, std::thread::hardware_concurrency() / 2);
-    for (std::size_t begin = 0; begin < cases.size() && !interrupted(); begin += at_once) {
-        const auto some = std::span(cases).subspan(begin, std::min(at_once, cases.size() - begin));
-        for (TimedCase& one : some) {
-            if (one.begin_compiling()) bench.show("compiling " + one.label(), 0, 1);
-        }
-        for (TimedCase& one : some) one.finish_compiling();
+    const std::size_t most = bench.side_by_side();
+    for (std::size_t n = 0; n < cases.size() + most; ++n) {
+        if (n >= most) cases[n - most].finish_compiling();
+        if (n < cases.size() && !interrupted() && cases[n].begin_compiling())
+            bench.show("compiling " + cases[n].label(), 0, 1);
     }
 }
 
