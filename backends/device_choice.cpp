@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "backends/backend.h"
+
 namespace voxspring {
 namespace {
 
@@ -9,6 +11,8 @@ std::function<std::string()>& source() {
     static std::function<std::string()> function = [] { return std::string(); };
     return function;
 }
+
+thread_local DeviceNumber device_of_thread;
 
 }  // namespace
 
@@ -29,6 +33,20 @@ const std::string& measured_card() {
     static const std::string uuid = source()();
     return uuid;
 }
+
+int DeviceNumber::among(int count, const std::string& kind) const {
+    if (wraps) return number % count;
+    if (number < count) return number;
+    const std::string there_are =
+        count == 1 ? "there is device 0 alone" : "there are devices 0 to " + std::to_string(count - 1);
+    throw Unavailable("no " + kind + " device " + std::to_string(number) + ": " + there_are);
+}
+
+DeviceOfThread::DeviceOfThread(DeviceNumber device) : before_(std::exchange(device_of_thread, device)) {}
+
+DeviceOfThread::~DeviceOfThread() { device_of_thread = before_; }
+
+DeviceNumber DeviceOfThread::now() { return device_of_thread; }
 
 std::string reason_to_pass_over(const std::string& uuid, bool software, const std::string& measured) {
     if (software || measured.empty() || uuid == measured) return {};

@@ -1,5 +1,5 @@
 // Which graphics card this process measures. CUDA knows; OpenGL and Vulkan follow, so that no table mixes two
-// cards.
+// cards. And which of several a thread takes that steps a part of a body.
 #pragma once
 
 #include <array>
@@ -20,6 +20,29 @@ struct MeasuredCardSource {
 /// UUID of the card that this process measures; empty if nobody knows one. Asked once a process: a card that
 /// fails later is still the one.
 const std::string& measured_card();
+
+/// One of the devices that an API counts from 0.
+struct DeviceNumber {
+    int number = 0;
+    bool wraps = false;  ///< beyond the last device it goes on with the first
+    /// Which of `count` devices, one at least, it is. Throws Unavailable where there is none: `kind`, "CUDA",
+    /// is what the message calls them.
+    int among(int count, const std::string& kind) const;
+};
+
+/// While one lives, backends that its thread makes take that device, where their API has several. Otherwise
+/// they take the first.
+class DeviceOfThread {
+public:
+    explicit DeviceOfThread(DeviceNumber device);
+    DeviceOfThread(const DeviceOfThread&) = delete;
+    DeviceOfThread& operator=(const DeviceOfThread&) = delete;
+    ~DeviceOfThread();
+    static DeviceNumber now();
+
+private:
+    const DeviceNumber before_;
+};
 
 /// Empty, or why a process that measures the card `measured` passes over a device. Software is no card and
 /// never in the way; hardware has to be that card and to say so.

@@ -1,10 +1,14 @@
-// Which devices of OpenGL and Vulkan may stand in one table with a CUDA device.
+// Which devices of OpenGL and Vulkan may stand in one table with a CUDA device, and which of several a thread
+// takes.
 #include "backends/device_choice.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <thread>
 #include <vector>
+
+#include "backends/backend.h"
 
 namespace voxspring::testing {
 namespace {
@@ -52,6 +56,38 @@ TEST(DeviceChoice, UuidsAreWrittenAsTheDriversToolsWriteThem) {
     EXPECT_EQ(uuid_text({0x00, 0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0xcc, 0xdd,
                          0xee, 0xff}),
               card);
+}
+
+std::string refusal_of(DeviceNumber device, int count) {
+    try {
+        return "took " + std::to_string(device.among(count, "CUDA"));
+    } catch (const Unavailable& refusal) {
+        return refusal.what();
+    }
+}
+
+TEST(DeviceNumbers, AreOfTheDevicesThatThereAre) {
+    EXPECT_EQ((DeviceNumber{2, false}.among(3, "CUDA")), 2);
+    EXPECT_EQ(refusal_of({3, false}, 3), "no CUDA device 3: there are devices 0 to 2");
+    EXPECT_EQ(refusal_of({1, false}, 1), "no CUDA device 1: there is device 0 alone");
+    EXPECT_EQ((DeviceNumber{7, true}.among(3, "CUDA")), 1);
+}
+
+TEST(DeviceNumbers, AreOfOneThreadAndOneScope) {
+    EXPECT_EQ(DeviceOfThread::now().number, 0);
+    {
+        const DeviceOfThread outer({3, false});
+        {
+            const DeviceOfThread inner({5, true});
+            EXPECT_EQ(DeviceOfThread::now().number, 5);
+            EXPECT_TRUE(DeviceOfThread::now().wraps);
+        }
+        EXPECT_EQ(DeviceOfThread::now().number, 3);
+        int elsewhere = -1;
+        std::thread([&] { elsewhere = DeviceOfThread::now().number; }).join();
+        EXPECT_EQ(elsewhere, 0);
+    }
+    EXPECT_EQ(DeviceOfThread::now().number, 0);
 }
 
 }  // namespace

@@ -24,11 +24,13 @@ std::string version_text(int version) {
     return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
 }
 
-int megahertz(cudaDeviceAttr clock) {
-    int kilohertz = 0;
-    check(cudaDeviceGetAttribute(&kilohertz, clock, 0));
-    return kilohertz / 1000;
+int attribute(cudaDeviceAttr which, int device) {
+    int value = 0;
+    check(cudaDeviceGetAttribute(&value, which, device));
+    return value;
 }
+
+int megahertz(cudaDeviceAttr clock, int device) { return attribute(clock, device) / 1000; }
 
 std::string uuid_of(const cudaDeviceProp& properties) {
     std::array<unsigned char, 16> bytes{};
@@ -36,7 +38,7 @@ std::string uuid_of(const cudaDeviceProp& properties) {
     return uuid_text(bytes);
 }
 
-// The card that Device would take, without a context on it.
+// The card that Device takes in any thread that was told nothing, without a context on it.
 const MeasuredCardSource measured_card_source([]() -> std::string {
     cudaDeviceProp properties{};
     if (cudaGetDeviceProperties(&properties, 0) == cudaSuccess) return uuid_of(properties);
@@ -54,9 +56,10 @@ Device::Device() {
     int count = 0;
     require(cudaGetDeviceCount(&count), "no CUDA device");
     if (count == 0) throw Unavailable("no CUDA device");
-    require(cudaSetDevice(0), "no CUDA context");
+    number_ = DeviceOfThread::now().among(count, "CUDA");
+    require(cudaSetDevice(number_), "no CUDA context");
     cudaDeviceProp properties{};
-    require(cudaGetDeviceProperties(&properties, 0), "no CUDA context");
+    require(cudaGetDeviceProperties(&properties, number_), "no CUDA context");
     name_ = properties.name;
     uuid_ = uuid_of(properties);
     multiprocessors_ = properties.multiProcessorCount;
@@ -66,20 +69,16 @@ Device::Device() {
     reserved_shared_bytes_ = properties.reservedSharedMemPerBlock;
     cache_bytes_ = std::size_t(properties.l2CacheSize);
     architecture_ = 10 * properties.major + properties.minor;
-    int cooperative = 0;
-    check(cudaDeviceGetAttribute(&cooperative, cudaDevAttrCooperativeLaunch, 0));
-    launches_together_ = cooperative != 0;
-    int timeout = 0;
-    check(cudaDeviceGetAttribute(&timeout, cudaDevAttrKernelExecTimeout, 0));
-    ends_long_kernels_ = timeout != 0;
+    launches_together_ = attribute(cudaDevAttrCooperativeLaunch, number_) != 0;
+    ends_long_kernels_ = attribute(cudaDevAttrKernelExecTimeout, number_) != 0;
     cudaFuncAttributes attributes{};
     require(cudaFuncGetAttributes(&attributes, probe),
             "this build has no code for " + name_ + " (compute capability " +
                 std::to_string(properties.major) + "." + std::to_string(properties.minor) + ")");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
-    check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, 0));
-    sm_mhz_ = megahertz(cudaDevAttrClockRate);
-    memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate);
+    check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, number_));
+    sm_mhz_ = megahertz(cudaDevAttrClockRate, number_);
+    memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate, number_);
     // A bit a pin at either edge of the clock.
     memory_bytes_per_second_ = 2e6 * memory_mhz_ * properties.memoryBusWidth / 8;
 }

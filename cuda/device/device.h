@@ -1,4 +1,4 @@
-// The GPU that this process uses.
+// The GPU that a backend uses.
 #pragma once
 
 #include <cstddef>
@@ -6,12 +6,16 @@
 
 namespace voxspring::cuda {
 
-/// The first device that CUDA shows (CUDA_VISIBLE_DEVICES chooses). Constructing it throws Unavailable, with
+/// The device of those that CUDA shows (CUDA_VISIBLE_DEVICES chooses) that the constructing thread is to take
+/// (DeviceOfThread), which is the first unless it says otherwise. It is current in that thread from then on;
+/// whoever uses it does so in the same thread. Constructing it throws Unavailable, with
 /// the reason, where there is no device, driver or context, or this build has no code for the device.
 class Device {
 public:
     Device();
 
+    /// As CUDA counts it.
+    int number() const { return number_; }
     const std::string& name() const { return name_; }
     /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
     const std::string& uuid() const { return uuid_; }
@@ -47,6 +51,7 @@ public:
     static std::string driver_version();
 
 private:
+    int number_ = 0;
     std::string name_, uuid_;
     std::size_t max_texels_ = 0;
     int sm_mhz_ = 0;

@@ -1,5 +1,6 @@
 #include "cuda/device/kernel.h"
 
+#include <mutex>
 #include <utility>
 #include <vector>
 
@@ -7,13 +8,24 @@ namespace voxspring::cuda {
 
 std::shared_ptr<const Kernel> Kernel::get(const KernelSource& source, const Device& device,
                                           CompileTime& time) {
-    static std::vector<std::pair<KernelSource, std::shared_ptr<const Kernel>>> loaded;
-    for (const auto& [known, kernel] : loaded) {
-        if (known == source) return kernel;
+    struct Loaded {
+        KernelSource source;
+        int architecture;
+        std::shared_ptr<const Kernel> kernel;
+    };
+    static std::vector<Loaded> loaded;
+    static std::mutex mutex;
+    const std::lock_guard lock(mutex);
+    for (const Loaded& known : loaded) {
+        if (known.source != source || known.architecture != device.architecture()) continue;
+        known.kernel->load();
+        return known.kernel;
     }
     const CompiledKernel compiled = compile(source, device.architecture());
     time += {compiled.found ? 0 : compiled.seconds, compiled.seconds};
-    return loaded.emplace_back(source, std::make_shared<const Kernel>(compiled)).second;
+    auto kernel = std::make_shared<const Kernel>(compiled);
+    kernel->load();
+    return loaded.emplace_back(Loaded{source, device.architecture(), std::move(kernel)}).kernel;
 }
 
 Kernel::Kernel(const CompiledKernel& compiled) {
@@ -23,7 +35,9 @@ Kernel::Kernel(const CompiledKernel& compiled) {
     cudaKernel_t kernel{};
     check(cudaLibraryGetKernel(&kernel, library, kernel_name));
     kernel_ = reinterpret_cast<const void*>(kernel);
-    // Loads its code, which must not happen first in a capture.
+}
+
+void Kernel::load() const {
     cudaFuncAttributes attributes{};
     check(cudaFuncGetAttributes(&attributes, kernel_));
 }

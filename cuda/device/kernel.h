@@ -13,10 +13,11 @@ namespace voxspring::cuda {
 
 using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 
-/// Shared by all that launch it.
+/// Shared by all that launch it, on any device of its architecture.
 class Kernel {
 public:
-    /// Compiles and loads what this process has not loaded yet. `time` grows by what compiling took.
+    /// Compiles what this process has not loaded yet, and loads it on the device, which is current. Any
+    /// thread may call this; one at a time compiles. `time` grows by what compiling took.
     static std::shared_ptr<const Kernel> get(const KernelSource& source, const Device& device,
                                              CompileTime& time);
 
@@ -50,6 +51,9 @@ public:
     }
 
 private:
+    /// On the current device, where that has not happened: it must not happen first in a capture.
+    void load() const;
+
     Library library_;
     const void* kernel_ = nullptr;  // a cudaKernel_t, which launches like a function's address
 };

@@ -12,6 +12,7 @@
 #include <thread>
 #include <utility>
 
+#include "backends/device_choice.h"
 #include "backends/layout/slabs.h"
 #include "harness/ranks/mailboxes.h"
 #include "harness/ranks/rank_backend.h"
@@ -124,7 +125,8 @@ nlohmann::json to_json(const RankReport& report) {
         batches.push_back({batch.total, batch.compute, batch.exchange, batch.waiting});
     return {{"batches", batches},        {"own", report.own},
             {"ghosts", report.ghosts},   {"border_bytes", report.border_bytes},
-            {"latency", report.latency}, {"seconds_per_byte", report.seconds_per_byte}};
+            {"latency", report.latency}, {"seconds_per_byte", report.seconds_per_byte},
+            {"device", report.device}};
 }
 
 RankReport rank_report_of(const nlohmann::json& json) {
@@ -132,7 +134,8 @@ RankReport rank_report_of(const nlohmann::json& json) {
                       .ghosts = json.at("ghosts"),
                       .border_bytes = json.at("border_bytes"),
                       .latency = json.at("latency"),
-                      .seconds_per_byte = json.at("seconds_per_byte")};
+                      .seconds_per_byte = json.at("seconds_per_byte"),
+                      .device = json.at("device")};
     for (const auto& batch : json.at("batches"))
         report.batches.push_back({batch.at(0), batch.at(1), batch.at(2), batch.at(3)});
     return report;
@@ -160,6 +163,7 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                     State& whole) {
     const Slab slab = SlabCuts(scene.problem, exchange.ranks()).slab(scene.problem, exchange.rank());
     const Scene part = part_of(scene, slab);
+    const DeviceOfThread device({.number = exchange.rank(), .wraps = true});
     const std::unique_ptr<Backend> inner = spec.make();
     RankBackend backend(*inner, slab, exchange);
     SceneRunner runner(part);
@@ -168,7 +172,9 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     const DivergenceMonitor monitor = divergence_monitor(scene, plan.steps);
     backend.monitor(monitor);
 
-    RankReport report{.own = slab.own.size(), .ghosts = slab.particle.size() - slab.own.size()};
+    RankReport report{.own = slab.own.size(),
+                      .ghosts = slab.particle.size() - slab.own.size(),
+                      .device = backend.capabilities().uuid};
     runner.rewind(backend);
     exchange.set_patience(plan.start_patience);
     meet(exchange);

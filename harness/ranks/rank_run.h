@@ -36,6 +36,7 @@ struct RankReport {
     /// messages, and what each byte of the largest border adds, with reading and writing it. Zero for a rank
     /// by itself.
     double latency = 0, seconds_per_byte = 0;
+    std::string device = {};  ///< Capabilities::uuid of its backend
 };
 nlohmann::json to_json(const RankReport& report);
 RankReport rank_report_of(const nlohmann::json& json);
@@ -45,9 +46,9 @@ std::string ranks_refusal(const Scene& scene, int ranks);
 /// Of the longest message that a run of the scene needs room for.
 std::size_t largest_message(const Scene& scene);
 
-/// Runs a rank of the scene, and copies the state of its own particles into `whole`, which is as large as the
-/// scene's. Throws RankLost, what the backend throws, and std::runtime_error where the run diverges or the
-/// backend cannot run a slab.
+/// Runs a rank of the scene, on the device of its number where there are several, and copies the state of its
+/// own particles into `whole`, which is as large as the scene's. Throws RankLost, what the backend throws,
+/// and std::runtime_error where the run diverges or the backend cannot run a slab.
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& whole);
 

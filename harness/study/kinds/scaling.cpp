@@ -161,6 +161,16 @@ void take_sizes(const std::vector<RankReport>& reports, ScalingRow& row) {
     }
 }
 
+/// The most ranks that are on the same device, of those that have one.
+int ranks_of_a_device(const std::vector<RankReport>& reports) {
+    std::map<std::string, int> ranks;
+    int most = 0;
+    for (const RankReport& report : reports) {
+        if (!report.device.empty()) most = std::max(most, ++ranks[report.device]);
+    }
+    return most;
+}
+
 /// What follows from a row and from `one`, of the same family by one rank. The model: each particle of the
 /// largest slab takes the time that it takes there; then comes an exchange of the longest border.
 void compare(ScalingRow& row, const ScalingRow& one) {
@@ -297,6 +307,10 @@ ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std
     // By MPI the process that keeps a rank's worker carries its messages meanwhile.
     const int busy = (are_known ? std::stoi(threads->second) : 1) + (way == "mpi" ? 1 : 0);
     const int here = way == "mpi" ? std::min(row.ranks, bench_.options().mpi->ranks_here()) : row.ranks;
+    const int most = ranks_of_a_device(reports);
+    if (most > 1)
+        row.row.noisy.push_back("ranks share a device (" + std::to_string(most) + " of " +
+                                std::to_string(row.ranks) + " ranks on one)");
     if (here * busy > omp_get_num_procs())
         row.row.noisy.push_back("ranks share processors (" + std::to_string(here) + " ranks of " +
                                 std::to_string(busy) + " threads on " + std::to_string(omp_get_num_procs()) +
