@@ -178,7 +178,7 @@ public:
     virtual void edit(const Problem& edited, const SpringEdit& edit) = 0;
 
     /// The places of `particles`, ascending; to be used until the next upload(). Null where capabilities()
-    /// say so.
+    /// say so. Throws Unavailable, with the reason, where it cannot step a part with this border.
     virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
         return nullptr;
     }

@@ -125,6 +125,18 @@ public:
         if (!edit.empty()) resume(planned(edited, {tile_}), launch_);
     }
 
+    /// Threads sum forces by pairs of columns and of rows, which slabs cut along x or y would pair anew.
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        const Lattice& lattice = this->problem().lattice;
+        const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
+        for (const std::uint32_t i : particles) {
+            if (lattice.dims.z == 1 || plane(i) != plane(particles.front()))
+                throw Unavailable(
+                    "the march gives slabs the bits of the whole where they are cut along z alone");
+        }
+        return AxesBackend<Real>::border(particles);
+    }
+
     std::optional<Choice> choice() const override { return Choice{"tile=" + tile_.name, predicted_seconds_}; }
 
     StepWork step_work(const Problem& problem) const override {
@@ -133,6 +145,8 @@ public:
 
 private:
     using AxesBackend<Real>::precision;
+
+    bool gives_borders() const override { return true; }
 
     MarchPlan planned(const Problem& problem, const std::vector<MarchTile>& tiles) const {
         return plan_march(problem, tiles, precision, this->formulation(), march_device(this->device()));

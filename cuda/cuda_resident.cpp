@@ -134,6 +134,9 @@ public:
     }
 
 private:
+    /// A rank would sum forces in another order than the whole, and have a launch for each of its steps.
+    bool gives_borders() const override { return false; }
+
     ToolMode tool_mode_for(const Problem& problem) const {
         if (!problem.has_tool()) return ToolMode::none;
         return in_ticks_ ? ToolMode::ticks : ToolMode::launch;

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <memory>
 #include <set>
 #include <stdexcept>
 #include <string>
@@ -19,11 +20,13 @@
 #include "backends/registry.h"
 #include "cuda/kernels/march.h"
 #include "harness/verification/verify.h"
+#include "tests/host_slabs.h"
 #include "tests/support.h"
 
 namespace voxspring::cuda {
 namespace {
 
+using testing::expect_bits_of_each;
 using testing::make_grid;
 using testing::random_grid;
 using testing::random_state;
@@ -192,7 +195,7 @@ public:
     void mask_everything() {
         for (MarchItem& item : plan_.items) item.full_stencils = 0;
     }
-    void run(int count) {
+    void step(int count) {
         for (int n = 0; n < count; ++n) {
             switch (problem_.group_bits) {
                 case FACE_BITS:
@@ -208,6 +211,18 @@ public:
     }
     State download() const { return unpack_march<Real>(problem_, state_, V::formulation); }
     const MarchPlan& plan() const { return plan_; }
+    /// As the backend has them.
+    BorderPlaces<Real> places(const std::vector<std::uint32_t>& elements) {
+        return {elements.data(), elements.size(), state_.current.data(), nullptr, 1, step_.axis};
+    }
+    std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
+        const SoaStrides axes = march_strides(problem_.lattice, sizeof(Real));
+        std::vector<std::uint32_t> elements;
+        for (const std::uint32_t i : particles)
+            elements.push_back(
+                std::uint32_t(axes.element(problem_.lattice.coordinates(problem_.lattice.voxel[i]))));
+        return elements;
+    }
 
 private:
     template <std::uint32_t groups>
@@ -283,7 +298,7 @@ TYPED_TEST(MarchBody, AgreesWithTheReference) {
         oracle->upload(problem, start);
         oracle->step(steps);
         Simulation<TypeParam> simulation(problem, start);
-        simulation.run(steps);
+        simulation.step(steps);
         const Comparison comparison =
             compare(problem, simulation.download(), oracle->download(), TypeParam::precision, steps);
         EXPECT_TRUE(comparison.passed()) << comparison.reason;
@@ -298,7 +313,7 @@ TYPED_TEST(MarchBody, RestStaysRestToTheBit) {
         still.gravity = glm::dvec3(0);
         const State rest = state_at_rest(still);
         Simulation<TypeParam> simulation(still, rest);
-        simulation.run(3);
+        simulation.step(3);
         EXPECT_EQ(simulation.download().displacement, rest.displacement);
         EXPECT_EQ(simulation.download().increment, rest.increment);
     }
@@ -319,8 +334,8 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
             continue;
         for (const MarchItem& item : items) warps += std::popcount(item.full_stencils);
         masked.mask_everything();
-        simulation.run(3);
-        masked.run(3);
+        simulation.step(3);
+        masked.step(3);
         EXPECT_EQ(simulation.download().displacement, masked.download().displacement);
         EXPECT_EQ(simulation.download().increment, masked.download().increment);
     }
@@ -339,19 +354,28 @@ TYPED_TEST(MarchBody, CutsChangeNoBit) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
         Simulation<TypeParam> whole(problem, start, 1);
-        whole.run(3);
+        whole.step(3);
         for (const int multiprocessors : {7, 150}) {
             Simulation<TypeParam> cut(problem, start, multiprocessors);
             parted += cut.plan().items.size() - whole.plan().items.size();
             for (const MarchItem& item : cut.plan().items)
                 shortest = std::min(shortest, item.end - item.begin);
-            cut.run(3);
+            cut.step(3);
             EXPECT_EQ(cut.download().displacement, whole.download().displacement);
             EXPECT_EQ(cut.download().increment, whole.download().increment);
         }
     }
     EXPECT_LE(shortest, 3);
     EXPECT_GT(parted, 100U);
+}
+
+// All of these are cut along z.
+TYPED_TEST(MarchBody, SlabsGiveTheBitsOfTheWhole) {
+    std::vector<Problem> wholes;
+    for (const char* name : {"high_box", "two_runs", "pinned_box"}) wholes.push_back(lattices().at(name));
+    expect_bits_of_each(wholes, [](const Problem& problem, const State& start) {
+        return std::make_unique<Simulation<TypeParam>>(problem, start);
+    });
 }
 
 // Nothing of a particle that is not finite comes through to those that it has no spring to.
@@ -365,10 +389,10 @@ TYPED_TEST(MarchBody, AStrayParticleStaysAlone) {
     }
     State start = random_state(problem, 0.05, 7);
     Simulation<TypeParam> sound(problem, start);
-    sound.run(3);
+    sound.step(3);
     start.displacement[stray] = glm::dvec3(std::numeric_limits<double>::quiet_NaN());
     Simulation<TypeParam> simulation(problem, start);
-    simulation.run(3);
+    simulation.step(3);
     const State expected = sound.download(), state = simulation.download();
     ASSERT_EQ(problem.lattice.mask[stray] & NEIGHBOUR_BITS, 0U);
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {

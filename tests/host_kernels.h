@@ -20,6 +20,7 @@
 #include "backends/layout/springs.h"
 #include "backends/layout/tool.h"
 #include "backends/layout/vectors.h"
+#include "cuda/kernels/border.h"
 #include "cuda/kernels/delta.h"
 #include "cuda/kernels/explicit.h"
 #include "cuda/kernels/implicit.h"
@@ -119,6 +120,21 @@ public:
     }
     void move_tool(const glm::dvec3& displacement) { tool_.moved = vector_of<Real>(displacement); }
     glm::dvec3 tool_force() const { return force_on_tool(held_forces_); }
+    /// As the backend has them.
+    BorderPlaces<Real> places(const std::vector<std::uint32_t>& elements) {
+        Real* const low = packed_.current_low.empty() ? nullptr : &packed_.current_low[0].position.x;
+        return {elements.data(),
+                elements.size(),
+                &packed_.current[0].position.x,
+                low,
+                sizeof(ParticleRecord<Real>) / sizeof(Real),
+                1};
+    }
+    std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
+        std::vector<std::uint32_t> words;
+        for (const std::uint32_t i : particles) words.push_back(std::uint32_t(placement_.at(i)));
+        return words;
+    }
     State download() const { return unpack<Real>(*problem_, packed_, placement_, V::formulation); }
 
     /// Words that are no particle's hold NaN.

@@ -46,8 +46,7 @@ void visit_particles(const Problem& problem, const SoaStrides& axes, Visit visit
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < particles; ++n) {
         const auto i = std::size_t(n);
-        const glm::ivec3 c = lattice.coordinates(lattice.voxel[i]);
-        visit(i, std::size_t(c.x) + axes.row * std::size_t(c.y) + axes.plane * std::size_t(c.z));
+        visit(i, axes.element(lattice.coordinates(lattice.voxel[i])));
     }
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <glm/vec3.hpp>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,10 @@ namespace voxspring::cuda {
 struct SoaStrides {
     std::size_t row = 0, plane = 0, axis = 0;  ///< elements from one to the next; rows begin on cache lines
     std::size_t size() const { return 3 * axis; }
+    /// Where x of a voxel is.
+    std::size_t element(glm::ivec3 at) const {
+        return std::size_t(at.x) + row * std::size_t(at.y) + plane * std::size_t(at.z);
+    }
 };
 SoaStrides march_strides(const Lattice& lattice, std::size_t real_bytes);
 

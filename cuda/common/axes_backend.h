@@ -4,6 +4,7 @@
 
 #include <array>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "backends/layout/march_layout.h"
 #include "backends/layout/particles.h"
 #include "backends/physics/addressing.h"
+#include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/measure.h"
@@ -77,6 +79,10 @@ public:
         return unpack_march<Real>(problem(), packed, formulation_);
     }
 
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return gives_borders() ? make_border(elements_of(particles), border_state()) : nullptr;
+    }
+
 protected:
     static constexpr Precision precision =
         sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
@@ -122,6 +128,28 @@ protected:
     }
 
 private:
+    std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
+        const Lattice& lattice = problem().lattice;
+        std::vector<std::uint32_t> elements;
+        for (const std::uint32_t i : particles) {
+            elements.push_back(std::uint32_t(axes_.element(lattice.coordinates(lattice.voxel[i]))));
+        }
+        return elements;
+    }
+    BorderState<Real> border_state() {
+        return {.stream = stream(),
+                .now =
+                    [this] {
+                        return BorderPlaces<Real>{.element = nullptr,
+                                                  .count = 0,
+                                                  .at = positions_[std::size_t(current())].data(),
+                                                  .low = nullptr,
+                                                  .element_pitch = 1,
+                                                  .axis_pitch = axes_.axis};
+                    },
+                .written = [] {}};
+    }
+
     const Formulation formulation_;
     SoaStrides axes_;
     std::array<Buffer<Real>, 2> positions_;

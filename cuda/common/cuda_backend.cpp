@@ -28,7 +28,8 @@ Capabilities CudaBackend::capabilities() const {
             .deterministic = true,
             .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}},
             .family = ApiFamily::cuda,
-            .limits_of = "CUDA"};
+            .limits_of = "CUDA",
+            .has_borders = gives_borders()};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

@@ -51,6 +51,9 @@ protected:
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
+    /// Whether border() gives one: of strategies whose places between two steps are in memory.
+    virtual bool gives_borders() const { return false; }
+
     /// Lets a kernel end that waits for further steps. Called before anything but steps and moves of the tool
     /// is enqueued.
     virtual void let_end() {}

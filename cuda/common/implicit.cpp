@@ -119,6 +119,10 @@ private:
         return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes() + resting_.bytes_held();
     }
 
+    /// What rests beside a particle that has been moved is to be stepped. Which blocks are beside one is not
+    /// asked: all are stepped once.
+    void border_written() override { resting_.wake(this->current(), this->stream()); }
+
     void rewound() override { resting_.rewind(this->stream()); }
     int kind_of_step() const override { return resting_.checks() ? 1 : 0; }
     void enqueue_step(int reading) override {

@@ -15,6 +15,7 @@
 #include "backends/layout/rounding.h"
 #include "backends/layout/tool.h"
 #include "backends/layout/vectors.h"
+#include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
@@ -105,6 +106,10 @@ public:
                                  .words = words_[now].data(),
                                  .words_low = low_[now].size() == 0 ? nullptr : low_[now].data()};
         });
+    }
+
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return this->gives_borders() ? make_border(elements_of(particles), border_state()) : nullptr;
     }
 
     bool has_tool() const override { return true; }
@@ -258,6 +263,10 @@ protected:
                       reading);
     }
 
+    bool gives_borders() const override { return true; }
+    /// Places of particles were written into the state between two steps.
+    virtual void border_written() {}
+
 private:
     static bool same(dim3 a, dim3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
@@ -291,6 +300,30 @@ private:
     std::uint64_t source(const Buffer<ParticleRecord<Real>>& buffer, const Texture& texture) const {
         return family_.fetch == Fetch::texture ? texture.get()
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
+    }
+
+    std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
+        std::vector<std::uint32_t> elements;
+        for (const std::uint32_t i : particles) elements.push_back(std::uint32_t(placement_.at(i)));
+        return elements;
+    }
+    BorderState<Real> border_state() {
+        const auto reals = [](const Buffer<ParticleRecord<Real>>& words) {
+            return words.size() == 0 ? nullptr : &words.data()->position.x;
+        };
+        return {.stream = stream(),
+                .now =
+                    [this, reals] {
+                        const auto now = std::size_t(current());
+                        return BorderPlaces<Real>{
+                            .element = nullptr,
+                            .count = 0,
+                            .at = reals(words_[now]),
+                            .low = reals(low_[now]),
+                            .element_pitch = sizeof(ParticleRecord<Real>) / sizeof(Real),
+                            .axis_pitch = 1};
+                    },
+                .written = [this] { border_written(); }};
     }
 
     std::vector<StateArray> state_arrays() const final {

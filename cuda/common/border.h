@@ -1,0 +1,36 @@
+// The places of some particles in the state of a backend with a kernel a step, for the part of a body beside
+// it.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "backends/backend.h"
+#include "cuda/device/stream.h"
+#include "cuda/kernels/border.h"
+
+namespace voxspring::cuda {
+
+/// A state whose particles have borders.
+template <class Real>
+struct BorderState {
+    const Stream& stream;                     ///< in which it is stepped
+    std::function<BorderPlaces<Real>()> now;  ///< as the steps so far leave it; `element` and `count` unset
+    std::function<void()> written;            ///< called once places have been written between steps
+};
+
+// Each of these enqueues one kernel; none where there are no particles. A message may be in device memory,
+// also of a peer, or in pinned memory of the host.
+
+template <class Real>
+void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream);
+template <class Real>
+void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream);
+
+/// `elements`: of the border's particles. The stream must outlive it.
+template <class Real>
+std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>& elements, BorderState<Real> state);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,48 @@
+// The bodies of the kernels that take the places of a border's particles out of a state, and put them into
+// another one.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "backends/physics/portable.h"
+
+namespace voxspring::cuda {
+
+/// Where the places of some particles are in a state, be it in words or in structure of arrays.
+template <class Real>
+struct BorderPlaces {
+    const std::uint32_t* element;  ///< of each particle
+    std::size_t count;
+    Real* at;                               ///< x of element 0
+    Real* low;                              ///< that of the low parts; null: there are none
+    std::size_t element_pitch, axis_pitch;  ///< from an element to the next one, and from x to y
+
+    /// Numbers in a message: x of all particles, then y, then z, and then the same of the low parts.
+    VOXSPRING_HOST_DEVICE std::size_t numbers() const { return (low != nullptr ? 6 : 3) * count; }
+};
+
+/// What the thread of particle n does on the way out.
+template <class Real>
+VOXSPRING_HOST_DEVICE void gather_place(const BorderPlaces<Real>& places, std::size_t n, Real* message) {
+    const std::size_t first = places.element[n] * places.element_pitch;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::size_t from = first + axis * places.axis_pitch;
+        message[axis * places.count + n] = places.at[from];
+        if (places.low != nullptr) message[(3 + axis) * places.count + n] = places.low[from];
+    }
+}
+
+/// And on the way in. What lies beside the places, such as a particle's bits, stays.
+template <class Real>
+VOXSPRING_HOST_DEVICE void scatter_place(const BorderPlaces<Real>& places, std::size_t n,
+                                         const Real* message) {
+    const std::size_t first = places.element[n] * places.element_pitch;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::size_t to = first + axis * places.axis_pitch;
+        places.at[to] = message[axis * places.count + n];
+        if (places.low != nullptr) places.low[to] = message[(3 + axis) * places.count + n];
+    }
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,123 @@
+// Borders on CUDA: what its kernels take out of a state and put into another one, run on the host, and that
+// slabs which exchange so give the bits of the whole.
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <vector>
+
+#include "tests/host_kernels.h"
+#include "tests/host_slabs.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+using cuda::BorderPlaces;
+using cuda::ParticleRecord;
+
+template <class Real>
+class Borders : public ::testing::Test {
+protected:
+    const std::vector<std::uint32_t> some_ = {1, 4, 5};
+};
+using Precisions = ::testing::Types<float, double>;
+TYPED_TEST_SUITE(Borders, Precisions);
+
+TYPED_TEST(Borders, ComeFromWordsAndLeaveTheirBits) {
+    using Real = TypeParam;
+    std::vector<ParticleRecord<Real>> words(6), low(6);
+    for (unsigned i = 0; i < 6; ++i) {
+        words[i] = {{Real(10 * i), Real(10 * i + 1), Real(10 * i + 2)}, 100 + i};
+        low[i] = {{Real(1000 + i), Real(2000 + i), Real(3000 + i)}, 0};
+    }
+    const auto at = [&](std::vector<ParticleRecord<Real>>& high, std::vector<ParticleRecord<Real>>* lows) {
+        return BorderPlaces<Real>{this->some_.data(),
+                                  this->some_.size(),
+                                  &high[0].position.x,
+                                  lows == nullptr ? nullptr : &(*lows)[0].position.x,
+                                  sizeof(ParticleRecord<Real>) / sizeof(Real),
+                                  1};
+    };
+    EXPECT_EQ(gathered(at(words, nullptr)), (std::vector<Real>{10, 40, 50, 11, 41, 51, 12, 42, 52}));
+    const std::vector<Real> message = gathered(at(words, &low));
+    EXPECT_EQ(message, (std::vector<Real>{10, 40, 50, 11, 41, 51, 12, 42, 52,  //
+                                          1001, 1004, 1005, 2001, 2004, 2005, 3001, 3004, 3005}));
+
+    // Other bits and places, which the message replaces where the border is.
+    std::vector<ParticleRecord<Real>> other(6, {{7, 8, 9}, 55}), other_low(6, {{4, 5, 6}, 0});
+    scatter(at(other, &other_low), message);
+    for (unsigned i = 0; i < 6; ++i) {
+        const bool is_there = i == 1 || i == 4 || i == 5;
+        EXPECT_EQ(other[i].position, is_there ? words[i].position : (cuda::Vector<Real>{7, 8, 9})) << i;
+        EXPECT_EQ(other_low[i].position, is_there ? low[i].position : (cuda::Vector<Real>{4, 5, 6})) << i;
+        EXPECT_EQ(other[i].bits, 55u) << i;
+    }
+}
+
+TYPED_TEST(Borders, ComeFromStructureOfArrays) {
+    using Real = TypeParam;
+    constexpr std::size_t axis = 8;
+    std::vector<Real> state(3 * axis);
+    for (std::size_t i = 0; i < state.size(); ++i) state[i] = Real(i);
+    const auto at = [&](std::vector<Real>& values) {
+        return BorderPlaces<Real>{this->some_.data(), this->some_.size(), values.data(), nullptr, 1, axis};
+    };
+    EXPECT_EQ(gathered(at(state)), (std::vector<Real>{1, 4, 5, 9, 12, 13, 17, 20, 21}));
+    std::vector<Real> other(3 * axis, Real(-1));
+    scatter(at(other), gathered(at(state)));
+    for (std::size_t i = 0; i < state.size(); ++i) {
+        const std::size_t element = i % axis;
+        EXPECT_EQ(other[i], element == 1 || element == 4 || element == 5 ? state[i] : -1) << i;
+    }
+}
+
+// --- Bits ------------------------------------------------------------------------------------------------
+
+std::vector<Problem> problems() {
+    std::vector<Problem> all;
+    all.push_back(make_lattice_problem(solid({6, 5, 13}), FACE_BITS | EDGE_BITS));
+    all.push_back(make_lattice_problem(random_grid({33, 9, 8}, 0.5, 1), NEIGHBOUR_BITS));
+    take_hold(all.back(), {.particles = {3, 200, 201, 500}, .held = {}, .stiffness = 0.05});
+    all.push_back(make_lattice_problem(random_grid({9, 23, 8}, 0.5, 2, 3), NEIGHBOUR_BITS));
+    all.back().materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+    pin_base(all.back());
+    for (Problem& problem : all) {
+        problem.gravity = {8e-4, 0, -2e-3};
+        problem.damping = 0.01;
+        problem.time_step = 0.2;
+    }
+    return all;
+}
+
+template <class V>
+class SlabsOnKernels : public ::testing::Test {};
+using Variants = ::testing::Types<
+    cuda::Variant<float, Formulation::increment>, cuda::Variant<float, Formulation::position>,
+    cuda::Variant<float, Formulation::displacement>, cuda::Variant<float, Formulation::compensated>,
+    cuda::Variant<double, Formulation::position>>;
+TYPED_TEST_SUITE(SlabsOnKernels, Variants);
+
+TYPED_TEST(SlabsOnKernels, GiveTheBitsOfTheWholeByGrid) {
+    expect_bits_of_each(problems(), [](const Problem& problem, const State& start) {
+        return std::make_unique<cuda::ImplicitSimulation<TypeParam>>(problem, start,
+                                                                     cuda::BlockShape{8, 4, 2});
+    });
+}
+
+TYPED_TEST(SlabsOnKernels, GiveTheBitsOfTheWholeByDeltas) {
+    expect_bits_of_each(problems(), [](const Problem& problem, const State& start) {
+        return std::make_unique<cuda::DeltaSimulation<TypeParam>>(problem, start, true);
+    });
+}
+
+TYPED_TEST(SlabsOnKernels, GiveTheBitsOfTheWholeByLists) {
+    expect_bits_of_each(problems(), [](const Problem& problem, const State& start) {
+        using Real = typename TypeParam::Real;
+        return std::make_unique<cuda::ExplicitSimulation<TypeParam>>(
+            problem, start,
+            cuda::list_by_springs<Real>(problem, cuda::ListLayout::vertical, TypeParam::formulation));
+    });
+}
+
+}  // namespace
+}  // namespace voxspring::testing
