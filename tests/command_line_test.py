@@ -492,6 +492,8 @@ class Study(InTemporaryFolder):
         self.assert_refused(voxspring("study", "smoke", "--scene", "nowhere", "--out", out), "nowhere")
         self.assert_refused(voxspring("study", "smoke", "--out", self.folder / "result.xml"), "result.xml", ".json")
         self.assertEqual(voxspring("study", "smoke", "--repetitions", "0").returncode, 2)
+        for devices in ("0", "two", "0,", "0,-1", "0,1024"):
+            self.assert_refused(voxspring("study", "scaling", f"--devices={devices}"), f"--devices: {devices} is not accepted")
         self.assertEqual(list(self.folder.iterdir()), [])
 
     def test_skips_what_this_machine_has_no_memory_for(self):

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "backends/cpu/cpu_backend.h"
+#include "backends/device_choice.h"
 #include "harness/ranks/mailboxes.h"
 #include "harness/ranks/rank_run.h"
 #include "harness/scene/scene_runner.h"
@@ -178,6 +179,38 @@ private:
     int steps_ = 0;
 };
 
+/// cpu_reference on one of two devices.
+class Numbered final : public MonitoredCpuBackend {
+public:
+    Capabilities capabilities() const override {
+        Capabilities all = sound_->capabilities();
+        all.uuid = std::to_string(device_);
+        return all;
+    }
+    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
+    State download() override { return sound_->download(); }
+    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return sound_->border(particles);
+    }
+
+private:
+    void begin(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
+    void integrate(int count) override { sound_->step(count); }
+    bool within(double) override { return true; }
+
+    const int device_ = DeviceOfThread::now().among(2, "test");
+    std::unique_ptr<Backend> sound_ = BackendSpec::parse("cpu_reference").make();
+};
+
+const Registered numbered({.name = "rank_numbered",
+                           .summary = "A backend for a test.",
+                           .precisions = {Precision::float64},
+                           .formulations = {Formulation::increment},
+                           .tuning = {},
+                           .make = [](const Options&) { return std::make_unique<Numbered>(); },
+                           .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+
 Registered faulty(const std::string& what) {
     return Registered({.name = "rank_" + what,
                        .summary = "A backend for a test.",
@@ -205,6 +238,34 @@ TEST(RankRuns, EndWhereARankFails) { EXPECT_EQ(error_of("rank_throws"), "rank 1:
 
 TEST(RankRuns, EndWhereARankHangs) {
     EXPECT_EQ(error_of("rank_hangs"), "rank 0 heard nothing of rank 1 for 1 s");
+}
+
+/// Which devices three ranks take.
+std::vector<std::string> devices_of(const std::vector<int>& asked) {
+    static const Scene whole = scene();
+    State state = state_at_rest(whole.problem);
+    RankPlan on_devices = plan;
+    on_devices.devices = asked;
+    std::vector<std::string> taken;
+    for (const RankReport& report :
+         run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, 3, on_devices, state))
+        taken.push_back(report.device);
+    return taken;
+}
+
+TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {
+    using Devices = std::vector<std::string>;
+    EXPECT_EQ(devices_of({}), (Devices{"0", "1", "0"}));
+    EXPECT_EQ(devices_of({1, 0}), (Devices{"1", "0", "1"}));
+    EXPECT_EQ(devices_of({1}), (Devices{"1", "1", "1"}));
+    EXPECT_EQ(message_of([] {
+                  try {
+                      (void)devices_of({0, 1, 2});
+                  } catch (const Unavailable& reason) {
+                      throw std::runtime_error(std::string("unavailable: ") + reason.what());
+                  }
+              }),
+              "unavailable: rank 2: no test device 2: there are devices 0 to 1");
 }
 
 TEST(RankRuns, RefuseABackendWithoutBorders) {

@@ -350,6 +350,19 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
     StudyOptions options;
     options.ranks = 2;
     expect_contains(refusal([&] { (void)run_study(timing, options); }), "not of the kind scaling");
+    StudyOptions on_devices;
+    on_devices.devices = {0, 2};
+    expect_contains(refusal([&] { (void)run_study(timing, on_devices); }), "--devices: 0,2");
+}
+
+TEST_F(StudyKinds, ScalingHasARankADeviceAtMost) {
+    const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 3,
+        "ranks": [1, 2, 3, 4], "backends": ["cpu_reference"], "scenes": [{"scene": "box@6"}]})");
+    StudyOptions options;
+    options.devices = {0, 0, 0};
+    EXPECT_EQ(run_study(load_study(file), options).at("scaling").size(), 3u);
+    options.ranks = 4;
+    EXPECT_EQ(run_study(load_study(file), options).at("scaling").size(), 4u);
 }
 
 Study timing_of(const std::vector<StudyScene>& scenes) {

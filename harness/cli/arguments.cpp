@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <iostream>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -127,6 +128,27 @@ std::vector<std::int64_t> labels_of(const std::string& text) {
         labels.push_back(label);
     }
     return labels;
+}
+
+/// "4": the first four; "0,2": these, and a number may be there again.
+std::vector<int> devices_of(const std::string& text) {
+    const auto number = [&](const std::string& part, std::int64_t low, std::int64_t high) {
+        std::int64_t value = 0;
+        const auto [stop, error] = std::from_chars(part.data(), part.data() + part.size(), value);
+        if (error != std::errc() || stop != part.data() + part.size() || value < low || value > high)
+            throw BadInput("command line", "--devices", text,
+                           "how many devices, from 1 on, or the numbers of two or more, from 0 on: 4 or 0,1");
+        return int(value);
+    };
+    const std::vector<std::string> parts = split(text, ',');
+    std::vector<int> devices;
+    if (parts.size() == 1) {
+        devices.resize(std::size_t(number(text, 1, max_ranks)));
+        std::iota(devices.begin(), devices.end(), 0);
+    } else {
+        for (const std::string& part : parts) devices.push_back(number(part, 0, max_ranks - 1));
+    }
+    return devices;
 }
 
 // --- Options that commands share -----------------------------------------------------------------------
@@ -255,6 +277,11 @@ void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
         *study, "--ranks", 1, max_ranks, [&options](std::int64_t count) { options.ranks = int(count); },
         "Of a scaling study: at most so many parts of a scene, each stepped by a thread of its own; one a "
         "processor");
+    study
+        ->add_option_function<std::string>(
+            "--devices", [&options](const std::string& text) { options.devices = devices_of(text); },
+            "Of a scaling study: a rank on each of the first so many devices of CUDA, 4, or on these, 0,1")
+        ->type_name("N or N,N,...");
     study->add_flag("--resume", options.resume, "Go on with the study of --out that was cut short")
         ->needs(file);
     add_number<double>(

@@ -3,6 +3,7 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <functional>
 #include <limits>
@@ -12,7 +13,6 @@
 #include <thread>
 #include <utility>
 
-#include "backends/device_choice.h"
 #include "backends/layout/slabs.h"
 #include "harness/ranks/mailboxes.h"
 #include "harness/ranks/rank_backend.h"
@@ -78,6 +78,7 @@ struct Together {
     std::mutex mutex = {};
     std::condition_variable changed = {};
     int at_work = 0;
+    std::atomic<bool> unavailable = false;  ///< what a rank failed with
 };
 
 void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
@@ -86,6 +87,9 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
     omp_set_num_threads(std::max(1, omp_get_max_threads() / exchange.ranks()));
     try {
         all->reports[std::size_t(rank)] = run_rank(all->spec, all->scene, all->plan, exchange, all->whole);
+    } catch (const Unavailable& error) {
+        all->unavailable = true;
+        exchange.fail("rank " + std::to_string(rank) + ": " + error.what());
     } catch (const std::exception& error) {
         exchange.fail("rank " + std::to_string(rank) + ": " + error.what());
     }
@@ -109,14 +113,21 @@ nlohmann::json to_json(const RankPlan& plan) {
     return {{"steps", plan.steps},
             {"repetitions", plan.repetitions},
             {"start_patience", plan.start_patience.count()},
-            {"patience", plan.patience.count()}};
+            {"patience", plan.patience.count()},
+            {"devices", plan.devices}};
 }
 
 RankPlan rank_plan_of(const nlohmann::json& json) {
     return {.steps = json.at("steps"),
             .repetitions = json.at("repetitions"),
             .start_patience = Seconds(json.at("start_patience").get<double>()),
-            .patience = Seconds(json.at("patience").get<double>())};
+            .patience = Seconds(json.at("patience").get<double>()),
+            .devices = json.at("devices")};
+}
+
+DeviceNumber RankPlan::device_of(int rank) const {
+    if (devices.empty()) return {.number = rank, .wraps = true};
+    return {.number = devices[std::size_t(rank) % devices.size()], .wraps = false};
 }
 
 nlohmann::json to_json(const RankReport& report) {
@@ -163,7 +174,7 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                     State& whole) {
     const Slab slab = SlabCuts(scene.problem, exchange.ranks()).slab(scene.problem, exchange.rank());
     const Scene part = part_of(scene, slab);
-    const DeviceOfThread device({.number = exchange.rank(), .wraps = true});
+    const DeviceOfThread device(plan.device_of(exchange.rank()));
     const std::unique_ptr<Backend> inner = spec.make();
     RankBackend backend(*inner, slab, exchange);
     SceneRunner runner(part);
@@ -210,6 +221,7 @@ std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scen
                                                      .at_work = ranks});
     for (int rank = 0; rank < ranks; ++rank) std::thread(run_as_thread, all, rank).detach();
     wait_for(*all);
+    if (all->mailroom.has_failed() && all->unavailable) throw Unavailable(all->mailroom.reason());
     if (all->mailroom.has_failed()) throw std::runtime_error(all->mailroom.reason());
     whole = std::move(all->whole);
     return std::move(all->reports);

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/device_choice.h"
 #include "backends/registry.h"
 #include "harness/ranks/exchange.h"
 #include "harness/scene/scene.h"
@@ -18,6 +19,9 @@ struct RankPlan {
     int repetitions = 0;
     /// For which a rank may say nothing before the first batch, and after that.
     std::chrono::duration<double> start_patience{1800}, patience{10};
+    /// Which device each rank takes, over and over. Empty: the next of those that there are.
+    std::vector<int> devices = {};
+    DeviceNumber device_of(int rank) const;
 };
 nlohmann::json to_json(const RankPlan& plan);
 RankPlan rank_plan_of(const nlohmann::json& json);
@@ -46,15 +50,16 @@ std::string ranks_refusal(const Scene& scene, int ranks);
 /// Of the longest message that a run of the scene needs room for.
 std::size_t largest_message(const Scene& scene);
 
-/// Runs a rank of the scene, on the device of its number where there are several, and copies the state of its
-/// own particles into `whole`, which is as large as the scene's. Throws RankLost, what the backend throws,
-/// and std::runtime_error where the run diverges or the backend cannot run a slab.
+/// Runs a rank of the scene, and copies the state of its own particles into `whole`, which is as large as the
+/// scene's. Throws RankLost, what the backend throws (Unavailable where there is no such device), and
+/// std::runtime_error where the run diverges or the backend cannot run a slab.
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& whole);
 
 /// All ranks, each a thread of this process; one report a rank. Where one fails the others end at once, and
-/// this throws std::runtime_error with its reason. A thread that hangs is left behind for the end of the
-/// process, and so is what it works on: `scene` is to live until then.
+/// this throws Unavailable, where that was what one threw, or std::runtime_error with its reason. A thread
+/// that hangs is left behind for the end of the process, and so is what it works on: `scene` is to live until
+/// then.
 std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene, int ranks,
                                              const RankPlan& plan, State& whole);
 

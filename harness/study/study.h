@@ -60,9 +60,13 @@ struct StudyOptions {
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< of each scene that is a volume file
     std::optional<int> repetitions;
-    /// Of a scaling study: the most ranks; larger numbers are left out. Nothing: one a processor,
-    /// or as many as mpirun started.
+    /// Of a scaling study: the most ranks; larger numbers are left out. Nothing: one of each of `devices`, or
+    /// one a processor, or as many as mpirun started.
     std::optional<int> ranks;
+    /// Of a scaling study: the devices that its ranks take, as their API counts them, over and over; there
+    /// are as many ranks at most, unless `ranks` says otherwise. Empty: each rank takes the next of those
+    /// that there are.
+    std::vector<int> devices;
     /// Of a scaling study: the processes that mpirun started, of which this one is rank 0. Null: it did not.
     MpiRanks* mpi = nullptr;
     /// So many processes measure in turns at most; each makes starting the next take longer, where all have a

@@ -1,4 +1,6 @@
 // The run of a study: one scene after the other, each of its cases in a process of its own.
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <fstream>
 #include <iostream>
@@ -121,6 +123,9 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
     if (options.ranks && study_.kind != "scaling")
         throw BadInput("command line", "--ranks", std::to_string(*options.ranks),
                        "none: study " + study_.name + " is not of the kind scaling");
+    if (!options.devices.empty() && study_.kind != "scaling")
+        throw BadInput("command line", "--devices", fmt::format("{}", fmt::join(options.devices, ",")),
+                       "none: study " + study_.name + " is not of the kind scaling");
     if (options.out) check_writable(*options.out, "--out", ".json");
     for (const StudyScene& item : study_.scenes) check(item);
     begin_result();
@@ -209,6 +214,7 @@ nlohmann::json StudyRun::description() {
             {"--backend", options_.backends},
             {"repetitions", study_.repetitions},
             {"--ranks", options_.ranks.value_or(0)},
+            {"--devices", options_.devices},
             {"settings", study_.settings},
             {"commit", build.at("commit")},
             {"program", fingerprint_of_executable()},

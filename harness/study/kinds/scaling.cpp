@@ -215,7 +215,9 @@ private:
     static int limit_of(const StudyBench& bench) {
         const MpiRanks* const mpi = bench.options().mpi;
         const int most = mpi != nullptr ? mpi->ranks() : max_ranks;
-        return std::min(most, bench.options().ranks.value_or(mpi != nullptr ? most : omp_get_num_procs()));
+        const std::size_t devices = bench.options().devices.size();
+        const int here = devices > 0 ? int(devices) : omp_get_num_procs();
+        return std::min(most, bench.options().ranks.value_or(mpi != nullptr ? most : here));
     }
     int most_ranks(const Study& study, int limit) const;
     void run_backend(StudyBench& bench, const BackendSpec& spec, int threads);
@@ -263,6 +265,7 @@ private:
         plan.start_patience = bench_.options().timeout;
         // A rank that hangs is to be named before the whole row is given up.
         plan.patience = std::min(plan.patience, plan.start_patience / 4);
+        plan.devices = bench_.options().devices;
         return plan;
     }
     RankTask task(int ranks) const;
@@ -395,17 +398,25 @@ void Contender::measure(int ranks, const std::string& way) {
     const std::string name = std::to_string(ranks) + (ranks == 1 ? " rank" : " ranks by " + way);
     if (scope.find(name) == nullptr) {
         const auto failure = failure_of([&] {
-            const Found found =
-                by_mpi ? run_by_mpi(*entered, task, mailroom, shared) : run_as_threads(*entered, shared);
-            // What falls asleep does so in tiles, which are cut with the slabs.
-            const bool keeps_bits = capabilities_of(entered->capabilities()).deterministic &&
-                                    spec_.admitted_spacings_per_step() == 0;
-            scope.keep(name, judged(found, way, keeps_bits));
+            try {
+                const Found found =
+                    by_mpi ? run_by_mpi(*entered, task, mailroom, shared) : run_as_threads(*entered, shared);
+                // What falls asleep does so in tiles, which are cut with the slabs.
+                const bool keeps_bits = capabilities_of(entered->capabilities()).deterministic &&
+                                        spec_.admitted_spacings_per_step() == 0;
+                scope.keep(name, judged(found, way, keeps_bits));
+            } catch (const Unavailable& reason) {
+                scope.keep(name, {{"skipped", reason.what()}});
+            }
         });
         if (failure) scope.keep(name, {{"failed", *failure}});
     }
     const nlohmann::json* const kept = scope.find(name);
     if (kept == nullptr) return;
+    if (kept->contains("skipped")) {
+        bench_.skip(spec_, "as " + name + ": " + kept->at("skipped").get<std::string>());
+        return;
+    }
     if (kept->contains("failed")) {
         bench_.fail(spec_, "as " + name + ": " + kept->at("failed").get<std::string>());
         return;
