@@ -62,6 +62,8 @@ struct Capabilities {
     /// Backends of one name share one measurement. Empty: that of its own API and version alone.
     std::string limits_of = {};
     bool has_borders = false;  ///< Backend::border() gives one
+    /// What Backend::device_borders() takes. Empty: borders go through the host's memory alone.
+    std::vector<std::string> border_ways = {};
 };
 
 /// One timed batch of steps.
@@ -124,6 +126,37 @@ public:
     virtual void write(const std::byte* from) = 0;
 };
 
+/// What a part of a body has in common with one beside it: its particles that are ghosts there, and ghosts of
+/// its own. Both ascend.
+struct SharedParticles {
+    std::vector<std::uint32_t> sent, received;
+};
+
+/// The borders of one part of a body with those beside it, all on devices that this process has, where they
+/// travel from device to device and the host waits for none of it.
+///
+/// Each part is stepped by a thread of its own. The n-th receive() of a part is called after the n-th send()
+/// of those beside it has returned, and their send() n + 2 after it has returned. Either side may be
+/// destroyed first.
+class DeviceBorders {
+public:
+    DeviceBorders() = default;
+    DeviceBorders(const DeviceBorders&) = delete;
+    DeviceBorders& operator=(const DeviceBorders&) = delete;
+    virtual ~DeviceBorders() = default;
+
+    /// Of the largest message.
+    virtual std::size_t bytes() const = 0;
+    /// To be called once before all else, in every part's thread, with what all parts of the body have in
+    /// their order; this one is that of `part`. All are of backends with the same options. Throws
+    /// Unavailable, with the reason, where the devices have no such way to each other.
+    virtual void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) = 0;
+    /// Enqueues: the places, as the steps so far leave them, go to the parts beside this one.
+    virtual void send() = 0;
+    /// Enqueues: from the next step on ghosts are where the parts beside this one sent them.
+    virtual void receive() = 0;
+};
+
 /// The displacements of some particles for a picture of the running simulation, which the device itself puts
 /// into an OpenGL buffer: nothing passes through the host.
 class Feed {
@@ -180,6 +213,13 @@ public:
     /// The places of `particles`, ascending; to be used until the next upload(). Null where capabilities()
     /// say so. Throws Unavailable, with the reason, where it cannot step a part with this border.
     virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
+        return nullptr;
+    }
+    /// The borders with the part before and the one behind, in this order, of which the first and the last
+    /// part have one; to be used until the next upload(). `way` is one of Capabilities::border_ways. Throws
+    /// Unavailable, with the reason, where there is no such way here, and what border() throws.
+    virtual std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& /*borders*/,
+                                                          const std::string& /*way*/) {
         return nullptr;
     }
     /// What fills the OpenGL buffer `buffer` with the displacements of `particles`: x, y, z and 0 in float32,

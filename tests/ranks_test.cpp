@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
+#include <atomic>
 #include <chrono>
 #include <cstring>
 #include <functional>
@@ -143,14 +146,74 @@ TEST(RankRuns, RefuseEditsBeyondTheLattice) {
     EXPECT_THAT(ranks_refusal(whole, 2), HasSubstr("suture after step 50"));
 }
 
-/// cpu_reference, which does what its name says in the tenth step of whoever does not have the lowest layer.
-class Faulty final : public MonitoredCpuBackend {
+/// Borders in one process as devices would have them, with what DeviceBorders says of turns checked.
+class FakeBorders final : public DeviceBorders {
 public:
-    explicit Faulty(std::string what)
-        : what_(std::move(what)), sound_(BackendSpec::parse("cpu_reference").make()) {}
+    FakeBorders(Backend& of, const std::vector<SharedParticles>& borders, bool refuses) : refuses_(refuses) {
+        for (const SharedParticles& shared : borders) {
+            Link& link = links_.emplace_back();
+            link.sent = of.border(shared.sent);
+            link.received = of.border(shared.received);
+            link.own = std::make_shared<Shore>();
+        }
+    }
+    std::size_t bytes() const override {
+        std::size_t largest = 0;
+        for (const Link& link : links_) largest = std::max(largest, link.sent->bytes());
+        return largest;
+    }
+    void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
+        if (refuses_ && part == 1) throw Unavailable("there is no way");
+        if (std::exchange(connected_, true)) throw std::logic_error("connected twice");
+        const auto shore_of = [&](std::size_t other) {
+            const auto& links = dynamic_cast<FakeBorders&>(*parts.at(other)).links_;
+            return (other < part ? links.back() : links.front()).own;
+        };
+        if (part > 0) links_.front().theirs = shore_of(part - 1);
+        if (part + 1 < parts.size()) links_.back().theirs = shore_of(part + 1);
+    }
+    void send() override {
+        ++sent_;
+        for (Link& link : links_) {
+            Shore& to = *link.theirs;
+            if (to.taken + 2 < sent_) throw std::logic_error("a message is replaced before it was taken");
+            to.messages[sent_ % 2].resize(link.sent->bytes());
+            link.sent->read(to.messages[sent_ % 2].data());
+            to.sent = sent_;
+        }
+    }
+    void receive() override {
+        ++received_;
+        for (Link& link : links_) {
+            if (link.own->sent < received_) throw std::logic_error("a message is taken before it was sent");
+            link.received->write(link.own->messages[received_ % 2].data());
+            link.own->taken = received_;
+        }
+    }
+
+private:
+    /// Where messages arrive.
+    struct Shore {
+        std::array<std::vector<std::byte>, 2> messages;
+        std::atomic<int> sent = 0, taken = 0;
+    };
+    struct Link {
+        std::unique_ptr<Border> sent, received;
+        std::shared_ptr<Shore> own, theirs;
+    };
+
+    const bool refuses_;
+    bool connected_ = false;
+    std::vector<Link> links_;
+    int sent_ = 0, received_ = 0;
+};
+
+/// cpu_reference, in the place of a backend with devices.
+class Wrapped : public MonitoredCpuBackend {
+public:
     Capabilities capabilities() const override {
         Capabilities all = sound_->capabilities();
-        all.has_borders = what_ != "without";
+        all.border_ways = {"peer", "stores"};
         return all;
     }
     void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
@@ -158,49 +221,72 @@ public:
     StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
         return sound_->border(particles);
+    }
+    std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
+                                                  const std::string& way) override {
+        return std::make_shared<FakeBorders>(*sound_, borders, way == "stores");
+    }
+
+protected:
+    void begin(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
+    void integrate(int count) override { sound_->step(count); }
+    bool within(double) override { return true; }
+
+private:
+    std::unique_ptr<Backend> sound_ = BackendSpec::parse("cpu_reference").make();
+};
+
+/// Does what its name says in the tenth step of whoever does not have the lowest layer.
+class Faulty final : public Wrapped {
+public:
+    explicit Faulty(std::string what) : what_(std::move(what)) {}
+    Capabilities capabilities() const override {
+        Capabilities all = Wrapped::capabilities();
+        all.has_borders = what_ != "without";
+        return all;
     }
 
 private:
     void begin(const Problem& problem, const State& state) override {
         is_first_ = problem.rest_position.front().z == 0;
-        sound_->upload(problem, state);
+        Wrapped::begin(problem, state);
     }
     void integrate(int count) override {
-        sound_->step(count);
+        Wrapped::integrate(count);
         if (is_first_ || ++steps_ != 10) return;
         if (what_ == "throws") throw DeviceError("the device is lost");
         for (;;) pause();
     }
-    bool within(double) override { return true; }
 
     const std::string what_;
-    std::unique_ptr<Backend> sound_;
     bool is_first_ = false;
     int steps_ = 0;
 };
 
-/// cpu_reference on one of two devices.
-class Numbered final : public MonitoredCpuBackend {
+/// On one of two devices, where it keeps its start.
+class Numbered final : public Wrapped {
 public:
+    bool keep_start() override { return keeps_start_ = true; }
+    void rewind() override { Wrapped::begin(*problem_, start_); }
     Capabilities capabilities() const override {
-        Capabilities all = sound_->capabilities();
+        Capabilities all = Wrapped::capabilities();
         all.uuid = std::to_string(device_);
         return all;
     }
-    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
-    State download() override { return sound_->download(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
-    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return sound_->border(particles);
-    }
 
 private:
-    void begin(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
-    void integrate(int count) override { sound_->step(count); }
-    bool within(double) override { return true; }
+    void begin(const Problem& problem, const State& state) override {
+        // Who keeps it on the device uploads nothing anew.
+        if (keeps_start_) throw std::logic_error("uploaded though the start was kept");
+        problem_ = &problem;
+        start_ = state;
+        Wrapped::begin(problem, state);
+    }
 
+    const Problem* problem_ = nullptr;
+    State start_;
+    bool keeps_start_ = false;
     const int device_ = DeviceOfThread::now().among(2, "test");
-    std::unique_ptr<Backend> sound_ = BackendSpec::parse("cpu_reference").make();
 };
 
 const Registered numbered({.name = "rank_numbered",
@@ -222,22 +308,71 @@ Registered faulty(const std::string& what) {
 }
 const Registered backends[] = {faulty("throws"), faulty("hangs"), faulty("without")};
 
+RankPlan plan_by(const std::string& way) {
+    RankPlan by_way = plan;
+    by_way.way = way;
+    return by_way;
+}
+
 /// That run as two ranks ends with an error within seconds.
-std::string error_of(const std::string& backend) {
+std::string error_of(const std::string& backend, const std::string& way = "memory") {
     // What hangs reads it to the end of the process.
     static const Scene whole = scene();
     State state = state_at_rest(whole.problem);
     const auto begin = std::chrono::steady_clock::now();
-    const std::string message =
-        message_of([&] { (void)run_ranks_as_threads(BackendSpec::parse(backend), whole, 2, plan, state); });
+    const std::string message = message_of(
+        [&] { (void)run_ranks_as_threads(BackendSpec::parse(backend), whole, 2, plan_by(way), state); });
     EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
     return message;
 }
 
-TEST(RankRuns, EndWhereARankFails) { EXPECT_EQ(error_of("rank_throws"), "rank 1: the device is lost"); }
+TEST(RankRuns, EndWhereARankFails) {
+    for (const char* way : {"memory", "peer"})
+        EXPECT_EQ(error_of("rank_throws", way), "rank 1: the device is lost");
+}
 
 TEST(RankRuns, EndWhereARankHangs) {
-    EXPECT_EQ(error_of("rank_hangs"), "rank 0 heard nothing of rank 1 for 1 s");
+    for (const char* way : {"memory", "peer"})
+        EXPECT_EQ(error_of("rank_hangs", way), "rank 0 heard nothing of rank 1 for 1 s");
+}
+
+TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
+    for (const bool edited : {false, true}) {
+        Scene whole = scene();
+        if (!edited) whole.edits.clear();
+        const BackendSpec spec = BackendSpec::parse("rank_numbered");
+        State one = state_at_rest(whole.problem);
+        // One rank has nothing to send.
+        (void)run_ranks_as_threads(spec, whole, 1, plan_by("peer"), one);
+        for (int ranks = 2; ranks <= 4; ++ranks) {
+            State state = state_at_rest(whole.problem);
+            const std::vector<RankReport> reports =
+                run_ranks_as_threads(spec, whole, ranks, plan_by("peer"), state);
+            expect_same_bits(state, one);
+            for (const RankReport& report : reports) {
+                ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
+                for (const RankBatch& batch : report.batches) {
+                    EXPECT_GT(batch.total, 0);
+                    EXPECT_GT(batch.compute, 0);
+                    EXPECT_GT(batch.exchange, 0);
+                    EXPECT_EQ(batch.waiting, 0);
+                }
+                EXPECT_GT(report.latency, 0);
+                EXPECT_GT(report.border_bytes, 0u);
+            }
+        }
+    }
+}
+
+TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
+    const Scene whole = scene();
+    State state = state_at_rest(whole.problem);
+    try {
+        (void)run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, 3, plan_by("stores"), state);
+        FAIL() << "was not refused";
+    } catch (const Unavailable& reason) {
+        EXPECT_STREQ(reason.what(), "rank 1: there is no way");
+    }
 }
 
 /// Which devices three ranks take.

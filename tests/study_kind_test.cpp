@@ -343,6 +343,8 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
     };
     expect_contains(load(R"("ranks": [2, 1])"), "ascending order");
     expect_contains(load(R"("ranks": [0])"), "1 to 1024");
+    expect_contains(load(R"("ways": ["ship"])"), "memory, mpi, peer, stores, nccl");
+    expect_contains(load(R"("ways": [])"), "ways");
     Study timing;
     timing.name = "plain";
     timing.backends = {"cpu_reference"};
@@ -353,6 +355,23 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
     StudyOptions on_devices;
     on_devices.devices = {0, 2};
     expect_contains(refusal([&] { (void)run_study(timing, on_devices); }), "--devices: 0,2");
+}
+
+TEST_F(StudyKinds, ScalingMeasuresTheWaysThatAreAskedFor) {
+    const auto ways = [&](const std::string& asked) {
+        const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 3,
+            "backends": ["cpu_reference"], "scenes": [{"scene": "box@6"}], "ways": )" +
+                                                           asked + "}");
+        StudyOptions options;
+        options.ranks = 2;
+        std::vector<std::string> measured;
+        const nlohmann::json result = run_study(load_study(file), options);
+        for (const auto& row : result.at("scaling")) measured.push_back(row.at("way"));
+        return measured;
+    };
+    using Ways = std::vector<std::string>;
+    EXPECT_EQ(ways(R"(["memory", "peer"])"), (Ways{"none", "memory"}));
+    EXPECT_EQ(ways(R"(["peer"])"), Ways{"none"});
 }
 
 TEST_F(StudyKinds, ScalingHasARankADeviceAtMost) {

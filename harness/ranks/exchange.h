@@ -1,9 +1,9 @@
 // How the parts of one body hand each other their borders, step after step.
 //
 // A rank is one part of a run: a slab (backends/layout/slabs.h), its backend and one Exchange. Messages go to
-// the ranks before and behind, all through the host's memory here. A way that moves borders from device to
-// device (copies between peers, NCCL, stores into the neighbour's memory) is another implementation of what
-// RankBackend does in a step, on the same slabs, and shares what is here for meeting and for faults.
+// the ranks before and behind, all through the host's memory here. Where borders move from device to device
+// (DeviceBorders of backends/backend.h: copies between peers, stores into the neighbour's memory, NCCL) empty
+// messages say that one has been enqueued, so that waiting, meeting and faults are the same.
 #pragma once
 
 #include <chrono>

@@ -18,22 +18,57 @@ std::string RankBackend::unsupported(const Problem& problem) const {
 
 void RankBackend::upload(const Problem& problem, const State& state) {
     links_.clear();
+    connected_ = false;
     inner_.upload(problem, state);
+    if (goes_by_device()) {
+        std::vector<SharedParticles> borders;
+        for (const Slab::Border& border : slab_.borders) borders.push_back({border.sent, border.received});
+        parts_->at(std::size_t(exchange_.rank())) = inner_.device_borders(borders, way_);
+        return;
+    }
     for (const Slab::Border& border : slab_.borders)
         links_.push_back({border.slab, inner_.border(border.sent), inner_.border(border.received)});
+}
+
+void RankBackend::connect() {
+    if (!goes_by_device() || connected_) return;
+    parts_->at(std::size_t(exchange_.rank()))->connect(*parts_, std::size_t(exchange_.rank()));
+    connected_ = true;
 }
 
 void RankBackend::step(int count) {
     for (int n = 0; n < count; ++n) {
         const auto begin = Clock::now();
         inner_.step(1);
-        inner_.synchronize();
+        if (waits_) inner_.synchronize();
         seconds_.compute += seconds_from(begin, Clock::now());
         exchange_borders();
     }
 }
 
 void RankBackend::exchange_borders() {
+    if (goes_by_device()) {
+        exchange_by_device();
+    } else {
+        exchange_by_host();
+    }
+}
+
+/// A mailbox has room for two messages: that is how far ahead of its neighbour's a rank's host may be.
+void RankBackend::exchange_by_device() {
+    const auto begin = Clock::now();
+    DeviceBorders& borders = *parts_->at(std::size_t(exchange_.rank()));
+    for (const Slab::Border& border : slab_.borders) (void)exchange_.outbox(border.slab, 0);
+    borders.send();
+    for (const Slab::Border& border : slab_.borders) exchange_.post(border.slab);
+    for (const Slab::Border& border : slab_.borders) (void)exchange_.inbox(border.slab);
+    borders.receive();
+    for (const Slab::Border& border : slab_.borders) exchange_.release(border.slab);
+    if (waits_) inner_.synchronize();
+    seconds_.exchange += seconds_from(begin, Clock::now());
+}
+
+void RankBackend::exchange_by_host() {
     const auto begin = Clock::now();
     for (const Link& link : links_) {
         link.sent->read(exchange_.outbox(link.rank, link.sent->bytes()));
@@ -53,6 +88,7 @@ void RankBackend::exchange_borders() {
 }
 
 std::size_t RankBackend::border_bytes() const {
+    if (goes_by_device()) return parts_->at(std::size_t(exchange_.rank()))->bytes();
     std::size_t largest = 0;
     for (const Link& link : links_) largest = std::max(largest, link.sent->bytes());
     return largest;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <memory>
 #include <optional>
 #include <string>
@@ -13,6 +14,9 @@
 #include "harness/ranks/exchange.h"
 
 namespace voxspring {
+
+/// What ranks of one process have from device to device, by their numbers.
+using PartsOnDevices = std::vector<std::shared_ptr<DeviceBorders>>;
 
 /// Where the time of a rank's steps went.
 struct RankSeconds {
@@ -27,10 +31,16 @@ public:
     /// All must outlive it.
     RankBackend(Backend& inner, const Slab& slab, Exchange& exchange)
         : inner_(inner), slab_(slab), exchange_(exchange) {}
+    /// The same with borders that go from device to device, by `way` (Capabilities::border_ways). After each
+    /// upload() ranks are to meet and to connect(), before anything else.
+    RankBackend(Backend& inner, const Slab& slab, Exchange& exchange, std::string way, PartsOnDevices& parts)
+        : inner_(inner), slab_(slab), exchange_(exchange), way_(std::move(way)), parts_(&parts) {}
 
     Capabilities capabilities() const override { return inner_.capabilities(); }
     std::string unsupported(const Problem& problem) const override;
     void upload(const Problem& problem, const State& state) override;
+    bool keep_start() override { return inner_.keep_start(); }
+    void rewind() override { inner_.rewind(); }
     void edit(const Problem& edited, const SpringEdit& edit) override { inner_.edit(edited, edit); }
     bool has_tool() const override { return inner_.has_tool(); }
     void move_tool(const glm::dvec3& displacement) override { inner_.move_tool(displacement); }
@@ -44,8 +54,16 @@ public:
     DeviceLimits measure_limits() override { return inner_.measure_limits(); }
     StepWork step_work(const Problem& problem) const override { return inner_.step_work(problem); }
 
-    /// What follows every step: borders go to the neighbours, and theirs to the ghosts.
+    /// With the parts of all other ranks, where borders go from device to device; nothing where that has been
+    /// done since the latest upload().
+    void connect();
+    /// What follows every step: borders go to the neighbours, and theirs to the ghosts. From device to device
+    /// this returns before they have gone.
     void exchange_borders();
+    /// Whether the host waits for the device after each part of a step, so that take_seconds() can tell them
+    /// apart; at first where borders go through its memory. There it does in any case.
+    void wait_in_steps(bool wait) { waits_ = wait || parts_ == nullptr; }
+    bool goes_by_device() const { return parts_ != nullptr; }
     /// Since the latest call of this.
     RankSeconds take_seconds() { return std::exchange(seconds_, {}); }
     /// Of the largest message of a step.
@@ -64,10 +82,17 @@ private:
         return std::chrono::duration<double>(end_ - begin_).count();
     }
 
+    void exchange_by_host();
+    void exchange_by_device();
+
     Backend& inner_;
     const Slab& slab_;
     Exchange& exchange_;
-    std::vector<Link> links_;
+    const std::string way_ = {};
+    PartsOnDevices* const parts_ = nullptr;  ///< null: borders go through the host's memory
+    bool connected_ = false;
+    bool waits_ = parts_ == nullptr;
+    std::vector<Link> links_;  ///< through the host's memory
     RankSeconds seconds_;
     Clock::time_point begin_, end_;
 };

@@ -15,7 +15,6 @@
 
 #include "backends/layout/slabs.h"
 #include "harness/ranks/mailboxes.h"
-#include "harness/ranks/rank_backend.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 
@@ -44,24 +43,33 @@ Scene part_of(const Scene& scene, const Slab& slab) {
 
 /// Seconds of what all ranks do together, with nothing between: the least of some batches, since whatever
 /// else the machine does adds to it.
-double seconds_of(Exchange& exchange, const std::function<void()>& action) {
+double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<void()>& action) {
     constexpr int batches = 10, rounds = 20;
     double least = std::numeric_limits<double>::infinity();
     for (int batch = 0; batch < batches; ++batch) {
         meet(exchange);
         const auto begin = Clock::now();
         for (int round = 0; round < rounds; ++round) action();
+        backend.synchronize();
         least = std::min(least, Seconds(Clock::now() - begin).count() / rounds);
     }
     return least;
+}
+
+/// Borders that leave the device are alone between ranks: one by itself needs no way.
+RankBackend on_its_way(Backend& inner, const Slab& slab, Exchange& exchange, const RankPlan& plan,
+                       PartsOnDevices* parts) {
+    if (plan.way == "memory" || exchange.ranks() == 1) return {inner, slab, exchange};
+    if (parts == nullptr) throw std::logic_error("only ranks of one process have a way by " + plan.way);
+    return {inner, slab, exchange, plan.way, *parts};
 }
 
 /// Before any step: ghosts are where the borders are that they are written from, so that no bit changes.
 void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& report) {
     report.border_bytes = backend.border_bytes();
     if (exchange.ranks() == 1) return;
-    report.latency = seconds_of(exchange, [&] { greet(exchange); });
-    const double with_borders = seconds_of(exchange, [&] { backend.exchange_borders(); });
+    report.latency = seconds_of(exchange, backend, [&] { greet(exchange); });
+    const double with_borders = seconds_of(exchange, backend, [&] { backend.exchange_borders(); });
     if (report.border_bytes > 0)
         report.seconds_per_byte = std::max(0.0, with_borders - report.latency) / double(report.border_bytes);
 }
@@ -75,6 +83,7 @@ struct Together {
     Mailroom mailroom;
     std::vector<RankReport> reports;
     State whole;
+    PartsOnDevices parts;
     std::mutex mutex = {};
     std::condition_variable changed = {};
     int at_work = 0;
@@ -86,7 +95,8 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
     // What backends copy with all threads of OpenMP is copied with this rank's.
     omp_set_num_threads(std::max(1, omp_get_max_threads() / exchange.ranks()));
     try {
-        all->reports[std::size_t(rank)] = run_rank(all->spec, all->scene, all->plan, exchange, all->whole);
+        all->reports[std::size_t(rank)] =
+            run_rank(all->spec, all->scene, all->plan, exchange, all->whole, &all->parts);
     } catch (const Unavailable& error) {
         all->unavailable = true;
         exchange.fail("rank " + std::to_string(rank) + ": " + error.what());
@@ -114,7 +124,8 @@ nlohmann::json to_json(const RankPlan& plan) {
             {"repetitions", plan.repetitions},
             {"start_patience", plan.start_patience.count()},
             {"patience", plan.patience.count()},
-            {"devices", plan.devices}};
+            {"devices", plan.devices},
+            {"way", plan.way}};
 }
 
 RankPlan rank_plan_of(const nlohmann::json& json) {
@@ -122,7 +133,8 @@ RankPlan rank_plan_of(const nlohmann::json& json) {
             .repetitions = json.at("repetitions"),
             .start_patience = Seconds(json.at("start_patience").get<double>()),
             .patience = Seconds(json.at("patience").get<double>()),
-            .devices = json.at("devices")};
+            .devices = json.at("devices"),
+            .way = json.at("way")};
 }
 
 DeviceNumber RankPlan::device_of(int rank) const {
@@ -171,12 +183,12 @@ std::size_t largest_message(const Scene& scene) {
 }
 
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
-                    State& whole) {
+                    State& whole, PartsOnDevices* parts) {
     const Slab slab = SlabCuts(scene.problem, exchange.ranks()).slab(scene.problem, exchange.rank());
     const Scene part = part_of(scene, slab);
     const DeviceOfThread device(plan.device_of(exchange.rank()));
     const std::unique_ptr<Backend> inner = spec.make();
-    RankBackend backend(*inner, slab, exchange);
+    RankBackend backend = on_its_way(*inner, slab, exchange, plan, parts);
     SceneRunner runner(part);
     if (const std::string reason = runner.unsupported(backend); !reason.empty())
         throw std::runtime_error(reason);
@@ -187,20 +199,30 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                       .ghosts = slab.particle.size() - slab.own.size(),
                       .device = backend.capabilities().uuid};
     runner.rewind(backend);
+    runner.keep_start(backend);
     exchange.set_patience(plan.start_patience);
+    meet(exchange);
+    backend.connect();
     meet(exchange);
     exchange.set_patience(plan.patience);
     measure_exchange(exchange, backend, report);
-    for (int repetition = 0; repetition <= plan.repetitions; ++repetition) {
+    // From device to device one more, which is not timed, tells what the others are made of.
+    const int last = plan.repetitions + (backend.goes_by_device() ? 1 : 0);
+    for (int repetition = 0; repetition <= last; ++repetition) {
         if (repetition > 0) runner.rewind(backend);
         meet(exchange);
+        backend.connect();
+        backend.wait_in_steps(repetition > plan.repetitions);
         (void)backend.take_seconds();
         const double total = backend.timed([&] { runner.run(backend, plan.steps); }).host_seconds;
         const RankSeconds seconds = backend.take_seconds();
         if (const auto divergence = backend.divergence())
             throw std::runtime_error(describe(*divergence, monitor));
-        if (repetition > 0)
+        if (repetition > 0 && repetition <= plan.repetitions)
             report.batches.push_back({total, seconds.compute, seconds.exchange, seconds.waiting});
+        if (repetition <= plan.repetitions) continue;
+        for (RankBatch& batch : report.batches)
+            batch = {batch.total, seconds.compute, seconds.exchange, seconds.waiting};
     }
     slab.copy_own(backend.download(), whole);
     return report;
@@ -218,6 +240,7 @@ std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scen
                                                      .mailroom = mailroom,
                                                      .reports = std::vector<RankReport>(std::size_t(ranks)),
                                                      .whole = std::move(whole),
+                                                     .parts = PartsOnDevices(std::size_t(ranks)),
                                                      .at_work = ranks});
     for (int rank = 0; rank < ranks; ++rank) std::thread(run_as_thread, all, rank).detach();
     wait_for(*all);

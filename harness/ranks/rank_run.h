@@ -9,6 +9,7 @@
 #include "backends/device_choice.h"
 #include "backends/registry.h"
 #include "harness/ranks/exchange.h"
+#include "harness/ranks/rank_backend.h"
 #include "harness/scene/scene.h"
 
 namespace voxspring {
@@ -22,6 +23,9 @@ struct RankPlan {
     /// Which device each rank takes, over and over. Empty: the next of those that there are.
     std::vector<int> devices = {};
     DeviceNumber device_of(int rank) const;
+    /// How borders travel: "memory", which is what the Exchange does, or one of Capabilities::border_ways,
+    /// where all ranks are threads of one process.
+    std::string way = "memory";
 };
 nlohmann::json to_json(const RankPlan& plan);
 RankPlan rank_plan_of(const nlohmann::json& json);
@@ -53,8 +57,10 @@ std::size_t largest_message(const Scene& scene);
 /// Runs a rank of the scene, and copies the state of its own particles into `whole`, which is as large as the
 /// scene's. Throws RankLost, what the backend throws (Unavailable where there is no such device), and
 /// std::runtime_error where the run diverges or the backend cannot run a slab.
+///
+/// `parts`: room for one of each rank, which they share; for ways from device to device alone.
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
-                    State& whole);
+                    State& whole, PartsOnDevices* parts = nullptr);
 
 /// All ranks, each a thread of this process; one report a rank. Where one fails the others end at once, and
 /// this throws Unavailable, where that was what one threw, or std::runtime_error with its reason. A thread

@@ -44,7 +44,8 @@ nlohmann::json to_json(const Capabilities& capabilities) {
             {"family", name_of(capabilities.family)},
             {"software", capabilities.is_software},
             {"limits_of", capabilities.limits_of},
-            {"borders", capabilities.has_borders}};
+            {"borders", capabilities.has_borders},
+            {"border_ways", capabilities.border_ways}};
 }
 
 Capabilities capabilities_of(const nlohmann::json& json) {
@@ -59,7 +60,8 @@ Capabilities capabilities_of(const nlohmann::json& json) {
             .family = family_of(json, api),
             .is_software = json.value("software", device.ends_with(", software")),
             .limits_of = json.value("limits_of", ""),
-            .has_borders = json.value("borders", false)};
+            .has_borders = json.value("borders", false),
+            .border_ways = json.value("border_ways", std::vector<std::string>())};
 }
 
 }  // namespace voxspring

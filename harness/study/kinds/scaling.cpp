@@ -34,7 +34,7 @@ struct ScalingRow {
     std::string family = {};   ///< of rows that are compared: a scene, or scenes that grow with the ranks
     std::string scaling = {};  ///< "strong", "weak"
     int ranks = 1;
-    std::string way = {};  ///< how borders are exchanged: "none", "memory", "mpi"
+    std::string way = {};  ///< how borders are exchanged: "none", "memory", "mpi", "peer", "stores", "nccl"
     double seconds_per_step = 0;
     double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;  ///< of a step
     std::uint64_t largest_slab = 0;                                         ///< particles, ghosts included
@@ -180,10 +180,17 @@ void compare(ScalingRow& row, const ScalingRow& one) {
                             row.seconds_per_byte.value_or(0) * double(row.border_bytes);
 }
 
+/// How the borders of several ranks travel.
+const std::vector<std::string> known_ways = {"memory", "mpi", "peer", "stores", "nccl"};
+
 class ScalingStudy final : public StudyKind {
 public:
     void read(JsonObject& study) override {
         if (const auto ranks = study.find("ranks")) counts_ = read_counts(*ranks);
+        if (const auto ways = study.find("ways")) {
+            ways_.clear();
+            for (const JsonValue& way : ways->array(1)) ways_.push_back(way.one_of(known_ways));
+        }
     }
     std::string read_scene(JsonObject& item) const override {
         if (const auto ranks = item.find("ranks")) (void)read_counts(*ranks);
@@ -222,7 +229,10 @@ private:
     int most_ranks(const Study& study, int limit) const;
     void run_backend(StudyBench& bench, const BackendSpec& spec, int threads);
 
+    std::vector<std::string> ways_of(int ranks, const MpiRanks* mpi, const Capabilities& capabilities) const;
+
     std::vector<int> counts_ = {1, 2};
+    std::vector<std::string> ways_ = known_ways;
     int begun_ = 0;
 };
 
@@ -238,11 +248,19 @@ int ScalingStudy::most_ranks(const Study& study, int limit) const {
 }
 
 /// By threads only where all ranks would be of this host.
-std::vector<std::string> ways_of(int ranks, const MpiRanks* mpi) {
+std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
+                                               const Capabilities& capabilities) const {
     if (ranks == 1) return {"none"};
-    if (mpi == nullptr) return {"memory"};
-    if (mpi->ranks_here() < mpi->ranks()) return {"mpi"};
-    return {"memory", "mpi"};
+    std::vector<std::string> ways;
+    if (mpi == nullptr || mpi->ranks_here() == mpi->ranks()) {
+        ways = capabilities.border_ways;
+        ways.insert(ways.begin(), "memory");
+    }
+    if (mpi != nullptr) ways.push_back("mpi");
+    std::erase_if(ways, [this](const std::string& way) {
+        return std::find(ways_.begin(), ways_.end(), way) == ways_.end();
+    });
+    return ways;
 }
 
 /// What ranks left.
@@ -260,12 +278,13 @@ public:
     void measure(int ranks, const std::string& way);
 
 private:
-    RankPlan plan() const {
+    RankPlan plan(const std::string& way) const {
         RankPlan plan{.steps = bench_.item().steps, .repetitions = bench_.study().repetitions};
         plan.start_patience = bench_.options().timeout;
         // A rank that hangs is to be named before the whole row is given up.
         plan.patience = std::min(plan.patience, plan.start_patience / 4);
         plan.devices = bench_.options().devices;
+        if (way != "none" && way != "mpi") plan.way = way;
         return plan;
     }
     RankTask task(int ranks) const;
@@ -378,7 +397,7 @@ RankTask Contender::task(int ranks) const {
             .fingerprint = fingerprint_of(bench_.scene()),
             .backend = spec_.text(),
             .ranks = ranks,
-            .plan = plan(),
+            .plan = plan("mpi"),
             .capacity = largest_message(bench_.scene())};
 }
 
@@ -391,7 +410,7 @@ void Contender::measure(int ranks, const std::string& way) {
         SharedMemory::of_bytes(by_mpi ? Mailroom::lines(ranks, task.capacity) * sizeof(Line) : 0);
     const CaseProgram program =
         by_mpi ? CaseProgram{"rank", rank_parameters(task, 0, mailroom), &shared}
-               : CaseProgram{"scaling", {{"ranks", ranks}, {"plan", to_json(plan())}}, &shared};
+               : CaseProgram{"scaling", {{"ranks", ranks}, {"plan", to_json(plan(way))}}, &shared};
     auto entered = bench_.enter(spec_, program);
     if (!entered) return;
     JournalScope& scope = entered->scope();
@@ -431,9 +450,13 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
     const auto tuning = of_rank.options.tuning.find("threads");
     if (tuning != of_rank.options.tuning.end() && tuning->second == "auto")
         tuning->second = std::to_string(threads);
+    Capabilities capabilities;
     if (const auto entered = bench.enter(of_rank, {}); !entered) {
         return;
-    } else if (!capabilities_of(entered->capabilities()).has_borders) {
+    } else {
+        capabilities = capabilities_of(entered->capabilities());
+    }
+    if (!capabilities.has_borders) {
         bench.skip(of_rank, "it cannot step a part of a body: it gives no borders");
         return;
     }
@@ -447,7 +470,8 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
             bench.skip(of_rank, "as " + std::to_string(ranks) + " ranks: " + reason);
             continue;
         }
-        for (const std::string& way : ways_of(ranks, bench.options().mpi)) contender.measure(ranks, way);
+        for (const std::string& way : ways_of(ranks, bench.options().mpi, capabilities))
+            contender.measure(ranks, way);
     }
 }
 
