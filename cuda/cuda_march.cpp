@@ -125,16 +125,17 @@ public:
         if (!edit.empty()) resume(planned(edited, {tile_}), launch_);
     }
 
-    /// Threads sum forces by pairs of columns and of rows, which slabs cut along x or y would pair anew.
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        const Lattice& lattice = this->problem().lattice;
-        const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
-        for (const std::uint32_t i : particles) {
-            if (lattice.dims.z == 1 || plane(i) != plane(particles.front()))
-                throw Unavailable(
-                    "the march gives slabs the bits of the whole where they are cut along z alone");
-        }
+        check_border(particles);
         return AxesBackend<Real>::border(particles);
+    }
+    std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
+                                                  const std::string& way) override {
+        for (const SharedParticles& shared : borders) {
+            check_border(shared.sent);
+            check_border(shared.received);
+        }
+        return AxesBackend<Real>::device_borders(borders, way);
     }
 
     std::optional<Choice> choice() const override { return Choice{"tile=" + tile_.name, predicted_seconds_}; }
@@ -147,6 +148,16 @@ private:
     using AxesBackend<Real>::precision;
 
     bool gives_borders() const override { return true; }
+    /// Threads sum forces by pairs of columns and of rows, which slabs cut along x or y would pair anew.
+    void check_border(const std::vector<std::uint32_t>& particles) const {
+        const Lattice& lattice = this->problem().lattice;
+        const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
+        for (const std::uint32_t i : particles) {
+            if (lattice.dims.z == 1 || plane(i) != plane(particles.front()))
+                throw Unavailable(
+                    "the march gives slabs the bits of the whole where they are cut along z alone");
+        }
+    }
 
     MarchPlan planned(const Problem& problem, const std::vector<MarchTile>& tiles) const {
         return plan_march(problem, tiles, precision, this->formulation(), march_device(this->device()));

@@ -14,6 +14,7 @@
 #include "backends/physics/addressing.h"
 #include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"
+#include "cuda/common/device_borders.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/measure.h"
 
@@ -81,6 +82,13 @@ public:
 
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
         return gives_borders() ? make_border(elements_of(particles), border_state()) : nullptr;
+    }
+    std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
+                                                  const std::string& way) override {
+        std::vector<SharedElements> elements;
+        for (const SharedParticles& shared : borders)
+            elements.push_back({elements_of(shared.sent), elements_of(shared.received)});
+        return make_device_borders(elements, way, device(), border_state());
     }
 
 protected:

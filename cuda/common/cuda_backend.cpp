@@ -6,6 +6,8 @@
 #include <limits>
 #include <span>
 
+#include "cuda/common/device_borders.h"
+
 namespace voxspring::cuda {
 namespace {
 
@@ -29,7 +31,8 @@ Capabilities CudaBackend::capabilities() const {
             .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}},
             .family = ApiFamily::cuda,
             .limits_of = "CUDA",
-            .has_borders = gives_borders()};
+            .has_borders = gives_borders(),
+            .border_ways = gives_borders() ? border_ways() : std::vector<std::string>()};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

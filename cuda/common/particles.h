@@ -17,6 +17,7 @@
 #include "backends/layout/vectors.h"
 #include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"
+#include "cuda/common/device_borders.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
 #include "cuda/common/feed.h"
@@ -110,6 +111,13 @@ public:
 
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
         return this->gives_borders() ? make_border(elements_of(particles), border_state()) : nullptr;
+    }
+    std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
+                                                  const std::string& way) override {
+        std::vector<SharedElements> elements;
+        for (const SharedParticles& shared : borders)
+            elements.push_back({elements_of(shared.sent), elements_of(shared.received)});
+        return make_device_borders(elements, way, this->device(), border_state());
     }
 
     bool has_tool() const override { return true; }

@@ -1,0 +1,256 @@
+#include "cuda/common/device_borders.h"
+
+#include <algorithm>
+#include <array>
+#include <future>
+#include <optional>
+#include <set>
+#include <stdexcept>
+#include <utility>
+
+#include "cuda/device/buffer.h"
+#include "cuda/device/check.h"
+#include "cuda/device/event.h"
+#include "cuda/device/nccl.h"
+
+namespace voxspring::cuda {
+namespace {
+
+/// One side of a border: its messages out of a state and into it.
+template <class Real>
+class Side {
+public:
+    Side(const SharedElements& elements, const BorderState<Real>& state) : state_(state) {
+        sent_.upload(elements.sent, state.stream);
+        received_.upload(elements.received, state.stream);
+    }
+    /// Numbers in the messages.
+    std::size_t to_send() const { return places(sent_).numbers(); }
+    std::size_t to_receive() const { return places(received_).numbers(); }
+
+    void gather(Real* message) const { gather_places(places(sent_), message, state_.stream); }
+    void scatter(const Real* message) const {
+        scatter_places(places(received_), message, state_.stream);
+        if (received_.size() > 0) state_.written();
+    }
+
+private:
+    BorderPlaces<Real> places(const Buffer<std::uint32_t>& elements) const {
+        BorderPlaces<Real> places = state_.now();
+        places.element = elements.data();
+        places.count = elements.size();
+        return places;
+    }
+
+    const BorderState<Real> state_;
+    Buffer<std::uint32_t> sent_, received_;
+};
+
+/// The borders of this backend's that another part has.
+template <class Borders>
+Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
+    auto* const borders = dynamic_cast<Borders*>(other.get());
+    if (borders == nullptr) throw std::logic_error("parts of a body whose borders go by different ways");
+    return *borders;
+}
+
+/// Lets the current device, `own`, read and write what `other` has.
+void reach(int own, int other) {
+    if (own == other) return;
+    int possible = 0;
+    check(cudaDeviceCanAccessPeer(&possible, own, other));
+    if (possible == 0)
+        throw Unavailable("device " + std::to_string(own) + " has no peer access to device " +
+                          std::to_string(other));
+    const cudaError_t status = cudaDeviceEnablePeerAccess(other, 0);
+    if (status == cudaErrorPeerAccessAlreadyEnabled) {
+        cudaGetLastError();  // as it should be
+        return;
+    }
+    check(status);
+}
+
+void copy_message(void* to, int to_device, const void* from, int from_device, std::size_t bytes,
+                  const Stream& stream) {
+    if (bytes == 0) return;
+    if (to_device == from_device) {
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream.get()));
+    } else {
+        check(cudaMemcpyPeerAsync(to, to_device, from, from_device, bytes, stream.get()));
+    }
+}
+
+/// Messages that a device writes into the memory of the next one: by copies, or by the kernel that gathers
+/// them.
+///
+/// Every part sends over every border in every turn. When it sends message n + 2 its stream has waited for
+/// the other side's message n + 1, which that side sent after it had taken message n. So two places for
+/// messages are enough, and no event goes back.
+template <class Real>
+class PeerBorders final : public DeviceBorders {
+public:
+    /// `stores`: by the kernel that gathers.
+    PeerBorders(const std::vector<SharedElements>& borders, bool stores, const Device& device,
+                const BorderState<Real>& state)
+        : stores_(stores), device_(device.number()), stream_(state.stream) {
+        for (const SharedElements& elements : borders) {
+            Link& link = links_.emplace_back(elements, state);
+            link.own = std::make_shared<Shore>();
+            for (Buffer<Real>& message : link.own->arrived) message.resize(link.side.to_receive());
+            if (!stores) link.leaving.resize(link.side.to_send());
+        }
+    }
+
+    std::size_t bytes() const override {
+        std::size_t largest = 0;
+        for (const Link& link : links_) largest = std::max(largest, link.side.to_send() * sizeof(Real));
+        return largest;
+    }
+
+    void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
+        const auto meet = [&](Link& link, std::size_t other) {
+            auto& borders = same_kind<PeerBorders>(parts.at(other));
+            reach(device_, borders.device_);
+            link.their_device = borders.device_;
+            link.theirs = (other < part ? borders.links_.back() : borders.links_.front()).own;
+        };
+        if (part > 0) meet(links_.front(), part - 1);
+        if (part + 1 < parts.size()) meet(links_.back(), part + 1);
+    }
+
+    void send() override {
+        const std::size_t turn = sent_++ % 2;
+        for (Link& link : links_) {
+            Real* const message = link.theirs->arrived[turn].data();
+            link.side.gather(stores_ ? message : link.leaving.data());
+            if (!stores_)
+                copy_message(message, link.their_device, link.leaving.data(), device_, link.leaving.bytes(),
+                             stream_);
+            link.own->sent[turn].record(stream_);
+        }
+    }
+
+    void receive() override {
+        const std::size_t turn = received_++ % 2;
+        for (const Link& link : links_) {
+            link.theirs->sent[turn].hold(stream_);
+            link.side.scatter(link.own->arrived[turn].data());
+        }
+    }
+
+private:
+    /// What both sides of a border use, which the last of them gives back.
+    struct Shore {
+        std::array<Buffer<Real>, 2> arrived;
+        std::array<Event, 2> sent{Event::without_time(), Event::without_time()};  ///< what goes from here
+    };
+    struct Link {
+        Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
+        Side<Real> side;
+        Buffer<Real> leaving;  ///< of copies
+        std::shared_ptr<Shore> own, theirs = nullptr;
+        int their_device = 0;
+    };
+
+    const bool stores_;
+    const int device_;
+    const Stream& stream_;
+    std::vector<Link> links_;
+    std::size_t sent_ = 0, received_ = 0;  ///< turns
+};
+
+/// Messages that NCCL carries.
+template <class Real>
+class NcclBorders final : public DeviceBorders {
+public:
+    NcclBorders(const std::vector<SharedElements>& borders, const Device& device,
+                const BorderState<Real>& state)
+        : device_(device.number()), stream_(state.stream) {
+        Nccl::load();
+        for (const SharedElements& elements : borders) {
+            Link& link = links_.emplace_back(elements, state);
+            link.leaving.resize(link.side.to_send());
+            link.arrived.resize(link.side.to_receive());
+        }
+    }
+
+    std::size_t bytes() const override {
+        std::size_t largest = 0;
+        for (const Link& link : links_) largest = std::max(largest, link.leaving.bytes());
+        return largest;
+    }
+
+    void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
+        std::set<int> devices;
+        for (const auto& other : parts) devices.insert(same_kind<NcclBorders>(other).device_);
+        if (devices.size() < parts.size())
+            throw Unavailable("NCCL takes a device for each rank, and " + std::to_string(parts.size()) +
+                              " ranks are on " + std::to_string(devices.size()));
+        auto& first = same_kind<NcclBorders>(parts.front());
+        if (part == 0) {
+            try {
+                id_.set_value(Nccl::load().new_id());
+            } catch (...) {
+                id_.set_exception(std::current_exception());
+            }
+        }
+        const std::shared_future<NcclId> id = first.known_id_;
+        ranks_.emplace(Nccl::load(), int(parts.size()), id.get(), int(part));
+        if (part > 0) links_.front().rank = int(part) - 1;
+        if (part + 1 < parts.size()) links_.back().rank = int(part) + 1;
+    }
+
+    void send() override {
+        for (Link& link : links_) link.side.gather(link.leaving.data());
+    }
+
+    /// All at once: of two ranks each may wait for the other.
+    void receive() override {
+        ranks_->together([&] {
+            for (const Link& link : links_) {
+                ranks_->send(link.leaving.data(), link.leaving.bytes(), link.rank, stream_);
+                ranks_->receive(link.arrived.data(), link.arrived.bytes(), link.rank, stream_);
+            }
+        });
+        for (const Link& link : links_) link.side.scatter(link.arrived.data());
+    }
+
+private:
+    struct Link {
+        Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
+        Side<Real> side;
+        Buffer<Real> leaving, arrived;
+        int rank = 0;
+    };
+
+    const int device_;
+    const Stream& stream_;
+    std::vector<Link> links_;
+    std::promise<NcclId> id_;  ///< of the first part, which the others take
+    std::shared_future<NcclId> known_id_ = id_.get_future().share();
+    std::optional<NcclRanks> ranks_;
+};
+
+}  // namespace
+
+const std::vector<std::string>& border_ways() {
+    static const std::vector<std::string> ways = {"peer", "stores", "nccl"};
+    return ways;
+}
+
+template <class Real>
+std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
+                                                   const std::string& way, const Device& device,
+                                                   const BorderState<Real>& state) {
+    if (way == "nccl") return std::make_shared<NcclBorders<Real>>(borders, device, state);
+    return std::make_shared<PeerBorders<Real>>(borders, way == "stores", device, state);
+}
+
+template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>&,
+                                                            const std::string&, const Device&,
+                                                            const BorderState<float>&);
+template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>&,
+                                                            const std::string&, const Device&,
+                                                            const BorderState<double>&);
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,29 @@
+// Borders between backends whose devices are of one process, from device to device.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backends/backend.h"
+#include "cuda/common/border.h"
+#include "cuda/device/device.h"
+
+namespace voxspring::cuda {
+
+/// "peer", "stores" and "nccl": Capabilities::border_ways.
+const std::vector<std::string>& border_ways();
+
+/// The elements that particles of a border are.
+struct SharedElements {
+    std::vector<std::uint32_t> sent, received;
+};
+
+/// Backend::device_borders() of a state that is stepped on `device`.
+template <class Real>
+std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
+                                                   const std::string& way, const Device& device,
+                                                   const BorderState<Real>& state);
+
+}  // namespace voxspring::cuda
