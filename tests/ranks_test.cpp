@@ -105,10 +105,10 @@ Scene scene() {
     return scene;
 }
 
-constexpr RankPlan plan{.steps = 20,
-                        .repetitions = 2,
-                        .start_patience = std::chrono::seconds(10),
-                        .patience = std::chrono::seconds(1)};
+const RankPlan plan{.steps = 20,
+                    .repetitions = 2,
+                    .start_patience = std::chrono::seconds(10),
+                    .patience = std::chrono::seconds(1)};
 
 TEST(RankRuns, GiveTheBitsOfOneRank) {
     const Scene whole = scene();
