@@ -230,6 +230,17 @@ TEST(Spread, IsWiderWhereRootsAreApproximate) {
     EXPECT_EQ(spread("cpu_parallel"), spread("cpu_parallel")) << "the same numbers every time";
 }
 
+// The body that a run has edited lives as long as the run: whoever looks at its state afterwards needs it.
+TEST(Spread, OfAnEditedSceneIsSmallToo) {
+    References references{no_cache()};
+    const Scene scene = load_scene("scalpel_100");  // an edit in step 5 and every ten from there on
+    const int steps = 60;
+    const RoundingModel model = rounding_model_of(BackendSpec::parse("cpu_parallel:formulation=position"));
+    const Spread spread = references.spread(scene, steps, references.after(scene, steps), model);
+    EXPECT_GT(spread.max, 0);
+    EXPECT_FALSE(is_chaotic(spread));
+}
+
 TEST(Spread, OfSeveralModelsIsThatOfEach) {
     References references{no_cache()};
     const Scene scene = load_scene("box@6");

@@ -53,7 +53,7 @@ MUTATIONS = [
     ("springs along x are missing", PROBLEM, "mask & (problem.group_bits | ACTIVE_BIT)", "mask & (problem.group_bits | ACTIVE_BIT) & ~3u"),
     ("rest lengths are 1% longer", PROBLEM, "            glm::length(glm::dvec3(direction.offset) * grid.spacing);",
      "            1.01 * glm::length(glm::dvec3(direction.offset) * grid.spacing);"),
-    ("nothing is pinned", PROBLEM, "pinned[i] != 0 ? mask | PINNED_BIT : mask & ~PINNED_BIT", "mask & ~PINNED_BIT"),
+    ("nothing is pinned", PROBLEM, "pinned[std::size_t(i)] != 0 ? mask | PINNED_BIT : mask & ~PINNED_BIT", "mask & ~PINNED_BIT"),
     ("rest offsets point away", PROBLEM, "-glm::dvec3(direction.offset) * problem.lattice.spacing",
      "glm::dvec3(direction.offset) * problem.lattice.spacing"),
     ("the last column is apart", PROBLEM, "n.x >= dims.x ||", "n.x >= dims.x - 1 ||"),

@@ -17,9 +17,9 @@ namespace {
 
 constexpr double any_number = std::numeric_limits<double>::infinity();
 
-/// Not for scenes that are edited, where one lays its tables out anew, the longer the larger the body, and the
-/// other's edits in place have not been measured; nor where a tool moves, for which one has nothing and the
-/// other takes few of its thousands of steps a launch.
+/// Not for scenes that are edited, where one lays its tables out anew, the longer the larger the body, and
+/// the other's edits in place have not been measured; nor where a tool moves, for which one has nothing and
+/// the other takes few of its thousands of steps a launch.
 const std::set<std::string> only_left_alone = {"cuda_march", "cuda_resident"};
 
 /// Why a backend is as fast as it is, as a user reads it.

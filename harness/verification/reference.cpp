@@ -231,9 +231,9 @@ std::string References::name_of_backend(const Scene& scene, int steps) {
     return is_plain(scene, steps) ? reference_backend : parallel_reference_name;
 }
 
-/// From the scene's start on.
-void References::play(const Scene& scene, int steps, Backend& backend) const {
-    SceneRunner runner(scene);
+/// From the scene's start on. The runner has the edited problem, which the backend looks at until its next
+/// upload.
+void References::play(SceneRunner& runner, int steps, Backend& backend) const {
     runner.rewind(backend);
     if (!on_progress_) {
         runner.run(backend, steps);
@@ -256,7 +256,8 @@ void References::play(const Scene& scene, int steps, Backend& backend) const {
 }
 
 State References::computed(const Scene& scene, int steps, Backend& backend) const {
-    play(scene, steps, backend);
+    SceneRunner runner(scene);
+    play(runner, steps, backend);
     return backend.download();
 }
 
@@ -342,7 +343,8 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
         runs.backend->perturb({run == 0 ? Perturbation::Kind::nearest : Perturbation::Kind::random,
                                model.formulation, model.precision, model.root_error,
                                seed + std::uint64_t(run)});
-        play(scene, steps, *runs.backend);
+        SceneRunner runner(scene);
+        play(runner, steps, *runs.backend);
         runs.backend->read(runs.state);
         return runs.state;
     };

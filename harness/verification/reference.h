@@ -100,7 +100,7 @@ public:
     static std::string name_of_backend(const Scene& scene, int steps);
 
 private:
-    void play(const Scene& scene, int steps, Backend& backend) const;
+    void play(SceneRunner& runner, int steps, Backend& backend) const;
     State computed(const Scene& scene, int steps, Backend& backend) const;
     void check_first_steps(const Scene& scene, int steps) const;
     struct PerturbedRuns;
