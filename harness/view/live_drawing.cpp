@@ -11,7 +11,6 @@
 
 #include "harness/base/statistics.h"
 #include "harness/view/body_mesh.h"
-#include "harness/view/orbit.h"
 
 namespace voxspring {
 namespace {
@@ -164,14 +163,7 @@ void LiveDrawing::draw(const std::stop_token& stop, Problem& problem) {
             if (!is_full_) edits.swap(edits_);
         }
         if (edits.empty()) {
-            const auto begin = Clock::now();
-            if (!take(painter)) continue;
-            painter.draw(orbit, size, {});
-            glFinish();
-            is_seen = true;
-            const double seconds = seconds_since(begin);
-            const std::lock_guard lock(mutex_);
-            pictures_.push_back(seconds);
+            is_seen = draw_picture(painter, orbit) || is_seen;
         } else {
             for (const SpringEdit* edit : edits) apply(problem, *edit);
             painter.set_mesh(mesh_of(problem));
@@ -191,24 +183,30 @@ void LiveDrawing::publish(const BodyMesh& mesh, bool shares) {
     changed_.notify_all();
 }
 
-bool LiveDrawing::take(BodyPainter& painter) {
+bool LiveDrawing::draw_picture(BodyPainter& painter, const Orbit& orbit) {
+    const auto begin = Clock::now();
     bool is_of_this_mesh = false;
     {
         const std::lock_guard lock(mutex_);
         is_of_this_mesh = mesh_of_full_ == mesh_;
     }
-    if (is_of_this_mesh && feed_) {
-        // Binding it lets this context see what another one has written.
-        glBindBuffer(GL_COPY_READ_BUFFER, handed_over_.get());
-        glBindBuffer(GL_COPY_WRITE_BUFFER, painter.displacements());
-        glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0,
-                            GLsizeiptr(handed_over_.bytes()));
+    if (is_of_this_mesh) {
+        if (feed_) {
+            // Binding it lets this context see what another one has written.
+            glBindBuffer(GL_COPY_READ_BUFFER, handed_over_.get());
+            glBindBuffer(GL_COPY_WRITE_BUFFER, painter.displacements());
+            glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0,
+                                GLsizeiptr(handed_over_.bytes()));
+        } else {
+            painter.put_displacements(handed_over_by_host_);
+        }
+        painter.draw(orbit, size, {});
         glFinish();
-    } else if (is_of_this_mesh) {
-        painter.put_displacements(handed_over_by_host_);
     }
+    const double seconds = seconds_since(begin);
     const std::lock_guard lock(mutex_);
     is_full_ = false;
+    if (is_of_this_mesh) pictures_.push_back(seconds);
     return is_of_this_mesh;
 }
 

@@ -19,13 +19,15 @@
 #include "backends/gl/context.h"
 #include "backends/gl/storage_buffer.h"
 #include "harness/view/body_painter.h"
+#include "harness/view/orbit.h"
 
 namespace voxspring {
 
 /// A thread with a context of its own draws and waits for the card. All functions are for the thread that
 /// steps. It hands displacements over by a buffer that is neither's: what a picture is drawn from cannot be
-/// written meanwhile, and a context is current in one thread alone. The drawing thread copies that buffer on
-/// the card and then gives it back, before it draws.
+/// written meanwhile, and a context is current in one thread alone. The drawing thread gives that buffer back
+/// when the picture is finished, and not once it has copied it: a card that has to come back to another
+/// context once more a picture steps less meanwhile.
 class LiveDrawing {
 public:
     static constexpr int pictures_a_second = 60;
@@ -66,8 +68,8 @@ private:
     void run(const std::stop_token& stop, Problem& problem);
     void draw(const std::stop_token& stop, Problem& problem);
     void publish(const BodyMesh& mesh, bool shares);
-    /// Takes what was handed over; false if that was of another mesh.
-    bool take(BodyPainter& painter);
+    /// Draws what was handed over, and gives it back; false if that was of another mesh.
+    bool draw_picture(BodyPainter& painter, const Orbit& orbit);
 
     const gl::Context& own_;
     Backend& backend_;
