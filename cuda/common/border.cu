@@ -2,7 +2,6 @@
 #include <utility>
 
 #include "cuda/common/border.h"
-#include "cuda/device/buffer.h"
 #include "cuda/device/check.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"
@@ -52,12 +51,7 @@ public:
     }
 
 private:
-    BorderPlaces<Real> places() const {
-        BorderPlaces<Real> places = state_.now();
-        places.element = elements_.data();
-        places.count = elements_.size();
-        return places;
-    }
+    BorderPlaces<Real> places() const { return state_.places(elements_); }
 
     const BorderState<Real> state_;
     Buffer<std::uint32_t> elements_;

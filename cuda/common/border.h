@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "backends/backend.h"
+#include "cuda/device/buffer.h"
 #include "cuda/device/stream.h"
 #include "cuda/kernels/border.h"
 
@@ -19,6 +20,14 @@ struct BorderState {
     const Stream& stream;                     ///< in which it is stepped
     std::function<BorderPlaces<Real>()> now;  ///< as the steps so far leave it; `element` and `count` unset
     std::function<void()> written;            ///< called once places have been written between steps
+
+    /// Where the particles of these elements are now.
+    BorderPlaces<Real> places(const Buffer<std::uint32_t>& elements) const {
+        BorderPlaces<Real> places = now();
+        places.element = elements.data();
+        places.count = elements.size();
+        return places;
+    }
 };
 
 // Each of these enqueues one kernel; none where there are no particles. A message may be in device memory,

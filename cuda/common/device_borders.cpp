@@ -25,23 +25,16 @@ public:
         received_.upload(elements.received, state.stream);
     }
     /// Numbers in the messages.
-    std::size_t to_send() const { return places(sent_).numbers(); }
-    std::size_t to_receive() const { return places(received_).numbers(); }
+    std::size_t to_send() const { return state_.places(sent_).numbers(); }
+    std::size_t to_receive() const { return state_.places(received_).numbers(); }
 
-    void gather(Real* message) const { gather_places(places(sent_), message, state_.stream); }
+    void gather(Real* message) const { gather_places(state_.places(sent_), message, state_.stream); }
     void scatter(const Real* message) const {
-        scatter_places(places(received_), message, state_.stream);
+        scatter_places(state_.places(received_), message, state_.stream);
         if (received_.size() > 0) state_.written();
     }
 
 private:
-    BorderPlaces<Real> places(const Buffer<std::uint32_t>& elements) const {
-        BorderPlaces<Real> places = state_.now();
-        places.element = elements.data();
-        places.count = elements.size();
-        return places;
-    }
-
     const BorderState<Real> state_;
     Buffer<std::uint32_t> sent_, received_;
 };
