@@ -59,8 +59,10 @@ Comparison judge(const ReferenceSolution& solution, const State& state, const Ba
     const Spread* const spread = spread_of(solution, rounding_model_of(spec));
     if (!comparison.passed() || spread == nullptr) return comparison;
     if (is_chaotic(*spread)) {
+        if (!solution.summary)
+            solution.summary = summary_of(solution.problem, solution.start, solution.same_step);
         judge_statistics(comparison, *spread,
-                         statistics(solution.problem, solution.start, state, solution.same_step));
+                         statistics(summary_of(solution.problem, solution.start, state), *solution.summary));
     } else {
         judge_displacements(comparison, *spread, admitted_error(solution.problem, spec, solution.steps));
     }

@@ -26,6 +26,8 @@ struct ReferenceSolution {
     Conserved conserved = {};  ///< of same_step
     /// Of what backends' runs round; where a model is missing they are only held to be finite.
     std::vector<std::pair<RoundingModel, Spread>> spreads = {};
+    mutable std::optional<StateSummary> summary =
+        {};  ///< of same_step; judge() makes it where it asks for it
 };
 /// Null where there is none.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
