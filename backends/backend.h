@@ -197,8 +197,9 @@ public:
     /// Keep a copy of the state on the device, for rewind(): right after upload(), until the next. False
     /// where this backend keeps none, or has no room for it.
     virtual bool keep_start() { return false; }
-    /// Stand at step 0 as upload() left it, whose state keep_start() kept; no edit may have been made since.
-    /// Every step gives the bits that it would give after another upload().
+    /// Stand at step 0 as upload() left it, whose state keep_start() kept. What edits have been made since
+    /// leave the problem as it was uploaded. Every step gives the bits that it would give after another
+    /// upload().
     virtual void rewind() {}
 
     /// Enqueue a change of springs between the steps before and the steps after; may return before it is

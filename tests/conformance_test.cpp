@@ -248,6 +248,32 @@ TEST_P(Conformance, RewindsToTheStartThatItKeptToTheBit) {
     }
 }
 
+TEST_P(Conformance, RewindsOverEditsThatCancelToTheBit) {
+    const Problem problem = lattice(random_grid({13, 12, 11}, 0.7, 9));
+    if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
+    if (!backend->capabilities().deterministic) GTEST_SKIP() << "two runs differ anyway";
+    const State start = random_state(problem, 0.05, 8);
+    backend->upload(problem, start);
+    if (!backend->keep_start()) GTEST_SKIP() << "keeps none";
+    Problem edited = problem;
+    SpringEditor editor(edited);
+    const Ball ball{{6, 5, 5}, 2.5};
+    backend->step(3);
+    backend->edit(edited, editor.cut(ball));
+    ASSERT_NE(edited.lattice.mask, problem.lattice.mask);
+    backend->step(2);
+    backend->edit(edited, editor.suture(ball, 1.5));
+    ASSERT_EQ(edited.lattice.mask, problem.lattice.mask);
+    ASSERT_TRUE(edited.springs.empty());
+    backend->step(4);
+    backend->rewind();
+    backend->step(7);
+    const State rewound = backend->download();
+    backend->upload(problem, start);
+    backend->step(7);
+    expect_same_bits(rewound, backend->download());
+}
+
 // OpenGL leaves the rounding of its root to the driver, and the paper's formula drifts.
 TEST_P(Conformance, RestStaysRestToTheBit) {
     // It rounds 2 - lambda and 1 - lambda apart: a force in proportion to the absolute position.

@@ -232,16 +232,19 @@ class Remembering final : public Backend {
 public:
     Capabilities capabilities() const override { return {}; }
     void upload(const Problem& problem, const State&) override {
+        ++uploads;
         uploaded_ = &problem;
         mask_ = problem.lattice.mask;
         springs_ = problem.springs.size();
     }
     void edit(const Problem&, const SpringEdit&) override {}
+    bool keep_start() override { return true; }
     void step(int) override {}
     void synchronize() override {}
     State download() override { return {}; }
     DeviceLimits measure_limits() override { return {}; }
     StepWork step_work(const Problem&) const override { return {}; }
+    int uploads = 0;
     bool has_what_was_uploaded() const {
         return uploaded_->lattice.mask == mask_ && uploaded_->springs.size() == springs_;
     }
@@ -271,6 +274,27 @@ TEST(Scene, EditsLeaveTheUploadedProblemAsItWas) {
     runner.start_from(4, scene.state);
     EXPECT_TRUE(keeps(runner, 6));
     EXPECT_EQ(runner.problem().springs.size(), 1u);
+}
+
+TEST(Scene, StartsAgainWithoutAnUploadWhereItsEditsHaveCancelled) {
+    const Scene scene = box_with(R"("edits": [
+        {"step": 2, "cut": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}}},
+        {"step": 7, "suture": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}, "within": 1.5}}])");
+    SceneRunner runner(scene);
+    Remembering backend;
+    runner.rewind(backend);
+    runner.keep_start(backend);
+    const auto uploads_after = [&](int steps) {
+        backend.uploads = 0;
+        runner.run(backend, steps);
+        runner.rewind(backend);
+        return backend.uploads;
+    };
+    EXPECT_EQ(uploads_after(2), 0);
+    EXPECT_EQ(uploads_after(10), 0);
+    EXPECT_EQ(uploads_after(10), 0);
+    EXPECT_EQ(uploads_after(5), 1) << "it is cut";
+    EXPECT_EQ(uploads_after(10), 1) << "an upload forgets what was kept";
 }
 
 // Backends skip what a vector that is empty stands for.

@@ -55,6 +55,8 @@ struct Spring {
     std::uint32_t second;
     double stiffness;
     double rest_length;
+
+    friend bool operator==(const Spring&, const Spring&) = default;
 };
 
 /// A tool that has taken hold of some particles, each by a spring of rest length 0 to the place to which the

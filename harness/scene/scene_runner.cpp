@@ -39,22 +39,30 @@ void SceneRunner::start_from(int step, const State& state) {
     if (edited_) uploaded_ = problem_after(scene_, step);
 }
 
+bool SceneRunner::has_the_springs_of_the_start() const {
+    if (!edited_) return true;
+    const Problem& start = start_problem();
+    return edited_->lattice.mask == start.lattice.mask && edited_->springs == start.springs;
+}
+
 void SceneRunner::rewind(Backend& backend) {
+    const bool copies = keeps_start_ == &backend && has_the_springs_of_the_start();
     restart();
     for (; next_ < scene_.edits.size() && scene_.edits[next_].step < first_; ++next_)
         apply(*edited_, scene_.edits[next_].edit);
     step_ = first_;
-    if (keeps_start_ == &backend) {
+    if (copies) {
         backend.rewind();
         return;
     }
+    if (keeps_start_ == &backend) keeps_start_ = nullptr;  // an upload forgets what was kept
     // Not edited_, which the edits to come change: backends read the problem that was uploaded until the
     // next.
-    backend.upload(uploaded_ ? *uploaded_ : scene_.problem, start_ != nullptr ? *start_ : scene_.state);
+    backend.upload(start_problem(), start_ != nullptr ? *start_ : scene_.state);
 }
 
 void SceneRunner::keep_start(Backend& backend) {
-    if (scene_.edits.empty() && backend.keep_start()) keeps_start_ = &backend;
+    if (backend.keep_start()) keeps_start_ = &backend;
 }
 
 void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {

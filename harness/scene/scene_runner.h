@@ -27,7 +27,7 @@ public:
     /// backend go back to what keep_start() kept.
     void rewind(Backend& backend);
     /// For those who rewind often, right after the first rewind(): later ones of this backend copy the state
-    /// on the device where it can and the scene has no edits.
+    /// on the device where it can, as long as edits leave the springs that there were at the start.
     void keep_start(Backend& backend);
     /// Goes on from the last rewind() by `steps` steps, the edits due before them and the moves of the tool.
     /// Asynchronous, as step() is. `edit` takes the place of Backend::edit() where somebody has to watch.
@@ -42,6 +42,8 @@ public:
 
 private:
     void restart();
+    const Problem& start_problem() const { return uploaded_ ? *uploaded_ : scene_.problem; }
+    bool has_the_springs_of_the_start() const;
     /// Steps up to step `end`; the tool moves as the scene has it.
     void step_to(Backend& backend, int end);
 
