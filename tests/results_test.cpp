@@ -157,12 +157,9 @@ TEST(Row, IsReadAsItWasWritten) {
     row.errors.emplace();
     row.errors->relative_l2 = 1e-7;
     row.errors->worst_particle = 3;
-    row.start = StartPart{.construct_seconds = 1,
-                          .compile_seconds = 2,
-                          .upload_seconds = 3,
-                          .ready_seconds = 6,
-                          .chosen = "tile=64x16",
-                          .predicted_seconds = 7e-6};
+    row.start =
+        StartPart{.construct_seconds = 1, .compile_seconds = 2, .upload_seconds = 3, .ready_seconds = 6};
+    row.choice = ChoicePart{.chosen = "tile=64x16", .predicted_seconds = 7e-6};
     row.edits =
         EditPart{.edits = 2, .median_seconds = 1e-5, .max_seconds = 2e-5, .seconds_per_step_without = 1e-6};
     row.reference = ReferencePart{.voxels = 64, .error_steps = 10, .reference = "cpu_reference"};

@@ -766,7 +766,7 @@ TEST(AStudy, GoesOnWhereALauncherIsKilled) {
     // A case that has a process already goes with its launcher; one that has none yet gets another launcher.
     EXPECT_THAT(reasons, ::testing::UnorderedElementsAre(
                              ::testing::Pair("box@5/launcher_killed", lost + "warming up"),
-                             ::testing::Pair("box@5/test_sound", lost + "counting its work"),
+                             ::testing::Pair("box@5/test_sound", lost + "warming up"),
                              ::testing::Pair("box@4/launcher_killed_early",
                                              lost + "constructing launcher_killed_early")));
     ASSERT_EQ(result.at("verification").size(), 1u);

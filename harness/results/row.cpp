@@ -78,8 +78,12 @@ void start_fields(Self& part, Fields& fields) {
     fields.required("construct_seconds", part.construct_seconds);
     fields.required("compile_seconds", part.compile_seconds);
     fields.required("upload_seconds", part.upload_seconds);
-    fields.optional("chosen", part.chosen);
-    fields.optional("predicted_seconds", part.predicted_seconds);
+}
+
+template <class Self, class Fields>
+void choice_fields(Self& part, Fields& fields) {
+    fields.required("chosen", part.chosen);
+    fields.required("predicted_seconds", part.predicted_seconds);
 }
 
 template <class Self, class Fields>
@@ -132,6 +136,8 @@ void each_part(Self& row, const Visit& visit) {
         row.limit, [](auto& part, auto& fields) { limit_fields_of(part, fields); }, "limit_seconds");
     visit(
         row.start, [](auto& part, auto& fields) { start_fields(part, fields); }, "ready_seconds");
+    visit(
+        row.choice, [](auto& part, auto& fields) { choice_fields(part, fields); }, "chosen");
     visit(
         row.edits, [](auto& part, auto& fields) { edit_fields(part, fields); }, "edits");
     visit(

@@ -64,8 +64,12 @@ struct StartPart {
     double construct_seconds = 0, compile_seconds = 0, upload_seconds = 0;
     double ready_seconds = 0;                       ///< all three: with no kernel on disk
     std::optional<double> warm_ready_seconds = {};  ///< with all of them there; not in older files
-    std::optional<std::string> chosen = {};         ///< Choice::tuning
-    std::optional<double> predicted_seconds = {};   ///< Choice::step_seconds
+};
+
+/// What a backend chose for the scene and the device.
+struct ChoicePart {
+    std::string chosen;            ///< Choice::tuning
+    double predicted_seconds = 0;  ///< Choice::step_seconds
 };
 
 /// What edits between steps cost.
@@ -99,6 +103,7 @@ struct Row {
     std::optional<BenchmarkPart> benchmark = {};
     std::optional<LimitPart> limit = {};
     std::optional<StartPart> start = {};
+    std::optional<ChoicePart> choice = {};
     std::optional<EditPart> edits = {};
     std::optional<ReferencePart> reference = {};
     std::optional<VerdictPart> verdict = {};

@@ -215,10 +215,11 @@ nlohmann::json block_of(const nlohmann::json& result, const Contenders& rows) {
     const nlohmann::json fields = to_json(best);
     for (const char* field :
          {"scene", "formulation", "precision", "backend", "tuning", "particles", "springs", "voxels",
-          "particle_updates_per_second", "spring_updates_per_second", "ready_seconds", "limit_seconds",
-          "limited_by", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "reference"}) {
+          "particle_updates_per_second", "spring_updates_per_second", "limit_seconds", "limited_by",
+          "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "reference"}) {
         block[field] = fields.at(field);
     }
+    if (best.start) block["ready_seconds"] = best.start->ready_seconds;
     block["device"] =
         result.at("context").at("voxspring").at("backends").at(best.identity.backend).at("device");
     if (!best.noisy.empty()) block["noisy"] = best.noisy;
@@ -283,7 +284,8 @@ void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth w
              si(block.at("spring_updates_per_second"), "/s"), error_text(block.at("error_relative_l2")),
              percent_of(block.at("fraction_of_limit")) + row.limit_mark(),
              paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
-             ratio_text(block.at("auto").at("times_fastest")), si(row.start->ready_seconds, "s")});
+             ratio_text(block.at("auto").at("times_fastest")),
+             row.start ? si(row.start->ready_seconds, "s") : "-"});
     }
     print_columns(columns, table, width, out);
     print_noise(rows, out);

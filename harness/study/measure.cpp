@@ -91,16 +91,29 @@ public:
         attempt([&] { case_.finish("compiling"); });
     }
 
-    void warm_up() {
+    /// Before its first upload: what a step is and, where it waits for launches, what one takes in this
+    /// process.
+    void find_limit() {
         if (finished()) return;
         attempt([&] {
             if (!known("step work"))
                 case_.scope().keep("step work", case_.ask({{"do", "step work"}}, "counting its work"));
-            // Before the first upload. A step that waits for launches waits for those of its own process.
             if (!known("launch") && limit().limited_by == "launch")
                 case_.scope().keep("launch", case_.ask({{"do", "launch"}}, "measuring a launch"));
-            const nlohmann::json warm = case_.ask(
-                {{"do", "warm up"}, {"batches", context_.batch.rewind ? 1 : 1 + done_}}, "warming up");
+        });
+    }
+    /// Has its process warm up; returns before it has.
+    void begin_warming_up() {
+        if (finished()) return;
+        attempt([&] {
+            case_.begin({{"do", "warm up"}, {"batches", context_.batch.rewind ? 1 : 1 + done_}});
+            warming_up_ = true;
+        });
+    }
+    void finish_warming_up() {
+        if (!std::exchange(warming_up_, false)) return;
+        attempt([&] {
+            const nlohmann::json warm = case_.finish("warming up");
             if (!known("warm")) case_.scope().keep("warm", warm);
         });
     }
@@ -188,7 +201,7 @@ private:
     const MeasurementContext& context_;
     std::string failure_;  ///< empty: none so far
     int done_ = 0;         ///< repetitions
-    bool compiling_ = false, reading_ = false, read_ = false;
+    bool compiling_ = false, warming_up_ = false, reading_ = false, read_ = false;
     std::optional<nlohmann::json> unjudged_;  ///< the last repetition
 };
 
@@ -257,10 +270,6 @@ StartPart TimedCase::start_part() const {
     const double without_compiling = start.construct_seconds + start.upload_seconds;
     start.warm_ready_seconds = without_compiling;
     start.ready_seconds = without_compiling + start.compile_seconds;
-    if (warm.contains("chosen")) {
-        start.chosen = warm.at("chosen");
-        start.predicted_seconds = warm.at("predicted_seconds");
-    }
     return start;
 }
 
@@ -345,6 +354,8 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     }
     row.limit = limit_part();
     if (context_.batch.start_times) row.start = start_part();
+    if (const nlohmann::json& warm = kept("warm"); warm.contains("chosen"))
+        row.choice = ChoicePart{warm.at("chosen"), warm.at("predicted_seconds")};
     if (context_.edits > 0) row.edits = edit_part();
     if (resumed()) row.resumed = true;
     row.noisy = noise();
@@ -365,20 +376,28 @@ void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
     }
 }
 
+/// Has every case warm up, several at once unless what that takes is to be said.
+void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_times) {
+    for (TimedCase& one : cases) {
+        if (!interrupted()) one.find_limit();
+    }
+    const std::size_t most = start_times ? 1 : bench.side_by_side();
+    for (std::size_t n = 0; n < cases.size() + most; ++n) {
+        if (n >= most) cases[n - most].finish_warming_up();
+        if (n >= cases.size() || interrupted()) continue;
+        bench.show(cases[n].label(), 0, 1);
+        cases[n].begin_warming_up();
+    }
+}
+
 /// Has every case make its repetitions, interleaved in random order, so that what changes on the machine with
 /// time changes all of them alike. How many there were.
 int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
-    int total = 0, done = 0;
-    for (TimedCase& one : cases) total += one.missing();
-    for (TimedCase& one : cases) {
-        if (interrupted()) return total;
-        if (!one.finished()) bench.show(one.label(), 0, total);
-        one.warm_up();
-    }
     std::vector<TimedCase*> order;
     for (TimedCase& one : cases) order.insert(order.end(), std::size_t(one.missing()), &one);
     std::shuffle(order.begin(), order.end(), std::mt19937(std::random_device{}()));
-    total = int(order.size());
+    const int total = int(order.size());
+    int done = 0;
     for (TimedCase* one : order) {
         if (interrupted()) return total;
         if (one->missing() > 0) {
@@ -477,7 +496,8 @@ void measure(StudyBench& bench, const Batch& batch) {
         std::vector<TimedCase> cases;
         cases.reserve(entered.size());
         for (Case& one : entered) cases.emplace_back(one, context);
-        compile_together(bench, cases);
+        if (batch.start_times) compile_together(bench, cases);
+        warm_up_all(bench, cases, batch.start_times);
         const int total = repeat_interleaved(bench, cases);
         judge_states(bench, cases, total);
         for (TimedCase& one : cases) {

@@ -199,7 +199,9 @@ def targets():
 
 
 def ready(row):
-    """Milliseconds to the first step, and in parentheses those of compiling."""
+    """Milliseconds to the first step, and in parentheses those of compiling; where a study left them out, a dash."""
+    if "ready_seconds" not in row:
+        return "-"
     compiling = row.get("compile_seconds")
     return three_digits(row["ready_seconds"] * 1e3) + (f" ({three_digits(compiling * 1e3)})" if compiling else "")
 

@@ -12,9 +12,12 @@ class FastestStudy final : public StudyKind {
 public:
     void read(JsonObject& study) override {
         if (const auto targets = study.find("targets")) targets_ = read_targets(*targets);
+        if (const auto times = study.find("start_times")) start_times_ = times->boolean();
     }
     std::string read_scene(JsonObject& item) const override {
-        if (const auto rewind = item.find("rewind")) (void)rewind->boolean();
+        for (const char* key : {"rewind", "start_times"}) {
+            if (const auto value = item.find(key)) (void)value->boolean();
+        }
         return StudyKind::read_scene(item);
     }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
@@ -30,14 +33,16 @@ public:
     }
 
 private:
-    static Batch batch_of(const Study& study, const StudyScene& item) {
+    Batch batch_of(const Study& study, const StudyScene& item) const {
         return {.steps = item.steps,
                 .repetitions = study.repetitions,
                 .total_error = false,
+                .start_times = item.settings.value("start_times", start_times_),
                 .rewind = item.settings.value("rewind", true)};
     }
 
     std::vector<Target> targets_;
+    bool start_times_ = true;
 };
 
 const RegisteredStudyKind fastest_kind("fastest", [] { return std::make_unique<FastestStudy>(); });

@@ -12,6 +12,10 @@ public:
         if (const auto total = study.find("total_error")) total_error_ = total->boolean();
         if (const auto times = study.find("start_times")) start_times_ = times->boolean();
     }
+    std::string read_scene(JsonObject& item) const override {
+        if (const auto times = item.find("start_times")) (void)times->boolean();
+        return StudyKind::read_scene(item);
+    }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
         check_batch(study, scene, batch_of(study, item));
     }
@@ -25,7 +29,7 @@ private:
         return {.steps = item.steps,
                 .repetitions = study.repetitions,
                 .total_error = total_error_,
-                .start_times = start_times_};
+                .start_times = item.settings.value("start_times", start_times_)};
     }
 
     bool total_error_ = true, start_times_ = true;
