@@ -5,8 +5,9 @@ Usage: auto_rules.py [--check]
 
 For each API, for bodies that fill less than half of their lattice and for others, and for ranges of particle counts around the
 bodies of `fastest` and `figure8`: its backends in the order of their times there, each with the tuning that was fastest. The
-first one that a device has and that takes the scene is chosen. --check writes nothing and exits with 1 if the file is not what
-the results say.
+first one that a device has and that takes the scene is chosen; of a scene that is edited the first one whose edits do not cost it
+its place: `edited` says how many steps there have to be between two of them. --check writes nothing and exits with 1 if the file is
+not what the results say.
 """
 
 import json
@@ -86,11 +87,30 @@ def rules():
     return listed
 
 
+def min_steps_between_edits():
+    """Of each CUDA backend that is behind another one when it is edited often and ahead of it when it is edited less often: from how
+    many steps between edits on it is at most 10% slower. The other one is the fastest when they are most frequent."""
+    times = {}
+    for row in rows.medians("edits"):
+        if row["backend"].startswith("cuda_"):
+            times.setdefault(row["steps"] / row["edits"], {})[row["backend"]] = row["real_time"]
+    intervals = sorted(times)
+    other = min(times[intervals[0]], key=times[intervals[0]].get)
+    bounds = {}
+    for backend in sorted(times[intervals[0]]):
+        keeps_up = [times[interval][backend] <= 1.1 * times[interval][other] for interval in intervals]
+        if not keeps_up[0] and keeps_up[-1]:
+            bounds[backend] = intervals[len(keeps_up) - keeps_up[::-1].index(False)]
+    return bounds
+
+
 def main():
     commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
-               for study, machine in (("fastest", rows.GPU), ("figure8", rows.GPU), ("fastest", rows.CPU))}
+               for study, machine in (("fastest", rows.GPU), ("figure8", rows.GPU), ("edits", rows.GPU), ("fastest", rows.CPU))}
     blocks = ",\n".join("    " + json.dumps(rule) for rule in rules())
-    text = f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "rules": [\n{blocks}\n  ]\n}}\n'
+    edited = json.dumps({"min_steps_between_edits": min_steps_between_edits()})
+    text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n'
+            f'  "rules": [\n{blocks}\n  ]\n}}\n')
     if "--check" in sys.argv[1:]:
         if not FILE.exists() or FILE.read_text() != text:
             sys.exit(f"{FILE.name} is not what the results say: run results/auto_rules.py")

@@ -237,8 +237,17 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
     EXPECT_EQ(choice_of(rows).at("name"), "a/cuda_march/position/float32");
     for (auto& row : rows) row["edits"] = 10;
     EXPECT_EQ(choice_of(rows).at("name"), "a/cpu_parallel/position/float32");
-    EXPECT_FALSE(workload_of(load_scene("box@4")).edited);
-    EXPECT_TRUE(workload_of(load_scene("scalpel_1")).edited);
+    EXPECT_EQ(workload_of(load_scene("box@4")).steps_between_edits, INFINITY);
+    EXPECT_NEAR(workload_of(load_scene("scalpel_10")).steps_between_edits, 100, 10);
+    // What pays where edits are rare does not where they are many.
+    for (const Rule& rule : rules()) {
+        if (rule.backend != "cuda_resident" || rule.min_particles > 0 || rule.min_occupancy > 0) continue;
+        const auto taken = [&](double between) { return holds(rule, {140760, 29449, between}); };
+        EXPECT_TRUE(taken(INFINITY));
+        EXPECT_TRUE(taken(rule.min_steps_between_edits));
+        EXPECT_GT(rule.min_steps_between_edits, 0);
+        EXPECT_FALSE(taken(rule.min_steps_between_edits / 2));
+    }
 }
 
 // What takes thousands of steps in a launch takes few of them where a tool moves.
@@ -247,7 +256,7 @@ TEST(Auto, AsksWhetherAToolMoves) {
     EXPECT_EQ(held.particles, plain.particles);
     EXPECT_FALSE(plain.held);
     EXPECT_TRUE(held.held);
-    for (const Rule& rule : rules()) EXPECT_EQ(holds(rule, held), holds(rule, plain) && rule.edits);
+    for (const Rule& rule : rules()) EXPECT_EQ(holds(rule, held), holds(rule, plain) && rule.tool);
 }
 
 TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
@@ -352,6 +361,7 @@ TEST(Auto, IsWithinATenthOfTheFastestInEveryCommittedResult) {
         // row.
         int others = 0;
         const nlohmann::json blocks = fastest_of(result, {});
+        for (auto& row : result["benchmarks"]) row.erase("noisy");  // or some could not be judged
         for (const auto& block : blocks) {
             int rows = 0;
             for (auto& row : result["benchmarks"]) {

@@ -17,10 +17,11 @@ namespace {
 
 constexpr double any_number = std::numeric_limits<double>::infinity();
 
-/// Not for scenes that are edited, where one lays its tables out anew, the longer the larger the body, and
-/// the other's edits in place have not been measured; nor where a tool moves, for which one has nothing and
-/// the other takes few of its thousands of steps a launch.
-const std::set<std::string> only_left_alone = {"cuda_march", "cuda_resident"};
+/// Not for scenes that are edited: it lays its tables out anew, the longer the larger the body.
+const std::set<std::string> never_edited = {"cuda_march"};
+/// Not where a tool moves, for which one has nothing and the other takes few of its thousands of steps a
+/// launch.
+const std::set<std::string> never_held = {"cuda_march", "cuda_resident"};
 
 /// Why a backend is as fast as it is, as a user reads it.
 std::string reason_for(const std::string& backend) {
@@ -75,6 +76,7 @@ const std::vector<Rule>& rules() {
         const auto bound = [](const nlohmann::json& value) {
             return value.is_null() ? any_number : value.get<double>();
         };
+        const nlohmann::json& edited = file.at("edited").at("min_steps_between_edits");
         for (const nlohmann::json& block : file.at("rules")) {
             const auto& particles = block.at("particles");
             const auto& occupancy = block.at("occupancy");
@@ -83,7 +85,9 @@ const std::vector<Rule>& rules() {
                 const std::string backend = contender.substr(0, colon);
                 all.push_back({backend, colon == std::string::npos ? "" : contender.substr(colon + 1),
                                bound(particles[0]), bound(particles[1]), bound(occupancy[0]),
-                               bound(occupancy[1]), !only_left_alone.contains(backend), reason_for(backend)});
+                               bound(occupancy[1]),
+                               never_edited.contains(backend) ? any_number : edited.value(backend, 0.0),
+                               !never_held.contains(backend), reason_for(backend)});
             }
         }
         return all;
@@ -92,7 +96,9 @@ const std::vector<Rule>& rules() {
 }
 
 Workload workload_of(const Scene& scene) {
-    return {scene.problem.lattice.voxel_count(), scene.problem.particle_count(), !scene.edits.empty(),
+    double between = any_number;
+    if (!scene.edits.empty()) between = double(scene.edits.back().step + 1) / double(scene.edits.size());
+    return {scene.problem.lattice.voxel_count(), scene.problem.particle_count(), between,
             scene.problem.has_tool()};
 }
 
@@ -102,7 +108,7 @@ bool holds(const Rule& rule, const Workload& workload) {
     const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
     return particles >= rule.min_particles && particles < rule.max_particles &&
            occupancy >= rule.min_occupancy && occupancy < rule.max_occupancy &&
-           (rule.edits || !(workload.edited || workload.held));
+           workload.steps_between_edits >= rule.min_steps_between_edits && (rule.tool || !workload.held);
 }
 
 std::string describe(const Workload& workload) {
@@ -158,8 +164,8 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
 nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>& rows) {
     const Row& first = rows.front();
     const Identity& of = first.identity;
-    const Workload workload{first.reference.value().voxels, first.workpiece.value().particles,
-                            first.edits.has_value()};
+    const double between = first.edits ? double(first.workpiece->steps) / first.edits->edits : any_number;
+    const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between};
     // A backend that has no row of this kind anywhere does not have the formulation or the precision.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {

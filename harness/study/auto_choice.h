@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -17,8 +18,9 @@ namespace voxspring {
 /// What the choice depends on beside the devices.
 struct Workload {
     std::uint64_t voxels = 0, particles = 0;
-    bool edited = false;  ///< springs are cut or joined between steps
-    bool held = false;    ///< by a tool, which moves between steps
+    /// Of a scene whose springs are cut or joined between steps; infinite where none is.
+    double steps_between_edits = std::numeric_limits<double>::infinity();
+    bool held = false;  ///< by a tool, which moves between steps
     double occupancy() const { return double(particles) / double(voxels); }
 };
 Workload workload_of(const Scene& scene);
@@ -30,8 +32,9 @@ struct Rule {
     std::string tuning;  ///< "fetch=l1": what is not at its default; empty: nothing
     double min_particles, max_particles;
     double min_occupancy, max_occupancy;
-    bool edits;          ///< also where springs are edited or a tool moves
-    std::string reason;  ///< as a user reads it
+    double min_steps_between_edits;  ///< infinite: only where there are none
+    bool tool;                       ///< also where one moves
+    std::string reason;              ///< as a user reads it
 };
 /// In the order in which they are asked: the first that holds, and whose backend is here and takes the
 /// problem, decides; a graphics API in software never does. They are auto_rules.json, which
