@@ -54,6 +54,9 @@ struct MeasurementContext {
     }
 };
 
+/// Particles from which on what a process does with a scene is shared by all cores.
+constexpr std::size_t large = std::size_t(1) << 20;
+
 std::string name_of_repetition(int number) { return "repetition " + std::to_string(number); }
 
 /// One case while it is timed. What the journal has is not asked of its process again.
@@ -77,7 +80,6 @@ public:
     /// large scene that takes less than the upload that it is part of, and other APIs than CUDA compile
     /// faster than they make a second backend.
     bool begin_compiling() {
-        constexpr std::size_t large = std::size_t(1) << 20;
         const bool compiles = capabilities_of(case_.capabilities()).family == ApiFamily::cuda;
         if (!compiles || known("warm") || context_.scene.problem.particle_count() > large) return false;
         attempt([&] {
@@ -381,7 +383,9 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
     for (TimedCase& one : cases) {
         if (!interrupted()) one.find_limit();
     }
-    const std::size_t most = start_times ? 1 : bench.side_by_side();
+    // Of a large scene enough that one computes while others compile or wait for their device.
+    const std::size_t wanted = bench.scene().problem.particle_count() > large ? 3 : bench.side_by_side();
+    const std::size_t most = start_times ? 1 : std::min(wanted, bench.side_by_side());
     for (std::size_t n = 0; n < cases.size() + most; ++n) {
         if (n >= most) cases[n - most].finish_warming_up();
         if (n >= cases.size() || interrupted()) continue;
