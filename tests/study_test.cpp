@@ -96,6 +96,14 @@ public:
         return state;
     }
 
+protected:
+    void integrate(int count) override {
+        // The third upload is the second timed repetition.
+        if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
+        sound_->step(count);
+        steps_ += count;
+    }
+
 private:
     void begin(const Problem& problem, const State& state) override {
         if (fault_ == Fault::device_error_in_upload) throw DeviceError("out of memory");
@@ -104,12 +112,6 @@ private:
         sound_->upload(problem, state);
         ++uploads_;
         steps_ = 0;
-    }
-    void integrate(int count) override {
-        // The third upload is the second timed repetition.
-        if (fault_ == Fault::device_error_in_step && uploads_ == 4) throw DeviceError("device lost");
-        sound_->step(count);
-        steps_ += count;
     }
     bool within(double) override { return fault_ != Fault::departs || steps_ < 3; }
 
@@ -127,7 +129,7 @@ struct Device {
     int calls_left = 0;
     bool lost = false;
     int downloads = 0, steps_after_one = 0;
-    int constructing = 0;
+    int constructing = 0, stepping = 0;
     void call(const std::string& name) {
         if (name == "download") ++downloads;
         if (name == "step" && downloads > 0) ++steps_after_one;
@@ -239,15 +241,25 @@ private:
     }
 };
 
-/// A device that constructs until three processes do at once.
+/// A device that constructs until three processes do at once, and takes its first step likewise.
 class Together : public Faulty {
 public:
-    Together() : Faulty(Fault::none) {
+    Together() : Faulty(Fault::none) { wait_for_others(device.constructing, "constructed"); }
+
+private:
+    void integrate(int count) override {
+        if (!std::exchange(has_stepped_, true)) wait_for_others(device.stepping, "stepped");
+        Faulty::integrate(count);
+    }
+    bool has_stepped_ = false;
+
+    static void wait_for_others(int& count, const char* doing) {
         using Clock = std::chrono::steady_clock;
         const auto patience = Clock::now() + std::chrono::seconds(60);
-        const std::atomic_ref constructing(device.constructing);
-        for (++constructing; constructing < 3;) {
-            if (Clock::now() > patience) throw DeviceError("the others are not constructed meanwhile");
+        const std::atomic_ref together(count);
+        for (++together; together < 3;) {
+            if (Clock::now() > patience)
+                throw DeviceError(std::string("the others are not ") + doing + " meanwhile");
             std::this_thread::sleep_for(std::chrono::milliseconds(1));
         }
     }
@@ -598,7 +610,7 @@ protected:
     void TearDown() override { device = {}; }
 };
 
-TEST_F(StudyFile, ConstructsSeveralAtOnceWhereItSaysNothingOfTheirStart) {
+TEST_F(StudyFile, StartsSeveralAtOnceWhereItSaysNothingOfTheirStart) {
     write(
         R"({"backends": ["together_*", "test_unavailable", "test_unsupported", "test_sound"], "start_times": false,
               "scenes": [{"scene": "box@3"}], "repetitions": 1, "steps": 2})");
