@@ -137,6 +137,20 @@ std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::ve
     return cut;
 }
 
+/// Cut where the interior begins and ends.
+std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vector<Run>& runs) {
+    std::vector<Run> cut;
+    for (const Run& run : runs) {
+        const int begin = std::clamp(interior.begin, run.begin, run.end);
+        const int end = std::clamp(interior.end, begin, run.end);
+        for (const Run& part : {Run{run.column, run.begin, begin}, Run{run.column, begin, end},
+                                Run{run.column, end, run.end}}) {
+            if (part.length() > 0) cut.push_back(part);
+        }
+    }
+    return cut;
+}
+
 /// How many items there are of each length, which is the index.
 using LengthCounts = std::vector<int>;
 
@@ -193,14 +207,14 @@ int best_length(const std::vector<Run>& runs, int slots) {
 class Candidate {
 public:
     Candidate(const MarchCells& cells, const MarchTile& tile, Precision precision, Formulation formulation,
-              const MarchDevice& device)
+              const MarchDevice& device, const MarchInterior& interior)
         : tile_(tile),
           columns_(cells, tile.shape),
           cost_(tile, precision, formulation, device),
           lattice_(&cells.lattice()),
           increments_(by_increments(formulation)),
           real_(precision == Precision::float32 ? sizeof(float) : sizeof(double)) {
-        cut();
+        cut(interior);
         predict();
     }
 
@@ -209,12 +223,14 @@ public:
     double seconds() const { return seconds_; }
     /// In the order of blocks.
     const std::vector<Run>& items() const { return items_; }
+    std::size_t border_items() const { return border_items_; }
 
 private:
     /// Parts of the same length, of the height of neighbours' parts: those find each other's frames in the
     /// cache.
-    void cut() {
-        const std::vector<Run> runs = cut_by_full_stencils(columns_, runs_of(columns_));
+    void cut(const MarchInterior& interior) {
+        const std::vector<Run> runs =
+            cut_by_interior(interior, cut_by_full_stencils(columns_, runs_of(columns_)));
         const int length = best_length(runs, cost_.slots());
         for (const Run& run : runs)
             visit_parts(run, length, [&](const Run& part) { items_.push_back(part); });
@@ -222,6 +238,10 @@ private:
         std::stable_sort(items_.begin(), items_.end(), [](const Run& a, const Run& b) {
             return a.length() != b.length() ? a.length() > b.length() : a.begin < b.begin;
         });
+        const auto first = std::stable_partition(items_.begin(), items_.end(), [&](const Run& item) {
+            return item.begin < interior.begin || item.begin >= interior.end;
+        });
+        border_items_ = std::size_t(first - items_.begin());
     }
     void predict() {
         std::vector<MarchLoad> loads;
@@ -309,6 +329,7 @@ private:
     bool increments_;
     int real_;
     std::vector<Run> items_;
+    std::size_t border_items_ = 0;
     std::set<std::pair<int, int>> starts_;  ///< columns and first planes of items
     double seconds_ = 0;
 };
@@ -385,8 +406,20 @@ private:
 
 }  // namespace
 
+MarchInterior interior_of(const Lattice& lattice, const std::vector<std::uint32_t>& border) {
+    std::vector<std::uint8_t> touched(std::size_t(lattice.dims.z));
+    for (const std::uint32_t i : border) touched[std::size_t(lattice.coordinates(lattice.voxel[i]).z)] = 1;
+    MarchInterior longest{0, 0}, run{0, 0};
+    for (int z = 0; z < lattice.dims.z; ++z) {
+        if (touched[std::size_t(z)] != 0) run.begin = z + 1;
+        run.end = z + 1;
+        if (run.end - run.begin > longest.end - longest.begin) longest = run;
+    }
+    return longest;
+}
+
 MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
-                     Formulation formulation, const MarchDevice& device) {
+                     Formulation formulation, const MarchDevice& device, MarchInterior interior) {
     int narrowest = std::numeric_limits<int>::max();
     for (const MarchTile& tile : tiles) narrowest = std::min(narrowest, 2 * tile.shape.lanes);
     const MarchCells cells(problem, narrowest);
@@ -396,7 +429,7 @@ MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles
     double least = std::numeric_limits<double>::infinity();
     for (const MarchTile& tile : tiles) {
         if (any_fits ? !fits(tile) : !candidates.empty()) continue;
-        candidates.emplace_back(cells, tile, precision, formulation, device);
+        candidates.emplace_back(cells, tile, precision, formulation, device, interior);
         least = std::min(least, candidates.back().seconds());
     }
     const auto best = std::find_if(candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
@@ -405,6 +438,7 @@ MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles
     MarchPlan plan;
     plan.tile = best->tile();
     plan.seconds = best->seconds();
+    plan.border_items = best->border_items();
     Writer(cells, plan.tile.shape).write(best->columns(), best->items(), plan);
     return plan;
 }

@@ -1,0 +1,34 @@
+// Which blocks of a launch have particles of a slab's border, and are stepped before the others.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "backends/layout/blocks.h"
+
+namespace voxspring::cuda {
+
+/// The two parts of a step whose border is stepped first.
+enum class StepPart : std::uint8_t { border, interior };
+
+/// Blocks in two parts: first those with a particle of a border, then all others.
+template <class Block>
+struct BlockParts {
+    std::vector<Block> blocks;
+    std::size_t border = 0;  ///< how many are of the first part
+
+    std::size_t begin_of(StepPart part) const { return part == StepPart::border ? 0 : border; }
+    std::size_t count_of(StepPart part) const {
+        return part == StepPart::border ? border : blocks.size() - border;
+    }
+};
+
+/// Of list_blocks(). `border`: particles.
+BlockParts<BlockOrigin> part_blocks(const Lattice& lattice, BlockShape shape,
+                                    const std::vector<std::uint32_t>& border);
+/// Numbers of blocks of as many as `block` particles in their order, of `particles`.
+BlockParts<std::uint32_t> part_blocks(std::size_t particles, unsigned block,
+                                      const std::vector<std::uint32_t>& border);
+
+}  // namespace voxspring::cuda
