@@ -34,6 +34,18 @@ std::vector<Kind> kinds() {
         {"by_groups", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, memory},
         {"by_springs", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"SECONDARY", "1"}}, memory},
         {"delta", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, {"ThroughL1"}},
+        {"groups_of_a_part",
+         "explicit.cu",
+         {{"THREADS", "512"}, {"BLOCKS", "1"}, {"LISTED_BLOCKS", "1"}},
+         {"PastL1"}},
+        {"springs_of_a_part",
+         "explicit.cu",
+         {{"THREADS", "512"}, {"BLOCKS", "1"}, {"SECONDARY", "1"}, {"LISTED_BLOCKS", "1"}},
+         {"PastL1"}},
+        {"deltas_of_a_part",
+         "delta.cu",
+         {{"THREADS", "256"}, {"BLOCKS", "4"}, {"LISTED_BLOCKS", "1"}},
+         {"ThroughL1"}},
         {"add_forces", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"FORCES", "1"}}, {"ThroughL1"}},
         {"integrate", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, {"ThroughL1"}}};
 }

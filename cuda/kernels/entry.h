@@ -15,4 +15,13 @@ using Terms = TERMS;
 /// in flight.
 #define KERNEL extern "C" __global__ void __launch_bounds__(THREADS, BLOCKS)
 
+/// With LISTED_BLOCKS a launch is a part of the blocks: a last argument lists their numbers.
+#ifdef LISTED_BLOCKS
+#define AND_BLOCKS , const unsigned* __restrict__ blocks
+#define BLOCK_NUMBER blocks[blockIdx.x]
+#else
+#define AND_BLOCKS
+#define BLOCK_NUMBER blockIdx.x
+#endif
+
 }  // namespace voxspring::cuda

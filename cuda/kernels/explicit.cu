@@ -5,8 +5,8 @@
 namespace voxspring::cuda {
 
 KERNEL step(const __grid_constant__ ExplicitStep<Real> step, const __grid_constant__ Fetch high,
-            const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
-    const int i = int(blockIdx.x * blockDim.x + threadIdx.x);
+            const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output AND_BLOCKS) {
+    const int i = int(BLOCK_NUMBER * blockDim.x + threadIdx.x);
     const Reader<Real, Terms::split, Fetch> current{high, low};
 #ifdef SECONDARY
     step_by_springs<Terms>(step, i, current, output);
