@@ -4,12 +4,16 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <deque>
 #include <functional>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
 #include <vector>
@@ -36,19 +40,22 @@ bool peers_reach_each_other = true;
 
 std::size_t random_below(std::size_t end) { return random_numbers() % end; }
 
-/// One operation of a stream that can go on; false where none can.
-bool run_one() {
+void run_front(FakeStream& stream) {
+    const Operation next = stream.front();
+    stream.pop_front();
+    next.run();
+}
+
+/// One operation of a stream, other than those of `stopped`, that can go on; false where none can.
+bool run_one(const std::vector<FakeStream*>& stopped = {}) {
     std::vector<FakeStream*> ready;
     for (FakeStream* stream : streams) {
-        if (stream->empty()) continue;
+        if (stream->empty() || std::find(stopped.begin(), stopped.end(), stream) != stopped.end()) continue;
         const Operation& next = stream->front();
         if (next.event == nullptr || next.event->passed >= next.until) ready.push_back(stream);
     }
     if (ready.empty()) return false;
-    FakeStream& stream = *ready[random_below(ready.size())];
-    const Operation next = stream.front();
-    stream.pop_front();
-    next.run();
+    run_front(*ready[random_below(ready.size())]);
     return true;
 }
 
@@ -81,6 +88,15 @@ cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
     streams.push_back(new FakeStream);
     *stream = reinterpret_cast<cudaStream_t>(streams.back());
     return cudaSuccess;
+}
+cudaError_t cudaDeviceGetStreamPriorityRange(int* least, int* greatest) {
+    *least = 0;
+    *greatest = -5;
+    return cudaSuccess;
+}
+cudaError_t cudaStreamCreateWithPriority(cudaStream_t* stream, unsigned flags, int priority) {
+    EXPECT_EQ(priority, -5) << "the greatest is the least number";
+    return cudaStreamCreateWithFlags(stream, flags);
 }
 cudaError_t cudaStreamDestroy(cudaStream_t stream) {
     std::erase(streams, &fake(stream));
@@ -158,65 +174,138 @@ template void scatter_places(const BorderPlaces<double>&, const double*, const S
 
 namespace {
 
-/// A part of four particles, 0 and 3 of which are ghosts where there is a part before or behind. It knows
-/// where they have to be after each step, and its steps look whether they are.
+/// A part of six particles, 0 and 5 of which are ghosts where there is a part before or behind. It knows
+/// where they have to be after each step, and its steps look whether they are. A step reads one buffer and
+/// writes the other.
 class Part {
 public:
     Part(int number, int parts, int device, const std::string& way) : number_(number), parts_(parts) {
-        for (int particle = 0; particle < 4; ++particle) place(particle, 0);
+        for (auto& buffer : state_) buffer.fill(nan);
+        if (overlaps(way)) first_.emplace(stream_);
         std::vector<SharedElements> shared;
         if (has_before()) shared.push_back({{1}, {0}});
-        if (has_behind()) shared.push_back({{2}, {3}});
+        if (has_behind()) shared.push_back({{4}, {5}});
         const DeviceOfThread taken({device, false});
         borders = make_device_borders<float>(
             shared, way, Device(),
             {.stream = stream_,
-             .now = [this] { return BorderPlaces<float>{nullptr, 0, state_.data(), nullptr, 1, 4}; },
-             .written = [this] { ++written_; }});
+             .now =
+                 [this] {
+                     return BorderPlaces<float>{nullptr, 0, state_[current_].data(), nullptr, 1, particles};
+                 },
+             .written = [this] { ++written_; },
+             .first = first_ ? &*first_ : nullptr});
+        start();
     }
 
-    void step() {
-        ++steps_;
-        enqueue(stream_.get(), [this, step = steps_] {
-            for (int particle = 0; particle < 4; ++particle) {
-                for (int axis = 0; axis < 3; ++axis)
-                    EXPECT_EQ(state_[index(particle, axis)], expected(particle, axis, step - 1))
-                        << "part " << number_ << ", particle " << particle << ", step " << step;
-                // A ghost that nothing is written to is of no use to the next step.
-                if (is_ghost(particle)) {
-                    for (int axis = 0; axis < 3; ++axis)
-                        state_[index(particle, axis)] = std::numeric_limits<float>::quiet_NaN();
-                } else {
-                    place(particle, step);
-                }
-            }
-            ++done_;
+    /// From the beginning, whatever the state was.
+    void start() {
+        steps_ = 0;
+        current_ = 0;
+        if (first_) first_->stay_behind();
+        enqueue(stream_.get(), [this] {
+            for (auto& buffer : state_) buffer.fill(nan);
+            for (int particle = 0; particle < particles; ++particle) place(0, particle, 0);
         });
     }
+    void step() {
+        const int step = ++steps_;
+        const auto all = [this, step, reading = current_](std::vector<int> which) {
+            return [this, step, reading, which = std::move(which)] {
+                for (const int particle : which) step_one(reading, particle, step);
+                if (std::find(which.begin(), which.end(), 2) != which.end()) ++done_;
+            };
+        };
+        if (first_) {
+            first_->step(
+                [&](const Stream& in) {
+                    enqueue(in.get(), all({0, 1, 4, 5}));
+                },
+                [&](const Stream& in) {
+                    enqueue(in.get(), all({2, 3}));
+                });
+        } else {
+            enqueue(stream_.get(), all({0, 1, 2, 3, 4, 5}));
+        }
+        current_ = 1 - current_;
+    }
+    /// Reads the state as the latest step left it, before ghosts arrive.
+    void check() {
+        if (first_) first_->stay_behind();
+        enqueue(stream_.get(), [this, step = steps_, now = current_] {
+            for (int particle = 0; particle < particles; ++particle) {
+                if (is_ghost(particle)) {
+                    EXPECT_TRUE(std::isnan(state_[now][index(particle, 0)])) << "it arrived too early";
+                } else {
+                    expect_at(now, particle, step);
+                }
+            }
+        });
+    }
+    /// Reads the state between two steps, as a download does.
+    void look() {
+        enqueue(stream_.get(), [this, step = steps_, now = current_] {
+            for (int particle = 0; particle < particles; ++particle) expect_at(now, particle, step);
+        });
+    }
+    /// The interior's steps that were done.
     int steps_done() const { return done_; }
     int written() const { return written_; }
+    FakeStream* stream() const { return &fake(stream_.get()); }
+    /// Where borders go first.
+    FakeStream* stream_of_borders() const { return &fake(first_->stream().get()); }
+    /// Whether the ghost next to part `other` is where it was after `step`.
+    bool has_ghost_of(int other, int step) const {
+        const int particle = other < number_ ? 0 : 5;
+        return state_[current_][index(particle, 0)] == expected(particle, 0, step);
+    }
 
     std::shared_ptr<DeviceBorders> borders;
     int sent = 0, received = 0;
 
 private:
+    static constexpr int particles = 6;
+    static constexpr float nan = std::numeric_limits<float>::quiet_NaN();
+
     bool has_before() const { return number_ > 0; }
     bool has_behind() const { return number_ + 1 < parts_; }
     bool is_ghost(int particle) const {
-        return (particle == 0 && has_before()) || (particle == 3 && has_behind());
+        return (particle == 0 && has_before()) || (particle == 5 && has_behind());
     }
-    static std::size_t index(int particle, int axis) { return std::size_t(particle + 4 * axis); }
-    /// Of what the whole has there: parts have two particles each and see those beside them.
+    static std::size_t index(int particle, int axis) { return std::size_t(particle + particles * axis); }
+    /// Of what the whole has there: parts have four particles each and see those beside them.
     float expected(int particle, int axis, int step) const {
-        return float(1000 * step + 10 * (2 * number_ + particle) + axis);
+        return float(1000 * step + 10 * (4 * number_ + particle) + axis);
     }
-    void place(int particle, int step) {
-        for (int axis = 0; axis < 3; ++axis) state_[index(particle, axis)] = expected(particle, axis, step);
+    void place(std::size_t buffer, int particle, int step) {
+        for (int axis = 0; axis < 3; ++axis)
+            state_[buffer][index(particle, axis)] = expected(particle, axis, step);
+    }
+    void expect_at(std::size_t buffer, int particle, int step) const {
+        for (int axis = 0; axis < 3; ++axis)
+            EXPECT_EQ(state_[buffer][index(particle, axis)], expected(particle, axis, step))
+                << "part " << number_ << ", particle " << particle << " after step " << step;
+    }
+    /// Whoever is stepped reads those beside it, but ghosts read nobody.
+    void step_one(std::size_t reading, int particle, int step) {
+        const int reach = is_ghost(particle) ? 0 : 1;
+        for (int other = std::max(0, particle - reach); other <= std::min(particles - 1, particle + reach);
+             ++other)
+            expect_at(reading, other, step - 1);
+        // What it overwrites is of the step before the latest; a ghost that nothing is written to is of no
+        // use to the next step.
+        if (step > 1 && !is_ghost(particle)) expect_at(1 - reading, particle, step - 2);
+        place(1 - reading, particle, step);
+        if (is_ghost(particle)) {
+            for (int axis = 0; axis < 3; ++axis) state_[1 - reading][index(particle, axis)] = nan;
+        }
     }
 
     const int number_, parts_;
     const Stream stream_;
-    std::vector<float> state_ = std::vector<float>(12);
+    std::optional<BordersFirst> first_;
+    std::array<std::array<float, 3 * particles>, 2> state_{};
+    std::size_t current_ = 0;
     int steps_ = 0, done_ = 0, written_ = 0;
 };
 
@@ -242,30 +331,38 @@ bool may_go_on(const std::vector<std::unique_ptr<Part>>& parts, std::size_t n) {
     return true;
 }
 
+/// An exchange before any step and one after each of `steps`.
 void run(const std::vector<std::unique_ptr<Part>>& parts, int steps) {
+    for (const auto& part : parts) part->sent = part->received = 0;
     for (;;) {
         std::vector<Part*> ready;
         for (std::size_t n = 0; n < parts.size(); ++n) {
-            const bool is_done = parts[n]->received == steps;
+            const bool is_done = parts[n]->received == steps + 1;
             if (!is_done && may_go_on(parts, n)) ready.push_back(parts[n].get());
         }
         if (ready.empty()) break;
         Part& part = *ready[random_below(ready.size())];
         if (part.sent == part.received) {
-            part.step();
+            if (part.sent > 0) part.step();
+            if (part.sent % 7 == 5) part.check();
             part.borders->send();
             ++part.sent;
         } else {
             part.borders->receive();
             ++part.received;
+            if (part.received % 3 == 0) part.look();
         }
         for (std::size_t n = random_below(6); n > 0 && run_one(); --n) continue;
     }
+}
+void run_to_the_end(const std::vector<std::unique_ptr<Part>>& parts, int steps) {
+    run(parts, steps);
     while (run_one()) continue;
 }
 
 class DeviceBorderWays : public ::testing::TestWithParam<std::string> {};
-INSTANTIATE_TEST_SUITE_P(, DeviceBorderWays, ::testing::Values("peer", "stores"));
+INSTANTIATE_TEST_SUITE_P(, DeviceBorderWays,
+                         ::testing::Values("peer", "peer_overlap", "stores", "stores_overlap"));
 
 TEST_P(DeviceBorderWays, BringEveryStepItsGhosts) {
     constexpr int steps = 30;
@@ -275,14 +372,72 @@ TEST_P(DeviceBorderWays, BringEveryStepItsGhosts) {
             const auto parts = parts_on(devices, GetParam());
             for (std::size_t n = 0; n < parts.size(); ++n)
                 EXPECT_EQ(parts[n]->borders->bytes(), 3 * sizeof(float));
-            run(parts, steps);
+            run_to_the_end(parts, steps);
             for (std::size_t n = 0; n < parts.size(); ++n) {
                 EXPECT_EQ(parts[n]->steps_done(), steps);
                 const bool is_last = n == 0 || n + 1 == parts.size();
-                EXPECT_EQ(parts[n]->written(), steps * (is_last ? 1 : 2));
+                EXPECT_EQ(parts[n]->written(), (steps + 1) * (is_last ? 1 : 2));
             }
             if (HasFailure()) FAIL() << "with seed " << seed << " on " << devices.size() << " devices";
         }
+    }
+}
+
+TEST_P(DeviceBorderWays, StartAnewAfterAStepThatSentNothing) {
+    for (unsigned seed = 0; seed < 100; ++seed) {
+        random_numbers.seed(seed);
+        const auto parts = parts_on({0, 1}, GetParam());
+        run(parts, 3);
+        for (const auto& part : parts) {
+            part->step();
+            part->start();
+        }
+        run_to_the_end(parts, 3);
+        if (HasFailure()) FAIL() << "with seed " << seed;
+    }
+}
+
+// With all that a backend's own stream has stopped.
+TEST_P(DeviceBorderWays, SendWhileTheInteriorIsSteppedWhereTheyOverlap) {
+    random_numbers.seed(1);
+    const auto parts = parts_on({0, 1}, GetParam());
+    run_to_the_end(parts, 0);
+    std::vector<FakeStream*> stopped;
+    for (const auto& part : parts) {
+        part->step();
+        part->borders->send();
+        // All before the step has been done: the event that says so.
+        if (overlaps(GetParam())) run_front(*part->stream());
+    }
+    for (const auto& part : parts) {
+        part->borders->receive();
+        stopped.push_back(part->stream());
+    }
+    while (run_one(stopped)) continue;
+    for (int n = 0; n < 2; ++n) {
+        EXPECT_EQ(parts[std::size_t(n)]->steps_done(), 0) << "an interior was stepped";
+        EXPECT_EQ(parts[std::size_t(n)]->has_ghost_of(1 - n, 1), overlaps(GetParam()));
+    }
+    while (run_one()) continue;
+    for (int n = 0; n < 2; ++n) {
+        EXPECT_EQ(parts[std::size_t(n)]->steps_done(), 1);
+        EXPECT_TRUE(parts[std::size_t(n)]->has_ghost_of(1 - n, 1));
+    }
+}
+
+TEST(BordersFirst, LetTheInteriorBeSteppedWhileABorderWaits) {
+    for (const char* way : {"peer_overlap", "stores_overlap"}) {
+        random_numbers.seed(1);
+        const auto parts = parts_on({0, 1}, way);
+        run_to_the_end(parts, 0);
+        std::vector<FakeStream*> stopped;
+        for (const auto& part : parts) {
+            part->step();
+            stopped.push_back(part->stream_of_borders());
+        }
+        while (run_one(stopped)) continue;
+        for (const auto& part : parts) EXPECT_EQ(part->steps_done(), 1);
+        while (run_one()) continue;
     }
 }
 
@@ -302,7 +457,7 @@ TEST_P(DeviceBorderWays, SayWhichDevicesDoNotReachEachOther) {
 TEST_P(DeviceBorderWays, MayEndInAnyOrder) {
     for (const bool first : {true, false}) {
         auto parts = parts_on({0, 1}, GetParam());
-        run(parts, 3);
+        run_to_the_end(parts, 3);
         (first ? parts.front() : parts.back()).reset();
         (first ? parts.back() : parts.front())->borders.reset();
     }

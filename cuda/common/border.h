@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "backends/backend.h"
+#include "cuda/common/borders_first.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/stream.h"
 #include "cuda/kernels/border.h"
@@ -20,6 +21,16 @@ struct BorderState {
     const Stream& stream;                     ///< in which it is stepped
     std::function<BorderPlaces<Real>()> now;  ///< as the steps so far leave it; `element` and `count` unset
     std::function<void()> written;            ///< called once places have been written between steps
+    BordersFirst* first = nullptr;            ///< where borders are stepped first; null: `stream` alone
+
+    /// Where they are sent and received.
+    const Stream& lane() const { return first == nullptr ? stream : first->stream(); }
+    void begin_send() const {
+        if (first != nullptr) first->begin_send();
+    }
+    void end_receive() const {
+        if (first != nullptr) first->end_receive();
+    }
 
     /// Where the particles of these elements are now.
     BorderPlaces<Real> places(const Buffer<std::uint32_t>& elements) const {

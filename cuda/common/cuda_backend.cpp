@@ -32,7 +32,7 @@ Capabilities CudaBackend::capabilities() const {
             .family = ApiFamily::cuda,
             .limits_of = "CUDA",
             .has_borders = gives_borders(),
-            .border_ways = gives_borders() ? border_ways() : std::vector<std::string>()};
+            .border_ways = gives_borders() ? border_ways(false) : std::vector<std::string>()};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

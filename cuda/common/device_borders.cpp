@@ -6,6 +6,7 @@
 #include <optional>
 #include <set>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 #include "cuda/device/buffer.h"
@@ -21,16 +22,16 @@ template <class Real>
 class Side {
 public:
     Side(const SharedElements& elements, const BorderState<Real>& state) : state_(state) {
-        sent_.upload(elements.sent, state.stream);
-        received_.upload(elements.received, state.stream);
+        sent_.upload(elements.sent, state.lane());
+        received_.upload(elements.received, state.lane());
     }
     /// Numbers in the messages.
     std::size_t to_send() const { return state_.places(sent_).numbers(); }
     std::size_t to_receive() const { return state_.places(received_).numbers(); }
 
-    void gather(Real* message) const { gather_places(state_.places(sent_), message, state_.stream); }
+    void gather(Real* message) const { gather_places(state_.places(sent_), message, state_.lane()); }
     void scatter(const Real* message) const {
-        scatter_places(state_.places(received_), message, state_.stream);
+        scatter_places(state_.places(received_), message, state_.lane());
         if (received_.size() > 0) state_.written();
     }
 
@@ -85,7 +86,7 @@ public:
     /// `stores`: by the kernel that gathers.
     PeerBorders(const std::vector<SharedElements>& borders, bool stores, const Device& device,
                 const BorderState<Real>& state)
-        : stores_(stores), device_(device.number()), stream_(state.stream) {
+        : stores_(stores), device_(device.number()), state_(state), stream_(state.lane()) {
         for (const SharedElements& elements : borders) {
             Link& link = links_.emplace_back(elements, state);
             link.own = std::make_shared<Shore>();
@@ -113,6 +114,7 @@ public:
 
     void send() override {
         const std::size_t turn = sent_++ % 2;
+        state_.begin_send();
         for (Link& link : links_) {
             Real* const message = link.theirs->arrived[turn].data();
             link.side.gather(stores_ ? message : link.leaving.data());
@@ -129,6 +131,7 @@ public:
             link.theirs->sent[turn].hold(stream_);
             link.side.scatter(link.own->arrived[turn].data());
         }
+        state_.end_receive();
     }
 
 private:
@@ -147,6 +150,7 @@ private:
 
     const bool stores_;
     const int device_;
+    const BorderState<Real> state_;
     const Stream& stream_;
     std::vector<Link> links_;
     std::size_t sent_ = 0, received_ = 0;  ///< turns
@@ -158,7 +162,7 @@ class NcclBorders final : public DeviceBorders {
 public:
     NcclBorders(const std::vector<SharedElements>& borders, const Device& device,
                 const BorderState<Real>& state)
-        : device_(device.number()), stream_(state.stream) {
+        : device_(device.number()), state_(state), stream_(state.lane()) {
         Nccl::load();
         for (const SharedElements& elements : borders) {
             Link& link = links_.emplace_back(elements, state);
@@ -194,6 +198,7 @@ public:
     }
 
     void send() override {
+        state_.begin_send();
         for (Link& link : links_) link.side.gather(link.leaving.data());
     }
 
@@ -206,6 +211,7 @@ public:
             }
         });
         for (const Link& link : links_) link.side.scatter(link.arrived.data());
+        state_.end_receive();
     }
 
 private:
@@ -217,6 +223,7 @@ private:
     };
 
     const int device_;
+    const BorderState<Real> state_;
     const Stream& stream_;
     std::vector<Link> links_;
     std::promise<NcclId> id_;  ///< of the first part, which the others take
@@ -224,19 +231,27 @@ private:
     std::optional<NcclRanks> ranks_;
 };
 
+constexpr std::string_view overlap = "_overlap";
+
 }  // namespace
 
-const std::vector<std::string>& border_ways() {
-    static const std::vector<std::string> ways = {"peer", "stores", "nccl"};
+std::vector<std::string> border_ways(bool splits_steps) {
+    std::vector<std::string> ways;
+    for (const char* const way : {"peer", "stores", "nccl"}) {
+        ways.emplace_back(way);
+        if (splits_steps) ways.push_back(way + std::string(overlap));
+    }
     return ways;
 }
+
+bool overlaps(const std::string& way) { return way.ends_with(overlap); }
 
 template <class Real>
 std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
                                                    const std::string& way, const Device& device,
                                                    const BorderState<Real>& state) {
-    if (way == "nccl") return std::make_shared<NcclBorders<Real>>(borders, device, state);
-    return std::make_shared<PeerBorders<Real>>(borders, way == "stores", device, state);
+    if (way.starts_with("nccl")) return std::make_shared<NcclBorders<Real>>(borders, device, state);
+    return std::make_shared<PeerBorders<Real>>(borders, way.starts_with("stores"), device, state);
 }
 
 template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>&,

@@ -12,15 +12,18 @@
 
 namespace voxspring::cuda {
 
-/// "peer", "stores" and "nccl": Capabilities::border_ways.
-const std::vector<std::string>& border_ways();
+/// "peer", "stores" and "nccl", and with `_overlap` behind them those in which borders are stepped and sent
+/// first: Capabilities::border_ways of backends whose steps can be split so, or not.
+std::vector<std::string> border_ways(bool splits_steps);
+/// Whether borders are stepped first.
+bool overlaps(const std::string& way);
 
 /// The elements that particles of a border are.
 struct SharedElements {
     std::vector<std::uint32_t> sent, received;
 };
 
-/// Backend::device_borders() of a state that is stepped on `device`.
+/// Backend::device_borders() of a state that is stepped on `device`; `state.first` where `way` overlaps.
 template <class Real>
 std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
                                                    const std::string& way, const Device& device,

@@ -13,6 +13,14 @@ public:
         check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
         handle_ = Handle<cudaStream_t, cudaStreamDestroy>(stream);
     }
+    /// One whose work begins before that of others wherever the device has room for either.
+    static Stream with_priority() {
+        int least = 0, greatest = 0;
+        check(cudaDeviceGetStreamPriorityRange(&least, &greatest));
+        cudaStream_t stream{};
+        check(cudaStreamCreateWithPriority(&stream, cudaStreamNonBlocking, greatest));
+        return Stream(stream);
+    }
     cudaStream_t get() const { return handle_.get(); }
     /// Wait for everything enqueued; errors of that work surface here.
     void synchronize() const { check(cudaStreamSynchronize(get())); }
@@ -25,6 +33,8 @@ public:
     }
 
 private:
+    explicit Stream(cudaStream_t stream) : handle_(stream) {}
+
     Handle<cudaStream_t, cudaStreamDestroy> handle_;
 };
 
