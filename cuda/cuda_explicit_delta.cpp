@@ -118,7 +118,8 @@ private:
         launch.step.off_lattice_neighbour = neighbour_.data();
         launch.step.off_lattice_constants = constants_.data();
         launch.step.off_lattice_rest = off_lattice_rest_.data();
-        launch.kernel = this->kernel(source(problem));
+        launch.source = source(problem);
+        launch.kernel = this->kernel(launch.source);
     }
 
     KernelSource source(const Problem& problem) const {
@@ -134,6 +135,8 @@ private:
         return ParticleBackend<Real, DeltaStep<Real>>::registers_for(registers_, problem.particle_count(),
                                                                      max_threads, {64}, choice);
     }
+
+    bool splits_steps() const override { return true; }
 
     std::string refused(const Problem& problem) const override {
         return too_many_words<Real>(place_guarded(problem).words, this->device(), this->family().fetch);

@@ -98,6 +98,7 @@ public:
     void upload(const Problem& problem, const State& state) override {
         this->begin_upload();
         this->set_problem(problem);
+        interior_ = {};
         MarchPlan plan = planned(problem, tiles_);
         tile_ = plan.tile;
         this->upload_state(problem, state);
@@ -160,7 +161,8 @@ private:
     }
 
     MarchPlan planned(const Problem& problem, const std::vector<MarchTile>& tiles) const {
-        return plan_march(problem, tiles, precision, this->formulation(), march_device(this->device()));
+        return plan_march(problem, tiles, precision, this->formulation(), march_device(this->device()),
+                          interior_);
     }
 
     std::string refused(const Problem& problem) const override {
@@ -193,6 +195,7 @@ private:
         std::shared_ptr<const Kernel> kernel;
         MarchStep<Real> step{};
         std::size_t items = 0;
+        std::size_t border_items = 0;  ///< the first of them
         std::array<TensorMap, 2> windows{}, befores{};
         bool operator==(const Launch&) const = default;
     };
@@ -206,24 +209,42 @@ private:
         launch.step.items = items_.data();
         launch.step.words = words_.data();
         launch.items = plan.items.size();
+        launch.border_items = plan.border_items;
         if (launch == launch_) return;
         launch_ = launch;
         this->forget_graphs();
     }
 
-    void enqueue_step(int reading) override {
+    void enqueue_step(int reading) override { enqueue_items(reading, 0, launch_.items, this->stream()); }
+    void enqueue_items(int reading, std::size_t begin, std::size_t end, const Stream& in) const {
+        if (begin == end) return;
         const auto from = std::size_t(reading), to = std::size_t(1 - reading);
         const MarchOutput<Real> output{this->positions(to), this->increment()};
-        launch_.kernel->launch(this->stream(), dim3(unsigned(launch_.items)),
-                               dim3(unsigned(tile_.shape.threads())),
-                               std::size_t(tile_.shape.shared_bytes(sizeof(Real))), launch_.step,
+        MarchStep<Real> step = launch_.step;
+        step.items += begin;
+        launch_.kernel->launch(in, dim3(unsigned(end - begin)), dim3(unsigned(tile_.shape.threads())),
+                               std::size_t(tile_.shape.shared_bytes(sizeof(Real))), step,
                                launch_.windows[from], launch_.befores[to], output);
+    }
+
+    bool splits_steps() const override { return true; }
+    /// Items are cut at the interior's ends.
+    bool split_steps(const std::vector<std::uint32_t>& border) override {
+        interior_ = interior_of(this->problem().lattice, border);
+        resume(planned(this->problem(), {tile_}), launch_);
+        return launch_.border_items < launch_.items;
+    }
+    void enqueue_part(int reading, StepPart part, const Stream& in) override {
+        const bool is_border = part == StepPart::border;
+        enqueue_items(reading, is_border ? 0 : launch_.border_items,
+                      is_border ? launch_.border_items : launch_.items, in);
     }
 
     const std::string tuned_;
     const std::vector<MarchTile> tiles_;  ///< to choose from
     MarchTile tile_{};
     double predicted_seconds_ = 0;
+    MarchInterior interior_{};
     Buffer<MarchItem> items_;
     Buffer<std::uint64_t> words_;
     Launch launch_;

@@ -114,8 +114,8 @@ private:
     void enqueue_step(int reading) override {
         const ScatterStep<Real>& step = this->launch().step;
         if (step.springs > 0)
-            this->launch_kernel(*add_forces_, dim3(blocks_for(step.springs, block_)), dim3(block_), 0, step,
-                                reading);
+            this->launch_kernel(this->stream(), *add_forces_, dim3(blocks_for(step.springs, block_)),
+                                dim3(block_), 0, step, reading);
         ParticleBackend<Real, ScatterStep<Real>>::enqueue_step(reading);
     }
 

@@ -183,6 +183,50 @@ State stepped_as(int slabs, const BackendSpec& spec, const Problem& whole, const
     return state;
 }
 
+/// The same, twice from the start, with borders that go by `way` from device to device. Empty, with the
+/// reason, where there is no such way.
+State stepped_by(const std::string& way, int slabs, const BackendSpec& spec, const Problem& whole,
+                 const State& start, int steps, std::string& reason) {
+    const SlabCuts cuts(whole, slabs);
+    std::vector<Part> parts;
+    parts.reserve(std::size_t(slabs));
+    std::vector<std::shared_ptr<DeviceBorders>> borders;
+    try {
+        for (int n = 0; n < slabs; ++n) {
+            Part& part = parts.emplace_back(cuts.slab(whole, n), spec, start);
+            std::vector<SharedParticles> shared;
+            for (const Slab::Border& border : part.slab.borders)
+                shared.push_back({border.sent, border.received});
+            borders.push_back(part.backend->device_borders(shared, way));
+        }
+        for (std::size_t n = 0; n < parts.size(); ++n) borders[n]->connect(borders, n);
+    } catch (const Unavailable& why) {
+        reason = why.what();
+        return {};
+    }
+    const auto exchange = [&] {
+        for (const auto& border : borders) border->send();
+        for (const auto& border : borders) border->receive();
+    };
+    for (const bool again : {false, true}) {
+        for (Part& part : parts) {
+            if (again) {
+                part.backend->rewind();
+            } else {
+                EXPECT_TRUE(part.backend->keep_start());
+            }
+        }
+        exchange();
+        for (int step = 0; step < steps; ++step) {
+            for (Part& part : parts) step_once(*part.backend, part.edited, step);
+            exchange();
+        }
+    }
+    State state = state_at_rest(whole);
+    for (const Part& part : parts) part.slab.copy_own(part.backend->download(), state);
+    return state;
+}
+
 State stepped_whole(const BackendSpec& spec, const Problem& whole, const State& start, int steps,
                     const std::vector<SpringEdit>& edits = {}) {
     const std::unique_ptr<Backend> backend = spec.make();
@@ -252,6 +296,26 @@ TEST_P(SlabBits, AreThoseOfOneDeviceWithEditsAcrossBorders) {
         const State expected = stepped_whole(spec_, whole, start, steps, edits);
         for (int slabs = 1; slabs <= most_slabs; ++slabs)
             expect_same_bits(stepped_as(slabs, spec_, whole, start, steps, edits), expected);
+    }
+}
+
+TEST_P(SlabBits, AreThoseOfOneDeviceWhateverTheWayOfTheirBorders) {
+    const std::vector<std::string> ways = any_->capabilities().border_ways;
+    if (ways.empty()) GTEST_SKIP() << "its borders go through the host's memory alone";
+    std::vector<Problem> wholes = problems();
+    // Whose slabs have blocks of particles without any of a border, in whatever way they are made.
+    wholes.push_back(with_dynamics(make_lattice_problem(solid({8, 8, 40}), FACE_BITS | EDGE_BITS)));
+    for (const std::string& way : ways) {
+        if (way.starts_with("nccl")) continue;  // takes a device for each rank
+        SCOPED_TRACE(way);
+        std::string reason;
+        for (const Problem& whole : wholes) {
+            reason.clear();
+            const State start = random_state(whole, 0.05, 5);
+            const State state = stepped_by(way, 2, spec_, whole, start, steps, reason);
+            if (reason.empty()) expect_same_bits(state, stepped_whole(spec_, whole, start, steps));
+        }
+        EXPECT_EQ(reason, "") << "of the last, which every way is for";
     }
 }
 

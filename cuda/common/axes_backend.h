@@ -88,7 +88,7 @@ public:
         std::vector<SharedElements> elements;
         for (const SharedParticles& shared : borders)
             elements.push_back({elements_of(shared.sent), elements_of(shared.received)});
-        return make_device_borders(elements, way, device(), border_state());
+        return make_device_borders(elements, way, device(), border_state(put_first(borders, way)));
     }
 
 protected:
@@ -144,7 +144,7 @@ private:
         }
         return elements;
     }
-    BorderState<Real> border_state() {
+    BorderState<Real> border_state(BordersFirst* first = nullptr) {
         return {.stream = stream(),
                 .now =
                     [this] {
@@ -155,7 +155,8 @@ private:
                                                   .element_pitch = 1,
                                                   .axis_pitch = axes_.axis};
                     },
-                .written = [] {}};
+                .written = [] {},
+                .first = first};
     }
 
     const Formulation formulation_;

@@ -32,7 +32,7 @@ Capabilities CudaBackend::capabilities() const {
             .family = ApiFamily::cuda,
             .limits_of = "CUDA",
             .has_borders = gives_borders(),
-            .border_ways = gives_borders() ? border_ways(false) : std::vector<std::string>()};
+            .border_ways = gives_borders() ? border_ways(splits_steps()) : std::vector<std::string>()};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {
@@ -71,6 +71,25 @@ void CudaBackend::begin_upload() {
     synchronize();
     start_.clear();
     compile_time_ = {};
+    is_split_ = false;
+}
+
+BordersFirst* CudaBackend::put_first(const std::vector<SharedParticles>& borders, const std::string& way) {
+    is_split_ = false;
+    if (!overlaps(way)) return nullptr;
+    std::vector<std::uint32_t> particles;
+    for (const SharedParticles& shared : borders) {
+        particles.insert(particles.end(), shared.sent.begin(), shared.sent.end());
+        particles.insert(particles.end(), shared.received.begin(), shared.received.end());
+    }
+    if (!split_steps(particles))
+        throw Unavailable(
+            "nothing is left to step while borders travel: all that is launched together has "
+            "particles of them");
+    if (!borders_first_) borders_first_.emplace(stream_);
+    borders_first_->stay_behind();
+    is_split_ = true;
+    return &*borders_first_;
 }
 
 bool CudaBackend::keep_start() {
@@ -101,6 +120,7 @@ void CudaBackend::stand_at_start() {
     current_ = 0;
     monitor_ = next_monitor_;
     steps_ = last_check_ = 0;
+    if (borders_first_) borders_first_->stay_behind();
     rest_tool();
     const FirstDivergence none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
     if (monitor_.every > 0) first_divergence_.upload(std::span(&none, 1), stream_);
@@ -118,6 +138,11 @@ void CudaBackend::step(int count) {
 }
 
 void CudaBackend::enqueue_steps(int count) {
+    if (is_split_ && splits_next_step()) {
+        enqueue_split_steps(count);
+        return;
+    }
+    if (borders_first_) borders_first_->stay_behind();
     for (int k = graph_lengths - 1; k >= 0; --k) {
         for (; count >= 1 << k; count -= 1 << k) {
             std::optional<Graph>& graph =
@@ -137,6 +162,18 @@ void CudaBackend::enqueue_steps(int count) {
     }
 }
 
+// No graph: what it holds another stream sees the end of, and a border is to be sent before that.
+void CudaBackend::enqueue_split_steps(int count) {
+    for (; count > 0; --count) {
+        enqueue_tool(current_);
+        borders_first_->step(
+            [this](const Stream& stream) { enqueue_part(current_, StepPart::border, stream); },
+            [this](const Stream& stream) { enqueue_part(current_, StepPart::interior, stream); });
+        current_ = 1 - current_;
+        stepped(1);
+    }
+}
+
 void CudaBackend::stepped(int count) {
     steps_ += count;
     if (monitor_.every > 0 && steps_ - last_check_ >= monitor_.every) check_divergence();
@@ -144,6 +181,8 @@ void CudaBackend::stepped(int count) {
 
 void CudaBackend::check_divergence() {
     let_end();
+    // It reads ghosts as well, which are not to arrive meanwhile.
+    if (borders_first_) borders_first_->stay_behind();
     enqueue_divergence_check({steps_, last_check_, monitor_.largest_increment}, first_divergence_.data());
     last_check_ = steps_;
 }

@@ -10,6 +10,8 @@
 #include <vector>
 
 #include "backends/backend.h"
+#include "backends/layout/border_blocks.h"
+#include "cuda/common/borders_first.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/device.h"
@@ -53,6 +55,14 @@ protected:
 
     /// Whether border() gives one: of strategies whose places between two steps are in memory.
     virtual bool gives_borders() const { return false; }
+    /// Whether a step can be launched in two parts: those that override the functions that do so.
+    virtual bool splits_steps() const { return false; }
+    /// To be called by device_borders(): from here on until the next upload() borders are stepped first, if
+    /// `way` asks for that, by what this points to; null if not. Throws Unavailable where all that a launch
+    /// takes together is the borders'.
+    BordersFirst* put_first(const std::vector<SharedParticles>& borders, const std::string& way);
+    /// Whether they are.
+    bool is_split() const { return is_split_; }
 
     /// Lets a kernel end that waits for further steps. Called before anything but steps and moves of the tool
     /// is enqueued.
@@ -101,6 +111,14 @@ private:
     virtual void rest_tool() {}
     /// Enqueues one step that reads buffer `reading`. Not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
+    /// Has steps be made in two parts, one of which has the particles `border`. Returns whether anything is
+    /// left to the other one.
+    virtual bool split_steps(const std::vector<std::uint32_t>& /*border*/) { return false; }
+    /// Enqueues such a part of a step that reads buffer `reading`.
+    virtual void enqueue_part(int /*reading*/, StepPart, const Stream&) {}
+    /// Whether the next step can be made so now.
+    virtual bool splits_next_step() const { return true; }
+    void enqueue_split_steps(int count);
     /// Which of two kinds of step the next one is, 0 or 1. Each kind has graphs of its own.
     virtual int kind_of_step() const { return 0; }
 
@@ -130,6 +148,8 @@ private:
     /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a
     /// batch of steps that was run once since upload() captures nothing when it is timed.
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
+    std::optional<BordersFirst> borders_first_;  ///< once it was asked for
+    bool is_split_ = false;
 };
 
 }  // namespace voxspring::cuda

@@ -112,6 +112,7 @@ private:
                                   needs_off_lattice_rest(problem) ? term_off_lattice_rests : 0);
         if (secondary) source.macros["SECONDARY"] = "1";
         launch.kernel = this->kernel(source);
+        launch.source = source;
         return {launch, std::move(lists.bits)};
     }
 
@@ -125,6 +126,8 @@ private:
         std::iota(all.begin(), all.end(), 0U);
         this->write_particle_bits(all, bits);
     }
+
+    bool splits_steps() const override { return true; }
 
     std::string refused(const Problem& problem) const override {
         if (options_.secondary == Secondary::never) {

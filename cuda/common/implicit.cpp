@@ -116,12 +116,32 @@ private:
                resting_.bytes_needed(problem, shape_);
     }
     std::uint64_t bytes_held() const override {
-        return this->particle_bytes_held() + origins_.bytes() + compliance_.bytes() + resting_.bytes_held();
+        return this->particle_bytes_held() + origins_.bytes() + part_origins_.bytes() + compliance_.bytes() +
+               resting_.bytes_held();
     }
 
     /// What rests beside a particle that has been moved is to be stepped. Which blocks are beside one is not
     /// asked: all are stepped once.
     void border_written() override { resting_.wake(this->current(), this->stream()); }
+
+    bool splits_steps() const override { return !launches_all_; }
+    bool split_steps(const std::vector<std::uint32_t>& border) override {
+        parts_ = part_blocks(this->problem().lattice, shape_, border);
+        part_origins_.upload(parts_.blocks, this->stream());
+        return parts_.count_of(StepPart::interior) > 0;
+    }
+    // The kernel of a step takes any list of blocks.
+    void compile_for_parts() override {}
+    void enqueue_part(int reading, StepPart part, const Stream& in) override {
+        const std::size_t count = parts_.count_of(part);
+        if (count == 0) return;
+        const auto& launch = this->launch();
+        ImplicitStep<Real> step = launch.step;
+        step.origins = part_origins_.data() + parts_.begin_of(part);
+        this->launch_kernel(in, *launch.kernel, dim3(unsigned(count)), launch.block, launch.shared_bytes,
+                            step, reading);
+    }
+    bool splits_next_step() const override { return !resting_.checks(); }
 
     void rewound() override { resting_.rewind(this->stream()); }
     int kind_of_step() const override { return resting_.checks() ? 1 : 0; }
@@ -133,8 +153,8 @@ private:
         const auto& launch = this->launch();
         ImplicitStep<Real> step = launch.step;
         step.active = resting_.active(reading);
-        this->launch_kernel(*resting_kernel_, resting_grid_, launch.block, launch.shared_bytes, step,
-                            reading);
+        this->launch_kernel(this->stream(), *resting_kernel_, resting_grid_, launch.block,
+                            launch.shared_bytes, step, reading);
     }
     void enqueue_steps(int count) override {
         while (count > 0) {
@@ -194,6 +214,8 @@ private:
     std::shared_ptr<const Kernel> resting_kernel_;
     dim3 resting_grid_;
     Buffer<BlockOrigin> origins_;
+    BlockParts<BlockOrigin> parts_;  ///< of a step in two parts
+    Buffer<BlockOrigin> part_origins_;
     Buffer<Real> compliance_;
 };
 

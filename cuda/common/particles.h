@@ -117,7 +117,7 @@ public:
         std::vector<SharedElements> elements;
         for (const SharedParticles& shared : borders)
             elements.push_back({elements_of(shared.sent), elements_of(shared.received)});
-        return make_device_borders(elements, way, this->device(), border_state());
+        return make_device_borders(elements, way, this->device(), border_state(put_first(borders, way)));
     }
 
     bool has_tool() const override { return true; }
@@ -136,6 +136,7 @@ protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family) {}
 
     struct Launch {
+        KernelSource source = {};  ///< of the kernel, where it can take a list of blocks (LISTED_BLOCKS)
         std::shared_ptr<const Kernel> kernel;
         dim3 grid, block;
         std::size_t shared_bytes = 0;
@@ -204,11 +205,18 @@ protected:
                              !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
                              !(launch.step == launch_.step);
         launch_ = launch;
+        if (is_split()) compile_for_parts();
         if (!changed) return;
         launch.kernel->allow_shared(launch.shared_bytes);
         this->forget_graphs();
     }
     const Launch& launch() const { return launch_; }
+    /// The kernel of parts of a step, where it is not that of whole steps.
+    virtual void compile_for_parts() {
+        KernelSource source = launch_.source;
+        source.macros["LISTED_BLOCKS"] = "1";
+        part_kernel_ = this->kernel(source);
+    }
 
     /// What the tool holds, and room for its forces on that.
     const Buffer<HeldWord<Real>>& held() const { return held_; }
@@ -240,17 +248,18 @@ protected:
     std::uint64_t particle_bytes_held() const {
         return words_[0].bytes() + words_[1].bytes() + low_[0].bytes() + low_[1].bytes() +
                increment_.bytes() + increment_low_.bytes() + load_.bytes() + inverse_masses_.bytes() +
-               edited_words_.bytes() + held_.bytes() + held_forces_.bytes() + tool_.bytes();
+               edited_words_.bytes() + blocks_.bytes() + held_.bytes() + held_forces_.bytes() + tool_.bytes();
     }
 
-    /// Enqueues a kernel with the arguments that all have.
-    void launch_kernel(const Kernel& kernel, dim3 grid, dim3 block, std::size_t shared_bytes,
-                       const Step& step, int reading) const {
+    /// Enqueues a kernel with the arguments that all have, and `more`.
+    template <class... More>
+    void launch_kernel(const Stream& in, const Kernel& kernel, dim3 grid, dim3 block,
+                       std::size_t shared_bytes, const Step& step, int reading, const More&... more) const {
         const auto from = std::size_t(reading), to = std::size_t(1 - reading);
         const Output<Real> output{words_[to].data(), low_[to].data(), increment_.data(),
                                   increment_low_.data(), increment_pitch(placement_)};
-        kernel.launch(stream(), grid, block, shared_bytes, step, source(words_[from], textures_[0][from]),
-                      source(low_[from], textures_[1][from]), output);
+        kernel.launch(in, grid, block, shared_bytes, step, source(words_[from], textures_[0][from]),
+                      source(low_[from], textures_[1][from]), output, more...);
     }
 
     /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu), whose
@@ -267,8 +276,23 @@ protected:
     }
 
     void enqueue_step(int reading) override {
-        launch_kernel(*launch_.kernel, launch_.grid, launch_.block, launch_.shared_bytes, launch_.step,
-                      reading);
+        launch_kernel(stream(), *launch_.kernel, launch_.grid, launch_.block, launch_.shared_bytes,
+                      launch_.step, reading);
+    }
+
+    /// In blocks of particles in their order, of kernels that can take a list of blocks.
+    bool split_steps(const std::vector<std::uint32_t>& border) override {
+        parts_ = part_blocks(problem().particle_count(), launch_.block.x, border);
+        blocks_.upload(parts_.blocks, stream());
+        compile_for_parts();
+        return parts_.count_of(StepPart::interior) > 0;
+    }
+    void enqueue_part(int reading, StepPart part, const Stream& in) override {
+        const std::size_t count = parts_.count_of(part);
+        if (count == 0) return;
+        const std::uint32_t* const blocks = blocks_.data() + parts_.begin_of(part);
+        launch_kernel(in, *part_kernel_, dim3(unsigned(count)), launch_.block, launch_.shared_bytes,
+                      launch_.step, reading, blocks);
     }
 
     bool gives_borders() const override { return true; }
@@ -315,7 +339,7 @@ private:
         for (const std::uint32_t i : particles) elements.push_back(std::uint32_t(placement_.at(i)));
         return elements;
     }
-    BorderState<Real> border_state() {
+    BorderState<Real> border_state(BordersFirst* first = nullptr) {
         const auto reals = [](const Buffer<ParticleRecord<Real>>& words) {
             return words.size() == 0 ? nullptr : &words.data()->position.x;
         };
@@ -331,7 +355,8 @@ private:
                             .element_pitch = sizeof(ParticleRecord<Real>) / sizeof(Real),
                             .axis_pitch = 1};
                     },
-                .written = [this] { border_written(); }};
+                .written = [this] { border_written(); },
+                .first = first};
     }
 
     std::vector<StateArray> state_arrays() const final {
@@ -369,6 +394,10 @@ private:
     Buffer<HeldForce<Real>> held_forces_;
     Staging<ToolState<Real>> tool_;  // one, which stays where it is: graphs hold its address
     Launch launch_{};
+    // Of steps in two parts.
+    std::shared_ptr<const Kernel> part_kernel_;
+    BlockParts<std::uint32_t> parts_;
+    Buffer<std::uint32_t> blocks_;
 };
 
 }  // namespace voxspring::cuda
