@@ -71,6 +71,27 @@ TYPED_TEST(Borders, ComeFromStructureOfArrays) {
     }
 }
 
+// --- Blocks that go first ---------------------------------------------------------------------------------
+
+TEST(BorderBlocks, AreThoseWithAParticleOfABorder) {
+    using Numbers = std::vector<std::uint32_t>;
+    const auto parted = cuda::part_blocks(10, 4, {9, 0});
+    EXPECT_EQ(parted.blocks, (Numbers{0, 2, 1}));
+    EXPECT_EQ(parted.border, 2U);
+    EXPECT_EQ(parted.begin_of(cuda::StepPart::interior), 2U);
+    EXPECT_EQ(parted.count_of(cuda::StepPart::interior), 1U);
+    EXPECT_EQ(cuda::part_blocks(10, 4, {7}).blocks, (Numbers{1, 0, 2}));
+    EXPECT_EQ(cuda::part_blocks(10, 4, {}).border, 0U);
+
+    const Lattice row = make_lattice_problem(solid({6, 1, 1}), FACE_BITS).lattice;
+    const auto origins = cuda::part_blocks(row, cuda::BlockShape{2, 1, 1}, {3});
+    ASSERT_EQ(origins.blocks.size(), 3U);
+    EXPECT_EQ(origins.border, 1U);
+    EXPECT_EQ(origins.blocks[0].x, 2);
+    EXPECT_EQ(origins.blocks[1].x, 0);
+    EXPECT_EQ(origins.blocks[2].x, 4);
+}
+
 // --- Bits ------------------------------------------------------------------------------------------------
 
 std::vector<Problem> problems() {

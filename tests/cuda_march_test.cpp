@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <tuple>
@@ -44,9 +45,10 @@ MarchDevice device_of(int multiprocessors) {
             .cache_bytes = 6e7};
 }
 MarchPlan plan_for(const Problem& problem, const MarchShape& shape, int multiprocessors = 4,
-                   Precision precision = Precision::float32,
-                   Formulation formulation = Formulation::position) {
-    return plan_march(problem, {{"", shape, 1}}, precision, formulation, device_of(multiprocessors));
+                   Precision precision = Precision::float32, Formulation formulation = Formulation::position,
+                   MarchInterior interior = {}) {
+    return plan_march(problem, {{"", shape, 1}}, precision, formulation, device_of(multiprocessors),
+                      interior);
 }
 
 Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
@@ -197,16 +199,10 @@ public:
     }
     void step(int count) {
         for (int n = 0; n < count; ++n) {
-            switch (problem_.group_bits) {
-                case FACE_BITS:
-                    step_once<FACE_BITS>();
-                    break;
-                case EDGE_BITS:
-                    step_once<EDGE_BITS>();
-                    break;
-                default:
-                    step_once<FACE_BITS | EDGE_BITS>();
-            }
+            begin_step();
+            items_ = plan_.items;
+            launch();
+            std::swap(state_, after_);
         }
     }
     State download() const { return unpack_march<Real>(problem_, state_, V::formulation); }
@@ -214,6 +210,24 @@ public:
     /// As the backend has them.
     BorderPlaces<Real> places(const std::vector<std::uint32_t>& elements) {
         return {elements.data(), elements.size(), state_.current.data(), nullptr, 1, step_.axis};
+    }
+    /// As Simulation of host_kernels.h has them.
+    std::size_t split(const std::vector<std::uint32_t>& border) {
+        plan_ = plan_for(problem_, V::shape, 4, V::precision, V::formulation,
+                         interior_of(problem_.lattice, border));
+        step_.words = plan_.words.data();
+        return plan_.items.size() - plan_.border_items;
+    }
+    void step_part(StepPart part) {
+        if (part == StepPart::border) {
+            begin_step();
+            items_ = std::span(plan_.items).first(plan_.border_items);
+        } else {
+            std::swap(state_, after_);
+            items_ = std::span(plan_.items).subspan(plan_.border_items);
+        }
+        launch();
+        std::swap(state_, after_);
     }
     std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
         const SoaStrides axes = march_strides(problem_.lattice, sizeof(Real));
@@ -225,13 +239,29 @@ public:
     }
 
 private:
-    template <std::uint32_t groups>
-    void step_once() {
+    /// What the step overwrites, in a copy.
+    void begin_step() {
         constexpr bool increments = by_increments(V::formulation);
-        std::vector<Real> next = increments ? std::vector<Real>(state_.current.size()) : state_.before;
-        std::vector<Real> increment = increments ? state_.before : std::vector<Real>{};
-        const MarchOutput<Real> output{next.data(), increment.data()};
-        for (const MarchItem& item : plan_.items) {
+        after_.current = increments ? std::vector<Real>(state_.current.size()) : state_.before;
+        after_.before = increments ? state_.before : state_.current;
+    }
+    void launch() {
+        switch (problem_.group_bits) {
+            case FACE_BITS:
+                launch<FACE_BITS>();
+                break;
+            case EDGE_BITS:
+                launch<EDGE_BITS>();
+                break;
+            default:
+                launch<FACE_BITS | EDGE_BITS>();
+        }
+    }
+    template <std::uint32_t groups>
+    void launch() {
+        const MarchOutput<Real> output{after_.current.data(),
+                                       by_increments(V::formulation) ? after_.before.data() : nullptr};
+        for (const MarchItem& item : items_) {
             HostPlanes<V> planes(step_, item, state_.current, state_.before);
             for (int thread = 0; thread < V::shape.threads(); ++thread) {
                 planes.start(thread);
@@ -244,12 +274,6 @@ private:
                 ASSERT_TRUE(planes.complete());
             }
         }
-        if (increments) {
-            state_.before = increment;
-        } else {
-            state_.before = state_.current;
-        }
-        state_.current = next;
     }
     template <std::uint32_t groups, bool equal>
     void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
@@ -273,8 +297,9 @@ private:
     }
 
     const Problem& problem_;
-    MarchState<Real> state_;
+    MarchState<Real> state_, after_;  ///< before the step at hand, and as far as it goes
     MarchPlan plan_;
+    std::span<const MarchItem> items_;  ///< that it takes
     MarchStep<Real> step_;
 };
 
@@ -465,6 +490,46 @@ TEST(MarchPlan, TakesTheTileThatIsPredictedToBeTheFastestOfThoseThatFit) {
             }
         }
     }
+}
+
+// Whatever the interior of a slab is.
+TEST(MarchPlan, HoldsEveryParticleOnceAndBordersFirst) {
+    constexpr MarchShape shape{2, 8, 1, 2, 3, 2};
+    for (const auto& [name, problem] : lattices()) {
+        SCOPED_TRACE(name);
+        const int planes = problem.lattice.dims.z;
+        for (const MarchInterior interior :
+             {MarchInterior{2, planes - 2}, {0, planes - 1}, {3, planes}, {planes / 2, planes / 2}}) {
+            std::map<std::tuple<int, int, int>, int> items;
+            const MarchPlan plan =
+                plan_for(problem, shape, 4, Precision::float32, Formulation::position, interior);
+            for (std::size_t n = 0; n < plan.items.size(); ++n) {
+                const MarchItem& item = plan.items[n];
+                for (int z = item.begin; z < item.end; ++z) {
+                    ++items[{item.x, item.y, z}];
+                    EXPECT_EQ(z < interior.begin || z >= interior.end, n < plan.border_items);
+                }
+            }
+            for (const auto& [place, count] : items) EXPECT_EQ(count, 1);
+            std::set<std::tuple<int, int, int>> needed;
+            for (const std::uint32_t voxel : problem.lattice.voxel) {
+                const glm::ivec3 c = problem.lattice.coordinates(voxel);
+                needed.emplace(c.x / shape.width() * shape.width(), c.y / shape.height() * shape.height(),
+                               c.z);
+            }
+            EXPECT_EQ(items.size(), needed.size());
+        }
+    }
+}
+
+TEST(MarchPlan, HasTheLongestRunOfPlanesBetweenBordersAsItsInterior) {
+    const Lattice box = lattice(solid({1, 1, 9})).lattice;  // whose particles are its planes
+    EXPECT_EQ(interior_of(box, {}), (MarchInterior{0, 9}));
+    EXPECT_EQ(interior_of(box, {0, 1}), (MarchInterior{2, 9}));
+    EXPECT_EQ(interior_of(box, {7, 8}), (MarchInterior{0, 7}));
+    EXPECT_EQ(interior_of(box, {0, 1, 7, 8}), (MarchInterior{2, 7}));
+    const MarchInterior none = interior_of(box, {0, 1, 2, 3, 4, 5, 6, 7, 8});
+    EXPECT_EQ(none.begin, none.end);
 }
 
 TEST(MarchPlan, HoldsEveryParticleOnce) {

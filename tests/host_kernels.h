@@ -7,12 +7,14 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <utility>
 #include <vector>
 
 #include "backends/layout/blocks.h"
+#include "backends/layout/border_blocks.h"
 #include "backends/layout/delta_lists.h"
 #include "backends/layout/neighbour_lists.h"
 #include "backends/layout/particles.h"
@@ -110,13 +112,24 @@ public:
     void step(int count) {
         for (int n = 0; n < count; ++n) {
             use_tool();
-            const HostFetch<Real> high{&packed_.current, lists()}, low{&packed_.current_low, lists()};
-            step_once(Current{high, low},
-                      {packed_.previous.data(), next_low_.data(), packed_.increment.data(),
-                       packed_.increment_low.data(), increment_pitch(placement_)});
-            std::swap(packed_.current, packed_.previous);
-            std::swap(packed_.current_low, next_low_);
+            launch();
+            turn();
         }
+    }
+    /// Has steps be made in two parts, one of which has the particles `border`. Returns how many blocks are
+    /// left to the other one.
+    virtual std::size_t split(const std::vector<std::uint32_t>& /*border*/) { return 0; }
+    /// Such a part of a step, the border's first. Between them places() are those after the step.
+    void step_part(StepPart part) {
+        part_ = part;
+        if (part == StepPart::border) {
+            use_tool();
+        } else {
+            turn();
+        }
+        launch();
+        turn();
+        part_.reset();
     }
     void move_tool(const glm::dvec3& displacement) { tool_.moved = vector_of<Real>(displacement); }
     glm::dvec3 tool_force() const { return force_on_tool(held_forces_); }
@@ -156,10 +169,27 @@ protected:
         motion.inverse_masses = inverse_masses_.empty() ? nullptr : inverse_masses_.data();
     }
     const Problem& problem() const { return *problem_; }
+    /// Calls visit(block) for those that the step at hand takes: `all`, or a part of `parts`.
+    template <class Block, class Visit>
+    void for_each_block(const std::vector<Block>& all, const BlockParts<Block>& parts, Visit visit) const {
+        const auto begin =
+            part_ ? parts.blocks.begin() + std::ptrdiff_t(parts.begin_of(*part_)) : all.begin();
+        const auto end = part_ ? begin + std::ptrdiff_t(parts.count_of(*part_)) : all.end();
+        std::for_each(begin, end, visit);
+    }
     virtual const NeighbourLists<Real>* lists() const { return nullptr; }
     virtual void step_once(const Current& current, const Output<Real>& output) = 0;
 
 private:
+    void launch() {
+        const HostFetch<Real> high{&packed_.current, lists()}, low{&packed_.current_low, lists()};
+        step_once(Current{high, low}, {packed_.previous.data(), next_low_.data(), packed_.increment.data(),
+                                       packed_.increment_low.data(), increment_pitch(placement_)});
+    }
+    void turn() {
+        std::swap(packed_.current, packed_.previous);
+        std::swap(packed_.current_low, next_low_);
+    }
     void use_tool() {
         tool_.stiffness = Real(problem_->tool.stiffness);
         const Holding<Real> holding{held_.data(),
@@ -181,6 +211,31 @@ private:
     std::vector<HeldForce<Real>> held_forces_;
     ToolState<Real> tool_{};
     std::vector<Real> inverse_masses_;
+    std::optional<StepPart> part_;  ///< that is being stepped; none: the whole
+};
+
+/// What blocks of particles in their order take: the last one has threads without a particle.
+class HostBlocks {
+public:
+    explicit HostBlocks(std::size_t particles) : particles_(particles) {
+        all_ = part_blocks(particles, width, {}).blocks;
+    }
+    std::size_t split(const std::vector<std::uint32_t>& border) {
+        parts_ = part_blocks(particles_, width, border);
+        return parts_.count_of(StepPart::interior);
+    }
+    const std::vector<std::uint32_t>& all() const { return all_; }
+    const BlockParts<std::uint32_t>& parts() const { return parts_; }
+    template <class Visit>
+    static void for_each_thread(std::uint32_t block, Visit visit) {
+        for (unsigned thread = 0; thread < width; ++thread) visit(int(block * width + thread));
+    }
+
+private:
+    static constexpr unsigned width = 32;
+    std::size_t particles_;
+    std::vector<std::uint32_t> all_;
+    BlockParts<std::uint32_t> parts_;
 };
 
 /// Calls step(Terms) with what is compiled for a problem: `needed` if it has damping, gravity and the paper's
@@ -232,6 +287,11 @@ public:
         }
     }
 
+    std::size_t split(const std::vector<std::uint32_t>& border) override {
+        parts_ = part_blocks(this->problem().lattice, shape_, border);
+        return parts_.count_of(StepPart::interior);
+    }
+
     /// The kernel that asks for everything at run time.
     void use_general_kernel() { needed_ = false; }
 
@@ -259,14 +319,14 @@ public:
 protected:
     template <class Terms>
     void step_blocks(const Current& current, const Output<Real>& output) {
-        for (const BlockOrigin& o : origins_) {
+        this->for_each_block(origins_, parts_, [&](const BlockOrigin& o) {
             for (int z = 0; z < shape_.z; ++z) {
                 for (int y = 0; y < shape_.y; ++y) {
                     for (int x = 0; x < shape_.x; ++x)
                         step_from_memory<Terms>(step_, o.x + x, o.y + y, o.z + z, current, output);
                 }
             }
-        }
+        });
     }
 
     template <class Terms>
@@ -324,6 +384,7 @@ protected:
     ImplicitStep<Real> step_;
     BlockGrid block_grid_;
     std::vector<BlockOrigin> origins_;
+    BlockParts<BlockOrigin> parts_;
     // Of the step at hand and of the next.
     std::array<std::vector<BlockOrigin>, 2> lists_;
     std::array<std::vector<std::uint32_t>, 2> marks_;
@@ -347,7 +408,7 @@ private:
         const int row = step.nx, slice = step.nx * step.ny;
         using TileOfBlock = Tile<Real, V::split, W, H>;
         auto tile = std::make_unique<TileOfBlock>();
-        for (const BlockOrigin& o : this->origins_) {
+        this->for_each_block(this->origins_, this->parts_, [&](const BlockOrigin& o) {
             std::fill_n(&tile->axis[0][0][0][0], sizeof(TileOfBlock) / sizeof(Real),
                         std::numeric_limits<Real>::quiet_NaN());
             std::array<Self<Real, V::split>, std::size_t(W) * H> selves{};
@@ -369,7 +430,7 @@ private:
                                                  TileNeighbours<Real, V::split, W, H>{*tile, tx, ty},
                                                  GridCompliance<Real>{step.compliance, index, row, slice});
             });
-        }
+        });
     }
 };
 
@@ -383,6 +444,7 @@ public:
     ExplicitSimulation(const Problem& problem, const State& start, NeighbourLists<Real> lists)
         : Simulation<V>(problem, start, place_compact(problem), lists.bits),
           needed_(has_common_terms(problem)),
+          blocks_(problem.particle_count()),
           lists_(std::move(lists)),
           step_(make_explicit_step<Real>(problem, lists_, V::formulation)) {
         measure<Real>(step_.rest_length, V::formulation);
@@ -393,6 +455,8 @@ public:
         this->attach(step_.motion);
     }
 
+    std::size_t split(const std::vector<std::uint32_t>& border) override { return blocks_.split(border); }
+
     /// The kernel that asks for everything at run time.
     void use_general_kernel() { needed_ = false; }
 
@@ -401,18 +465,21 @@ private:
 
     void step_once(const Current& current, const Output<Real>& output) override {
         with_terms<V>(needed_, false, [&]<class Terms>(Terms) {
-            // Some threads of the last block have no particle.
-            for (int i = 0; i < step_.particles + 7; ++i) {
+            const auto step_thread = [&](int i) {
                 if (!lists_.constants.empty()) {
                     step_by_springs<Terms>(step_, i, current, output);
                 } else {
                     step_by_groups<Terms>(step_, i, current, output);
                 }
-            }
+            };
+            this->for_each_block(blocks_.all(), blocks_.parts(), [&](std::uint32_t block) {
+                HostBlocks::for_each_thread(block, step_thread);
+            });
         });
     }
 
     bool needed_;
+    HostBlocks blocks_;
     NeighbourLists<Real> lists_;
     ExplicitStep<Real> step_;
 };
@@ -430,6 +497,7 @@ public:
                         problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
           needed_(has_common_terms(problem)),
           interior_(interior && problem.springs.empty()),
+          blocks_(problem.particle_count()),
           compliance_(pack_compliance<Real>(problem, place_guarded(problem))),
           lists_(compress_lists(problem)),
           own_(problem, place_guarded(problem), V::formulation, lists_.slices),
@@ -441,6 +509,8 @@ public:
         this->attach(step_.motion);
         this->poison();
     }
+
+    std::size_t split(const std::vector<std::uint32_t>& border) override { return blocks_.split(border); }
 
     /// As the backend does it, between steps.
     void edit(const Problem& edited, const SpringEdit& edit) {
@@ -459,8 +529,10 @@ private:
         step_.off_lattice_constants = constants.data();
         step_.off_lattice_rest = own_.off_lattice_rest().data();
         const auto step_all = [&]<class Terms>(Terms) {
-            // Some threads of the last block have no particle.
-            for (int i = 0; i < step_.particles + 7; ++i) step_by_deltas<Terms>(step_, i, current, output);
+            this->for_each_block(blocks_.all(), blocks_.parts(), [&](std::uint32_t block) {
+                HostBlocks::for_each_thread(block,
+                                            [&](int i) { step_by_deltas<Terms>(step_, i, current, output); });
+            });
         };
         constexpr std::uint32_t terms = term_damping | term_gravity | term_full_stencil;
         if (interior_ && step_.group_bits == EDGE_BITS) {
@@ -473,6 +545,7 @@ private:
     }
 
     bool needed_, interior_;
+    HostBlocks blocks_;
     std::vector<Real> compliance_;
     DeltaLists lists_;
     OffLatticeLists<Real> own_;
