@@ -291,6 +291,21 @@ class Input(InTemporaryFolder):
         self.assertIn("Prediction: box@64", self.out.read_text())
         self.assertIn("not a measurement", self.out.read_text())
 
+        # Where borders travel meanwhile what takes longer counts alone: the exchange of 64 ranks.
+        overlapped = 1e-6 * (64**3 / 2 + 64**2)
+        result["scaling"][1].update(way="stores_overlap", seconds_per_step=overlapped, predicted_seconds=overlapped,
+                                    latency_seconds=20e-3)
+        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
+        figure, = (figure for figure in json.loads(page.replace("<\\/", "</"))["figures"] if figure["name"] == "forecast")
+        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        exchange = 20e-3 + 2 * 65536e-9
+        self.assertEqual([row["ranks"] for row in rows], [8, 64])
+        self.assertAlmostEqual(rows[0]["microseconds"], 1e6 * 1e-6 * (64**3 / 8 + 2 * 64**2), delta=1)
+        self.assertAlmostEqual(rows[1]["microseconds"], 1e6 * exchange, delta=1)
+        # By then an exchange takes twice as long as a rank's own particles, which comes before ghosts do.
+        self.assertAlmostEqual(rows[0]["half"], 2 * 64**3 * 1e-6 / exchange, delta=0.1)
+
     def test_a_haptic_study_has_its_histograms(self):
         def drawn(result):
             made = report(self.write("a.json", result), "--out", self.out)

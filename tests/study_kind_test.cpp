@@ -343,7 +343,8 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
     };
     expect_contains(load(R"("ranks": [2, 1])"), "ascending order");
     expect_contains(load(R"("ranks": [0])"), "1 to 1024");
-    expect_contains(load(R"("ways": ["ship"])"), "memory, mpi, peer, stores, nccl");
+    expect_contains(load(R"("ways": ["ship"])"),
+                    "memory, mpi, peer, peer_overlap, stores, stores_overlap, nccl, nccl_overlap");
     expect_contains(load(R"("ways": [])"), "ways");
     Study timing;
     timing.name = "plain";
@@ -372,6 +373,30 @@ TEST_F(StudyKinds, ScalingMeasuresTheWaysThatAreAskedFor) {
     using Ways = std::vector<std::string>;
     EXPECT_EQ(ways(R"(["memory", "peer"])"), (Ways{"none", "memory"}));
     EXPECT_EQ(ways(R"(["peer"])"), Ways{"none"});
+}
+
+TEST_F(StudyKinds, ScalingPredictsTheLongerOfStepAndExchangeWhereTheyOverlap) {
+    const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 3,
+        "backends": ["cpu_reference"], "scenes": [{"scene": "box@6"}]})");
+    StudyOptions options;
+    options.ranks = 2;
+    nlohmann::json result = run_study(load_study(file), options);
+    nlohmann::json& one = result.at("scaling")[0];
+    nlohmann::json& two = result.at("scaling")[1];
+    ASSERT_EQ(two.at("ranks"), 2);
+    one["seconds_per_step"] = 216e-6;  // a microsecond a particle
+    two["largest_slab"] = 144;
+    two["border_bytes"] = 1000;
+    two["seconds_per_byte"] = 1e-9;
+    const auto predicted = [&](const std::string& way, double latency) {
+        two["way"] = way;
+        two["latency_seconds"] = latency;
+        make_study_kind("scaling")->summarise(result);
+        return two.at("predicted_seconds").get<double>();
+    };
+    EXPECT_NEAR(predicted("peer", 9e-6), 154e-6, 1e-12);
+    EXPECT_NEAR(predicted("peer_overlap", 9e-6), 144e-6, 1e-12);
+    EXPECT_NEAR(predicted("nccl_overlap", 299e-6), 300e-6, 1e-12);
 }
 
 TEST_F(StudyKinds, ScalingHasARankADeviceAtMost) {

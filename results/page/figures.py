@@ -637,7 +637,8 @@ RANKS = [("machine", "machine", None), ("compared", "dataset", None), ("scaling"
          ("efficiency", "efficiency", 3), ("predicted", "efficiency predicted", 3), ("noisy", "not to be trusted", None)]
 
 
-WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square", "peer": "diamond", "stores": "cross", "nccl": "triangle-down"}
+WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square", "peer": "diamond", "peer_overlap": "triangle-left",
+        "stores": "cross", "stores_overlap": "triangle-right", "nccl": "triangle-down", "nccl_overlap": "wedge"}
 
 
 def scaling(charts, results):
@@ -667,7 +668,8 @@ def scaling(charts, results):
     return Figure("scaling", by_machine(findings), "Particles that a rank steps in a second, as a fraction of what one rank by "
                   "itself steps: of one size (strong scaling), or of one that grows with the ranks (weak). Borders travel "
                   "through the memory of one process (triangles) or by MPI (squares), or from device to device: by copies (diamonds), "
-                  "by stores of the sender (crosses) or by NCCL (triangles upside down). Dotted: what a model predicts from the "
+                  "by stores of the sender (crosses) or by NCCL (triangles upside down). Where borders are stepped first and travel "
+                  "while the rest is stepped these are triangles to the left, to the right, and wedges. Dotted: what a model predicts from the "
                   "latency and bandwidth of the exchange.", RANKS, rows, panels, used(results, having="scaling"))
 
 

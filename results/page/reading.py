@@ -346,25 +346,31 @@ def forecast(one, most):
     (ranks, seconds a step, efficiency), and the number of ranks at half of the efficiency of one; None where that never comes.
 
     `one` is the row of one rank. A rank has its particles and two layers of ghosts, at the time that a particle takes on one rank;
-    then come a latency, and two borders at the bandwidth that was measured. All of it is stretched by what `most` took longer than
-    the model says. The longest borders are those that it had. A slab is no thinner than a layer.
+    then come a latency, and two borders at the bandwidth that was measured. Where both overlap the longer of them counts alone. All
+    of it is stretched by what `most` took longer than the model says. The longest borders are those that it had. A slab is no
+    thinner than a layer.
     """
     ranks, weak = most["ranks"], most["scaling"] == "weak"
     particle = one["seconds_per_step"] / one["particles"]
     layer = most["ghosts"] / (2 * (ranks - 1))
     border = most["border_bytes"] / (1 if ranks == 2 else 2)
     stretch = most["seconds_per_step"] / most["predicted_seconds"]
-    beside = particle * 2 * layer + most["latency_seconds"] + most["seconds_per_byte"] * 2 * border
+    ghosts = particle * 2 * layer
+    exchange = most["latency_seconds"] + most["seconds_per_byte"] * 2 * border
+    # (what comes beside a rank's own particles, and the least that a step takes)
+    beside, least = (ghosts, exchange) if most["way"].endswith("_overlap") else (ghosts + exchange, 0)
     found = []
     for count in FORECAST_RANKS:
         own = most["particles"] / ranks if weak else most["particles"] / count
         if count > ranks and own >= layer:
-            seconds = stretch * (particle * own + beside)
+            seconds = stretch * max(particle * own + beside, least)
             found.append((count, seconds, particle * own / seconds))
-    # particle * own / (stretch * (particle * own + beside)) = 1/2
+    # particle * own / (stretch * (particle * own + beside)) = 1/2, or particle * own / (stretch * least) = 1/2, whichever comes first
     half = None
-    if not weak and beside > 0 and stretch < 2:
-        half = particle * most["particles"] * (2 - stretch) / (stretch * beside)
+    whole = particle * most["particles"]
+    halves = [work / (stretch * other) for work, other in ((whole * (2 - stretch), beside), (2 * whole, least)) if other > 0]
+    if not weak and halves and stretch < 2:
+        half = min(halves)
         half = half if layer == 0 or half <= most["particles"] / layer else None
     return found, half
 

@@ -34,7 +34,7 @@ struct ScalingRow {
     std::string family = {};   ///< of rows that are compared: a scene, or scenes that grow with the ranks
     std::string scaling = {};  ///< "strong", "weak"
     int ranks = 1;
-    std::string way = {};  ///< how borders are exchanged: "none", "memory", "mpi", "peer", "stores", "nccl"
+    std::string way = {};  ///< how borders are exchanged: "none", or one of known_ways
     double seconds_per_step = 0;
     double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;  ///< of a step
     std::uint64_t largest_slab = 0;                                         ///< particles, ghosts included
@@ -171,17 +171,24 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
     return most;
 }
 
+/// Whether borders are stepped and sent first, and travel while the rest of a slab is stepped.
+bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
+
 /// What follows from a row and from `one`, of the same family by one rank. The model: each particle of the
-/// largest slab takes the time that it takes there; then comes an exchange of the longest border.
+/// largest slab takes the time that it takes there; then comes an exchange of the longest border. Where they
+/// overlap a step is as long as the longer of both.
 void compare(ScalingRow& row, const ScalingRow& one) {
     const double particle = one.seconds_per_step / double(one.row.workpiece->particles);
     row.efficiency = particle * double(row.row.workpiece->particles) / (row.ranks * row.seconds_per_step);
-    row.predicted_seconds = particle * double(row.largest_slab) + row.latency_seconds.value_or(0) +
-                            row.seconds_per_byte.value_or(0) * double(row.border_bytes);
+    const double compute = particle * double(row.largest_slab);
+    const double exchange =
+        row.latency_seconds.value_or(0) + row.seconds_per_byte.value_or(0) * double(row.border_bytes);
+    row.predicted_seconds = overlaps(row.way) ? std::max(compute, exchange) : compute + exchange;
 }
 
 /// How the borders of several ranks travel.
-const std::vector<std::string> known_ways = {"memory", "mpi", "peer", "stores", "nccl"};
+const std::vector<std::string> known_ways = {
+    "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
 class ScalingStudy final : public StudyKind {
 public:
