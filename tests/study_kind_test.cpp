@@ -323,6 +323,33 @@ TEST_F(StudyKinds, ScalingComparesRanksWithOne) {
     EXPECT_EQ(result.at("scaling")[1].at("largest_slab"), 5 * 64);
 }
 
+TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
+    const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 2,
+        "ranks": [1, 2, 3], "backends": ["cpu_reference"],
+        "scenes": [{"scene": "box@8"}, {"scene": "box@4x4x4", "ranks": [1], "weak": "growing"},
+                   {"scene": "box@4x4x8", "ranks": [2], "weak": "growing"}]})");
+    StudyOptions options;
+    options.ranks = 3;
+    nlohmann::json result = run_study(load_study(file), options);
+    const auto said = [&](double of_two, double of_three) {
+        for (auto& row : result.at("scaling")) {
+            const int ranks = row.at("ranks");
+            row["seconds_per_step"] = ranks == 1 ? 1 : ranks == 2 ? of_two : of_three;
+        }
+        std::ostringstream printed;
+        print_result(result, printed);
+        return printed.str();
+    };
+    const std::string box = "box@8 cpu_reference increment float64: more than one rank ";
+    EXPECT_THAT(said(0.6, 0.4),
+                ::testing::HasSubstr(box + "pays: 3 by memory are 2.50 times as fast as one\n"));
+    EXPECT_THAT(said(2, 4),
+                ::testing::HasSubstr(box + "does not pay: 2 by memory are 0.50 times as fast as one\n"));
+    EXPECT_THAT(said(2, 4),
+                ::testing::Not(::testing::HasSubstr("box@4x4x4 cpu_reference increment float64: more")))
+        << "it grows";
+}
+
 TEST_F(StudyKinds, ScalingLetsTilesFallAsleepOtherwiseInSlabs) {
     const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 100,
         "ranks": [1, 2], "backends": ["cpu_parallel:formulation=increment,sleep=1e-3"],

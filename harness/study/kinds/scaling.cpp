@@ -1,4 +1,5 @@
 // The kind of study `scaling`: a scene stepped by several ranks, each with a slab of it.
+#include <fmt/format.h>
 #include <omp.h>
 
 #include <algorithm>
@@ -510,6 +511,25 @@ void ScalingStudy::summarise(nlohmann::json& result) const {
     }
 }
 
+/// Of each scene of one size and each backend: which number of ranks, and which way, is the fastest, and
+/// whether that is more than one.
+void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
+    for (const ScalingRow& one : rows) {
+        if (one.ranks != 1 || one.scaling != "strong") continue;
+        const ScalingRow* best = nullptr;
+        for (const ScalingRow& row : rows) {
+            const bool alike = row.family == one.family && row.row.label() == one.row.label();
+            if (alike && row.ranks > 1 && (best == nullptr || row.seconds_per_step < best->seconds_per_step))
+                best = &row;
+        }
+        if (best == nullptr) continue;
+        const double times = one.seconds_per_step / best->seconds_per_step;
+        out << one.row.identity.scene << " " << one.row.label() << ": "
+            << (times > 1 ? "more than one rank pays: " : "more than one rank does not pay: ") << best->ranks
+            << " by " << best->way << " are " << fmt::format("{:.2f}", times) << " times as fast as one\n";
+    }
+}
+
 void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
     const std::vector<Column> columns = {
         {"scene", 0, true}, {"backend", 0, true}, {"ranks"},       {"way"},
@@ -517,8 +537,9 @@ void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableW
         {"efficiency"},     {"predicted", 1},     {"error", 3}};
     std::vector<std::vector<std::string>> table;
     std::vector<Row> rows;
+    std::vector<ScalingRow> scaled;
     for (const auto& json : result.at("scaling")) {
-        const ScalingRow row = scaling_row_from_json(json);
+        const ScalingRow& row = scaled.emplace_back(scaling_row_from_json(json));
         rows.push_back(row.row);
         table.push_back({row.row.identity.scene, row.row.label(), std::to_string(row.ranks), row.way,
                          row.row.noise_mark() + si(row.seconds_per_step, "s"), si(row.compute_seconds, "s"),
@@ -528,6 +549,7 @@ void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableW
                          error_cell(row.row.errors ? row.row.errors->max : std::nullopt)});
     }
     print_columns(columns, table, width, out);
+    print_what_pays(scaled, out);
     print_noise(rows, out);
     print_unmeasured(result, out);
 }
