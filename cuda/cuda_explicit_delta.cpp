@@ -139,7 +139,7 @@ private:
     bool splits_steps() const override { return true; }
 
     std::string refused(const Problem& problem) const override {
-        return too_many_words<Real>(place_guarded(problem).words, this->device(), this->family().fetch);
+        return launch_refusal<Real>(place_guarded(problem).words, this->device(), this->family());
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return delta_bytes<Real>(problem, this->formulation());
@@ -174,7 +174,8 @@ const Registered entry({
                "springs of any topology beyond them by slices.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    .tuning = tuning({{"block", {"256", "128", "64"}},
+    .tuning = tuning({{"dependent_launch", dependent_launches},
+                      {"block", {"256", "128", "64"}},
                       // Of a thread in float32, half of those in float64.
                       {"registers", {"auto", "32", "40", "48", "64", "80"}},
                       // Whether a warp whose particles all have all neighbours goes a way without masks.

@@ -135,7 +135,7 @@ private:
                 return "a counter a spring group holds no constants of single springs: " + why;
         }
         if (std::string why = beyond_entries(problem, this->formulation()); !why.empty()) return why;
-        return too_many_words<Real>(problem.particle_count(), this->device(), this->family().fetch);
+        return launch_refusal<Real>(problem.particle_count(), this->device(), this->family());
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return explicit_bytes<Real>(problem, options_, this->formulation());

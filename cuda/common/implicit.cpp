@@ -108,8 +108,7 @@ private:
             return "more blocks lie along y or z than one launch has: those with a particle have to be "
                    "listed";
         if (std::string why = resting_.refused(problem.lattice, shape_); !why.empty()) return why;
-        return too_many_words<Real>(place_on_grid(problem.lattice).words, this->device(),
-                                    this->family().fetch);
+        return launch_refusal<Real>(place_on_grid(problem.lattice).words, this->device(), this->family());
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return implicit_bytes<Real>(problem, shape_, this->formulation()) +

@@ -12,7 +12,9 @@ KernelFamily::KernelFamily(const Options& options, Fetch path)
       formulation(options.formulation),
       fetch(path),
       all_terms(options.tuning.at("terms") == "all"),
-      refined_root(options.tuning.at("root") == "refined") {}
+      refined_root(options.tuning.at("root") == "refined"),
+      dependent_launch(options.tuning.contains("dependent_launch") &&
+                       options.tuning.at("dependent_launch") == "on") {}
 
 KernelSource KernelFamily::source(const std::string& file, const Problem& problem, int threads, int blocks,
                                   std::uint32_t more_terms) const {
@@ -20,13 +22,16 @@ KernelSource KernelFamily::source(const std::string& file, const Problem& proble
                                 (refined_root ? term_refined_root : 0);
     const std::uint32_t groups = all_terms ? NEIGHBOUR_BITS : problem.group_bits;
     const char* const paths[] = {"PastL1", "ThroughL1", "ThroughTexture"};
-    return {file,
-            {{"REAL", precision == Precision::float32 ? "float" : "double"},
-             {"FETCH", paths[std::size_t(fetch)]},
-             {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," + std::to_string(groups) +
-                           "u," + std::to_string(terms) + "u," + (all_terms ? "true" : "false") + ">"},
-             {"THREADS", std::to_string(threads)},
-             {"BLOCKS", std::to_string(blocks)}}};
+    KernelSource source{
+        file,
+        {{"REAL", precision == Precision::float32 ? "float" : "double"},
+         {"FETCH", paths[std::size_t(fetch)]},
+         {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," + std::to_string(groups) +
+                       "u," + std::to_string(terms) + "u," + (all_terms ? "true" : "false") + ">"},
+         {"THREADS", std::to_string(threads)},
+         {"BLOCKS", std::to_string(blocks)}}};
+    if (dependent_launch) source.macros["DEPENDENT_LAUNCH"] = "1";
+    return source;
 }
 
 template <class Real>
@@ -55,5 +60,17 @@ template std::uint64_t particle_bytes<float>(const Problem&, const Placement&, F
 template std::uint64_t particle_bytes<double>(const Problem&, const Placement&, Formulation);
 template std::string too_many_words<float>(std::size_t, const Device&, Fetch);
 template std::string too_many_words<double>(std::size_t, const Device&, Fetch);
+
+template <class Real>
+std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family) {
+    constexpr int first_with_dependent_launches = 90;
+    const int architecture = device.architecture();
+    if (family.dependent_launch && architecture < first_with_dependent_launches)
+        return "compute capability " + std::to_string(architecture / 10) + "." +
+               std::to_string(architecture % 10) + " has no dependent launches, which came with 9.0";
+    return too_many_words<Real>(words, device, family.fetch);
+}
+template std::string launch_refusal<float>(std::size_t, const Device&, const KernelFamily&);
+template std::string launch_refusal<double>(std::size_t, const Device&, const KernelFamily&);
 
 }  // namespace voxspring::cuda

@@ -46,8 +46,9 @@ struct KernelFamily {
     Precision precision;
     Formulation formulation;
     Fetch fetch;
-    bool all_terms;     ///< compiled in, and asked for at run time (tuning `terms`)
-    bool refined_root;  ///< tuning `root`
+    bool all_terms;         ///< compiled in, and asked for at run time (tuning `terms`)
+    bool refined_root;      ///< tuning `root`
+    bool dependent_launch;  ///< tuning `dependent_launch`
 
     explicit KernelFamily(const Options& options, Fetch path);
     /// The kernel in `file` for a scene, with at most `threads` a block and at least room for `blocks` on an
@@ -73,6 +74,9 @@ std::uint64_t particle_bytes(const Problem& problem, const Placement& placement,
 /// Empty, or why an array of `words` words cannot be indexed or, through a texture, fetched.
 template <class Real>
 std::string too_many_words(std::size_t words, const Device& device, Fetch fetch);
+/// The same, or why the device cannot launch the family's kernels.
+template <class Real>
+std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family);
 
 /// A backend with one kernel that reads all positions and moves every particle by one step. `Step` is that
 /// kernel's first argument and has a member `motion`; a reader of positions, one of their low parts and what
@@ -255,11 +259,18 @@ protected:
     template <class... More>
     void launch_kernel(const Stream& in, const Kernel& kernel, dim3 grid, dim3 block,
                        std::size_t shared_bytes, const Step& step, int reading, const More&... more) const {
+        with_arguments(step, reading, [&](const auto&... arguments) {
+            kernel.launch(in, grid, block, shared_bytes, arguments..., more...);
+        });
+    }
+    /// Calls `launch` with the arguments that all kernels have.
+    template <class DoLaunch>
+    void with_arguments(const Step& step, int reading, const DoLaunch& launch) const {
         const auto from = std::size_t(reading), to = std::size_t(1 - reading);
         const Output<Real> output{words_[to].data(), low_[to].data(), increment_.data(),
                                   increment_low_.data(), increment_pitch(placement_)};
-        kernel.launch(in, grid, block, shared_bytes, step, source(words_[from], textures_[0][from]),
-                      source(low_[from], textures_[1][from]), output, more...);
+        launch(step, source(words_[from], textures_[0][from]), source(low_[from], textures_[1][from]),
+               output);
     }
 
     /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu), whose
@@ -276,8 +287,15 @@ protected:
     }
 
     void enqueue_step(int reading) override {
-        launch_kernel(stream(), *launch_.kernel, launch_.grid, launch_.block, launch_.shared_bytes,
-                      launch_.step, reading);
+        if (!family_.dependent_launch) {
+            launch_kernel(stream(), *launch_.kernel, launch_.grid, launch_.block, launch_.shared_bytes,
+                          launch_.step, reading);
+            return;
+        }
+        with_arguments(launch_.step, reading, [&](const auto&... arguments) {
+            launch_.kernel->launch_dependent(stream(), launch_.grid, launch_.block, launch_.shared_bytes,
+                                             arguments...);
+        });
     }
 
     /// In blocks of particles in their order, of kernels that can take a list of blocks.

@@ -8,6 +8,9 @@
 
 namespace voxspring::cuda {
 
+/// Whether a step is launched while the one before it still runs, of strategies with one kernel a step.
+inline const TuningValues dependent_launches = {"off", "on"};
+
 /// `own` and the shared ones.
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
     // What a scene needs, or everything, decided at run time.

@@ -32,25 +32,42 @@ public:
         check(cudaLaunchKernel(kernel_, grid, block, pointers.data(), shared_bytes, stream.get()));
     }
 
+    /// Begins before what was launched in the stream before it has ended: it waits for that itself
+    /// (programmatic dependent launch). From compute capability 9.0 on.
+    template <class... Arguments>
+    void launch_dependent(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
+                          const Arguments&... arguments) const {
+        cudaLaunchAttribute dependent{};
+        dependent.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+        dependent.val.programmaticStreamSerializationAllowed = 1;
+        launch_with(dependent, stream, grid, block, shared_bytes, arguments...);
+    }
+
     /// All blocks at once, which may wait for each other (a cooperative launch).
     template <class... Arguments>
     void launch_together(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
                          const Arguments&... arguments) const {
-        std::array<void*, sizeof...(Arguments)> pointers{const_cast<Arguments*>(&arguments)...};
         cudaLaunchAttribute together{};
         together.id = cudaLaunchAttributeCooperative;
         together.val.cooperative = 1;
+        launch_with(together, stream, grid, block, shared_bytes, arguments...);
+    }
+
+private:
+    template <class... Arguments>
+    void launch_with(cudaLaunchAttribute attribute, const Stream& stream, dim3 grid, dim3 block,
+                     std::size_t shared_bytes, const Arguments&... arguments) const {
+        std::array<void*, sizeof...(Arguments)> pointers{const_cast<Arguments*>(&arguments)...};
         cudaLaunchConfig_t config{};
         config.gridDim = grid;
         config.blockDim = block;
         config.dynamicSmemBytes = shared_bytes;
         config.stream = stream.get();
-        config.attrs = &together;
+        config.attrs = &attribute;
         config.numAttrs = 1;
         check(cudaLaunchKernelExC(&config, kernel_, pointers.data()));
     }
 
-private:
     /// On the current device, where that has not happened: it must not happen first in a capture.
     void load() const;
 

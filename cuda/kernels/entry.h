@@ -24,4 +24,15 @@ using Terms = TERMS;
 #define BLOCK_NUMBER blockIdx.x
 #endif
 
+/// With DEPENDENT_LAUNCH the next step is launched while this one runs: as soon as all blocks of this one
+/// have come by here and there is room. Here each thread waits for the step before this one to have ended,
+/// and for nothing where it was not launched so.
+#if defined(DEPENDENT_LAUNCH) && __CUDA_ARCH__ >= 900
+#define AWAIT_STEP_BEFORE()                            \
+    asm volatile("griddepcontrol.wait;" ::: "memory"); \
+    asm volatile("griddepcontrol.launch_dependents;")
+#else
+#define AWAIT_STEP_BEFORE()
+#endif
+
 }  // namespace voxspring::cuda

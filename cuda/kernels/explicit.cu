@@ -6,6 +6,7 @@ namespace voxspring::cuda {
 
 KERNEL step(const __grid_constant__ ExplicitStep<Real> step, const __grid_constant__ Fetch high,
             const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output AND_BLOCKS) {
+    AWAIT_STEP_BEFORE();
     const int i = int(BLOCK_NUMBER * blockDim.x + threadIdx.x);
     const Reader<Real, Terms::split, Fetch> current{high, low};
 #ifdef SECONDARY

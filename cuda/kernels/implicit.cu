@@ -5,6 +5,7 @@ namespace voxspring::cuda {
 
 KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_constant__ Fetch high,
             const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
+    AWAIT_STEP_BEFORE();
     for_each_block<Terms>(step, [&](const BlockOrigin& origin) {
         return step_from_memory<Terms>(step, origin.x + int(threadIdx.x), origin.y + int(threadIdx.y),
                                        origin.z + int(threadIdx.z),

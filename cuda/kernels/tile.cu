@@ -8,6 +8,7 @@ extern __shared__ __align__(16) unsigned char shared_memory[];
 
 KERNEL step(const __grid_constant__ ImplicitStep<Real> step, const __grid_constant__ Fetch high,
             const __grid_constant__ Fetch low, const __grid_constant__ Output<Real> output) {
+    AWAIT_STEP_BEFORE();
     auto& tile = *reinterpret_cast<Tile<Real, Terms::split, WIDTH, HEIGHT>*>(shared_memory);
     const int tx = int(threadIdx.x), ty = int(threadIdx.y);
     const int row = step.nx, slice = step.nx * step.ny;
