@@ -96,6 +96,7 @@ TEST(Slabs, HaveEverySpringOfTheirOwnParticlesAndNoOther) {
         }
         for (std::size_t i = 0; i < own.size(); ++i) {
             EXPECT_EQ(slab.problem.is_pinned(i), !own[i] || whole.is_pinned(slab.particle[i]));
+            EXPECT_EQ(std::binary_search(slab.problem.ghosts.begin(), slab.problem.ghosts.end(), i), !own[i]);
             EXPECT_EQ(slab.problem.rest_position[i], whole.rest_position[slab.particle[i]]);
         }
     }

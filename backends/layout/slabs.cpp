@@ -101,6 +101,7 @@ private:
         problem.lattice.mask.push_back(own ? mask : (mask & (to_own | ACTIVE_BIT)) | PINNED_BIT);
         problem.rest_position.push_back(whole_.rest_position[i]);
         problem.pinned.push_back(!own || whole_.is_pinned(i) ? 1 : 0);
+        if (!own) problem.ghosts.push_back(here);
         if (whole_.has_materials()) problem.material.push_back(whole_.material[i]);
         if (!whole_.load.empty()) problem.load.push_back(whole_.load[i]);
         if (own) take_hold_of(i, here);

@@ -94,9 +94,9 @@ void pass_members(const Stream& stream, Value& value) {
         auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step);
     } else if constexpr (std::is_same_v<Plain, Problem>) {
-        auto& [rest_position, materials, material, pinned, load, tool, lattice, rest_length, group_stiffness,
-               group_bits, springs, gravity, damping, time_step] = value;
-        pass_all(stream, rest_position, materials, material, pinned, load, tool, lattice, rest_length,
+        auto& [rest_position, materials, material, pinned, ghosts, load, tool, lattice, rest_length,
+               group_stiffness, group_bits, springs, gravity, damping, time_step] = value;
+        pass_all(stream, rest_position, materials, material, pinned, ghosts, load, tool, lattice, rest_length,
                  group_stiffness, group_bits, springs, gravity, damping, time_step);
     } else if constexpr (std::is_same_v<Plain, Tool>) {
         auto& [particles, held, stiffness] = value;
