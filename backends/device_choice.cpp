@@ -42,6 +42,10 @@ int DeviceNumber::among(int count, const std::string& kind) const {
     throw Unavailable("no " + kind + " device " + std::to_string(number) + ": " + there_are);
 }
 
+int DeviceNumber::parts_among(int count) const {
+    return wraps ? (parts - number % count + count - 1) / count : parts;
+}
+
 DeviceOfThread::DeviceOfThread(DeviceNumber device) : before_(std::exchange(device_of_thread, device)) {}
 
 DeviceOfThread::~DeviceOfThread() { device_of_thread = before_; }

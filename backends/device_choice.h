@@ -25,9 +25,13 @@ const std::string& measured_card();
 struct DeviceNumber {
     int number = 0;
     bool wraps = false;  ///< beyond the last device it goes on with the first
+    /// Parts of a body that are stepped at once: all of them where it wraps, else those on this device.
+    int parts = 1;
     /// Which of `count` devices, one at least, it is. Throws Unavailable where there is none: `kind`, "CUDA",
     /// is what the message calls them.
     int among(int count, const std::string& kind) const;
+    /// How many of the parts take that one of `count` devices.
+    int parts_among(int count) const;
 };
 
 /// While one lives, backends that its thread makes take that device, where their API has several. Otherwise

@@ -73,6 +73,14 @@ TEST(DeviceNumbers, AreOfTheDevicesThatThereAre) {
     EXPECT_EQ((DeviceNumber{7, true}.among(3, "CUDA")), 1);
 }
 
+TEST(DeviceNumbers, TellHowManyPartsShareADevice) {
+    EXPECT_EQ((DeviceNumber{2, false, 3}.parts_among(4)), 3);
+    // Five parts on two devices: 0, 2 and 4 are on the first.
+    EXPECT_EQ((DeviceNumber{4, true, 5}.parts_among(2)), 3);
+    EXPECT_EQ((DeviceNumber{3, true, 5}.parts_among(2)), 2);
+    EXPECT_EQ((DeviceNumber{1, true, 2}.parts_among(8)), 1);
+}
+
 TEST(DeviceNumbers, AreOfOneThreadAndOneScope) {
     EXPECT_EQ(DeviceOfThread::now().number, 0);
     {

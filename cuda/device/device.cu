@@ -57,6 +57,7 @@ Device::Device() {
     require(cudaGetDeviceCount(&count), "no CUDA device");
     if (count == 0) throw Unavailable("no CUDA device");
     number_ = DeviceOfThread::now().among(count, "CUDA");
+    parts_ = DeviceOfThread::now().parts_among(count);
     require(cudaSetDevice(number_), "no CUDA context");
     cudaDeviceProp properties{};
     require(cudaGetDeviceProperties(&properties, number_), "no CUDA context");

@@ -16,6 +16,8 @@ public:
 
     /// As CUDA counts it.
     int number() const { return number_; }
+    /// Parts of a body that are stepped on it at once, and share its multiprocessors.
+    int parts() const { return parts_; }
     const std::string& name() const { return name_; }
     /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
     const std::string& uuid() const { return uuid_; }
@@ -52,6 +54,7 @@ public:
 
 private:
     int number_ = 0;
+    int parts_ = 1;
     std::string name_, uuid_;
     std::size_t max_texels_ = 0;
     int sm_mhz_ = 0;
