@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "backends/layout/blocks.h"
+#include "backends/layout/slabs.h"
 #include "cuda/kernels/edit.h"
 #include "cuda/kernels/resident.h"
 #include "tests/support.h"
@@ -320,6 +321,133 @@ TEST_P(Resident, EveryHeldParticleHasItsLane) {
         ++found;
     }
     EXPECT_EQ(found, held.size());
+}
+
+/// Parts of a body, laid out, and what they send to each other.
+class ResidentParts : public ::testing::TestWithParam<Case> {
+protected:
+    static constexpr int ranks = 3;
+    ResidentParts()
+        : whole_(make_lattice_problem(body(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS)),
+          cuts_(whole_, ranks) {
+        for (int rank = 0; rank < ranks; ++rank) {
+            slabs_.push_back(cuts_.slab(whole_, rank));
+            layouts_.push_back(lay_out_resident(slabs_.back().problem, GetParam().blocks, GetParam().pollers,
+                                                GetParam().partition, GetParam().overlap));
+        }
+    }
+    /// What `rank` sends.
+    std::vector<ResidentSending> sendings_of(int rank) const {
+        std::vector<ResidentSending> sendings;
+        for (const Slab::Border& border : slabs_[std::size_t(rank)].borders) {
+            const auto other = std::size_t(border.slab);
+            const auto& back =
+                border.slab < rank ? slabs_[other].borders.back() : slabs_[other].borders.front();
+            sendings.push_back(
+                {border.sent, words_of_ghosts(layouts_[other], slabs_[other].problem, back.received)});
+        }
+        return sendings;
+    }
+
+    const Problem whole_;
+    const SlabCuts cuts_;
+    std::vector<Slab> slabs_;
+    std::vector<ResidentLayout> layouts_;
+};
+
+TEST_P(ResidentParts, StepTheirOwnParticlesAlone) {
+    for (int rank = 0; rank < ranks; ++rank) {
+        std::vector<std::uint32_t> stepped;
+        const ResidentLayout& layout = layouts_[std::size_t(rank)];
+        for (const std::uint32_t i : layout.particle) {
+            if (i != resident_none) stepped.push_back(i);
+        }
+        std::sort(stepped.begin(), stepped.end());
+        const Slab& slab = slabs_[std::size_t(rank)];
+        EXPECT_EQ(stepped, slab.own);
+        for (const std::uint32_t ghost : slab.problem.ghosts) EXPECT_EQ(layout.lane[ghost], resident_none);
+    }
+}
+
+// Each word is written by one lane, of this part or of one beside it, and polled for the same particle. One
+// poll of each ghost keeps it.
+TEST_P(ResidentParts, EveryPollNamesThePointThatSomePartSends) {
+    std::vector<std::map<std::uint32_t, std::uint32_t>> writer(ranks);  // particle of the whole, by word
+    for (int rank = 0; rank < ranks; ++rank) {
+        const ResidentLayout& layout = layouts_[std::size_t(rank)];
+        const Slab& slab = slabs_[std::size_t(rank)];
+        ASSERT_EQ(sent_refusal(sendings_of(rank)), "");
+        const std::vector<std::uint32_t> sent = sent_by_lanes(layout, sendings_of(rank));
+        ASSERT_EQ(sent.size(), layout.particle.size());
+        for (std::size_t at = 0; at < sent.size(); ++at) {
+            const auto writes = [&](int part, std::uint32_t word) {
+                const std::uint32_t i = slab.particle[layout.particle[at]];
+                EXPECT_TRUE(writer[std::size_t(part)].emplace(word, i).second) << "written twice";
+            };
+            if (layout.published[at] != resident_none) writes(rank, layout.published[at]);
+            if (sent[at] == resident_none) continue;
+            const int first = slab.borders[0].slab;
+            writes(sent[at] < second_neighbour ? first : rank + 1, sent[at] % second_neighbour);
+        }
+    }
+    for (std::size_t rank = 0; rank < ranks; ++rank) {
+        const ResidentLayout& layout = layouts_[rank];
+        EXPECT_EQ(writer[rank].size(), layout.published_count) << "a word that nobody writes";
+        std::set<std::uint32_t> polled, kept;
+        for (std::size_t n = 0; n < layout.polled.size(); ++n) {
+            if (layout.polled[n] == resident_none) continue;
+            polled.insert(layout.polled[n]);
+            const std::uint32_t i = layout.polled_word[n] & resident_word_bits;
+            EXPECT_EQ(writer[rank].at(layout.polled[n]), slabs_[rank].particle[i]);
+            if ((layout.polled_word[n] & keeps_ghost) != 0) {
+                EXPECT_TRUE(kept.insert(i).second) << "kept twice";
+            }
+        }
+        EXPECT_EQ(polled.size(), layout.published_count) << "written in vain";
+        std::set<std::uint32_t> reached;
+        for (std::size_t n = 0; n < layout.ghost_word.size(); ++n) {
+            if (layout.ghost_word[n] != resident_none) reached.insert(slabs_[rank].problem.ghosts[n]);
+        }
+        EXPECT_EQ(kept, reached);
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Bodies, ResidentParts,
+    ::testing::Values(Case{"box_in_rows", {32, 8, 12}, 1, 8, 256, Partition::rows, false},
+                      Case{"cut_along_x", {96, 8, 4}, 1, 8, 128, Partition::automatic, false},
+                      Case{"box_by_bisection", {7, 13, 10}, 1, 6, 256, Partition::bisection, false},
+                      Case{"sparse", {14, 13, 22}, 0.4, 9, 64, Partition::automatic, true}),
+    [](const auto& tested) { return std::string(tested.param.name); });
+
+// Rows begin behind the ghosts in front of them.
+TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
+    const Problem whole = make_lattice_problem(body({96, 8, 8}, 1, 1), FACE_BITS | EDGE_BITS);
+    const ResidentLayout layout =
+        lay_out_resident(SlabCuts(whole, 3).slab(whole, 1).problem, 8, 256, Partition::automatic, false);
+    EXPECT_EQ(layout.lanes, 8 * 32);
+    EXPECT_EQ(std::count(layout.particle.begin(), layout.particle.end(), resident_none), 0);
+}
+
+// Its own particles are what the card has to hold.
+TEST(ResidentRefusal, DoesNotCountGhosts) {
+    const Problem whole = make_lattice_problem(body({32, 8, 16}, 1, 1), FACE_BITS);
+    EXPECT_EQ(resident_refusal(SlabCuts(whole, 2).slab(whole, 0).problem, 4, true), "");
+    EXPECT_EQ(resident_refusal(SlabCuts(whole, 2).slab(whole, 0).problem, 3, true),
+              "2048 particles exceed the 1536 that 3 multiprocessors hold");
+}
+
+TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
+    const Problem whole = make_lattice_problem(body({4, 4, 6}, 1, 1), FACE_BITS);
+    const auto refusal = [&](int ranks) {
+        const Slab slab = SlabCuts(whole, ranks).slab(whole, 1);
+        return sent_refusal({{slab.borders[0].sent, {}}, {slab.borders[1].sent, {}}});
+    };
+    EXPECT_EQ(SlabCuts(whole, 6).slab(whole, 1).own.size(), 16U);
+    EXPECT_EQ(refusal(6),
+              "a slab of one layer sends its points to both sides, and a resident lane sends to one");
+    EXPECT_EQ(SlabCuts(whole, 3).slab(whole, 1).own.size(), 32U);
+    EXPECT_EQ(refusal(3), "");
 }
 
 // An order takes room that points would have.

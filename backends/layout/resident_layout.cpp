@@ -4,6 +4,7 @@
 #include <array>
 #include <glm/common.hpp>
 #include <glm/vector_relational.hpp>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <unordered_map>
@@ -22,17 +23,41 @@ struct Item {
     std::uint32_t begin = 0, end = 0;  // particles
 };
 
+// What a block may step: ghosts are stepped elsewhere.
+template <class Visit>
+void visit_own(const Problem& problem, Visit visit) {
+    auto ghost = problem.ghosts.begin();
+    for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+        if (ghost != problem.ghosts.end() && *ghost == i) {
+            ++ghost;
+        } else {
+            visit(i);
+        }
+    }
+}
+
+// Where rows begin: in a part that is cut along x they are its own.
+int first_column(const Problem& problem) {
+    if (problem.ghosts.empty()) return 0;
+    int first = problem.lattice.dims.x;
+    visit_own(problem, [&](std::uint32_t i) {
+        first = std::min(first, problem.lattice.coordinates(problem.lattice.voxel[i]).x);
+    });
+    return first;
+}
+
 std::vector<Item> items_of(const Problem& problem, bool rows) {
     std::vector<Item> items;
-    for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
+    const int first = first_column(problem);
+    visit_own(problem, [&](std::uint32_t i) {
         glm::ivec3 at = problem.lattice.coordinates(problem.lattice.voxel[i]);
-        if (rows) at.x /= int(warp);
+        if (rows) at.x = (at.x - first) / int(warp);
         if (rows && !items.empty() && items.back().at == at) {
             items.back().end = i + 1;
         } else {
             items.push_back({at, i, i + 1});
         }
-    }
+    });
     return items;
 }
 
@@ -75,6 +100,7 @@ std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max
     std::vector<std::vector<Item>> dealt;
     bisect(items, 0, items.size(), parts, dealt);
     std::vector<std::vector<std::uint32_t>> blocks;
+    const auto first = std::size_t(first_column(problem));
     for (std::vector<Item>& part : dealt) {
         std::sort(part.begin(), part.end(), [](const Item& a, const Item& b) { return a.begin < b.begin; });
         std::vector<std::uint32_t>& lanes = blocks.emplace_back();
@@ -84,7 +110,7 @@ std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max
             for (std::uint32_t i = item.begin; i < item.end; ++i) {
                 if (rows) {
                     const auto x =
-                        std::size_t(problem.lattice.voxel[i]) % std::size_t(problem.lattice.dims.x);
+                        std::size_t(problem.lattice.voxel[i]) % std::size_t(problem.lattice.dims.x) - first;
                     lanes.resize(row + x % warp, resident_none);
                 }
                 lanes.push_back(i);
@@ -96,7 +122,8 @@ std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max
 
 // Whether rows of 32 waste no more than a tenth of their lanes.
 bool rows_are_full(const Problem& problem) {
-    return 10 * problem.particle_count() >= 9 * warp * items_of(problem, true).size();
+    return 10 * (problem.particle_count() - problem.ghosts.size()) >=
+           9 * warp * items_of(problem, true).size();
 }
 
 // A linear function of the coordinates that says which bank of shared memory a point is in: a warp whose
@@ -151,7 +178,7 @@ public:
         : problem_(problem),
           particle_(particle_of_voxel(problem.lattice)),
           blocks_(blocks),
-          block_of_(problem.particle_count()),
+          block_of_(problem.particle_count(), resident_none),
           overlap_(overlap) {
         out_.blocks = int(blocks.size());
         out_.pollers = pollers;
@@ -166,6 +193,7 @@ public:
 
     ResidentLayout make() {
         find_borders();
+        find_keepers();
         publish();
         const std::size_t lanes = out_.lane_count();
         out_.particle.assign(lanes, resident_none);
@@ -223,6 +251,15 @@ private:
         out_.rounds = std::max(1, int(units_of(most, std::size_t(out_.pollers))));
     }
 
+    // The block that keeps each ghost: the first that reaches it.
+    void find_keepers() {
+        for (std::size_t b = 0; b < reached_.size(); ++b) {
+            for (const std::uint32_t j : reached_[b]) {
+                if (block_of_[j] == resident_none) keeper_.try_emplace(j, b);
+            }
+        }
+    }
+
     // Gives a place in the exchange to what is reached: that of a block together, in the order of its lanes.
     void publish() {
         std::vector<std::uint8_t> is_reached(problem_.particle_count());
@@ -238,6 +275,11 @@ private:
                 published_[i] = out_.published_count++;
                 out_.published[b * std::size_t(out_.lanes) + lane] = published_[i];
             }
+        }
+        // A neighbour sends what is reached of its own: no word is for nothing.
+        for (const std::uint32_t ghost : problem_.ghosts) {
+            if (is_reached[ghost] != 0) published_[ghost] = out_.published_count++;
+            out_.ghost_word.push_back(published_[ghost]);
         }
         const std::size_t polls =
             std::size_t(out_.rounds) * std::size_t(out_.blocks) * std::size_t(out_.pollers);
@@ -294,7 +336,9 @@ private:
         for (std::size_t n = 0; n < reached.size(); ++n) {
             const std::size_t poll = (n / pollers * blocks_.size() + b) * pollers + n % pollers;
             out_.polled[poll] = published_[reached[n]];
-            out_.polled_word[poll] = reached[n];
+            const auto keeper = keeper_.find(reached[n]);
+            const bool keeps = keeper != keeper_.end() && keeper->second == b;
+            out_.polled_word[poll] = reached[n] | (keeps ? keeps_ghost : 0);
             out_.polled_slot[poll] = std::uint16_t(slot_of[reached[n]] = slots.take(at(reached[n])));
         }
         // Idle lanes write somewhere that nobody reads.
@@ -349,9 +393,10 @@ private:
     const Problem& problem_;
     const std::vector<std::uint32_t> particle_;  // in each voxel
     const std::vector<std::vector<std::uint32_t>>& blocks_;
-    std::vector<std::uint32_t> block_of_;
+    std::vector<std::uint32_t> block_of_;  // of each particle; resident_none: a ghost
     bool overlap_;
     std::vector<std::vector<std::uint32_t>> reached_;
+    std::unordered_map<std::uint32_t, std::size_t> keeper_;  // of each ghost
     std::vector<std::uint32_t> published_;
     ResidentLayout out_;
 };
@@ -388,9 +433,9 @@ std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::v
 
 ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit) {
     ResidentEdit edited;
-    edited.slots = 2 * (edit.removed.size() + edit.added.size());
-    edited.words.reserve(edited.slots + edit.touched.size());
+    edited.words.reserve(2 * (edit.removed.size() + edit.added.size()) + edit.touched.size());
     const auto look_at = [&](std::uint32_t particle, int bit) {
+        if (layout.lane[particle] == resident_none) return;  // a ghost
         const auto touched = std::lower_bound(
             edit.touched.begin(), edit.touched.end(), particle,
             [](const SpringEdit::Touched& one, std::uint32_t i) { return one.particle < i; });
@@ -406,6 +451,7 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
             look_at(changed.spring.second, changed.bit ^ 1);
         }
     }
+    edited.slots = edited.words.size();
     for (const SpringEdit::Touched& touched : edit.touched)
         edited.words.push_back({touched.particle, touched.mask});
     return edited;
@@ -419,10 +465,10 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
     if (problem.has_materials())
         return "resident blocks have one stiffness a spring group, and the scene has several materials";
     const auto max_particles = std::size_t(multiprocessors) * max_resident_lanes;
-    if (problem.particle_count() > max_particles)
-        return std::to_string(problem.particle_count()) + " particles exceed the " +
-               std::to_string(max_particles) + " that " + std::to_string(multiprocessors) +
-               " multiprocessors hold";
+    const std::size_t own = problem.particle_count() - problem.ghosts.size();
+    if (own > max_particles)
+        return std::to_string(own) + " particles exceed the " + std::to_string(max_particles) + " that " +
+               std::to_string(multiprocessors) + " multiprocessors hold";
     return {};
 }
 
@@ -438,6 +484,39 @@ std::string too_much_for_a_block(const ResidentLayout& layout, ToolMode tool) {
     const int slots = tool == ToolMode::ticks ? max_slots_in_ticks : max_resident_slots;
     if (layout.slots > slots) return beyond(layout.slots, slots, "points");
     return {};
+}
+
+std::string sent_refusal(const std::vector<ResidentSending>& neighbours) {
+    if (neighbours.size() < 2) return {};
+    const std::vector<std::uint32_t>&a = neighbours[0].particles, &b = neighbours[1].particles;
+    std::vector<std::uint32_t> both;
+    std::set_intersection(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
+    if (both.empty()) return {};
+    return "a slab of one layer sends its points to both sides, and a resident lane sends to one";
+}
+
+std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,
+                                         const std::vector<ResidentSending>& neighbours) {
+    std::vector<std::uint32_t> sent(layout.lane_count(), resident_none);
+    for (std::size_t neighbour = 0; neighbour < neighbours.size(); ++neighbour) {
+        const ResidentSending& sending = neighbours[neighbour];
+        for (std::size_t n = 0; n < sending.particles.size(); ++n) {
+            if (sending.words[n] == resident_none) continue;
+            sent[layout.lane[sending.particles[n]]] =
+                sending.words[n] | (neighbour == 0 ? 0 : second_neighbour);
+        }
+    }
+    return sent;
+}
+
+std::vector<std::uint32_t> words_of_ghosts(const ResidentLayout& layout, const Problem& problem,
+                                           const std::vector<std::uint32_t>& ghosts) {
+    std::vector<std::uint32_t> words;
+    for (const std::uint32_t ghost : ghosts) {
+        const auto at = std::lower_bound(problem.ghosts.begin(), problem.ghosts.end(), ghost);
+        words.push_back(layout.ghost_word[std::size_t(at - problem.ghosts.begin())]);
+    }
+    return words;
 }
 
 std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,

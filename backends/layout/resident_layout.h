@@ -38,16 +38,20 @@ struct ResidentLayout {
     std::vector<std::uint16_t> own_slot, polled_slot;
     std::vector<std::uint16_t> neighbour_slot;  ///< ResidentStep::slot if no spring were missing
     std::vector<std::uint8_t> border;
-    std::vector<std::uint32_t> lane;  ///< of each particle
+    std::vector<std::uint32_t> lane;  ///< of each particle; resident_none: a ghost
+    /// Of each of Problem::ghosts: where in the exchange the part that steps it puts its point, behind what
+    /// blocks of this part publish; or resident_none where no block reaches it.
+    std::vector<std::uint32_t> ghost_word;
 
     std::uint32_t lane_count() const { return std::uint32_t(blocks) * std::uint32_t(lanes); }
     bool operator==(const ResidentLayout&) const = default;
 };
 
-/// `problem` has a lattice, a particle at least, and no springs beyond the lattice; masks are not asked.
-/// At most `blocks` blocks. `overlap`: springs within a block are added while points from beyond its border
-/// are on their way, where a whole warp can. `automatic` takes rows where they waste no more than a tenth of
-/// their lanes and a block can hold its share.
+/// `problem` has a lattice, a particle of its own at least, and no springs beyond the lattice; masks are not
+/// asked. Ghosts have no lane: blocks poll their points as they do those of other blocks. At most `blocks`
+/// blocks. `overlap`: springs within a block are added while points from beyond its border are on their way,
+/// where a whole warp can. `automatic` takes rows where they waste no more than a tenth of their lanes and a
+/// block can hold its share.
 ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
                                 bool overlap);
 
@@ -62,6 +66,20 @@ struct ResidentEdit {
 };
 /// `edit` is of springs of the lattice.
 ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit);
+
+/// What a part of a body sends to one beside it: which of its particles, and for each the word of that part's
+/// exchange, or resident_none where nobody there reads it.
+struct ResidentSending {
+    std::vector<std::uint32_t> particles, words;
+};
+/// Empty, or why lanes cannot send to these neighbours, one or two.
+std::string sent_refusal(const std::vector<ResidentSending>& neighbours);
+/// ResidentLinks::sent.
+std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,
+                                         const std::vector<ResidentSending>& neighbours);
+/// ResidentLayout::ghost_word of some of the ghosts of `problem`, which was laid out.
+std::vector<std::uint32_t> words_of_ghosts(const ResidentLayout& layout, const Problem& problem,
+                                           const std::vector<std::uint32_t>& ghosts);
 
 /// Empty, or why no layout of `problem` serves a card of so many multiprocessors, whose blocks may or may not
 /// wait for each other (`launches_together`).

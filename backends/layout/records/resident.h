@@ -29,6 +29,14 @@ inline constexpr int neighbour_bits = 26;
 /// A lane or poll without work.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
+/// In ResidentStep::polled_word, where a poll is of a ghost: the poller keeps in memory where a launch leaves
+/// that. One poll of each ghost does.
+inline constexpr std::uint32_t keeps_ghost = 1U << 31;
+inline constexpr std::uint32_t resident_word_bits = keeps_ghost - 1;
+
+/// In ResidentLinks::sent: the second neighbour is meant.
+inline constexpr std::uint32_t second_neighbour = 1U << 31;
+
 /// A block gives up after so many polls in vain for what another block is to send: some ten seconds on an
 /// H200, where a step takes microseconds.
 inline constexpr std::uint32_t max_resident_polls = 1U << 24;
@@ -75,6 +83,24 @@ struct HeldResidentStep : ResidentStep {
     ToolState<float> tool;     ///< moved so in ToolMode::launch
     HeldForce<float>* forces;  ///< in the last step of a launch
     TickLine line;             ///< of ToolMode::ticks
+};
+
+/// The exchange of a part of a body beside this one, which may be in the memory of another device.
+struct ResidentNeighbour {
+    TaggedPoint* exchange;
+    std::uint32_t words;  ///< for every second step
+};
+/// What a part of a body sends to those beside it.
+struct ResidentLinks {
+    /// One a lane: which word of a neighbour's exchange its point goes to, with second_neighbour where it is
+    /// that one's; or resident_none.
+    const std::uint32_t* sent;
+    ResidentNeighbour neighbour[2];
+};
+/// The argument of a launch that steps a part of a body. `Step`: ResidentStep or HeldResidentStep.
+template <class Step>
+struct PartStep : Step {
+    ResidentLinks links;
 };
 
 /// The mask bit of an offset.
