@@ -62,7 +62,8 @@ struct Capabilities {
     /// Backends of one name share one measurement. Empty: that of its own API and version alone.
     std::string limits_of = {};
     bool has_borders = false;  ///< Backend::border() gives one
-    /// What Backend::device_borders() takes. Empty: borders go through the host's memory alone.
+    /// What Backend::device_borders() takes. Empty: borders go through the host's memory alone. Where
+    /// has_borders is not set they go by these ways alone.
     std::vector<std::string> border_ways = {};
 };
 
@@ -135,6 +136,9 @@ struct SharedParticles {
 /// The borders of one part of a body with those beside it, all on devices that this process has, where they
 /// travel from device to device and the host waits for none of it.
 ///
+/// Most send and receive between steps. Where they travel within steps, each step of a part takes what the
+/// same step of those beside it gave, whatever calls of step() the steps are of.
+///
 /// Each part is stepped by a thread of its own. The n-th receive() of a part is called after the n-th send()
 /// of those beside it has returned, and their send() n + 2 after it has returned. Either side may be
 /// destroyed first.
@@ -151,7 +155,13 @@ public:
     /// their order; this one is that of `part`. All are of backends with the same options. Throws
     /// Unavailable, with the reason, where the devices have no such way to each other.
     virtual void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) = 0;
-    /// Enqueues: the places, as the steps so far leave them, go to the parts beside this one.
+    /// How many steps a call of Backend::step() may take where borders travel within them. All parts are then
+    /// to be ready for their calls before one of them makes its own: until all have made it, a device that
+    /// several parts share may wait for one of them, and so may all that waits for this device. 0: borders
+    /// travel between steps.
+    virtual int steps_a_call() const { return 0; }
+    /// Enqueues: the places, as the steps so far leave them, go to the parts beside this one. Nothing where
+    /// borders travel within steps, and so does receive().
     virtual void send() = 0;
     /// Enqueues: from the next step on ghosts are where the parts beside this one sent them.
     virtual void receive() = 0;

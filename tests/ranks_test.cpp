@@ -10,6 +10,7 @@
 #include <cstring>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -172,6 +173,11 @@ public:
         if (part > 0) links_.front().theirs = shore_of(part - 1);
         if (part + 1 < parts.size()) links_.back().theirs = shore_of(part + 1);
     }
+    /// Whether all that these borders await has been sent.
+    bool is_here() const {
+        return std::all_of(links_.begin(), links_.end(),
+                           [&](const Link& link) { return link.own->sent > received_; });
+    }
     void send() override {
         ++sent_;
         for (Link& link : links_) {
@@ -308,6 +314,95 @@ Registered faulty(const std::string& what) {
 }
 const Registered backends[] = {faulty("throws"), faulty("hangs"), faulty("without")};
 
+/// Borders that travel within steps: with a device of its own, which waits for its neighbours.
+class BordersInSteps final : public DeviceBorders {
+public:
+    explicit BordersInSteps(std::shared_ptr<DeviceBorders> of) : inner_(std::move(of)) {}
+    std::size_t bytes() const override { return inner_->bytes(); }
+    void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
+        std::vector<std::shared_ptr<DeviceBorders>> inner;
+        for (const auto& other : parts) inner.push_back(dynamic_cast<BordersInSteps&>(*other).inner_);
+        inner_->connect(inner, part);
+    }
+    int steps_a_call() const override { return 3; }
+    void send() override { throw std::logic_error("sent between steps"); }
+    void receive() override { throw std::logic_error("received between steps"); }
+
+    void exchange() {
+        inner_->send();
+        while (!dynamic_cast<FakeBorders&>(*inner_).is_here()) std::this_thread::yield();
+        inner_->receive();
+    }
+
+private:
+    const std::shared_ptr<DeviceBorders> inner_;
+};
+
+/// Its edits take long on one rank; no other may be in the steps after them meanwhile.
+class WithinSteps final : public Wrapped {
+public:
+    WithinSteps() {
+        const std::lock_guard lock(mutex_);
+        all_.push_back(this);
+    }
+    ~WithinSteps() override {
+        const std::lock_guard lock(mutex_);
+        std::erase(all_, this);
+    }
+    Capabilities capabilities() const override {
+        Capabilities all = Wrapped::capabilities();
+        all.has_borders = false;
+        all.border_ways = {"stores"};
+        return all;
+    }
+    std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
+                                                  const std::string&) override {
+        borders_ = std::make_shared<BordersInSteps>(Wrapped::device_borders(borders, "peer"));
+        return borders_;
+    }
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        if (edit.empty()) throw std::logic_error("an edit of nothing");
+        edits_ = true;
+        if (is_first_) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+        Wrapped::edit(edited, edit);
+        edits_ = false;
+    }
+
+private:
+    void begin(const Problem& problem, const State& state) override {
+        is_first_ = problem.rest_position.front().z == 0;
+        Wrapped::begin(problem, state);
+    }
+    void integrate(int count) override {
+        ++calls_;
+        {
+            const std::lock_guard lock(mutex_);
+            for (const WithinSteps* other : all_) {
+                if (other->edits_ && other->calls_ < calls_) throw std::logic_error("a rank was not ready");
+            }
+        }
+        for (int n = 0; n < count; ++n) {
+            Wrapped::integrate(1);
+            if (borders_) borders_->exchange();
+        }
+    }
+
+    inline static std::mutex mutex_;
+    inline static std::vector<const WithinSteps*> all_;
+    std::shared_ptr<BordersInSteps> borders_;
+    bool is_first_ = false;
+    std::atomic<bool> edits_ = false;
+    std::atomic<int> calls_ = 0;
+};
+
+const Registered within_steps({.name = "rank_within_steps",
+                               .summary = "A backend for a test.",
+                               .precisions = {Precision::float64},
+                               .formulations = {Formulation::increment},
+                               .tuning = {},
+                               .make = [](const Options&) { return std::make_unique<WithinSteps>(); },
+                               .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+
 RankPlan plan_by(const std::string& way) {
     RankPlan by_way = plan;
     by_way.way = way;
@@ -364,6 +459,34 @@ TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
     }
 }
 
+// Edits that touch the first part alone are among them: all stop at the same steps.
+TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
+    Scene whole = scene();
+    const int last = whole.edits.back().step + 1;
+    ASSERT_LT(last, plan.steps);
+    Problem edited = problem_after(whole, last);
+    const Spring lowest = list_springs(edited).front();
+    SpringEditor editor(edited);
+    const std::vector<std::pair<std::uint32_t, std::uint32_t>> ends = {{lowest.first, lowest.second}};
+    whole.edits.push_back({last, editor.cut(ends)});
+    const BackendSpec spec = BackendSpec::parse("rank_within_steps");
+    State one = state_at_rest(whole.problem);
+    (void)run_ranks_as_threads(spec, whole, 1, plan_by("stores"), one);
+    for (int ranks = 2; ranks <= 4; ++ranks) {
+        State state = state_at_rest(whole.problem);
+        for (const RankReport& report : run_ranks_as_threads(spec, whole, ranks, plan_by("stores"), state)) {
+            ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
+            EXPECT_GT(report.batches.back().compute, 0);
+            EXPECT_EQ(report.batches.back().exchange, 0);
+            EXPECT_EQ(report.latency, 0);
+            EXPECT_GT(report.border_bytes, 0u);
+        }
+        expect_same_bits(state, one);
+    }
+    EXPECT_THAT(error_of("rank_within_steps", "peer"), HasSubstr("its borders do not go by peer"));
+    EXPECT_THAT(error_of("rank_within_steps"), HasSubstr("it gives no borders"));
+}
+
 TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
     const Scene whole = scene();
     State state = state_at_rest(whole.problem);
@@ -386,6 +509,16 @@ std::vector<std::string> devices_of(const std::vector<int>& asked) {
          run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, 3, on_devices, state))
         taken.push_back(report.device);
     return taken;
+}
+
+TEST(RankRuns, KnowHowManyRanksShareADevice) {
+    RankPlan on_devices = plan;
+    EXPECT_EQ(on_devices.device_of(2, 3).parts_among(2), 2);
+    on_devices.devices = {0, 1};
+    EXPECT_EQ(on_devices.device_of(2, 3).parts_among(2), 2);
+    EXPECT_EQ(on_devices.device_of(1, 3).parts_among(2), 1);
+    on_devices.devices = {0, 0};
+    EXPECT_EQ(on_devices.device_of(1, 2).parts_among(2), 2);
 }
 
 TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {

@@ -122,6 +122,36 @@ Registered disguised(const std::string& name, ApiFamily family) {
                        .make = [family](const Options&) { return std::make_unique<Disguised>(family); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 }
+/// cpu_reference as one whose borders travel within steps, between devices that there are not.
+class OnDevices final : public CpuBackend {
+public:
+    Capabilities capabilities() const override {
+        Capabilities capabilities = inner_->capabilities();
+        capabilities.has_borders = false;
+        capabilities.border_ways = {"stores"};
+        return capabilities;
+    }
+    void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
+    void edit(const Problem&, const SpringEdit&) override {}
+    void step(int count) override { inner_->step(count); }
+    State download() override { return inner_->download(); }
+    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+    std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>&,
+                                                  const std::string&) override {
+        throw Unavailable("there is no device");
+    }
+
+private:
+    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
+};
+const Registered with_devices({.name = "on_devices",
+                               .summary = "A backend for this test.",
+                               .precisions = {Precision::float64},
+                               .formulations = {Formulation::increment},
+                               .tuning = {},
+                               .make = [](const Options&) { return std::make_unique<OnDevices>(); },
+                               .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+
 const Registered all[] = {disguised("device_1", ApiFamily::opengl), disguised("device_2", ApiFamily::opengl),
                           disguised("device_3", ApiFamily::opengl),
                           disguised("device_killed", ApiFamily::opengl),
@@ -348,6 +378,24 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
     EXPECT_THAT(said(2, 4),
                 ::testing::Not(::testing::HasSubstr("box@4x4x4 cpu_reference increment float64: more")))
         << "it grows";
+}
+
+TEST_F(StudyKinds, ScalingSkipsTheWaysOfOtherBackends) {
+    const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 3,
+        "ranks": [1, 2], "backends": ["on_devices"], "scenes": [{"scene": "box@4"}]})");
+    StudyOptions options;
+    options.ranks = 2;
+    const nlohmann::json result = run_study(load_study(file), options);
+    EXPECT_TRUE(result.at("failed").empty()) << result.at("failed");
+    ASSERT_EQ(result.at("scaling").size(), 1u);
+    EXPECT_EQ(result.at("scaling")[0].at("way"), "none");
+    const std::string skipped = result.at("skipped").dump();
+    for (const char* way : {"memory", "peer", "nccl"}) expect_contains(skipped, way);
+    expect_contains(skipped, ": its borders travel within its steps");
+    expect_contains(skipped, "as 2 ranks by stores: rank ");
+    expect_contains(skipped, "there is no device");
+    EXPECT_EQ(skipped.find("mpi"), std::string::npos);
+    EXPECT_EQ(result.at("skipped").size(), 2u);
 }
 
 TEST_F(StudyKinds, ScalingLetsTilesFallAsleepOtherwiseInSlabs) {

@@ -12,7 +12,14 @@ double seconds_from(std::chrono::steady_clock::time_point begin, std::chrono::st
 }  // namespace
 
 std::string RankBackend::unsupported(const Problem& problem) const {
-    if (!inner_.capabilities().has_borders) return "it cannot step a part of a body: it gives no borders";
+    const Capabilities capabilities = inner_.capabilities();
+    if (goes_by_device()) {
+        const std::vector<std::string>& ways = capabilities.border_ways;
+        if (std::find(ways.begin(), ways.end(), way_) == ways.end())
+            return "its borders do not go by " + way_;
+    } else if (!slab_.borders.empty() && !capabilities.has_borders) {
+        return "it cannot step a part of a body: it gives no borders";
+    }
     return inner_.unsupported(problem);
 }
 
@@ -36,7 +43,27 @@ void RankBackend::connect() {
     connected_ = true;
 }
 
+int RankBackend::steps_a_call() const {
+    return goes_by_device() ? parts_->at(std::size_t(exchange_.rank()))->steps_a_call() : 0;
+}
+
+/// The devices wait for each other within these steps. A rank that allocates or frees memory, or loads a
+/// kernel, may wait for all that runs on its device: so each does that before they meet, and enqueues its
+/// steps and nothing else once all are here.
+void RankBackend::step_and_exchange(int count) {
+    for (int most = steps_a_call(); count > 0; count -= most) {
+        const auto begin = Clock::now();
+        meet(exchange_);
+        const auto here = Clock::now();
+        inner_.step(std::min(count, most));
+        if (waits_) inner_.synchronize();
+        seconds_.waiting += seconds_from(begin, here);
+        seconds_.compute += seconds_from(here, Clock::now());
+    }
+}
+
 void RankBackend::step(int count) {
+    if (exchanges_in_steps()) return step_and_exchange(count);
     for (int n = 0; n < count; ++n) {
         const auto begin = Clock::now();
         inner_.step(1);

@@ -41,11 +41,17 @@ public:
     void upload(const Problem& problem, const State& state) override;
     bool keep_start() override { return inner_.keep_start(); }
     void rewind() override { inner_.rewind(); }
-    void edit(const Problem& edited, const SpringEdit& edit) override { inner_.edit(edited, edit); }
+    /// Nothing where the edit changes no spring here: ranks make their calls alike, see step().
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        if (!edit.empty()) inner_.edit(edited, edit);
+    }
     bool has_tool() const override { return inner_.has_tool(); }
-    void move_tool(const glm::dvec3& displacement) override { inner_.move_tool(displacement); }
+    void move_tool(const glm::dvec3& displacement) override {
+        if (slab_.problem.has_tool()) inner_.move_tool(displacement);
+    }
     /// Of what the tool holds of this slab.
     glm::dvec3 tool_force() override { return inner_.tool_force(); }
+    /// All ranks call this alike, with edits and moves of the tool between.
     void step(int count) override;
     void monitor(const DivergenceMonitor& monitor) override { inner_.monitor(monitor); }
     std::optional<Divergence> divergence() override { return inner_.divergence(); }
@@ -64,6 +70,8 @@ public:
     /// apart; at first where borders go through its memory. There it does in any case.
     void wait_in_steps(bool wait) { waits_ = wait || parts_ == nullptr; }
     bool goes_by_device() const { return parts_ != nullptr; }
+    /// Whether borders travel within steps, so that their exchange takes no time of its own.
+    bool exchanges_in_steps() const { return steps_a_call() > 0; }
     /// Since the latest call of this.
     RankSeconds take_seconds() { return std::exchange(seconds_, {}); }
     /// Of the largest message of a step.
@@ -82,6 +90,8 @@ private:
         return std::chrono::duration<double>(end_ - begin_).count();
     }
 
+    int steps_a_call() const;
+    void step_and_exchange(int count);
     void exchange_by_host();
     void exchange_by_device();
 

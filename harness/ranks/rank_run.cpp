@@ -32,12 +32,11 @@ Scene part_of(const Scene& scene, const Slab& slab) {
                .problem = slab.problem,
                .state = slab.part_of(scene.state),
                .edits = {},
-               .tool_motion = slab.problem.has_tool() ? scene.tool_motion : ToolMotion{},
+               .tool_motion = scene.tool_motion,
                .stable_time_step = scene.stable_time_step};
-    for (const ScheduledEdit& scheduled : scene.edits) {
-        SpringEdit edit = slab.part_of(scheduled.edit);
-        if (!edit.empty()) part.edits.push_back({scheduled.step, std::move(edit)});
-    }
+    // Those that change nothing here as well: all ranks stop at the same steps, and upload alike.
+    for (const ScheduledEdit& scheduled : scene.edits)
+        part.edits.push_back({scheduled.step, slab.part_of(scheduled.edit)});
     return part;
 }
 
@@ -67,7 +66,7 @@ RankBackend on_its_way(Backend& inner, const Slab& slab, Exchange& exchange, con
 /// Before any step: ghosts are where the borders are that they are written from, so that no bit changes.
 void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& report) {
     report.border_bytes = backend.border_bytes();
-    if (exchange.ranks() == 1) return;
+    if (exchange.ranks() == 1 || backend.exchanges_in_steps()) return;
     report.latency = seconds_of(exchange, backend, [&] { greet(exchange); });
     const double with_borders = seconds_of(exchange, backend, [&] { backend.exchange_borders(); });
     if (report.border_bytes > 0)
@@ -137,9 +136,12 @@ RankPlan rank_plan_of(const nlohmann::json& json) {
             .way = json.at("way")};
 }
 
-DeviceNumber RankPlan::device_of(int rank) const {
-    if (devices.empty()) return {.number = rank, .wraps = true};
-    return {.number = devices[std::size_t(rank) % devices.size()], .wraps = false};
+DeviceNumber RankPlan::device_of(int rank, int ranks) const {
+    if (devices.empty()) return {.number = rank, .wraps = true, .parts = ranks};
+    const auto number_of = [&](int other) { return devices[std::size_t(other) % devices.size()]; };
+    int parts = 0;
+    for (int other = 0; other < ranks; ++other) parts += number_of(other) == number_of(rank) ? 1 : 0;
+    return {.number = number_of(rank), .wraps = false, .parts = parts};
 }
 
 nlohmann::json to_json(const RankReport& report) {
@@ -186,12 +188,11 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                     State& whole, PartsOnDevices* parts) {
     const Slab slab = SlabCuts(scene.problem, exchange.ranks()).slab(scene.problem, exchange.rank());
     const Scene part = part_of(scene, slab);
-    const DeviceOfThread device(plan.device_of(exchange.rank()));
+    const DeviceOfThread device(plan.device_of(exchange.rank(), exchange.ranks()));
     const std::unique_ptr<Backend> inner = spec.make();
     RankBackend backend = on_its_way(*inner, slab, exchange, plan, parts);
     SceneRunner runner(part);
-    if (const std::string reason = runner.unsupported(backend); !reason.empty())
-        throw std::runtime_error(reason);
+    if (const std::string reason = runner.unsupported(backend); !reason.empty()) throw Unavailable(reason);
     const DivergenceMonitor monitor = divergence_monitor(scene, plan.steps);
     backend.monitor(monitor);
 
@@ -199,7 +200,9 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                       .ghosts = slab.particle.size() - slab.own.size(),
                       .device = backend.capabilities().uuid};
     runner.rewind(backend);
-    runner.keep_start(backend);
+    // All ranks upload alike, since they connect after an upload: where edits cancel in one slab they may not
+    // in another.
+    if (scene.edits.empty()) runner.keep_start(backend);
     exchange.set_patience(plan.start_patience);
     meet(exchange);
     backend.connect();

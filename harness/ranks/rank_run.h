@@ -22,7 +22,7 @@ struct RankPlan {
     std::chrono::duration<double> start_patience{1800}, patience{10};
     /// Which device each rank takes, over and over. Empty: the next of those that there are.
     std::vector<int> devices = {};
-    DeviceNumber device_of(int rank) const;
+    DeviceNumber device_of(int rank, int ranks) const;
     /// How borders travel: "memory", which is what the Exchange does, or one of Capabilities::border_ways,
     /// where all ranks are threads of one process.
     std::string way = "memory";
@@ -42,7 +42,7 @@ struct RankReport {
     std::size_t border_bytes = 0;     ///< of its largest message in a step
     /// Of an exchange in which each rank sends to and hears from each neighbour: without anything in the
     /// messages, and what each byte of the largest border adds, with reading and writing it. Zero for a rank
-    /// by itself.
+    /// by itself, and where borders travel within steps.
     double latency = 0, seconds_per_byte = 0;
     std::string device = {};  ///< Capabilities::uuid of its backend
 };
@@ -55,8 +55,8 @@ std::string ranks_refusal(const Scene& scene, int ranks);
 std::size_t largest_message(const Scene& scene);
 
 /// Runs a rank of the scene, and copies the state of its own particles into `whole`, which is as large as the
-/// scene's. Throws RankLost, what the backend throws (Unavailable where there is no such device), and
-/// std::runtime_error where the run diverges or the backend cannot run a slab.
+/// scene's. Throws RankLost, what the backend throws (Unavailable where there is no such device), Unavailable
+/// where the backend cannot run the slab, and std::runtime_error where the run diverges.
 ///
 /// `parts`: room for one of each rank, which they share; for ways from device to device alone.
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,

@@ -238,6 +238,8 @@ private:
     void run_backend(StudyBench& bench, const BackendSpec& spec, int threads);
 
     std::vector<std::string> ways_of(int ranks, const MpiRanks* mpi, const Capabilities& capabilities) const;
+    void skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
+                         const std::vector<std::string>& ways) const;
 
     std::vector<int> counts_ = {1, 2};
     std::vector<std::string> ways_ = known_ways;
@@ -262,9 +264,9 @@ std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
     std::vector<std::string> ways;
     if (mpi == nullptr || mpi->ranks_here() == mpi->ranks()) {
         ways = capabilities.border_ways;
-        ways.insert(ways.begin(), "memory");
+        if (capabilities.has_borders) ways.insert(ways.begin(), "memory");
     }
-    if (mpi != nullptr) ways.push_back("mpi");
+    if (mpi != nullptr && capabilities.has_borders) ways.push_back("mpi");
     std::erase_if(ways, [this](const std::string& way) {
         return std::find(ways_.begin(), ways_.end(), way) == ways_.end();
     });
@@ -452,6 +454,19 @@ void Contender::measure(int ranks, const std::string& way) {
     bench_.add("scaling", kept->at("row"));
 }
 
+/// Of a backend whose borders travel within its steps, which has no other ways than `ways`.
+void ScalingStudy::skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
+                                   const std::vector<std::string>& ways) const {
+    std::vector<std::string> others = ways_;
+    std::erase_if(others, [&](const std::string& way) {
+        return std::find(ways.begin(), ways.end(), way) != ways.end() ||
+               (way == "mpi" && bench.options().mpi == nullptr);
+    });
+    if (others.empty()) return;
+    bench.skip(spec, "as " + std::to_string(ranks) + " ranks by " + joined(others) +
+                         ": its borders travel within its steps");
+}
+
 void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int threads) {
     BackendSpec of_rank = spec;
     // Each rank has as many threads whatever their number, so that one rank is what several are held against.
@@ -464,7 +479,7 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
     } else {
         capabilities = capabilities_of(entered->capabilities());
     }
-    if (!capabilities.has_borders) {
+    if (!capabilities.has_borders && capabilities.border_ways.empty()) {
         bench.skip(of_rank, "it cannot step a part of a body: it gives no borders");
         return;
     }
@@ -478,8 +493,9 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
             bench.skip(of_rank, "as " + std::to_string(ranks) + " ranks: " + reason);
             continue;
         }
-        for (const std::string& way : ways_of(ranks, bench.options().mpi, capabilities))
-            contender.measure(ranks, way);
+        const std::vector<std::string> ways = ways_of(ranks, bench.options().mpi, capabilities);
+        if (ranks > 1 && !capabilities.has_borders) skip_other_ways(bench, of_rank, ranks, ways);
+        for (const std::string& way : ways) contender.measure(ranks, way);
     }
 }
 
