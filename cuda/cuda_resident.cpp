@@ -1,15 +1,19 @@
 // One cooperative launch for thousands of steps: a block's particles stay in registers and shared memory,
-// what crosses its border goes through L2.
+// what crosses its border goes through L2, and to a part of the body on another device by NVLink.
 #include <algorithm>
 #include <memory>
 #include <optional>
 #include <span>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "backends/layout/blocks.h"
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
+#include "cuda/common/device_borders.h"
+#include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
 #include "cuda/common/joint_launch.h"
 #include "cuda/common/measure.h"
@@ -38,23 +42,108 @@ public:
         send(slot_, slots_with(layout, mask), step.slot);
         send(polled_slot_, layout.polled_slot, step.polled_slot);
         send(border_, layout.border, step.border);
-        exchange_.resize(std::size_t(2) * layout.published_count);
-        exchange_.fill_with_zeros(stream);
-        step.exchange = exchange_.data();
+        // Who still writes to the exchange of a part that was uploaded before keeps that.
+        if (exchange_.use_count() > 1) exchange_ = std::make_shared<Buffer<TaggedPoint>>();
+        exchange_->resize(std::size_t(2) * layout.published_count);
+        exchange_->fill_with_zeros(stream);
+        step.exchange = exchange_->data();
         step.lane_count = layout.lane_count();
         step.published_count = layout.published_count;
     }
     std::uint16_t* slot() const { return slot_.data(); }
+    const std::shared_ptr<Buffer<TaggedPoint>>& exchange() const { return exchange_; }
     std::uint64_t bytes() const {
         return particle_.bytes() + published_.bytes() + polled_.bytes() + polled_word_.bytes() +
-               own_slot_.bytes() + slot_.bytes() + polled_slot_.bytes() + border_.bytes() + exchange_.bytes();
+               own_slot_.bytes() + slot_.bytes() + polled_slot_.bytes() + border_.bytes() +
+               exchange_->bytes();
     }
 
 private:
     Buffer<std::uint32_t> particle_, published_, polled_, polled_word_;
     Buffer<std::uint16_t> own_slot_, slot_, polled_slot_;
     Buffer<std::uint8_t> border_;
-    Buffer<TaggedPoint> exchange_;
+    std::shared_ptr<Buffer<TaggedPoint>> exchange_ = std::make_shared<Buffer<TaggedPoint>>();
+};
+
+/// Throws Unavailable where a word of 16 bytes need not arrive whole (kernels/exchange.h). Atomics between
+/// devices are what tells NVLink from PCIe.
+void require_whole_words(int own, int other) {
+    if (own == other) return;
+    int atomics = 0;
+    check(cudaDeviceGetP2PAttribute(&atomics, cudaDevP2PAttrNativeAtomicSupported, own, other));
+    if (atomics == 0)
+        throw Unavailable("devices " + std::to_string(own) + " and " + std::to_string(other) +
+                          " are not joined by NVLink, and resident kernels need their words whole");
+}
+
+/// The borders of a part of a body whose points its kernel sends into the exchanges of the parts beside it.
+class ResidentBorders final : public DeviceBorders {
+public:
+    /// Of `problem`, which was laid out so. `steps_a_call`: those of a launch.
+    ResidentBorders(const std::vector<SharedParticles>& borders, const Problem& problem,
+                    const std::shared_ptr<const ResidentLayout>& layout,
+                    const std::shared_ptr<Buffer<TaggedPoint>>& exchange, const Device& device,
+                    const Stream& stream, int steps_a_call)
+        : layout_(layout),
+          exchange_(exchange),
+          device_(device.number()),
+          stream_(stream),
+          steps_a_call_(steps_a_call) {
+        for (const SharedParticles& shared : borders) {
+            sendings_.push_back({shared.sent, {}});
+            words_.push_back(words_of_ghosts(*layout, problem, shared.received));
+        }
+        if (const std::string why = sent_refusal(sendings_); !why.empty()) throw Unavailable(why);
+    }
+
+    std::size_t bytes() const override {
+        std::size_t largest = 0;
+        for (const ResidentSending& sending : sendings_)
+            largest = std::max(largest, sending.particles.size() * sizeof(TaggedPoint));
+        return largest;
+    }
+
+    /// What a launch would load or free later, it may not while others wait for it.
+    void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
+        std::size_t border = 0;
+        const auto meet = [&](std::size_t other) {
+            const auto* const theirs = dynamic_cast<const ResidentBorders*>(parts.at(other).get());
+            if (theirs == nullptr)
+                throw std::logic_error("parts of a body whose borders go by different ways");
+            require_whole_words(device_, theirs->device_);
+            reach(device_, theirs->device_);
+            sendings_[border].words = other < part ? theirs->words_.back() : theirs->words_.front();
+            their_exchanges_.push_back(theirs->exchange_);
+            links_.neighbour[border] = {theirs->exchange_->data(), theirs->layout_->published_count};
+            ++border;
+        };
+        if (part > 0) meet(part - 1);
+        if (part + 1 < parts.size()) meet(part + 1);
+        sent_.upload(sent_by_lanes(*layout_, sendings_), stream_);
+        links_.sent = sent_.data();
+        load_divergence_check();
+        stream_.synchronize();  // the exchange is empty before anybody writes to it
+    }
+
+    int steps_a_call() const override { return steps_a_call_; }
+    void send() override {}
+    void receive() override {}
+
+    const ResidentLinks& links() const { return links_; }
+    std::uint64_t device_bytes() const { return sent_.bytes(); }
+
+private:
+    const std::shared_ptr<const ResidentLayout> layout_;
+    const std::shared_ptr<Buffer<TaggedPoint>> exchange_;
+    const int device_;
+    const Stream& stream_;
+    const int steps_a_call_;
+    std::vector<ResidentSending> sendings_;
+    std::vector<std::vector<std::uint32_t>> words_;  ///< of this part's ghosts, by border
+    /// Kept for as long as a launch may write to them.
+    std::vector<std::shared_ptr<Buffer<TaggedPoint>>> their_exchanges_;
+    Buffer<std::uint32_t> sent_;
+    ResidentLinks links_{};
 };
 
 /// What the tables take where every particle is published and every lane has one.
@@ -100,8 +189,22 @@ public:
 
     void upload(const Problem& problem, const State& state) override {
         begin_upload();
+        borders_.reset();
         if (tool_mode_for(problem) == ToolMode::ticks) ticks_.open(problem.tool.particles.size());
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
+    }
+
+    Capabilities capabilities() const override {
+        Capabilities all = ParticleBackend::capabilities();
+        all.border_ways = {"stores"};
+        return all;
+    }
+    /// Launches keep what they were given: the borders are theirs as well.
+    std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
+                                                  const std::string&) override {
+        borders_ = std::make_shared<ResidentBorders>(borders, problem(), layout_, tables_.exchange(),
+                                                     device(), stream(), longest_joint_launch(monitored()));
+        return borders_;
     }
 
     /// Launches and orders carry where the tool is.
@@ -134,8 +237,11 @@ public:
     }
 
 private:
-    /// A rank would sum forces in another order than the whole, and have a launch for each of its steps.
+    /// Particles are in memory at the end of a launch alone. Within it device_borders() carries them.
     bool gives_borders() const override { return false; }
+
+    /// Blocks of all parts on a device wait for each other: there must be room for all of them at once.
+    int multiprocessors() const { return device().multiprocessors() / device().parts(); }
 
     ToolMode tool_mode_for(const Problem& problem) const {
         if (!problem.has_tool()) return ToolMode::none;
@@ -151,13 +257,18 @@ private:
     /// The tables for `problem`; those that refused() made if it is the same body, whatever its springs.
     std::shared_ptr<const ResidentLayout> layout_of(const Problem& problem, bool stressed) const {
         if (latest_ && latest_->stressed == stressed && latest_->group_bits == problem.group_bits &&
-            latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel)
+            latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel &&
+            latest_->ghosts == problem.ghosts)
             return latest_->layout;
         // Masks are not mirrored.
         const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
-        latest_ = {stressed, problem.group_bits, problem.lattice.dims, problem.lattice.voxel,
+        latest_ = {stressed,
+                   problem.group_bits,
+                   problem.lattice.dims,
+                   problem.lattice.voxel,
+                   problem.ghosts,
                    std::make_shared<const ResidentLayout>(
-                       lay_out_resident(problem, device().multiprocessors(), pollers_, partition_, overlap))};
+                       lay_out_resident(problem, multiprocessors(), pollers_, partition_, overlap))};
         return latest_->layout;
     }
 
@@ -189,6 +300,8 @@ private:
         source.macros["BORDERS"] = std::to_string(layout.border_kinds);
         source.macros["MASKED"] = stressed ? "1" : "0";
         source.macros["TOOL"] = name_of(tool_mode_);
+        is_part_ = !problem.ghosts.empty();
+        source.macros["PART"] = is_part_ ? "1" : "0";
         launch.kernel = kernel(source);
         return launch;
     }
@@ -208,7 +321,16 @@ private:
     }
     template <class Step>
     void enqueue_launch(const Step& step, int steps, std::uint32_t tag, std::uint32_t launches) const {
-        launch_words_together(*launch().kernel, launch().grid, launch().block, step, steps, tag, launches);
+        const auto enqueue = [&](const auto& argument) {
+            launch_words_together(*launch().kernel, launch().grid, launch().block, argument, steps, tag,
+                                  launches);
+        };
+        if (is_part_) {
+            if (!borders_) throw std::logic_error("a part of a body is stepped before it has borders");
+            enqueue(PartStep<Step>{step, borders_->links()});
+        } else {
+            enqueue(step);
+        }
     }
     HeldResidentStep held_step(const TickLine& line = {}) const {
         return {launch().step, held_by_lane_.data(), held().data(), {moved_, tool_stiffness_}, held_forces(),
@@ -235,11 +357,11 @@ private:
     void let_end() override { ticks_.end(); }
 
     std::string refused(const Problem& problem) const override {
-        if (std::string why =
-                resident_refusal(problem, device().multiprocessors(), device().launches_together());
+        if (std::string why = resident_refusal(problem, multiprocessors(), device().launches_together());
             !why.empty())
             return why;
         const ToolMode mode = tool_mode_for(problem);
+        if (std::string why = part_refusal(problem, mode); !why.empty()) return why;
         if (mode == ToolMode::ticks && device().ends_long_kernels())
             return "ticks=resident: the driver ends kernels that run for seconds on a device with a display";
         return too_much_for_a_block(
@@ -247,12 +369,27 @@ private:
                                                                       formulation()))),
             mode);
     }
+    /// Empty, or why `problem` cannot be stepped if it is a part of a body.
+    std::string part_refusal(const Problem& problem, ToolMode mode) const {
+        if (problem.ghosts.empty()) return {};
+        if (mode == ToolMode::ticks)
+            return "ticks=resident: parts of a body would hear the host at other steps";
+        if (options_.tuning.at("overlap") == "on")
+            return "overlap=on adds the springs across a block's border last, and the blocks of a part have "
+                   "other borders than those of the whole, so that bits would differ; overlap=off does not";
+        if (device().ends_long_kernels())
+            return "the driver ends kernels that run for seconds on a device with a display, as kernels do "
+                   "that "
+                   "wait for another part";
+        return {};
+    }
+
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return resident_bytes(problem, options_);
     }
     std::uint64_t bytes_held() const override {
         return particle_bytes_held() + tables_.bytes() + joint_.bytes() + held_by_lane_.bytes() +
-               ticks_.bytes() + staging_.bytes();
+               ticks_.bytes() + staging_.bytes() + (borders_ ? borders_->device_bytes() : 0);
     }
 
     std::string failure_note() const override { return joint_.failure_note("resident block"); }
@@ -267,7 +404,7 @@ private:
         bool stressed;
         std::uint32_t group_bits;
         glm::ivec3 dims;
-        std::vector<std::uint32_t> voxel;
+        std::vector<std::uint32_t> voxel, ghosts;
         std::shared_ptr<const ResidentLayout> layout;
     };
     mutable std::optional<LaidOut> latest_;
@@ -280,6 +417,8 @@ private:
     float tool_stiffness_ = 0;
     Vector<float> moved_{};  ///< the tool's, from the next step on
     Ticks ticks_;
+    bool is_part_ = false;                      ///< of a body that others step as well
+    std::shared_ptr<ResidentBorders> borders_;  ///< where it is
 };
 
 const Registered entry({

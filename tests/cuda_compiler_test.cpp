@@ -94,7 +94,8 @@ TEST_P(Compiler, CompilesEveryKernel) {
 }
 
 KernelSource resident_source(
-    const char* tool, const char* slots = "768", int borders = 1 << mixed_border, const char* masked = "0",
+    const char* tool, const char* part = "0", const char* slots = "768", int borders = 1 << mixed_border,
+    const char* masked = "0",
     const std::string& terms = "KernelTerms<Formulation::increment,262143u,0u,false>") {
     return {"resident.cu",
             {{"REAL", "float"},
@@ -108,6 +109,7 @@ KernelSource resident_source(
              {"BORDERS", std::to_string(borders)},
              {"MASKED", masked},
              {"TOOL", tool},
+             {"PART", part},
              {"TERMS", terms}}};
 }
 
@@ -115,20 +117,22 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
     if (GetParam() == Formulation::compensated) return;  // its points do not fit into a tagged word
     struct Variant {
         int borders;
-        const char *masked, *tool, *slots;
+        const char *masked, *tool, *slots, *part;
         int architecture;
     };
     // As many points as each may have.
-    for (const auto& [borders, masked, tool, slots, architecture] :
-         {Variant{(1 << border_kinds) - 1, "0", "none", "2048", 90},
-          Variant{1 << mixed_border, "1", "none", "768", 75},
-          Variant{1 << mixed_border, "1", "launch", "768", 75},
-          Variant{(1 << border_kinds) - 1, "0", "ticks", "2016", 90},
-          Variant{1 << mixed_border, "0", "ticks", "768", 120}}) {
-        SCOPED_TRACE(tool);
+    for (const auto& [borders, masked, tool, slots, part, architecture] :
+         {Variant{(1 << border_kinds) - 1, "0", "none", "2048", "0", 90},
+          Variant{1 << mixed_border, "1", "none", "768", "0", 75},
+          Variant{1 << mixed_border, "1", "launch", "768", "0", 75},
+          Variant{(1 << border_kinds) - 1, "0", "ticks", "2016", "0", 90},
+          Variant{1 << mixed_border, "0", "ticks", "768", "0", 120},
+          Variant{1 << mixed_border, "0", "none", "2048", "1", 90},
+          Variant{1 << mixed_border, "1", "launch", "768", "1", 75}}) {
+        SCOPED_TRACE(std::string(tool) + ", part: " + part);
         const std::string terms = "KernelTerms<Formulation::" + to_string(GetParam()) + ",262143u," +
                                   std::to_string(all_terms & ~term_materials) + "u,true>";
-        const KernelSource source = resident_source(tool, slots, borders, masked, terms);
+        const KernelSource source = resident_source(tool, part, slots, borders, masked, terms);
         EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
     }
 }
@@ -150,6 +154,18 @@ TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
     EXPECT_GE(count_of("%globaltimer", in_ticks), 2U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).block, 131U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).step, 70000U);
+}
+
+// Beside the waits of any launch a part of a body waits for the points that the last step leaves. Between
+// devices words have the scope of the system, on both sides; between blocks of one device they have not.
+TEST(Compiler, AResidentKernelOfAPartSendsToOtherDevices) {
+    const std::string whole = compile(resident_source("none"), 999).code;
+    const std::string part = compile(resident_source("none", "1"), 999).code;
+    EXPECT_GT(count_of("trap;", part), count_of("trap;", whole));
+    EXPECT_EQ(count_of("st.relaxed.sys.global.b128", whole), 0U);
+    EXPECT_GT(count_of("st.relaxed.sys.global.b128", part), 0U);
+    EXPECT_GT(count_of("ld.relaxed.sys.global.b128", part), 0U);
+    EXPECT_EQ(count_of("ld.relaxed.gpu.global.b128", part), 0U);
 }
 
 // Nothing of it is in a kernel without a tool, and the host is heard in ticks alone.

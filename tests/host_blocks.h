@@ -55,6 +55,22 @@ inline TaggedPoint look_up(const TaggedPoint* from) {
     return *from;
 }
 
+/// The part of a body that a launch steps, and one whose threads look for points late for the first time.
+inline thread_local int host_rank = 0;
+inline std::atomic<int> late_rank = -1;
+
+/// Words that cross devices: of the host's one memory as well.
+inline void send_beyond(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
+    publish_if(true, to, point, tag);
+}
+inline TaggedPoint look_beyond(const TaggedPoint* from) {
+    static thread_local bool has_looked = false;
+    // Longer than the host takes to launch the threads of another part.
+    if (!has_looked && host_rank == late_rank) std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    has_looked = true;
+    return look_up(from);
+}
+
 /// A block whose looks for an order take long.
 inline std::atomic<unsigned> slow_block = ~0U;
 
@@ -69,7 +85,7 @@ inline void write_word(std::uint64_t* to, std::uint64_t word) {
 
 /// Ends the test: its threads would wait for ever.
 [[noreturn]] inline void give_up(std::uint64_t* /*stall*/, std::uint32_t number) {
-    std::fprintf(stderr, "block %u waited in vain for step %u\n", blockIdx.x, number);
+    std::fprintf(stderr, "rank %d: block %u waited in vain for step %u\n", host_rank, blockIdx.x, number);
     std::abort();
 }
 inline void count_block(std::uint32_t* counted) { __atomic_fetch_add(counted, 1, __ATOMIC_RELEASE); }

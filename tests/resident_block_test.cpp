@@ -1,11 +1,12 @@
-// The body of the resident kernel on the host, with a thread for each of a launch's: steps, the tool, and
-// ticks that the host orders while the launch goes on.
+// The body of the resident kernel on the host, with a thread for each of a launch's: steps, the tool, ticks
+// that the host orders while the launch goes on, and parts of a body whose launches exchange their borders.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <iterator>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -14,6 +15,7 @@
 #include <vector>
 
 #include "backends/layout/resident_layout.h"
+#include "backends/layout/slabs.h"
 #include "backends/layout/tick_desk.h"
 #include "tests/host_blocks.h"
 // Kernels' bodies come after what they find on a device.
@@ -78,6 +80,15 @@ inline constexpr Body idle{{6, 5, 4}, Partition::bisection, false, mixed.shape};
 /// A warp a row, with borders on one or two sides: springs within a block are added first.
 inline constexpr Body rows{
     {32, 2, 2}, Partition::rows, true, {32, 64, 2, 160, (1U << border_kinds) - 1, false, {}}};
+/// A part of a body: its own particles are {4, 4, 8}, and no lane is idle.
+constexpr ResidentShape as_part(std::uint32_t max_polls) {
+    ResidentShape shape = mixed.shape;
+    shape.part = true;
+    shape.max_polls = max_polls;
+    return shape;
+}
+inline constexpr Body part{{4, 4, 8}, Partition::bisection, false, as_part(1U << 20)};
+inline constexpr Body impatient{{4, 4, 8}, Partition::bisection, false, as_part(100)};
 constexpr int max_blocks = 4;
 
 constexpr ResidentShape with(ToolMode mode, ResidentShape shape) {
@@ -93,8 +104,9 @@ public:
                               term_damping | term_gravity | (mode == ToolMode::none ? 0 : term_loads), false>;
     using Block = ResidentBlock<Terms, with(mode, body.shape)>;
 
-    /// `tag` and `tick`: the numbers before the first.
-    Simulation(const Problem& problem, const State& start, std::uint32_t tag = 0, std::uint32_t tick = 0)
+    /// `tag` and `tick`: the numbers before the first. `rank`: which part of a body it is.
+    Simulation(const Problem& problem, const State& start, std::uint32_t tag = 0, std::uint32_t tick = 0,
+               int rank = 0)
         : problem_(problem),
           placement_(place_compact(problem)),
           layout_(lay_out_resident(problem, max_blocks, body.shape.pollers, body.partition, body.overlap)),
@@ -107,7 +119,8 @@ public:
           forces_(held_.size()),
           answers_(held_.size()),
           tag_(tag),
-          desk_(tick) {
+          desk_(tick),
+          rank_(rank) {
         const ResidentShape& shape = body.shape;
         if (layout_.blocks != max_blocks || layout_.lanes != shape.lanes || layout_.rounds != shape.rounds ||
             layout_.slots > shape.slots || (layout_.border_kinds & ~shape.borders) != 0)
@@ -138,6 +151,19 @@ public:
         if constexpr (mode == ToolMode::ticks) desk_.open(&asked_, answers_);
     }
     Simulation(const Simulation&) = delete;
+
+    /// Of a part of a body, before its first launch: where those beside it put the points of these ghosts,
+    std::vector<std::uint32_t> words_of(const std::vector<std::uint32_t>& ghosts) const {
+        return words_of_ghosts(layout_, problem_, ghosts);
+    }
+    ResidentNeighbour as_neighbour() { return {exchange_.data(), layout_.published_count}; }
+    /// and what it sends to them.
+    void connect(const std::vector<ResidentSending>& sendings, const std::vector<ResidentNeighbour>& to) {
+        ASSERT_EQ(sent_refusal(sendings), "");
+        sent_ = sent_by_lanes(layout_, sendings);
+        links_.sent = sent_.data();
+        std::copy(to.begin(), to.end(), links_.neighbour);
+    }
 
     /// Between launches.
     void edit(const SpringEdit& edit) {
@@ -190,14 +216,23 @@ private:
                       answers_.data(), desk_.tick(), std::uint64_t(max_idle_.count())};
         launch(0);
     }
+    typename Block::Step step_of_launch() const {
+        if constexpr (body.shape.part) {
+            return {step_, links_};
+        } else {
+            return step_;
+        }
+    }
     void launch(int count) {
         const typename Block::Memory memory{packed_.current.data(), packed_.previous.data(),
                                             packed_.increment.data(), increment_pitch(placement_)};
-        launch_ = HostLaunch::of<typename Block::Shared>(
-            max_blocks, Block::all_threads, body.shape.lanes,
-            [this, memory, count, tag = tag_, launches = ++launches_](auto& shared) {
-                Block(shared, step_).run(memory, count, tag, launches);
-            });
+        launch_ =
+            HostLaunch::of<typename Block::Shared>(max_blocks, Block::all_threads, body.shape.lanes,
+                                                   [step = step_of_launch(), memory, count, tag = tag_,
+                                                    launches = ++launches_, rank = rank_](auto& shared) {
+                                                       host_rank = rank;
+                                                       Block(shared, step).run(memory, count, tag, launches);
+                                                   });
     }
 
     const Problem& problem_;
@@ -217,6 +252,9 @@ private:
     TickDesk desk_;
     std::chrono::nanoseconds max_idle_ = std::chrono::minutes(1);
     HeldResidentStep step_{};
+    ResidentLinks links_{};
+    std::vector<std::uint32_t> sent_;
+    const int rank_;
     std::optional<HostLaunch> launch_;
 };
 
@@ -339,6 +377,153 @@ TYPED_TEST(Resident, AnEditBetweenTicksStepsAsTheEditedProblemDoes) {
         }
     }
     in_ticks.order_end();
+}
+
+/// A body of `ranks` parts, each stepped by launches of its own.
+template <Formulation f, const Body& body, ToolMode mode>
+class Parts {
+public:
+    Parts(const Problem& whole, const State& start, int ranks, std::uint32_t tag = 0) : whole_(whole) {
+        const SlabCuts cuts(whole, ranks);
+        for (int rank = 0; rank < ranks; ++rank) slabs_.push_back(cuts.slab(whole, rank));
+        for (int rank = 0; rank < ranks; ++rank) {
+            const Slab& slab = slabs_[std::size_t(rank)];
+            all_.push_back(
+                std::make_unique<Simulation<f, body, mode>>(slab.problem, slab.part_of(start), tag, 0, rank));
+        }
+        for (std::size_t rank = 0; rank < all_.size(); ++rank) {
+            std::vector<ResidentSending> sendings;
+            std::vector<ResidentNeighbour> to;
+            for (const Slab::Border& border : slabs_[rank].borders) {
+                const auto other = std::size_t(border.slab);
+                const Slab::Border& back =
+                    other < rank ? slabs_[other].borders.back() : slabs_[other].borders.front();
+                sendings.push_back({border.sent, all_[other]->words_of(back.received)});
+                to.push_back(all_[other]->as_neighbour());
+            }
+            all_[rank]->connect(sendings, to);
+        }
+    }
+
+    /// Each part takes these launches on its own. `slow` waits before each of its own, so that the others are
+    /// as far ahead of it as they can be.
+    void step(const std::vector<int>& counts, std::size_t slow = 0) {
+        static constexpr std::chrono::milliseconds delay(20);
+        std::vector<std::jthread> hosts;
+        for (std::size_t rank = 0; rank < all_.size(); ++rank) {
+            hosts.emplace_back([this, rank, slow, &counts] {
+                for (const int count : counts) {
+                    if (rank == slow) std::this_thread::sleep_for(delay);
+                    all_[rank]->step(count);
+                }
+            });
+        }
+    }
+    void edit(const SpringEdit& edit) {
+        for (std::size_t rank = 0; rank < all_.size(); ++rank) all_[rank]->edit(slabs_[rank].part_of(edit));
+    }
+    void move_tool(const glm::dvec3& displacement) {
+        for (const auto& simulation : all_) simulation->move_tool(displacement);
+    }
+    Simulation<f, body, mode>& of(std::size_t rank) { return *all_[rank]; }
+
+    State download() const {
+        State state = state_at_rest(whole_);
+        for (std::size_t rank = 0; rank < all_.size(); ++rank)
+            slabs_[rank].copy_own(all_[rank]->download(), state);
+        return state;
+    }
+    /// Each part has its ghosts where the others have them, and as if they had been there before as well.
+    void expect_ghosts_are_kept() const {
+        const State whole = download();
+        for (std::size_t rank = 0; rank < all_.size(); ++rank) {
+            const State here = all_[rank]->download();
+            for (const std::uint32_t i : slabs_[rank].problem.ghosts) {
+                ASSERT_EQ(here.displacement[i], whole.displacement[slabs_[rank].particle[i]]);
+                if (!by_increments(f)) {
+                    ASSERT_EQ(here.increment[i], glm::dvec3(0));
+                }
+            }
+        }
+    }
+
+private:
+    const Problem& whole_;
+    std::vector<Slab> slabs_;
+    std::vector<std::unique_ptr<Simulation<f, body, mode>>> all_;
+};
+
+glm::ivec3 dims_of_parts(int ranks) { return {4, 4, 8 * ranks}; }
+
+TYPED_TEST(Resident, PartsGiveTheBitsOfTheWhole) {
+    for (const int ranks : {2, 3}) {
+        const Problem problem = lattice(dims_of_parts(ranks));
+        const State start = random_state(problem, 0.05, 1);
+        ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
+        Parts<TypeParam::formulation, part, ToolMode::none> parts(problem, start, ranks);
+        for (std::size_t slow = 0; slow < std::size_t(ranks); ++slow) {
+            for (const int count : launches) expected.step(count);
+            parts.step(launches, slow);
+            expect_same_bits(parts.download(), expected.download());
+            parts.expect_ghosts_are_kept();
+        }
+    }
+}
+
+// Launches of one step: the point of the next is sent before a late part has read the latest. 2^32 is among
+// the numbers of the steps.
+TEST(ResidentParts, TakeTurnsWhateverTheLaunches) {
+    const Problem problem = lattice(dims_of_parts(2));
+    const State start = random_state(problem, 0.05, 1);
+    constexpr Formulation f = Formulation::position;
+    ImplicitSimulation<Variant<float, f>> expected(problem, start, {8, 4, 4});
+    Parts<f, part, ToolMode::none> parts(problem, start, 2, 0xFFFFFFFCU);
+    const std::vector<int> single = {1, 1, 1, 1, 1, 1, 1, 1};
+    expected.step(int(single.size()));
+    late_rank = 1;
+    parts.step(single);
+    late_rank = -1;
+    expect_same_bits(parts.download(), expected.download());
+}
+
+TYPED_TEST(Resident, PartsTakeEditsAcrossTheirBorders) {
+    Problem now = lattice(dims_of_parts(2)), edited = now;
+    const Problem whole = now;
+    const State start = random_state(whole, 0.05, 3);
+    Parts<TypeParam::formulation, part, ToolMode::none> parts(whole, start, 2);
+    parts.step({2});
+    for (const SpringEdit& edit : random_edits(edited, 4, 8)) {
+        const State midway = parts.download();
+        apply(now, edit);
+        parts.edit(edit);
+        parts.step({3, 1}, 1);
+        ImplicitSimulation<TypeParam> expected(now, midway, {8, 4, 4});
+        expected.step(4);
+        expect_same_bits(parts.download(), expected.download());
+    }
+}
+
+TYPED_TEST(Resident, PartsAreHeldByATool) {
+    const State start = random_state(lattice(dims_of_parts(2)), 0.05, 1);
+    // On both sides of the border, which lies before particle 128.
+    const Problem problem = held(lattice(dims_of_parts(2)), start, {0, 127, 128, 255});
+    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
+    Parts<TypeParam::formulation, part, ToolMode::launch> parts(problem, start, 2);
+    for (std::size_t n = 0; n < launches.size(); ++n) {
+        expected.move_tool(hand(n));
+        expected.step(launches[n]);
+        parts.move_tool(hand(n));
+        parts.step({launches[n]}, n % 2);
+        expect_same_bits(parts.download(), expected.download());
+    }
+}
+
+// The part beside it is never launched.
+TEST(ResidentParts, DoNotWaitForEver) {
+    GTEST_FLAG_SET(death_test_style, "threadsafe");
+    const Problem problem = lattice(dims_of_parts(2));
+    Parts<Formulation::position, impatient, ToolMode::none> parts(problem, state_at_rest(problem), 2);
+    EXPECT_DEATH(parts.of(1).step(2), "rank 1: block [0-3] waited in vain for step 1");
 }
 
 // They write into one slot, which nobody reads: a race that ThreadSanitizer need not see.

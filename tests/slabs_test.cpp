@@ -6,13 +6,18 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <barrier>
 #include <cstdlib>
 #include <memory>
+#include <mutex>
 #include <optional>
+#include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
+#include "backends/device_choice.h"
 #include "backends/registry.h"
 #include "harness/scene/scene.h"
 #include "tests/required.h"
@@ -247,7 +252,8 @@ State stepped_whole(const BackendSpec& spec, const Problem& whole, const State& 
 bool may_have_borders(const std::string& text) {
     if (text.starts_with("cpu_")) return true;
     const auto is_of = [&](const std::string& backend) { return text.starts_with(backend + ":"); };
-    // Of the others on CUDA one sums in any order, and two have no places in memory between steps.
+    // Of the others on CUDA one sums in any order, and two have no places in memory between steps. Those of
+    // cuda_resident travel within steps, see SlabsWithinSteps.
     return text.starts_with("cuda_") && !is_of("cuda_scatter") && !is_of("cuda_resident") &&
            !is_of("cuda_bricks");
 }
@@ -321,6 +327,96 @@ TEST_P(SlabBits, AreThoseOfOneDeviceWhateverTheWayOfTheirBorders) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Backends, SlabBits, ::testing::ValuesIn(specifications_with_borders()), test_name);
+
+// --- Borders that travel within steps --------------------------------------------------------------------
+
+/// The state after all launches of `ranks` parts, each in a thread of its own on the same device.
+State stepped_together(int ranks, const BackendSpec& spec, const Problem& whole, const State& start,
+                       const std::vector<int>& counts, const std::vector<SpringEdit>& edits) {
+    const SlabCuts cuts(whole, ranks);
+    State state = state_at_rest(whole);
+    std::vector<std::shared_ptr<DeviceBorders>> borders(static_cast<std::size_t>(ranks));
+    std::barrier meeting(ranks);
+    std::mutex mutex;
+    const auto run = [&](int rank) {
+        const DeviceOfThread shared({.number = 0, .wraps = false, .parts = ranks});
+        const Slab slab = cuts.slab(whole, rank);
+        Problem edited = slab.problem;
+        const std::unique_ptr<Backend> backend = spec.make();
+        if (const std::string why = backend->unsupported(slab.problem); !why.empty())
+            throw std::runtime_error(why);
+        backend->upload(slab.problem, slab.part_of(start));
+        std::vector<SharedParticles> mine;
+        for (const Slab::Border& border : slab.borders) mine.push_back({border.sent, border.received});
+        borders[std::size_t(rank)] = backend->device_borders(mine, "stores");
+        meeting.arrive_and_wait();
+        borders[std::size_t(rank)]->connect(borders, std::size_t(rank));
+        for (std::size_t n = 0; n < counts.size(); ++n) {
+            if (n < edits.size()) {
+                const SpringEdit edit = slab.part_of(edits[n]);
+                apply(edited, edit);
+                if (!edit.empty()) backend->edit(edited, edit);
+            }
+            meeting.arrive_and_wait();  // DeviceBorders::steps_a_call()
+            backend->step(counts[n]);
+        }
+        const State part = backend->download();
+        const std::lock_guard lock(mutex);
+        slab.copy_own(part, state);
+    };
+    std::vector<std::jthread> threads;
+    for (int rank = 0; rank < ranks; ++rank) {
+        threads.emplace_back([&, rank] {
+            try {
+                run(rank);
+            } catch (const std::exception& error) {
+                ADD_FAILURE() << "rank " << rank << ": " << error.what();
+                meeting.arrive_and_drop();
+            }
+        });
+    }
+    threads.clear();
+    return state;
+}
+
+class SlabsWithinSteps : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(SlabsWithinSteps, HaveTheBitsOfOneDevice) {
+    const BackendSpec spec = BackendSpec::parse(GetParam());
+    std::unique_ptr<Backend> any;
+    make_or_skip(spec, any);
+    if (!any) return;
+    const std::vector<int> counts = {1, 1, 4, 1, 100, 1, 1000};
+    for (const Problem& whole :
+         {with_dynamics(make_lattice_problem(solid({6, 5, 13}), FACE_BITS | EDGE_BITS)),
+          with_dynamics(make_lattice_problem(solid({32, 8, 16}), FACE_BITS | EDGE_BITS)),
+          with_dynamics(make_lattice_problem(random_grid({37, 9, 8}, 0.37, 1), NEIGHBOUR_BITS))}) {
+        const State start = random_state(whole, 0.05, 3);
+        for (const bool cut : {false, true}) {
+            Problem edited = whole;
+            std::vector<SpringEdit> edits;
+            if (cut) edits = random_edits(edited, 5, 4);
+            const std::unique_ptr<Backend> one = spec.make();
+            Problem now = whole;
+            one->upload(now, start);
+            for (std::size_t n = 0; n < counts.size(); ++n) {
+                if (n < edits.size()) {
+                    apply(now, edits[n]);
+                    one->edit(now, edits[n]);
+                }
+                one->step(counts[n]);
+            }
+            const State expected = one->download();
+            for (const int ranks : {2, 3})
+                expect_same_bits(stepped_together(ranks, spec, whole, start, counts, edits), expected);
+        }
+    }
+}
+
+INSTANTIATE_TEST_SUITE_P(Backends, SlabsWithinSteps,
+                         ::testing::Values("cuda_resident:overlap=off",
+                                           "cuda_resident:overlap=off,formulation=increment"),
+                         test_name);
 
 TEST(SlabsOfScenes, GiveTheBitsOfTheWholeHeart) {
     const Scene heart = load_scene("heart");

@@ -48,22 +48,6 @@ Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     return *borders;
 }
 
-/// Lets the current device, `own`, read and write what `other` has.
-void reach(int own, int other) {
-    if (own == other) return;
-    int possible = 0;
-    check(cudaDeviceCanAccessPeer(&possible, own, other));
-    if (possible == 0)
-        throw Unavailable("device " + std::to_string(own) + " has no peer access to device " +
-                          std::to_string(other));
-    const cudaError_t status = cudaDeviceEnablePeerAccess(other, 0);
-    if (status == cudaErrorPeerAccessAlreadyEnabled) {
-        cudaGetLastError();  // as it should be
-        return;
-    }
-    check(status);
-}
-
 void copy_message(void* to, int to_device, const void* from, int from_device, std::size_t bytes,
                   const Stream& stream) {
     if (bytes == 0) return;
@@ -234,6 +218,21 @@ private:
 constexpr std::string_view overlap = "_overlap";
 
 }  // namespace
+
+void reach(int own, int other) {
+    if (own == other) return;
+    int possible = 0;
+    check(cudaDeviceCanAccessPeer(&possible, own, other));
+    if (possible == 0)
+        throw Unavailable("device " + std::to_string(own) + " has no peer access to device " +
+                          std::to_string(other));
+    const cudaError_t status = cudaDeviceEnablePeerAccess(other, 0);
+    if (status == cudaErrorPeerAccessAlreadyEnabled) {
+        cudaGetLastError();  // as it should be
+        return;
+    }
+    check(status);
+}
 
 std::vector<std::string> border_ways(bool splits_steps) {
     std::vector<std::string> ways;

@@ -18,6 +18,9 @@ std::vector<std::string> border_ways(bool splits_steps);
 /// Whether borders are stepped first.
 bool overlaps(const std::string& way);
 
+/// Lets the current device, `own`, read and write what `other` has. Throws Unavailable where it cannot.
+void reach(int own, int other);
+
 /// The elements that particles of a border are.
 struct SharedElements {
     std::vector<std::uint32_t> sent, received;

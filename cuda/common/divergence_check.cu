@@ -108,4 +108,9 @@ template void launch_divergence_check_on_axes(const double*, const double*, cons
                                               std::size_t, const DivergenceCheck&, FirstDivergence*,
                                               const Stream&);
 
+void load_divergence_check() {
+    cudaFuncAttributes attributes{};
+    check(cudaFuncGetAttributes(&attributes, divergence_check_kernel<InWords<float>, float>));
+}
+
 }  // namespace voxspring::cuda

@@ -32,4 +32,8 @@ void launch_divergence_check_on_axes(const Real* now, const Real* before, const 
                                      std::size_t pitch, std::size_t count, const DivergenceCheck& parameters,
                                      FirstDivergence* first, const Stream& stream);
 
+/// Loads the kernel of the former, of float32, on the current device. Otherwise the first launch does, which
+/// may wait until nothing runs there.
+void load_divergence_check();
+
 }  // namespace voxspring::cuda

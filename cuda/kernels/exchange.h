@@ -1,6 +1,17 @@
 // Blocks of one launch send points to each other through L2. A point travels in a word of 16 bytes, the last
 // four of which are a tag. A word is read and written whole: where the tag has arrived, so has the point, and
 // no barrier is needed. Device code alone.
+//
+// Words between parts of a body, whose kernels may run on different devices, are the same with the scope of
+// the system. They lie in the memory of the device that reads them, so that only stores cross the link. What
+// is relied on:
+// - PTX counts .b128 as one scalar, unlike a vector of four floats, which is four accesses in any order. A
+//   store and a load of the word that name each other's thread in their scopes do not tear. Hence .sys on
+//   both sides: .gpu would leave out the threads of other devices.
+// - NVLink brings an aligned word of 16 bytes whole. NCCL relies on more there (LL128: lines of 128 bytes
+//   arrive in order), and on words of 8 bytes alone elsewhere: hence no such words over PCIe, which the
+//   backend refuses.
+// - Nothing is said of the order of two words, and nothing asks for one: each has its own tag.
 #pragma once
 
 #include "backends/layout/records/resident.h"
@@ -32,6 +43,39 @@ __device__ inline TaggedPoint look_up(const TaggedPoint* from) {
         " .reg .b64 low, high;\n"
         " .reg .b128 word;\n"
         " ld.relaxed.gpu.global.b128 word, [%4];\n"
+        " mov.b128 {low, high}, word;\n"
+        " mov.b64 {%0, %1}, low;\n"
+        " mov.b64 {%2, %3}, high;\n"
+        "}"
+        : "=f"(found.point.x), "=f"(found.point.y), "=f"(found.point.z), "=r"(found.tag)
+        : "l"(from)
+        : "memory");
+    return found;
+}
+
+/// publish_if() for threads of any device.
+__device__ inline void send_beyond(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
+    asm volatile(
+        "{\n"
+        " .reg .b64 low, high;\n"
+        " .reg .b128 word;\n"
+        " mov.b64 low, {%1, %2};\n"
+        " mov.b64 high, {%3, %4};\n"
+        " mov.b128 word, {low, high};\n"
+        " st.relaxed.sys.global.b128 [%0], word;\n"
+        "}" ::"l"(to),
+        "f"(point.x), "f"(point.y), "f"(point.z), "r"(tag)
+        : "memory");
+}
+
+/// look_up() of what threads of any device write.
+__device__ inline TaggedPoint look_beyond(const TaggedPoint* from) {
+    TaggedPoint found;
+    asm volatile(
+        "{\n"
+        " .reg .b64 low, high;\n"
+        " .reg .b128 word;\n"
+        " ld.relaxed.sys.global.b128 word, [%4];\n"
         " mov.b128 {low, high}, word;\n"
         " mov.b64 {%0, %1}, low;\n"
         " mov.b64 {%2, %3}, high;\n"

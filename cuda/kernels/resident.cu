@@ -1,6 +1,7 @@
 // LANES threads of a block have a particle each. POLLERS more wait for ROUNDS points of other blocks each.
 // SLOTS: how many points shared memory holds. BORDERS: the kinds of border in use, as bits. MASKED: 1 where
 // the lattice is stressed at rest, so that the spring to an absent neighbour would pull. TOOL: a ToolMode.
+// PART: 1 where the kernel steps a part of a body, beside kernels that step the others.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/resident_block.h"
 
@@ -8,7 +9,8 @@ namespace voxspring::cuda {
 
 static_assert(sizeof(Real) == sizeof(float), "a tagged point has room for three floats");
 
-inline constexpr ResidentShape shape{LANES, POLLERS, ROUNDS, SLOTS, BORDERS, MASKED != 0, ToolMode::TOOL};
+inline constexpr ResidentShape shape{LANES,   POLLERS,     ROUNDS,         SLOTS,
+                                     BORDERS, MASKED != 0, ToolMode::TOOL, PART != 0};
 using Block = ResidentBlock<Terms, shape>;
 
 /// Takes `count` steps, at least one, or what the host orders, of the state in `words` and `previous` or, by

@@ -18,6 +18,10 @@ struct ResidentShape {
     std::uint32_t borders;  ///< kinds of border in use, as bits
     bool masked;  ///< the lattice is stressed at rest, so that the spring to an absent neighbour would pull
     ToolMode tool;
+    /// The kernel steps a part of a body and exchanges the points at its borders with the kernels that step
+    /// the parts beside it.
+    bool part = false;
+    std::uint32_t max_polls = max_resident_polls;
 };
 
 struct NoCompliance {
@@ -42,7 +46,8 @@ public:
 
     static constexpr bool has_tool = shape.tool != ToolMode::none;
     static constexpr bool in_ticks = shape.tool == ToolMode::ticks;
-    using Step = std::conditional_t<has_tool, HeldResidentStep, ResidentStep>;
+    using StepOfWhole = std::conditional_t<has_tool, HeldResidentStep, ResidentStep>;
+    using Step = std::conditional_t<shape.part, PartStep<StepOfWhole>, StepOfWhole>;
 
     /// In shared memory. A step reads one half of the points and writes the other.
     struct Points {
@@ -88,11 +93,13 @@ public:
             __syncthreads();
             if (thread == shape.lanes) count_block(step_.started_blocks);
             run_poller(polls, count, tag);
+            if constexpr (shape.part) keep_ghosts(polls, at, memory, launches, tag + count);
         }
     }
 
 private:
     static_assert(!Terms::split, "a tagged point has room for three floats");
+    static_assert(!shape.part || !in_ticks, "parts do not hear the host at the same step");
     using MotionTerms = typename TermsOfMotion<Terms, has_tool>::type;
     static constexpr bool overlaps = shape.borders != 1U << mixed_border;
 
@@ -105,6 +112,7 @@ private:
         int slot[neighbour_bits];
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
         TaggedPoint* published;  ///< null where no other block reaches the particle
+        std::uint32_t sent;      ///< as ResidentLinks has it
         // Where there is a tool:
         std::uint32_t held;  ///< as held_by_lane
         Vector<float> load;  ///< its own
@@ -145,6 +153,7 @@ private:
         lane.own_slot = step_.own_slot[at];
         const std::uint32_t published = step_.published[at];
         lane.published = published == resident_none ? nullptr : step_.exchange + published;
+        if constexpr (shape.part) lane.sent = step_.links.sent[at];
         UNROLLED
         for (int bit = 0; bit < neighbour_bits; ++bit) {
             if ((Terms::groups >> bit & 1) != 0) lane.slot[bit] = step_.slot[bit * step_.lane_count + at];
@@ -179,8 +188,13 @@ private:
             polls.slot[n] = step_.polled_slot[poll];
             if (from == resident_none) continue;
             polls.wanted |= 1U << n;
-            put(0, polls.slot[n], load_past_l1(memory.words + step_.polled_word[poll]).position);
+            put(0, polls.slot[n], load_past_l1(memory.words + word_of(poll)).position);
         }
+    }
+
+    __device__ std::uint32_t word_of(std::uint32_t poll) const {
+        if constexpr (shape.part) return step_.polled_word[poll] & resident_word_bits;
+        return step_.polled_word[poll];
     }
 
     /// The load of a lane's particle in a step, to which the tool adds its force. That of the `last` step of
@@ -200,6 +214,15 @@ private:
         }
         return lane.load + force;
     }
+
+    /// Which half of the exchange has the points with `tag`, which a step leaves in half `half` of shared
+    /// memory. Each launch begins with half 0 of that. Blocks of one launch may use the exchange alike; but
+    /// where a neighbour's launch is ahead by one of a single step, the point that it sends must not replace
+    /// the latest before that, which may not have been read yet. So parts take turns by tag, whatever the
+    /// launches. That is enough: a block sends the point of step n + 2 once it has those of step n + 1 of all
+    /// blocks that it reaches, or its launch has (keep_ghosts()), and these are the blocks that read its own;
+    /// each of them sends the point of step n + 1 once all of its pollers have read step n.
+    static __device__ int turn_of(int half, std::uint32_t tag) { return shape.part ? int(tag & 1) : half; }
 
     /// Takes a step that reads half `half`. Springs across the border are added last, once its points have
     /// come. The load is first: after the wait for the border another tick's order may come.
@@ -223,9 +246,20 @@ private:
         lane.before = next.before;
         // A branch: without one the kernel of increments with 80 registers waits longer.
         if (lane.published != nullptr && (in_ticks || !last))
-            publish_if(true, lane.published + (1 - half) * step_.published_count, next.point.high, tag + 1);
+            publish_if(true, lane.published + turn_of(1 - half, tag + 1) * step_.published_count,
+                       next.point.high, tag + 1);
+        if constexpr (shape.part) send(lane.sent, next.point.high, tag + 1);
         put(1 - half, lane.own_slot, next.point.high);
         if constexpr (overlaps) own_points_are_here();
+    }
+
+    /// Sends a point to the part that reads it, in every step: the last one's is what a neighbour's next
+    /// launch begins with.
+    __device__ void send(std::uint32_t to, Vector<float> point, std::uint32_t tag) const {
+        if (to == resident_none) return;
+        const ResidentNeighbour& neighbour = step_.links.neighbour[to / second_neighbour];
+        send_beyond(neighbour.exchange + turn_of(0, tag) * neighbour.words + to % second_neighbour, point,
+                    tag);
     }
 
     template <class Border>
@@ -309,21 +343,57 @@ private:
 
     /// Fetches into half `half` the points that other blocks publish with `tag`.
     __device__ void poll(const Polls& polls, int half, std::uint32_t tag) {
-        std::uint32_t missing = polls.wanted;
+        wait_for_points(polls, polls.wanted, turn_of(half, tag), tag,
+                        [&](int n, Vector<float> point) { put(half, polls.slot[n], point); });
+    }
+
+    /// Calls found(n, point) for each of the polls `missing`, once its point is in half `turn` of the
+    /// exchange.
+    template <class Found>
+    __device__ void wait_for_points(const Polls& polls, std::uint32_t missing, int turn, std::uint32_t tag,
+                                    Found found) {
         std::uint32_t polls_in_vain = 0;
         while (missing != 0) {
-            TaggedPoint found[shape.rounds];
-            UNROLLED
-            for (int n = 0; n < shape.rounds; ++n)
-                found[n] = look_up(polls.from[n] + half * step_.published_count);
+            TaggedPoint word[shape.rounds];
             UNROLLED
             for (int n = 0; n < shape.rounds; ++n) {
-                if ((missing >> n & 1) == 0 || found[n].tag != tag) continue;
-                put(half, polls.slot[n], found[n].point);
+                const TaggedPoint* const from = polls.from[n] + turn * step_.published_count;
+                if constexpr (shape.part) {
+                    word[n] = look_beyond(from);
+                } else {
+                    word[n] = look_up(from);
+                }
+            }
+            UNROLLED
+            for (int n = 0; n < shape.rounds; ++n) {
+                if ((missing >> n & 1) == 0 || word[n].tag != tag) continue;
+                found(n, word[n].point);
                 missing &= ~(1U << n);
             }
-            if (missing != 0 && ++polls_in_vain == max_resident_polls) give_up(step_.stall, tag);
+            if (missing != 0 && ++polls_in_vain == shape.max_polls) give_up(step_.stall, tag);
         }
+    }
+
+    /// Stores where the last step of a launch leaves the ghosts that this thread keeps, as x(t) and, since
+    /// they count as pinned, as x(t - dt): the next launch, an edit and a check for divergence find them
+    /// where they find any particle.
+    __device__ void keep_ghosts(const Polls& polls, std::uint32_t at, const Memory& memory,
+                                std::uint32_t launches, std::uint32_t tag) {
+        std::uint32_t kept = 0, word[shape.rounds];
+        UNROLLED
+        for (int n = 0; n < shape.rounds; ++n) {
+            const std::uint32_t poll = std::uint32_t(n) * gridDim.x * shape.pollers + at;
+            word[n] = step_.polled_word[poll];
+            if ((word[n] & keeps_ghost) != 0) kept |= 1U << n;
+            word[n] &= resident_word_bits;
+        }
+        if (kept == 0) return;
+        wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.stall, tag);
+        wait_for_points(polls, kept, turn_of(0, tag), tag, [&](int n, Vector<float> point) {
+            const Particle<float> ghost{point, load_past_l1(memory.words + word[n]).bits};
+            cuda::store(memory.words + word[n], ghost);
+            if constexpr (!Terms::increments) cuda::store(memory.previous + word[n], ghost);
+        });
     }
 
     Shared& shared_;
