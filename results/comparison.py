@@ -19,7 +19,8 @@ fewer not even then; what is not slower or faster has too few repetitions. resul
 wrong.
 
 Errors are of one state and have no statistics: one grew if it is more than the error factor times what it was, or than
-what float64 is uncertain by if that is more.
+what float64 is uncertain by if that is more. Of a backend that adds in any order an error is another one each time: it
+counts as no smaller than what rounding was measured to carry the scene.
 """
 
 import collections
@@ -86,6 +87,7 @@ class Row:
     time: float = None  # of repetitions that are not in the file, in place of `times`
     errors: dict = dataclasses.field(default_factory=dict)
     floors: dict = dataclasses.field(default_factory=dict)
+    by_chance: dict = dataclasses.field(default_factory=dict)  # errors that another run of the same could have had
     chaotic: bool = False
     limitless: bool = False  # whether a time across devices is wanted that its file does not know
     noisy: list = dataclasses.field(default_factory=list)  # why its run says that its times are not to be trusted
@@ -122,6 +124,16 @@ class Result:
                     self.add(list_name, identity, row, at, across)
         if not self.rows and not any(self.unmeasured.values()):
             self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
+
+    def add_errors_by_chance(self, entry, row, at, backend):
+        """Raises the errors against float64 of a backend whose runs differ, both alike, to where one of them is its spread."""
+        one, spread = entry.errors.get("error_relative_l2"), self.get(row, at, "spread", float, None)
+        at = f"context.voxspring.backends.{backend}."
+        if not one or not spread or self.get(self.backends.get(backend, {}), at, "deterministic", bool, True):
+            return
+        for key in ("error_relative_l2", "error_max"):
+            if entry.errors.get(key) is not None:
+                entry.by_chance[key] = entry.errors[key] * spread / one
 
     def refuse(self, key, value, accepted):
         raise BadInput(f"{self.path}: {key}: {result_files.shown(value)}: expected {accepted}")
@@ -163,6 +175,7 @@ class Result:
                 if key in row:
                     entry.errors[key] = self.get(row, at, key, float)
                     entry.floors[key] = self.get(row, at, floor, float, None) if floor else None
+            self.add_errors_by_chance(entry, row, at, identity[1])
         if not self.get(row, at, "passed", bool, True) or self.get(row, at, "diverged", bool, False):
             entry.failure = self.get(row, at, "reason", str, "beyond its gate")
         key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else CLOCKS.get(list_name, "seconds")
@@ -282,7 +295,7 @@ def grown(old, new, factor):
         # No total error, which either file may not have asked for, is not an infinite one.
         if before is None or (after is None and key != "measured"):
             continue
-        floor = max(FLOAT64_NOISE, old.floors.get(key) or 0, new.floors.get(key) or 0)
+        floor = max(FLOAT64_NOISE, old.floors.get(key) or 0, new.floors.get(key) or 0, old.by_chance.get(key, 0))
         if after is None or after > factor * max(before, floor):
             words.append(f"{key} {before:.1e} -> {'not finite' if after is None else format(after, '.1e')}")
     return ", ".join(sorted(words))

@@ -223,6 +223,21 @@ class Diff(unittest.TestCase):
         self.assert_first("too few repetitions", result(PLAIN), changed(count=3))
         self.assert_first("error grew", result(PLAIN), changed(count=3, error_max=1e-6))
 
+    def test_errors_of_backends_whose_runs_differ(self):
+        first = [("a", 10, {"spread": 3e-6})] + PLAIN[1:]
+
+        def judged(deterministic, **fields):
+            old, new = result(first), changed(spread=3e-6, **fields)
+            for one in (old, new):
+                one["context"]["voxspring"]["backends"]["a"]["deterministic"] = deterministic
+            return next(row for row in self.judge(old, new)[1]["rows"] if row["backend"] == "a")["verdict"]
+
+        for fields in ({"error_relative_l2": 4e-6, "error_max": 4e-7}, {"error_max": 4e-7}):
+            self.assertEqual(judged(True, **fields), "error grew")
+            self.assertEqual(judged(False, **fields), "same")
+        self.assertEqual(judged(False, error_relative_l2=5e-6), "error grew")
+        self.assertEqual(judged(False, error_max=5e-6), "error grew")
+
     def test_rows_of_one_file(self):
         failed, skipped = ([identity("a") | {"reason": reason}] for reason in ("diverged", "no driver"))
         old, rest = result(PLAIN), PLAIN[1:]
