@@ -21,7 +21,9 @@ CXX = os.environ.get("CXX", "c++")
 FLAGS = ["-std=c++20", "-O1", "-ffp-contract=off", "-fopenmp", "-DHWY_COMPILE_ONLY_STATIC", "-DHWY_SHARED_DEFINE", "-I."]
 LIBRARIES = ["-fopenmp", "-lhwy"]
 SOURCES = ["backends/backend.cpp", "backends/limits.cpp", "backends/registry.cpp", "backends/rest_policy.cpp", "backends/suggestion.cpp",
-           "backends/cpu/*.cpp", *(f"backends/layout/{name}.cpp" for name in ("blocks", "delta_lists", "neighbour_lists", "particles", "spring_array", "springs", "tool", "work")),
+           "backends/cpu/*.cpp",
+           *(f"backends/layout/{name}.cpp" for name in ("blocks", "border_blocks", "delta_lists", "neighbour_lists", "particles",
+                                                        "spring_array", "springs", "tool", "work")),
            "backends/physics/*.cpp", "harness/verification/conserved.cpp", "harness/verification/error_threshold.cpp",
            "harness/verification/statistics.cpp", "harness/verification/spread.cpp", "harness/verification/verify.cpp",
            "tests/mutants.cpp"]

@@ -380,8 +380,10 @@ void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
 
 /// Has every case warm up, several at once unless what that takes is to be said.
 void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_times) {
+    int missing = 0;
     for (TimedCase& one : cases) {
         if (!interrupted()) one.find_limit();
+        missing += one.missing();
     }
     // Of a large scene enough that one computes while others compile or wait for their device.
     const std::size_t wanted = bench.scene().problem.particle_count() > large ? 3 : bench.side_by_side();
@@ -389,7 +391,7 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
     for (std::size_t n = 0; n < cases.size() + most; ++n) {
         if (n >= most) cases[n - most].finish_warming_up();
         if (n >= cases.size() || interrupted()) continue;
-        bench.show(cases[n].label(), 0, 1);
+        if (!cases[n].finished()) bench.show(cases[n].label(), 0, missing);
         cases[n].begin_warming_up();
     }
 }
