@@ -6,10 +6,12 @@ a mutation of what the reference shares with the backends shows as well. The cur
 compiler, ccache is used where it is.
 """
 
+import collections
 import concurrent.futures
 import copy
 import os
 import pathlib
+import queue
 import re
 import shutil
 import subprocess
@@ -189,13 +191,23 @@ def try_all(one, mutations, references):
     return escaped
 
 
+def try_groups(one, groups, references):
+    """Those of `groups`, which other copies take from too, until there are no more."""
+    escaped = []
+    while True:
+        try:
+            escaped += try_all(one, groups.get_nowait(), references)
+        except queue.Empty:
+            return escaped
+
+
 def main():
     for name, file, before, _ in MUTATIONS:
         if (ROOT / file).read_text().count(before) != 1:
             sys.exit(f"mutation '{name}': {file} does not have this once: {before}")
     chosen = [m for m in MUTATIONS if re.search(sys.argv[1] if len(sys.argv) > 1 else "", m[0])]
     # Those of one file one after the other, since they have the same sources compiled.
-    chosen.sort(key=lambda mutation: mutation[1])
+    files = collections.Counter(mutation[1] for mutation in chosen)
     with tempfile.TemporaryDirectory() as folder, concurrent.futures.ThreadPoolExecutor(JOBS) as pool:
         first = Copy(pathlib.Path(folder) / "0")
         list(pool.map(first.compile_one, first.sources))
@@ -207,8 +219,11 @@ def main():
         if conformance or gate or runs < len(EVERY):
             sys.exit(f"without a mutation {conformance} of {runs} runs are caught by conformance, {gate and 'one' or 'none'} by the gate")
         copies = [first] + [first.twin(pathlib.Path(folder) / str(n)) for n in range(1, JOBS)]
-        parts = [chosen[len(chosen) * n // JOBS:len(chosen) * (n + 1) // JOBS] for n in range(JOBS)]
-        escaped = sum(pool.map(lambda one, part: try_all(one, part, references), copies, parts), [])
+        # What takes longest first, so that no copy is left with it in the end.
+        groups = queue.SimpleQueue()
+        for file in sorted(files, key=lambda file: -files[file] * (1 + len(first.depending_on(file)))):
+            groups.put([mutation for mutation in chosen if mutation[1] == file])
+        escaped = sum(pool.map(lambda one: try_groups(one, groups, references), copies), [])
     if escaped:
         sys.exit("not caught by both: " + ", ".join(escaped))
 

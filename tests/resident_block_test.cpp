@@ -217,10 +217,11 @@ private:
         launch(0);
     }
     typename Block::Step step_of_launch() const {
+        const typename Block::StepOfWhole& of_whole = step_;
         if constexpr (body.shape.part) {
-            return {step_, links_};
+            return {of_whole, links_};
         } else {
-            return step_;
+            return of_whole;
         }
     }
     void launch(int count) {

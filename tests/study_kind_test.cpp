@@ -2,6 +2,7 @@
 // kinds have in common.
 #include "harness/study/study_kind.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
