@@ -140,6 +140,7 @@ std::uint32_t terms_of(const Problem& problem) {
            (problem.load.empty() ? 0 : term_loads);
 }
 
+// NOLINTBEGIN(bugprone-macro-parentheses): a type stands in none.
 #define FOR_PRECISION(Real)                                                                         \
     template PackedState<Real> pack(const Problem&, const State&, const Placement&,                 \
                                     std::span<const std::uint32_t>, Formulation);                   \
@@ -148,6 +149,7 @@ std::uint32_t terms_of(const Problem& problem) {
     template std::vector<Real> pack_inverse_masses(const Problem&, const Placement&);               \
     template std::vector<Real> pack_compliance(const Problem&, const Placement&);                   \
     template Motion<Real> make_motion(const Problem&);
+// NOLINTEND(bugprone-macro-parentheses)
 FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
