@@ -378,9 +378,9 @@ private:
             return "overlap=on adds the springs across a block's border last, and the blocks of a part have "
                    "other borders than those of the whole, so that bits would differ; overlap=off does not";
         if (device().ends_long_kernels())
-            return "the driver ends kernels that run for seconds on a device with a display, as kernels do "
-                   "that "
-                   "wait for another part";
+            return "the driver ends kernels that run for seconds on a device with a display, and a part "
+                   "waits "
+                   "for others";
         return {};
     }
 

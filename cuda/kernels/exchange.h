@@ -36,22 +36,29 @@ __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> poin
         : "memory");
 }
 
-__device__ inline TaggedPoint look_up(const TaggedPoint* from) {
-    TaggedPoint found;
-    asm volatile(
-        "{\n"
-        " .reg .b64 low, high;\n"
-        " .reg .b128 word;\n"
-        " ld.relaxed.gpu.global.b128 word, [%4];\n"
-        " mov.b128 {low, high}, word;\n"
-        " mov.b64 {%0, %1}, low;\n"
-        " mov.b64 {%2, %3}, high;\n"
-        "}"
-        : "=f"(found.point.x), "=f"(found.point.y), "=f"(found.point.z), "=r"(found.tag)
-        : "l"(from)
-        : "memory");
-    return found;
-}
+/// TaggedPoint NAME(from) with the scope "gpu" or "sys": an instruction names it.
+#define LOOK_UP(name, scope)                                                                 \
+    __device__ inline TaggedPoint name(const TaggedPoint* from) {                            \
+        TaggedPoint found;                                                                   \
+        asm volatile(                                                                        \
+            "{\n"                                                                            \
+            " .reg .b64 low, high;\n"                                                        \
+            " .reg .b128 word;\n"                                                            \
+            " ld.relaxed." scope                                                             \
+            ".global.b128 word, [%4];\n"                                                     \
+            " mov.b128 {low, high}, word;\n"                                                 \
+            " mov.b64 {%0, %1}, low;\n"                                                      \
+            " mov.b64 {%2, %3}, high;\n"                                                     \
+            "}"                                                                              \
+            : "=f"(found.point.x), "=f"(found.point.y), "=f"(found.point.z), "=r"(found.tag) \
+            : "l"(from)                                                                      \
+            : "memory");                                                                     \
+        return found;                                                                        \
+    }
+LOOK_UP(look_up, "gpu")
+/// Of what threads of any device write.
+LOOK_UP(look_beyond, "sys")
+#undef LOOK_UP
 
 /// publish_if() for threads of any device.
 __device__ inline void send_beyond(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
@@ -66,24 +73,6 @@ __device__ inline void send_beyond(TaggedPoint* to, Vector<float> point, std::ui
         "}" ::"l"(to),
         "f"(point.x), "f"(point.y), "f"(point.z), "r"(tag)
         : "memory");
-}
-
-/// look_up() of what threads of any device write.
-__device__ inline TaggedPoint look_beyond(const TaggedPoint* from) {
-    TaggedPoint found;
-    asm volatile(
-        "{\n"
-        " .reg .b64 low, high;\n"
-        " .reg .b128 word;\n"
-        " ld.relaxed.sys.global.b128 word, [%4];\n"
-        " mov.b128 {low, high}, word;\n"
-        " mov.b64 {%0, %1}, low;\n"
-        " mov.b64 {%2, %3}, high;\n"
-        "}"
-        : "=f"(found.point.x), "=f"(found.point.y), "=f"(found.point.z), "=r"(found.tag)
-        : "l"(from)
-        : "memory");
-    return found;
 }
 #endif
 

@@ -55,10 +55,10 @@ void SceneRunner::rewind(Backend& backend) {
         backend.rewind();
         return;
     }
-    if (keeps_start_ == &backend) keeps_start_ = nullptr;  // an upload forgets what was kept
     // Not edited_, which the edits to come change: backends read the problem that was uploaded until the
     // next.
     backend.upload(start_problem(), start_ != nullptr ? *start_ : scene_.state);
+    if (keeps_start_ == &backend && !backend.keep_start()) keeps_start_ = nullptr;
 }
 
 void SceneRunner::keep_start(Backend& backend) {

@@ -124,14 +124,8 @@ private:
     /// meet the same clocks; stands at the start again.
     std::optional<double> plain(Backend& backend) {
         if (runner_.edits_within(batch_.steps) == 0) return std::nullopt;
-        // To go back on the device is allowed before the first edit, and far cheaper than another upload.
-        const bool kept = backend.keep_start();
         const Timing timing = backend.timed([&] { backend.step(batch_.steps); });
-        if (kept) {
-            backend.rewind();
-        } else {
-            runner_.rewind(backend);
-        }
+        runner_.rewind(backend);
         return timing.device_seconds;
     }
 
