@@ -1,6 +1,17 @@
 #include "cuda/common/particles.h"
 
 namespace voxspring::cuda {
+namespace {
+
+/// Compute capability, times ten.
+constexpr int first_with_dependent_launches = 90;
+
+bool is_tuned(const Options& options, const std::string& key, const std::string& value) {
+    const auto found = options.tuning.find(key);
+    return found != options.tuning.end() && found->second == value;
+}
+
+}  // namespace
 
 Fetch fetch_path(const std::string& tuned) {
     if (tuned == "cg") return Fetch::past_l1;
@@ -13,8 +24,14 @@ KernelFamily::KernelFamily(const Options& options, Fetch path)
       fetch(path),
       all_terms(options.tuning.at("terms") == "all"),
       refined_root(options.tuning.at("root") == "refined"),
-      dependent_launch(options.tuning.contains("dependent_launch") &&
-                       options.tuning.at("dependent_launch") == "on") {}
+      dependent_launch(is_tuned(options, "dependent_launch", "on")),
+      may_be_dependent(is_tuned(options, "dependent_launch", "auto")) {}
+
+KernelFamily KernelFamily::on(const Device& device) const {
+    KernelFamily family = *this;
+    if (may_be_dependent) family.dependent_launch = device.architecture() >= first_with_dependent_launches;
+    return family;
+}
 
 KernelSource KernelFamily::source(const std::string& file, const Problem& problem, int threads, int blocks,
                                   std::uint32_t more_terms) const {
@@ -63,7 +80,6 @@ template std::string too_many_words<double>(std::size_t, const Device&, Fetch);
 
 template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family) {
-    constexpr int first_with_dependent_launches = 90;
     const int architecture = device.architecture();
     if (family.dependent_launch && architecture < first_with_dependent_launches)
         return "compute capability " + std::to_string(architecture / 10) + "." +

@@ -49,8 +49,11 @@ struct KernelFamily {
     bool all_terms;         ///< compiled in, and asked for at run time (tuning `terms`)
     bool refined_root;      ///< tuning `root`
     bool dependent_launch;  ///< tuning `dependent_launch`
+    bool may_be_dependent;  ///< the same, "auto": where the device can
 
     explicit KernelFamily(const Options& options, Fetch path);
+    /// With what "auto" stands for on `device`.
+    KernelFamily on(const Device& device) const;
     /// The kernel in `file` for a scene, with at most `threads` a block and at least room for `blocks` on an
     /// SM. `more_terms`: beyond terms_of(problem).
     KernelSource source(const std::string& file, const Problem& problem, int threads, int blocks,
@@ -137,7 +140,7 @@ public:
     }
 
 protected:
-    explicit ParticleBackend(const KernelFamily& family) : family_(family) {}
+    explicit ParticleBackend(const KernelFamily& family) : family_(family.on(this->device())) {}
 
     struct Launch {
         KernelSource source = {};  ///< of the kernel, where it can take a list of blocks (LISTED_BLOCKS)
