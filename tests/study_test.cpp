@@ -36,8 +36,10 @@
 #include "harness/process/case.h"
 #include "harness/process/journal.h"
 #include "harness/process/scene_stream.h"
+#include "harness/process/shared_state.h"
 #include "harness/process/worker.h"
 #include "harness/process/worker_main.h"
+#include "harness/study/timing_runner.h"
 #include "harness/verification/reference.h"
 #include "tests/volume_files.h"
 
@@ -265,7 +267,17 @@ private:
     }
 };
 
+/// A driver that gives a process its device once.
+class GivenOnce : public Faulty {
+public:
+    GivenOnce() : Faulty(Fault::none) {
+        static bool is_given = false;
+        if (std::exchange(is_given, true)) throw DeviceError("the device has an error from before");
+    }
+};
+
 const Registered host_backends[] = {
+    fake("given_once", [] { return std::make_unique<GivenOnce>(); }),
     fake("together_one", [] { return std::make_unique<Together>(); }),
     fake("together_two", [] { return std::make_unique<Together>(); }),
     fake("together_three", [] { return std::make_unique<Together>(); }),
@@ -722,6 +734,89 @@ TEST(AWorker, RefusesATimeoutThatIsNoneAndTakesOneOfAges) {
         const auto spec = BackendSpec::parse("cpu_reference");
         EXPECT_EQ(introduce(spec, workers, std::chrono::duration<double>(seconds)).at("unsupported"), "");
     }
+}
+
+nlohmann::json description_of(const std::string& backend) {
+    static SharedState state(1);
+    return case_description(BackendSpec::parse(backend), timing_program({.steps = 1}, state));
+}
+constexpr std::chrono::seconds minute(60);
+
+/// What a step of its scene reads and writes.
+std::uint64_t bytes_said_by(Worker& worker) {
+    (void)worker.ask({{"do", "construct"}}, "constructing");
+    return worker.ask({{"do", "step work"}}, "counting").at("bytes");
+}
+
+TEST(AWorkerThatIsKept, TakesUpTheNextWorkOfItsKindOnTheSceneOfThatTime) {
+    const Scene large = load_scene("box@9"), small = load_scene("box@5");
+    Workers workers({}, &large);
+    auto worker = workers.take("test", description_of("test_sound"), minute);
+    const pid_t process = worker->process();
+    const std::uint64_t bytes = bytes_said_by(*worker);
+    workers.keep("test", std::move(worker));
+
+    worker = workers.take("test", description_of("given_once"), minute);
+    EXPECT_EQ(worker->process(), process);
+    EXPECT_EQ(bytes_said_by(*worker), bytes);
+    workers.keep("test", std::move(worker));
+
+    workers.turn_to(&small);
+    worker = workers.take("test", description_of("test_sound"), minute);
+    EXPECT_EQ(worker->process(), process);
+    EXPECT_LT(bytes_said_by(*worker), bytes);
+}
+
+TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene) {
+    const Scene scene = load_scene("box@5"), large = load_scene("box@102");
+    Workers workers({}, &scene);
+    std::set<pid_t> processes;
+    const auto construct_and_keep = [&](const std::string& kind) {
+        auto worker = workers.take(kind, description_of("test_sound"), minute);
+        (void)worker->ask({{"do", "construct"}}, "constructing");
+        const pid_t process = worker->process();
+        workers.keep(kind, std::move(worker));
+        return process;
+    };
+    processes.insert(construct_and_keep("one"));
+    processes.insert(construct_and_keep("another"));
+    EXPECT_EQ(processes.size(), 2u);
+    EXPECT_TRUE(processes.contains(construct_and_keep("one")));
+
+    auto refused = workers.take("one", description_of("test_unavailable"), minute);
+    EXPECT_TRUE(processes.contains(refused->process()));
+    EXPECT_THROW((void)refused->ask({{"do", "construct"}}, "constructing"), Unavailable);
+    workers.keep("one", std::move(refused));
+    EXPECT_FALSE(processes.contains(construct_and_keep("one")));
+
+    workers.end_kept();
+    processes = {construct_and_keep("one")};
+    kill(*processes.begin(), SIGKILL);
+    EXPECT_FALSE(processes.contains(construct_and_keep("one")));
+
+    workers.turn_to(&large);
+    processes = {construct_and_keep("large")};
+    EXPECT_FALSE(processes.contains(construct_and_keep("large")));
+}
+
+TEST(Study, OfProcessesThatServeCaseAfterCaseAFaultTakesDownItsOwnRowOnly) {
+    Study study = study_of({"test_*", "given_once"});
+    study.settings = {{"start_times", false}};
+    study.scenes = {{"box@5", 4, {}}, {"box@6", 4, {}}, {"box@5", 5, {"given_once", "test_sound"}}};
+    StudyOptions options;
+    options.together = 2;
+    const nlohmann::json result = run_study(study, options);
+
+    std::map<std::string, int> failed, verified;
+    for (const auto& row : result.at("failed")) ++failed[row.at("backend")];
+    for (const auto& row : result.at("verification")) ++verified[row.at("backend")];
+    const std::map<std::string, int> all_failed{{"test_device_error_in_upload", 2},
+                                                {"test_device_error_in_step", 2},
+                                                {"test_wrong", 2},
+                                                {"test_nan", 2}};
+    EXPECT_EQ(failed, all_failed);
+    EXPECT_EQ(verified.at("test_sound"), 3);
+    EXPECT_EQ(verified.at("given_once"), 3);
 }
 
 /// Threads of the program hold locks, one of which every thread takes sooner or later, while it runs a study.

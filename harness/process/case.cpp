@@ -53,6 +53,12 @@ private:
 const nlohmann::json construct_question = {{"do", "construct"}};
 std::string constructing(const BackendSpec& spec) { return "constructing " + spec.entry->name; }
 
+/// "cuda" of cuda_march: what a driver opens for one of an API it has for the next.
+std::string api_of(const BackendSpec& spec) {
+    const std::string& name = spec.entry->name;
+    return name.substr(0, name.find('_'));
+}
+
 nlohmann::json introduction_by(Worker& worker, const BackendSpec& spec) {
     return worker.ask(construct_question, constructing(spec));
 }
@@ -60,12 +66,13 @@ nlohmann::json introduction_by(Worker& worker, const BackendSpec& spec) {
 }  // namespace
 
 Case::Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
-           std::chrono::duration<double> timeout)
+           std::chrono::duration<double> timeout, bool second_hand)
     : spec_(std::move(spec)),
       workers_(&workers),
       program_(std::move(program)),
       scope_(std::move(scope)),
-      timeout_(timeout) {}
+      timeout_(timeout),
+      second_hand_(second_hand) {}
 
 void Case::start() {
     if (interrupted()) throw Interrupted();
@@ -73,11 +80,27 @@ void Case::start() {
         std::rethrow_exception(failure);
     if (process_ != nullptr) return;
     make_process();
-    take_introduction(introduction_by(*process_, spec_));
+    take_introduction(introduction_of([&] { return introduction_by(*process_, spec_); }));
+}
+
+std::unique_ptr<Worker> Case::new_process() {
+    return std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_);
 }
 
 void Case::make_process() {
-    process_ = std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_);
+    process_ = second_hand_ ? workers_->take(api_of(spec_), case_description(spec_, program_), timeout_)
+                            : new_process();
+}
+
+nlohmann::json Case::introduction_of(const std::function<nlohmann::json()>& answer) {
+    try {
+        return answer();
+    } catch (const std::exception&) {
+        // A device may still fail from what the case before did there.
+        if (!process_->has_left()) throw;
+    }
+    process_ = new_process();
+    return introduction_by(*process_, spec_);
 }
 
 void Case::begin_introduction() {
@@ -95,7 +118,7 @@ void Case::begin_introduction() {
 void Case::await_introduction() {
     if (!std::exchange(introducing_, false)) return;
     try {
-        take_introduction(process_->finish(constructing(spec_)));
+        take_introduction(introduction_of([&] { return process_->finish(constructing(spec_)); }));
     } catch (...) {
         too_early_ = std::current_exception();
     }
@@ -113,7 +136,12 @@ void Case::take_introduction(const nlohmann::json& introduction) {
 }
 
 void Case::dismiss() {
-    if (process_ != nullptr) process_->dismiss();
+    if (process_ == nullptr) return;
+    if (second_hand_ && process_->can_be_used_again()) {
+        workers_->keep(api_of(spec_), std::move(process_));
+    } else {
+        process_->dismiss();
+    }
 }
 
 std::optional<pid_t> Case::process() const {

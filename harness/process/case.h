@@ -28,9 +28,10 @@ public:
 /// journal has no answer to.
 class Case {
 public:
-    /// `workers`, which have the scene, must outlive it.
+    /// `workers`, which have the scene, must outlive it. With `second_hand` its process may have been that
+    /// of a case before, where nobody wants to know how long constructing takes.
     Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
-         std::chrono::duration<double> timeout);
+         std::chrono::duration<double> timeout, bool second_hand = false);
 
     const BackendSpec& spec() const { return spec_; }
     /// What is finished of it.
@@ -57,7 +58,8 @@ public:
     /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 
-    /// Worker::dismiss() of the process that it has now, if it has one.
+    /// It is not to be asked again: the process that it has now, if any, ends or, second hand, is for the
+    /// next case of its API. Does not wait for that.
     void dismiss();
 
     /// The process that it has now.
@@ -68,6 +70,9 @@ public:
 private:
     void start();
     void make_process();
+    std::unique_ptr<Worker> new_process();
+    /// What `answer` gives, or what a new process does where that failed in one that has been used before.
+    nlohmann::json introduction_of(const std::function<nlohmann::json()>& answer);
     void take_introduction(const nlohmann::json& introduction);
 
     BackendSpec spec_;
@@ -75,6 +80,7 @@ private:
     CaseProgram program_;
     JournalScope scope_;
     std::chrono::duration<double> timeout_;
+    bool second_hand_;
     std::unique_ptr<Worker> process_;
     bool introducing_ = false;      ///< it has begun
     std::exception_ptr too_early_;  ///< what went wrong ahead of time

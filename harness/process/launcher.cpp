@@ -219,10 +219,47 @@ Workers::Workers(std::filesystem::path program, const Scene* scene)
             "voxspring::worker_main(argc, argv) first in main(), or name a program in StudyOptions::worker");
 }
 
+Workers::~Workers() { end_kept(); }
+
+void Workers::turn_to(const Scene* scene) {
+    launcher_.reset();  // with its copy of the scene before
+    scene_ = scene;
+    ++scene_number_;
+}
+
 std::shared_ptr<Launcher> Workers::launcher() {
     if (launcher_ == nullptr || launcher_->is_lost())
         launcher_ = std::make_shared<Launcher>(program_, scene_);
     return launcher_;
+}
+
+std::unique_ptr<Worker> Workers::take(const std::string& kind, const nlohmann::json& description,
+                                      Seconds timeout) {
+    for (;;) {
+        const auto found = kept_.find(kind);
+        if (found == kept_.end()) return std::make_unique<Worker>(*this, description, timeout);
+        std::unique_ptr<Worker> worker = std::move(found->second);
+        kept_.erase(found);
+        try {
+            worker->become(description);
+            return worker;
+        } catch (const std::exception&) {
+            // It has ended, or what it had could not be given back.
+        }
+    }
+}
+
+void Workers::keep(const std::string& kind, std::unique_ptr<Worker> worker) {
+    constexpr std::size_t large = std::size_t(1) << 20;
+    const bool is_large = scene_ != nullptr && scene_->problem.particle_count() > large;
+    if (is_large || !worker->can_be_used_again()) return;
+    worker->begin_leaving();
+    kept_.emplace(kind, std::move(worker));
+}
+
+void Workers::end_kept() {
+    for (const auto& [kind, worker] : kept_) worker->dismiss();
+    kept_.clear();
 }
 
 // --- In the launcher's process ---------------------------------------------------------------------------
@@ -241,7 +278,7 @@ void start_worker(int socket, const nlohmann::json& description, const Scene* sc
     if (process == 0) {
         close(socket);
         close(ends[0]);
-        serve_as_worker(ends[1], launcher, [&] { return make(description, scene); });
+        serve_as_worker(ends[1], launcher, description, scene, make);
     }
     const int error = errno;
     close(ends[1]);

@@ -11,6 +11,7 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -54,26 +55,45 @@ private:
     std::string lost_;  ///< how it ended, if it has
 };
 
-/// Workers of one scene. They come from one launcher, which is started with the first of them; if it is lost,
-/// the next worker has another one.
+/// Workers of one scene after the other. New ones come from one launcher a scene, which is started with the
+/// first of them; if it is lost, the next worker has another one. A worker that has nothing left to do can be
+/// kept, and take up the next work of its kind: to open and to close a GPU takes a driver a fifth of a second
+/// each, one process after the other.
 class Workers {
 public:
     /// `program` is empty for this executable (worker_main.h). `scene`, null if the workers need none, must
-    /// outlive this. Throws std::logic_error where this executable cannot be started as a worker.
+    /// outlive this or the next turn_to(). Throws std::logic_error where this executable cannot be started as
+    /// a worker.
     explicit Workers(std::filesystem::path program = {}, const Scene* scene = nullptr);
     Workers(const Workers&) = delete;
     Workers& operator=(const Workers&) = delete;
+    ~Workers();
+
+    /// Turns to another scene, which must outlive this or the next call.
+    void turn_to(const Scene* scene);
 
     /// Throws as its constructor does.
     std::shared_ptr<Launcher> launcher();
+
+    /// A worker for `description`: one that was kept for `kind`, if any, else a new one. Throws as Worker's
+    /// constructor does.
+    std::unique_ptr<Worker> take(const std::string& kind, const nlohmann::json& description,
+                                 std::chrono::duration<double> timeout);
+    /// Has `worker` give back what it has, and keeps it for the next work of `kind`. One that cannot be used
+    /// again ends, and those of a large scene do: they would hold on to memory.
+    void keep(const std::string& kind, std::unique_ptr<Worker> worker);
+    /// Ends those that are kept. They are strangers to what is timed on their device.
+    void end_kept();
 
 private:
     friend class Worker;
 
     std::filesystem::path program_;
     const Scene* scene_;
+    int scene_number_ = 0;
     std::shared_ptr<Launcher> launcher_;
     Worker* last_asked_ = nullptr;
+    std::multimap<std::string, std::unique_ptr<Worker>> kept_;  ///< by kind
 };
 
 /// What answers in the other process.
@@ -86,8 +106,8 @@ using MakeAnswerer =
 /// The life of a launcher, on `socket`; it ends with the study.
 [[noreturn]] void serve_as_launcher(int socket, const MakeAnswerer& make);
 
-/// The life of a worker, on `socket`; its parent is `launcher`.
-[[noreturn]] void serve_as_worker(int socket, pid_t launcher,
-                                  const std::function<std::unique_ptr<Answerer>()>& make);
+/// The life of a worker, on `socket`; its parent is `launcher`. It begins with `description` on `scene`.
+[[noreturn]] void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, const Scene* scene,
+                                  const MakeAnswerer& make);
 
 }  // namespace voxspring

@@ -9,14 +9,15 @@
 #include <csignal>
 #include <ctime>
 #include <exception>
-#include <functional>
 #include <new>
+#include <optional>
 #include <sstream>
 #include <thread>
 #include <utility>
 
 #include "backends/backend.h"
 #include "harness/process/message.h"
+#include "harness/process/scene_stream.h"
 
 namespace voxspring {
 namespace {
@@ -47,7 +48,7 @@ void come_to_rest() {
     if (mallinfo2().fordblks > much) malloc_trim(0);
 }
 
-const nlohmann::json rest_question = {{"do", "rest"}};
+const nlohmann::json rest_question = {{"do", "rest"}}, leave_question = {{"do", "leave"}};
 
 nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
     const auto refusal = [](const char* kind, const std::string& message) {
@@ -68,10 +69,18 @@ nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
 
 }  // namespace
 
-void serve_as_worker(int socket, pid_t launcher, const std::function<std::unique_ptr<Answerer>()>& make) {
+void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, const Scene* scene,
+                     const MakeAnswerer& make) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != launcher) _exit(1);  // it died before that
+    std::optional<Scene> later_scene;
     std::unique_ptr<Answerer> answerer;
+    const auto become = [&](const nlohmann::json& question) {
+        description = question.at("become");
+        if (!question.at("sends_scene").get<bool>()) return;
+        later_scene = receive_scene(socket);
+        scene = later_scene ? &*later_scene : nullptr;
+    };
     const OnEvent on_event = [&](const nlohmann::json& event) { send_message(socket, {{"event", event}}); };
     // It leaves without running what the launcher, or whoever it is part of, registered for its own end.
     try {
@@ -82,7 +91,15 @@ void serve_as_worker(int socket, pid_t launcher, const std::function<std::unique
                                  come_to_rest();
                                  return nullptr;
                              }
-                             if (answerer == nullptr) answerer = make();
+                             if (question == leave_question) {
+                                 answerer.reset();
+                                 return nullptr;
+                             }
+                             if (question.contains("become")) {
+                                 become(question);
+                                 return nullptr;
+                             }
+                             if (answerer == nullptr) answerer = make(description, scene);
                              return answerer->answer(question, on_event);
                          }));
         }
@@ -96,7 +113,8 @@ void serve_as_worker(int socket, pid_t launcher, const std::function<std::unique
 Worker::Worker(Workers& workers, const nlohmann::json& description, Seconds timeout)
     : workers_(workers),
       // What a clock of nanoseconds in 64 bits has room for.
-      timeout_(std::min(timeout, Seconds(1e8))) {
+      timeout_(std::min(timeout, Seconds(1e8))),
+      scene_number_(workers.scene_number_) {
     if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
     launcher_ = workers_.launcher();
     const Launcher::Child child = launcher_->start(description);
@@ -116,6 +134,20 @@ Worker::~Worker() {
 void Worker::dismiss() {
     // Where this program was forked meanwhile there is a copy of this end: closing it would not tell.
     if (process_ >= 0) shutdown(socket_, SHUT_RDWR);
+}
+
+void Worker::begin_leaving() {
+    begin(leave_question);
+    has_left_ = true;
+}
+
+void Worker::become(const nlohmann::json& description) {
+    finish("giving back what it had");
+    const bool sends_scene = scene_number_ != workers_.scene_number_;
+    begin({{"become", description}, {"sends_scene", sends_scene}});
+    if (sends_scene) send_scene(socket_, workers_.scene_, process_);
+    scene_number_ = workers_.scene_number_;
+    finish("turning to its next work");
 }
 
 void Worker::lose(const std::string& how, const std::string& doing) {
@@ -181,6 +213,7 @@ nlohmann::json Worker::finish(const std::string& doing, const OnEvent& on_event)
         }
         asked_ = false;
         if (message.contains("answer")) return message.at("answer");
+        failed_ = true;
         const std::string text = message.at("message");
         if (message.at("threw") == "unavailable") throw Unavailable(text);
         throw DeviceError(text);

@@ -49,6 +49,17 @@ public:
     Worker& operator=(const Worker&) = delete;
     ~Worker();
 
+    /// Whether it has answered whatever it was asked, without a failure, so that another description is in
+    /// good hands with it.
+    bool can_be_used_again() const { return process_ >= 0 && !asked_ && !failed_; }
+    /// Has its answerer end, and does not wait for it; become() is what may be called next.
+    void begin_leaving();
+    /// Has it answer for another description, and on the scene that its Workers have turned to since. Throws
+    /// as ask() does.
+    void become(const nlohmann::json& description);
+    /// Whether it answered for another description before.
+    bool has_left() const { return has_left_; }
+
     /// Has the process end, and does not wait for it: a driver takes its time to give a device back, and
     /// those of several workers may do so at once. It is not to be asked again.
     void dismiss();
@@ -76,8 +87,11 @@ private:
     int socket_ = -1;
     pid_t process_ = -1;
     std::chrono::duration<double> timeout_;
-    bool asked_ = false;  ///< and no answer yet
-    std::string lost_;    ///< how it ended, if it has
+    int scene_number_;       ///< of its Workers' scenes
+    bool asked_ = false;     ///< and no answer yet
+    bool failed_ = false;    ///< an answer was a refusal
+    bool has_left_ = false;  ///< an answerer before this one
+    std::string lost_;       ///< how it ended, if it has
 };
 
 }  // namespace voxspring

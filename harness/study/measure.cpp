@@ -93,16 +93,22 @@ public:
         attempt([&] { case_.finish("compiling"); });
     }
 
-    /// Before its first upload: what a step is and, where it waits for launches, what one takes in this
-    /// process.
-    void find_limit() {
-        if (finished()) return;
+    /// Has its process count what a step is, before its first upload; returns before it has.
+    void begin_counting() {
+        if (finished() || known("step work")) return;
         attempt([&] {
-            if (!known("step work"))
-                case_.scope().keep("step work", case_.ask({{"do", "step work"}}, "counting its work"));
-            if (!known("launch") && limit().limited_by == "launch")
-                case_.scope().keep("launch", case_.ask({{"do", "launch"}}, "measuring a launch"));
+            case_.begin({{"do", "step work"}});
+            counting_ = true;
         });
+    }
+    void finish_counting() {
+        if (!std::exchange(counting_, false)) return;
+        attempt([&] { case_.scope().keep("step work", case_.finish("counting its work")); });
+    }
+    /// What a launch takes in its process, where a step waits for one.
+    void measure_launch() {
+        if (finished() || known("launch") || limit().limited_by != "launch") return;
+        attempt([&] { case_.scope().keep("launch", case_.ask({{"do", "launch"}}, "measuring a launch")); });
     }
     /// Has its process warm up; returns before it has.
     void begin_warming_up() {
@@ -203,7 +209,7 @@ private:
     const MeasurementContext& context_;
     std::string failure_;  ///< empty: none so far
     int done_ = 0;         ///< repetitions
-    bool compiling_ = false, warming_up_ = false, reading_ = false, read_ = false;
+    bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;
     std::optional<nlohmann::json> unjudged_;  ///< the last repetition
 };
 
@@ -370,30 +376,39 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
 
 /// Has every case compile what it will run, some of them at once: a compiler has one thread.
 void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
-    const std::size_t most = bench.side_by_side();
-    for (std::size_t n = 0; n < cases.size() + most; ++n) {
-        if (n >= most) cases[n - most].finish_compiling();
-        if (n < cases.size() && !interrupted() && cases[n].begin_compiling())
-            bench.show("compiling " + cases[n].label(), 0, 1);
-    }
+    at_once(
+        cases.size(), bench.side_by_side(),
+        [&](std::size_t n) {
+            if (!interrupted() && cases[n].begin_compiling())
+                bench.show("compiling " + cases[n].label(), 0, 1);
+        },
+        [&](std::size_t n) { cases[n].finish_compiling(); });
 }
 
 /// Has every case warm up, several at once unless what that takes is to be said.
 void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_times) {
+    at_once(
+        cases.size(), bench.side_by_side(),
+        [&](std::size_t n) {
+            if (!interrupted()) cases[n].begin_counting();
+        },
+        [&](std::size_t n) { cases[n].finish_counting(); });
     int missing = 0;
     for (TimedCase& one : cases) {
-        if (!interrupted()) one.find_limit();
+        if (!interrupted()) one.measure_launch();
         missing += one.missing();
     }
     // Of a large scene enough that one computes while others compile or wait for their device.
     const std::size_t wanted = bench.scene().problem.particle_count() > large ? 3 : bench.side_by_side();
     const std::size_t most = start_times ? 1 : std::min(wanted, bench.side_by_side());
-    for (std::size_t n = 0; n < cases.size() + most; ++n) {
-        if (n >= most) cases[n - most].finish_warming_up();
-        if (n >= cases.size() || interrupted()) continue;
-        if (!cases[n].finished()) bench.show(cases[n].label(), 0, missing);
-        cases[n].begin_warming_up();
-    }
+    at_once(
+        cases.size(), most,
+        [&](std::size_t n) {
+            if (interrupted()) return;
+            if (!cases[n].finished()) bench.show(cases[n].label(), 0, missing);
+            cases[n].begin_warming_up();
+        },
+        [&](std::size_t n) { cases[n].finish_warming_up(); });
 }
 
 /// Has every case make its repetitions, interleaved in random order, so that what changes on the machine with

@@ -46,6 +46,7 @@ StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal&
       journal_(journal),
       progress_(progress),
       result_(result),
+      workers_(options.worker),
       references_(DiskCache{}, [this](int done, int steps) {
           if (interrupted()) throw Interrupted();
           show("float64 reference, " + std::to_string(done) + " of " + std::to_string(steps) + " steps", 0,
@@ -54,9 +55,8 @@ StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal&
 
 void StudyBench::turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number) {
     item_ = &item;
-    workers_.reset();  // with its copy of the scene before
+    workers_.turn_to(scene.get());
     scene_ = std::move(scene);
-    workers_ = std::make_unique<Workers>(options_.worker, scene_.get());
     number_ = number;
     specs_ = select(expand_all(with_choices(patterns_of(study_, item))), with_choices(options_.backends));
 }
@@ -72,13 +72,16 @@ std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
     return groups;
 }
 
-Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program) {
-    return Case(spec, *workers_, program,
-                JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout);
+Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program, bool second_hand) {
+    // The processor is there for every process, and threads of a case before would only be in its way.
+    const bool has_driver = !spec.entry->name.starts_with("cpu_");
+    return Case(spec, workers_, program,
+                JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout,
+                second_hand && has_driver);
 }
 
-std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, bool limits) {
-    return entered(case_of(spec, program), limits);
+std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, Entering how) {
+    return entered(case_of(spec, program, how.at_once), how.limits);
 }
 
 std::optional<Case> StudyBench::entered(Case one, bool limits) {
@@ -104,6 +107,7 @@ std::optional<Case> StudyBench::entered(Case one, bool limits) {
     }
     if (!unavailable.empty()) put(lost ? "failed" : "skipped", spec, unavailable);
     if (!reason.empty()) skip(spec, reason);
+    if (!reason.empty()) one.dismiss();
     if (failure || !unavailable.empty() || !reason.empty() || interrupted()) return std::nullopt;
     return one;
 }
@@ -115,20 +119,19 @@ std::size_t StudyBench::side_by_side() const {
 
 /// Before the first of them measures its device's limits.
 void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
-    const std::size_t most = side_by_side();
-    for (std::size_t n = 0; n < cases.size() + most; ++n) {
-        if (n >= most) cases[n - most].await_introduction();
-        if (n < cases.size()) cases[n].begin_introduction();
-    }
+    at_once(
+        cases.size(), side_by_side(), [&](std::size_t n) { cases[n].begin_introduction(); },
+        [&](std::size_t n) { cases[n].await_introduction(); });
 }
 
 std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                         Entering how) {
     std::vector<Case> made, cases;
-    for (const BackendSpec& spec : specs) made.push_back(case_of(spec, program));
+    for (const BackendSpec& spec : specs) made.push_back(case_of(spec, program, how.at_once));
     if (how.at_once) {
         show("constructing " + std::to_string(made.size()) + " backends", 0, 1);
         introduce_at_once(made);
+        workers_.end_kept();
     }
     for (Case& one : made) {
         show(one.spec().label(), 0, 1);
@@ -161,7 +164,7 @@ std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patte
         const Chosen choice = choose_by_rules(pattern, *scene_, [&](const BackendSpec& spec) {
             bool accepted = false;
             (void)failure_of([&] {
-                const nlohmann::json introduction = introduce(spec, *workers_, options_.timeout);
+                const nlohmann::json introduction = introduce(spec, workers_, options_.timeout);
                 accepted = may_be_chosen(capabilities_of(introduction.at("capabilities"))) &&
                            introduction.at("unsupported") == "";
             });

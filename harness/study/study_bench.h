@@ -25,6 +25,24 @@
 
 namespace voxspring {
 
+/// Calls begin(n) and, later, finish(n) for each n below `count`, in order, with at most `most` begun and not
+/// finished.
+template <class Begin, class Finish>
+void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
+    for (std::size_t n = 0; n < count + most; ++n) {
+        if (n >= most) finish(n - most);
+        if (n < count) begin(n);
+    }
+}
+
+/// How a case is made ready.
+struct Entering {
+    bool limits = false;  ///< what its device can do at best is measured as well, once a device
+    /// Construct several at once, side_by_side() of them, and in processes of cases before, where nobody
+    /// wants to know how long that takes.
+    bool at_once = false;
+};
+
 /// Serves one study, scene after scene.
 class StudyBench {
 public:
@@ -48,14 +66,9 @@ public:
     std::vector<std::span<const BackendSpec>> groups() const;
 
     /// The case of a backend, ready to be asked; nothing where it cannot run the scene, which the result then
-    /// says. With `limits` what its device can do at best is measured as well, once a device.
-    std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, bool limits = false);
+    /// says.
+    std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, Entering how = {});
     /// Those of `specs` that can run the scene.
-    struct Entering {
-        bool limits = false;  ///< as of enter()
-        /// Construct several at once, where nobody wants to know how long that takes: side_by_side() of them.
-        bool at_once = false;
-    };
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program, Entering how);
     /// How many cases do at once what is not timed.
     std::size_t side_by_side() const;
@@ -78,7 +91,7 @@ public:
     void describe_devices();
 
 private:
-    Case case_of(const BackendSpec& spec, const CaseProgram& program);
+    Case case_of(const BackendSpec& spec, const CaseProgram& program, bool second_hand);
     /// The case, unless it cannot run the scene.
     std::optional<Case> entered(Case one, bool limits);
     void introduce_at_once(std::vector<Case>& cases) const;
@@ -96,7 +109,7 @@ private:
     nlohmann::json& result_;
     const StudyScene* item_ = nullptr;
     std::shared_ptr<const Scene> scene_;
-    std::unique_ptr<Workers> workers_;  ///< of the scene
+    Workers workers_;
     std::size_t number_ = 0;
     std::vector<BackendSpec> specs_;
     MeasuredLimits limits_;

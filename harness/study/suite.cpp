@@ -49,6 +49,7 @@ public:
             }
         }
         bench_.add_failure(case_);
+        case_.dismiss();
     }
 
 private:

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -11,6 +12,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
@@ -92,6 +94,7 @@ public:
 
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
         const int steps = question.at("steps");
+        if (question.at("do") == "compile") return compile(backend, steps);
         const Scene stepped = in_steps(scene_, span_, steps);
         const DivergenceMonitor monitor = divergence_monitor(stepped, steps);
         const TimedRuns timed = time_runs(backend, stepped, monitor, steps, repetitions_);
@@ -101,6 +104,16 @@ public:
     }
 
 private:
+    /// Takes the first of `steps`, so that the backend has what it compiles for that.
+    nlohmann::json compile(Backend& backend, int steps) const {
+        const Scene stepped = in_steps(scene_, span_, steps);
+        SceneRunner runner(stepped);
+        runner.rewind(backend);
+        runner.run(backend, 1);
+        backend.synchronize();
+        return nullptr;
+    }
+
     const Scene& scene_;
     const Span span_;
     const int repetitions_;
@@ -122,6 +135,31 @@ struct Step {
     double end_time;
     SharedState& state;
 };
+
+std::string name_of_row(int steps) { return "row of " + std::to_string(steps) + " steps"; }
+
+/// Has every case compile, several at once: what that gives is kept for the runs at every time step.
+void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int total) {
+    std::vector<bool> compiles(cases.size());
+    const auto attempt = [&](Case& one, const std::function<void()>& action) {
+        if (const auto failure = failure_of(action)) one.scope().keep("failed", *failure);
+    };
+    at_once(
+        cases.size(), bench.side_by_side(),
+        [&](std::size_t n) {
+            Case& one = cases[n];
+            const bool known = one.scope().find(name_of_row(steps)) != nullptr;
+            if (known || one.scope().find("failed") != nullptr || interrupted()) return;
+            bench.show("compiling " + one.spec().label(), 0, total);
+            attempt(one, [&] {
+                one.begin({{"do", "compile"}, {"steps", steps}});
+                compiles[n] = true;
+            });
+        },
+        [&](std::size_t n) {
+            if (compiles[n]) attempt(cases[n], [&] { (void)cases[n].finish("compiling"); });
+        });
+}
 
 /// One row. Throws what the case does, and std::runtime_error where it does not agree with the reference.
 ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& device) {
@@ -159,7 +197,7 @@ ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& de
 
 /// The same, kept in the journal, which may have it; nothing of a case that failed.
 std::optional<ParetoRow> row_of_case(Case& benchmark_case, const Step& step, const std::string& device) {
-    const std::string name = "row of " + std::to_string(step.solution.steps) + " steps";
+    const std::string name = name_of_row(step.solution.steps);
     JournalScope& scope = benchmark_case.scope();
     if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
         const auto failure =
@@ -249,6 +287,7 @@ void ParetoStudy::run(StudyBench& bench) {
     for (const std::span<const BackendSpec> group : bench.groups()) {
         std::vector<Case> cases = bench.enter_all(group, program, {.at_once = true});
         if (cases.empty()) continue;
+        compile_all(bench, cases, counts.front(), total);
         if (!refined) {
             bench.show("float64 references", 0, total);
             refined = bench.references().refined(scene, span, counts);
@@ -267,7 +306,10 @@ void ParetoStudy::run(StudyBench& bench) {
                 if (row) rows_of[steps].push_back(*row);
             }
         }
-        for (Case& one : cases) bench.add_failure(one);
+        for (Case& one : cases) {
+            bench.add_failure(one);
+            one.dismiss();
+        }
     }
     std::vector<ParetoRow> rows;
     for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());

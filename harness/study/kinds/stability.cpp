@@ -52,7 +52,7 @@ public:
         bool map = bench.item().settings.value("map", false);  // of the first
         const auto enter = [&](const BackendSpec& spec) {
             std::optional<Case> entered =
-                bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}});
+                bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}}, {.at_once = true});
             if (entered && empty) {
                 bench.skip(spec, "nothing oscillates, or how fast is not known");
                 entered.reset();

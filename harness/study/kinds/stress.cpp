@@ -56,12 +56,13 @@ public:
     /// What the first case computes of references, the next ones have.
     void run(StudyBench& bench) override {
         const std::string lengths = bench.item().settings.at("lengths");
-        measure_suites(bench, {.enter =
-                                   [&](const BackendSpec& spec) {
-                                       return bench.enter(spec, {"stress", {{"lengths", lengths}}});
-                                   },
-                               .known = [&] { return references_.known(); },
-                               .on_event = [&](const nlohmann::json& event) { references_.take(event); }});
+        measure_suites(
+            bench, {.enter =
+                        [&](const BackendSpec& spec) {
+                            return bench.enter(spec, {"stress", {{"lengths", lengths}}}, {.at_once = true});
+                        },
+                    .known = [&] { return references_.known(); },
+                    .on_event = [&](const nlohmann::json& event) { references_.take(event); }});
     }
     std::vector<std::string> lists() const override { return {"stress"}; }
     void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
