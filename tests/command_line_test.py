@@ -672,6 +672,23 @@ class Pareto(InTemporaryFolder):
             run = voxspring("run", "box@6", "--backend", said[0].split("best: ")[1], "--steps", 3)
             self.assertEqual(run.returncode, 0, "what it says is what --backend takes")
 
+    def test_advises_on_ranks(self):
+        out = self.folder / "scaling.json"
+        ran = voxspring("study", "scaling", "--scene", "box@8", "--ranks", 2, "--backend", "cpu_reference", "--out", out)
+        self.assertEqual(ran.returncode, 0, ran.stderr)
+        rows = json.loads(out.read_text())["scaling"]
+        best = min(rows, key=lambda row: row["seconds_per_step"])
+        for ran in (voxspring("advise", "box@8", "--ranks", 2, "--results", out),
+                    voxspring("advise", "box@8", "--ranks", 2, "--backend", "cpu_reference")):
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+            self.assertIn("box@8 cpu_reference increment float64: more than one rank ", ran.stdout)
+            self.assertIn("best: cpu_reference increment float64 by ", ran.stdout)
+        said = voxspring("advise", "box@8", "--ranks", 2, "--results", out).stdout
+        self.assertIn(f"by {best['ranks']} rank", said.splitlines()[-1])
+        self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--results", out), "box@6", "box@8")
+        self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--results", self.out), "scaling")
+        self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--error", 1), "--error", "--devices")
+
     def test_advice_that_cannot_be_given(self):
         ran = voxspring("advise", "box@6", "--error", 1e-30, "--results", self.out)
         self.assertEqual(ran.returncode, 1)

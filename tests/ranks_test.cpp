@@ -403,6 +403,26 @@ const Registered within_steps({.name = "rank_within_steps",
                                .make = [](const Options&) { return std::make_unique<WithinSteps>(); },
                                .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 
+/// Says how many steps it was asked for at once at most.
+class Counting final : public Wrapped {
+public:
+    static inline int most = 0;
+
+private:
+    void integrate(int count) override {
+        most = std::max(most, count);
+        Wrapped::integrate(count);
+    }
+};
+
+const Registered counting({.name = "rank_counting",
+                           .summary = "A backend for a test.",
+                           .precisions = {Precision::float64},
+                           .formulations = {Formulation::increment},
+                           .tuning = {},
+                           .make = [](const Options&) { return std::make_unique<Counting>(); },
+                           .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+
 RankPlan plan_by(const std::string& way) {
     RankPlan by_way = plan;
     by_way.way = way;
@@ -534,6 +554,19 @@ TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {
                   }
               }),
               "unavailable: rank 2: no test device 2: there are devices 0 to 1");
+}
+
+// What several are held against is not slowed down by exchanges that it has none of.
+TEST(RankRuns, OfOneRankStepAsManyAtOnceAsTheyAreAskedFor) {
+    Scene whole = scene();
+    whole.edits.clear();
+    State state = state_at_rest(whole.problem);
+    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, 1, plan, state);
+    // A look for divergence comes between.
+    EXPECT_GT(Counting::most, 1);
+    Counting::most = 0;
+    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, 2, plan, state);
+    EXPECT_EQ(Counting::most, 1);
 }
 
 TEST(RankRuns, RefuseABackendWithoutBorders) {

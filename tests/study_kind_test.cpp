@@ -21,6 +21,7 @@
 #include "backends/cpu/cpu_backend.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/commands.h"
+#include "harness/study/scaling_row.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/suite.h"
 #include "tests/volume_files.h"
@@ -354,6 +355,46 @@ TEST_F(StudyKinds, ScalingComparesRanksWithOne) {
     EXPECT_EQ(result.at("scaling")[1].at("largest_slab"), 5 * 64);
 }
 
+TEST(ScalingModel, SaysFromWhichSizeOnMoreThanOneRankPays) {
+    constexpr double particle = 1e-9, latency = 1e-5;
+    const auto row_of = [&](int ranks, std::uint64_t particles, const std::string& way) {
+        ScalingRow row;
+        row.row.workpiece = Workpiece{.steps = 1, .particles = particles, .springs = 1};
+        row.ranks = ranks;
+        row.way = way;
+        row.seconds_per_step = particle * double(particles) / ranks;
+        row.largest_slab = (particles + std::uint64_t(ranks) - 1) / std::uint64_t(ranks);
+        if (ranks > 1) row.latency_seconds = latency;
+        return row;
+    };
+    const ScalingRow one = row_of(1, 1'000'000, "none");
+    ScalingRow two = row_of(2, 1'000'000, "stores");
+    compare(two, one);
+    EXPECT_DOUBLE_EQ(*two.efficiency, 1);
+    EXPECT_DOUBLE_EQ(*two.predicted_seconds, particle * 500'000 + latency);
+    // Half of the particles take as long as the exchange does.
+    EXPECT_NEAR(*two.pays_from_particles, 2 * latency / particle, 1);
+    two.way = "stores_overlap";
+    compare(two, one);
+    // All of them do, beside which half of them go.
+    EXPECT_NEAR(*two.pays_from_particles, latency / particle, 1);
+
+    // Borders grow with the square of the length: at the size that it says both sides are equal.
+    two.way = "stores";
+    two.largest_slab += 10'000;
+    two.border_bytes = 160'000;
+    two.seconds_per_byte = 1e-10;
+    compare(two, one);
+    const double volume = *two.pays_from_particles / 1e6, area = std::pow(volume, 2.0 / 3);
+    const double of_two = particle * (500'000 * volume + 10'000 * area) + latency + 1.6e-5 * area;
+    EXPECT_NEAR(of_two, particle * *two.pays_from_particles, 1e-9 * of_two);
+    // Of what is exchanged within steps nothing is known.
+    two.latency_seconds.reset();
+    two.pays_from_particles.reset();
+    compare(two, one);
+    EXPECT_FALSE(two.pays_from_particles);
+}
+
 TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
     const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 2,
         "ranks": [1, 2, 3], "backends": ["cpu_reference"],
@@ -366,6 +407,10 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
         for (auto& row : result.at("scaling")) {
             const int ranks = row.at("ranks");
             row["seconds_per_step"] = ranks == 1 ? 1 : ranks == 2 ? of_two : of_three;
+            row["pays_from_particles"] = nullptr;
+            row["noisy"] = nlohmann::json::array();
+            if (ranks == 2) row["pays_from_particles"] = 2e6;
+            if (ranks == 3) row["noisy"] = {"ranks share a device"};
         }
         std::ostringstream printed;
         print_result(result, printed);
@@ -373,9 +418,11 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
     };
     const std::string box = "box@8 cpu_reference increment float64: more than one rank ";
     EXPECT_THAT(said(0.6, 0.4),
-                ::testing::HasSubstr(box + "pays: 3 by memory are 2.50 times as fast as one\n"));
-    EXPECT_THAT(said(2, 4),
-                ::testing::HasSubstr(box + "does not pay: 2 by memory are 0.50 times as fast as one\n"));
+                ::testing::HasSubstr(box + "pays: 3 by memory are 2.50 times as fast as one (ranks share a "
+                                           "device)\n"));
+    EXPECT_THAT(said(2, 4), ::testing::HasSubstr(
+                                box + "does not pay: 2 by memory are 0.50 times as fast as one; by "
+                                      "the model they are faster from 2000000 particles of this shape on\n"));
     EXPECT_THAT(said(2, 4),
                 ::testing::Not(::testing::HasSubstr("box@4x4x4 cpu_reference increment float64: more")))
         << "it grows";
@@ -386,6 +433,9 @@ TEST_F(StudyKinds, ScalingSkipsTheWaysOfOtherBackends) {
         "ranks": [1, 2], "backends": ["on_devices"], "scenes": [{"scene": "box@4"}]})");
     StudyOptions options;
     options.ranks = 2;
+    expect_contains(run_study(load_study(file), options).at("skipped").dump(),
+                    "its ranks are on devices: --devices says");
+    options.devices = {0, 1};
     const nlohmann::json result = run_study(load_study(file), options);
     EXPECT_TRUE(result.at("failed").empty()) << result.at("failed");
     ASSERT_EQ(result.at("scaling").size(), 1u);

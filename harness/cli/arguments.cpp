@@ -263,6 +263,18 @@ void add_run(CLI::App& app, Asked& asked, std::ostream& out) {
     run->callback([&] { asked.exit_code = run_scene(asked.scene, options, out); });
 }
 
+/// `when`: what they are for.
+void add_ranks(CLI::App& command, StudyOptions& options, const std::string& when) {
+    add_number<std::int64_t>(
+        command, "--ranks", 1, max_ranks, [&options](std::int64_t count) { options.ranks = int(count); },
+        when + "at most so many parts of a scene, each stepped by a thread of its own; one a processor");
+    command
+        .add_option_function<std::string>(
+            "--devices", [&options](const std::string& text) { options.devices = devices_of(text); },
+            when + "a rank on each of the first so many devices of CUDA, 4, or on these, 0,1")
+        ->type_name("N or N,N,...");
+}
+
 void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
     CLI::App* study = app.add_subcommand("study", "Time and verify scenes on several backends");
     StudyOptions& options = asked.of_study;
@@ -273,15 +285,7 @@ void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
     study->add_option("--scene", options.scenes,
                       "Only scenes that match this glob, or this scene; may be given several times");
     add_repetitions(*study, options, "Timed batches of each backend and scene");
-    add_number<std::int64_t>(
-        *study, "--ranks", 1, max_ranks, [&options](std::int64_t count) { options.ranks = int(count); },
-        "Of a scaling study: at most so many parts of a scene, each stepped by a thread of its own; one a "
-        "processor");
-    study
-        ->add_option_function<std::string>(
-            "--devices", [&options](const std::string& text) { options.devices = devices_of(text); },
-            "Of a scaling study: a rank on each of the first so many devices of CUDA, 4, or on these, 0,1")
-        ->type_name("N or N,N,...");
+    add_ranks(*study, options, "Of a scaling study: ");
     study->add_flag("--resume", options.resume, "Go on with the study of --out that was cut short")
         ->needs(file);
     add_number<double>(
@@ -294,16 +298,20 @@ void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
 }
 
 void add_advise(CLI::App& app, Asked& asked, std::ostream& out) {
-    CLI::App* advise = app.add_subcommand(
-        "advise", "Which backend, formulation, precision and time step reach an error in the least time");
+    CLI::App* advise = app.add_subcommand("advise",
+                                          "Which backend, formulation, precision and time step reach an "
+                                          "error in the least time; with --ranks or "
+                                          "--devices whether more than one of them pays");
     AdviseOptions& options = asked.advise;
     add_scene(*advise, asked);
     add_number<double>(
         *advise, "--error", min_error, max_error, [&options](double error) { options.error = error; },
-        "Total error that will do, relative L2 of displacement")
-        ->required();
-    CLI::Option* results = advise->add_option(
-        "--results", options.results, "Result of a pareto study (.json) to read instead of measuring");
+        "Total error that will do, relative L2 of displacement");
+    add_ranks(*advise, options.study, "Instead of an error: ");
+    CLI::Option* results = advise->add_option("--results", options.results,
+                                              "Result of a pareto study, or with --ranks or --devices of a "
+                                              "scaling study (.json), to read instead of "
+                                              "measuring");
     advise
         ->add_option("--backend", options.study.backends,
                      "Measure only backends that match this glob; may be given several times")

@@ -44,8 +44,9 @@ int run_scene(const std::string& scene, const RunOptions& options, std::ostream&
 int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);
 
 struct AdviseOptions {
-    double error = 0;                              ///< the largest total error that will do, relative L2
-    std::optional<std::filesystem::path> results;  ///< of a pareto study; nothing: measure
+    /// The largest total error that will do, relative L2. Nothing: it is asked whether several ranks pay.
+    std::optional<double> error;
+    std::optional<std::filesystem::path> results;  ///< of a pareto or a scaling study; nothing: measure
     StudyOptions study;                            ///< of the measurement
 };
 

@@ -91,6 +91,7 @@ private:
     }
 
     int steps_a_call() const;
+    void step_alone(int count);
     void step_and_exchange(int count);
     void exchange_by_host();
     void exchange_by_device();

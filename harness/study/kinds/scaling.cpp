@@ -23,62 +23,13 @@
 #include "harness/results/result.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/measure.h"
+#include "harness/study/scaling_row.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/errors.h"
 
 namespace voxspring {
 namespace {
-
-struct ScalingRow {
-    Row row;
-    std::string family = {};   ///< of rows that are compared: a scene, or scenes that grow with the ranks
-    std::string scaling = {};  ///< "strong", "weak"
-    int ranks = 1;
-    std::string way = {};  ///< how borders are exchanged: "none", or one of known_ways
-    double seconds_per_step = 0;
-    double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;  ///< of a step
-    std::uint64_t largest_slab = 0;                                         ///< particles, ghosts included
-    std::uint64_t ghosts = 0;                                               ///< of all slabs
-    std::uint64_t border_bytes = 0;
-    std::optional<double> latency_seconds = {}, seconds_per_byte = {};
-    std::optional<bool> same_bits = {};
-    std::optional<double> efficiency = {}, predicted_seconds = {};
-};
-
-template <class Self, class Fields>
-void scaling_fields(Self& row, Fields& fields) {
-    fields.required("family", row.family);
-    fields.required("scaling", row.scaling);
-    fields.required("ranks", row.ranks);
-    fields.required("way", row.way);
-    fields.required("seconds_per_step", row.seconds_per_step);
-    fields.required("compute_seconds", row.compute_seconds);
-    fields.required("exchange_seconds", row.exchange_seconds);
-    fields.required("waiting_seconds", row.waiting_seconds);
-    fields.required("largest_slab", row.largest_slab);
-    fields.required("ghosts", row.ghosts);
-    fields.required("border_bytes", row.border_bytes);
-    fields.nullable("latency_seconds", row.latency_seconds);
-    fields.nullable("seconds_per_byte", row.seconds_per_byte);
-    fields.nullable("same_bits", row.same_bits);
-    fields.nullable("efficiency", row.efficiency);
-    fields.nullable("predicted_seconds", row.predicted_seconds);
-}
-
-nlohmann::json to_json(const ScalingRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json);
-    scaling_fields(row, writer);
-    return json;
-}
-
-ScalingRow scaling_row_from_json(const nlohmann::json& json) {
-    ScalingRow row{.row = row_from_json(json)};
-    RowReader reader(json);
-    scaling_fields(row, reader);
-    return row;
-}
 
 // --- In the process of a case ---------------------------------------------------------------------------
 
@@ -170,21 +121,6 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
         if (!report.device.empty()) most = std::max(most, ++ranks[report.device]);
     }
     return most;
-}
-
-/// Whether borders are stepped and sent first, and travel while the rest of a slab is stepped.
-bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
-
-/// What follows from a row and from `one`, of the same family by one rank. The model: each particle of the
-/// largest slab takes the time that it takes there; then comes an exchange of the longest border. Where they
-/// overlap a step is as long as the longer of both.
-void compare(ScalingRow& row, const ScalingRow& one) {
-    const double particle = one.seconds_per_step / double(one.row.workpiece->particles);
-    row.efficiency = particle * double(row.row.workpiece->particles) / (row.ranks * row.seconds_per_step);
-    const double compute = particle * double(row.largest_slab);
-    const double exchange =
-        row.latency_seconds.value_or(0) + row.seconds_per_byte.value_or(0) * double(row.border_bytes);
-    row.predicted_seconds = overlaps(row.way) ? std::max(compute, exchange) : compute + exchange;
 }
 
 /// How the borders of several ranks travel.
@@ -479,7 +415,12 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
     } else {
         capabilities = capabilities_of(entered->capabilities());
     }
-    if (!capabilities.has_borders && capabilities.border_ways.empty()) {
+    const bool by_device = !capabilities.border_ways.empty();
+    if (by_device && bench.options().mpi == nullptr && bench.options().devices.empty()) {
+        bench.skip(of_rank, "its ranks are on devices: --devices says on how many, or on which");
+        return;
+    }
+    if (!capabilities.has_borders && !by_device) {
         bench.skip(of_rank, "it cannot step a part of a body: it gives no borders");
         return;
     }
@@ -524,25 +465,7 @@ void ScalingStudy::summarise(nlohmann::json& result) const {
         compare(row, one->second);
         json["efficiency"] = *row.efficiency;
         json["predicted_seconds"] = *row.predicted_seconds;
-    }
-}
-
-/// Of each scene of one size and each backend: which number of ranks, and which way, is the fastest, and
-/// whether that is more than one.
-void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
-    for (const ScalingRow& one : rows) {
-        if (one.ranks != 1 || one.scaling != "strong") continue;
-        const ScalingRow* best = nullptr;
-        for (const ScalingRow& row : rows) {
-            const bool alike = row.family == one.family && row.row.label() == one.row.label();
-            if (alike && row.ranks > 1 && (best == nullptr || row.seconds_per_step < best->seconds_per_step))
-                best = &row;
-        }
-        if (best == nullptr) continue;
-        const double times = one.seconds_per_step / best->seconds_per_step;
-        out << one.row.identity.scene << " " << one.row.label() << ": "
-            << (times > 1 ? "more than one rank pays: " : "more than one rank does not pay: ") << best->ranks
-            << " by " << best->way << " are " << fmt::format("{:.2f}", times) << " times as fast as one\n";
+        if (row.pays_from_particles) json["pays_from_particles"] = *row.pays_from_particles;
     }
 }
 

@@ -1,0 +1,152 @@
+#include "harness/study/scaling_row.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "harness/base/bad_input.h"
+#include "harness/base/schema_versions.h"
+#include "harness/base/text.h"
+#include "harness/results/result.h"
+
+namespace voxspring {
+namespace {
+
+template <class Self, class Fields>
+void scaling_fields(Self& row, Fields& fields) {
+    fields.required("family", row.family);
+    fields.required("scaling", row.scaling);
+    fields.required("ranks", row.ranks);
+    fields.required("way", row.way);
+    fields.required("seconds_per_step", row.seconds_per_step);
+    fields.required("compute_seconds", row.compute_seconds);
+    fields.required("exchange_seconds", row.exchange_seconds);
+    fields.required("waiting_seconds", row.waiting_seconds);
+    fields.required("largest_slab", row.largest_slab);
+    fields.required("ghosts", row.ghosts);
+    fields.required("border_bytes", row.border_bytes);
+    fields.nullable("latency_seconds", row.latency_seconds);
+    fields.nullable("seconds_per_byte", row.seconds_per_byte);
+    fields.nullable("same_bits", row.same_bits);
+    fields.nullable("efficiency", row.efficiency);
+    fields.nullable("predicted_seconds", row.predicted_seconds);
+    fields.nullable("pays_from_particles", row.pays_from_particles);
+}
+
+/// Whether borders are stepped and sent first, and travel while the rest of a slab is stepped.
+bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
+
+/// "2600" of 2612.3: what a model says has no more.
+std::string two_digits(double count) {
+    const double unit = std::pow(10, std::max(0.0, std::floor(std::log10(count)) - 1));
+    return fixed_text(unit * std::round(count / unit), 0);
+}
+
+/// The model of a row, in seconds a step, and in particles.
+struct ScalingModel {
+    double particle;         ///< one, of one rank
+    double own, ghosts;      ///< of the largest slab
+    double particles;        ///< of the body
+    double latency, border;  ///< of an exchange, and what its bytes take
+    bool overlaps;
+
+    /// Of the same body, `scale` times as long along each axis.
+    double seconds(double scale) const {
+        const double area = scale * scale;
+        const double compute = particle * (own * area * scale + ghosts * area);
+        const double exchange = latency + border * area;
+        return overlaps ? std::max(compute, exchange) : compute + exchange;
+    }
+    double seconds_of_one(double scale) const { return particle * particles * scale * scale * scale; }
+};
+
+}  // namespace
+
+nlohmann::json to_json(const ScalingRow& row) {
+    nlohmann::json json = to_json(row.row);
+    RowWriter writer(json);
+    scaling_fields(row, writer);
+    return json;
+}
+
+ScalingRow scaling_row_from_json(const nlohmann::json& json) {
+    ScalingRow row{.row = row_from_json(json)};
+    RowReader reader(json);
+    scaling_fields(row, reader);
+    return row;
+}
+
+void compare(ScalingRow& row, const ScalingRow& one) {
+    const double particle = one.seconds_per_step / double(one.row.workpiece->particles);
+    const auto particles = double(row.row.workpiece->particles);
+    row.efficiency = particle * particles / (row.ranks * row.seconds_per_step);
+    const double own = std::min(double(row.largest_slab), std::ceil(particles / row.ranks));
+    const ScalingModel model{.particle = particle,
+                             .own = own,
+                             .ghosts = double(row.largest_slab) - own,
+                             .particles = particles,
+                             .latency = row.latency_seconds.value_or(0),
+                             .border = row.seconds_per_byte.value_or(0) * double(row.border_bytes),
+                             .overlaps = overlaps(row.way)};
+    row.predicted_seconds = model.seconds(1);
+    if (row.ranks == 1 || model.latency <= 0) return;
+    // Of a body that is small enough one rank is faster, of one that is large enough several are.
+    double small = 1e-3, large = 1e3;
+    const auto pays = [&](double scale) { return model.seconds(scale) < model.seconds_of_one(scale); };
+    if (pays(small) || !pays(large)) return;
+    constexpr int halvings = 60;
+    for (int i = 0; i < halvings; ++i) {
+        const double middle = std::sqrt(small * large);
+        (pays(middle) ? large : small) = middle;
+    }
+    row.pays_from_particles = particles * large * large * large;
+}
+
+std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& scene) {
+    check_schema_version(result, result_schema_version);
+    const JsonValue list = result.require("scaling", "the result of a study of kind scaling");
+    std::vector<ScalingRow> rows;
+    std::set<std::string> scenes;
+    for (const JsonValue& item : list.array()) {
+        ScalingRow row;
+        try {
+            row = scaling_row_from_json(nlohmann::json::parse(item.text()));
+        } catch (const nlohmann::json::exception& error) {
+            throw BadInput(list.file(), "scaling", error.what(), "rows as results/schema.json has them");
+        }
+        scenes.insert(row.row.identity.scene);
+        if (row.row.identity.scene == scene) rows.push_back(std::move(row));
+    }
+    if (rows.empty())
+        throw BadInput(list.file(), "scaling", scene,
+                       "one of its scenes: " +
+                           (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
+    return rows;
+}
+
+void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
+    for (const ScalingRow& one : rows) {
+        if (one.ranks != 1 || one.scaling != "strong") continue;
+        const ScalingRow* best = nullptr;
+        for (const ScalingRow& row : rows) {
+            const bool alike = row.family == one.family && row.row.label() == one.row.label();
+            if (alike && row.ranks > 1 && (best == nullptr || row.seconds_per_step < best->seconds_per_step))
+                best = &row;
+        }
+        if (best == nullptr) continue;
+        const double times = one.seconds_per_step / best->seconds_per_step;
+        out << one.row.identity.scene << " " << one.row.label() << ": "
+            << (times > 1 ? "more than one rank pays: " : "more than one rank does not pay: ") << best->ranks
+            << " by " << best->way << " are " << fmt::format("{:.2f}", times) << " times as fast as one";
+        if (best->pays_from_particles)
+            out << (times > 1 ? ", and are by the model from " : "; by the model they are faster from ")
+                << two_digits(*best->pays_from_particles) << " particles of this shape on";
+        for (const std::string& reason : best->row.noisy) out << " (" << reason << ")";
+        out << "\n";
+    }
+}
+
+}  // namespace voxspring
