@@ -331,6 +331,21 @@ TEST(Study, AFaultTakesDownItsOwnRowOnly) {
     EXPECT_TRUE(row_of(result.at("verification"), "test_nan").at("error_max").is_null());
 }
 
+TEST(Study, LeavesOutWhatTheCommandLineDoesNotWant) {
+    const auto measured = [](std::vector<std::string> globs) {
+        StudyOptions options;
+        options.backends = std::move(globs);
+        std::set<std::string> names;
+        const nlohmann::json result = run_study(study_of({"test_s*", "cpu_reference"}), options);
+        for (const auto& row : result.at("verification")) names.insert(row.at("backend"));
+        return names;
+    };
+    EXPECT_EQ(measured({"!cpu_*"}), std::set<std::string>{"test_sound"});
+    // In whatever order, and nothing is added for it.
+    EXPECT_EQ(measured({"cpu_reference", "!test_sound"}), std::set<std::string>{"cpu_reference"});
+    EXPECT_THROW(measured({"!none_of_this_name"}), BadInput);
+}
+
 TEST(Study, ARunThatDivergesIsNotTimed) {
     Study study = study_of({"departs", "test_sound"});
     study.scenes = {{"box@5", 70, {}}};

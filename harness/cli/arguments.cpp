@@ -280,8 +280,10 @@ void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
     StudyOptions& options = asked.of_study;
     study->add_option("STUDY", asked.study, "Built-in study or study file")->required();
     CLI::Option* file = study->add_option("--out", options.out, "Result as a .json file");
-    study->add_option("--backend", options.backends,
-                      "Only backends that match this glob; may be given several times");
+    study->add_option(
+        "--backend", options.backends,
+        "Only backends that match this glob, or with ! before it those that do not; may be given "
+        "several times");
     study->add_option("--scene", options.scenes,
                       "Only scenes that match this glob, or this scene; may be given several times");
     add_repetitions(*study, options, "Timed batches of each backend and scene");

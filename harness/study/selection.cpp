@@ -88,15 +88,23 @@ std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns) {
     return specs;
 }
 
+bool leaves_out(const std::string& glob) { return glob.starts_with('!'); }
+
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs) {
-    if (globs.empty()) return specs;
+    const auto is_of = [](const BackendSpec& spec, const std::string& glob) {
+        return matches(glob, spec.entry->name) || matches(glob, spec.label());
+    };
+    for (const std::string& glob : globs) {
+        if (leaves_out(glob))
+            std::erase_if(specs, [&](const BackendSpec& spec) { return is_of(spec, glob.substr(1)); });
+    }
+    if (std::all_of(globs.begin(), globs.end(), leaves_out)) return specs;
     std::vector<BackendSpec> kept;
     for (const std::string& glob : globs) {
-        const auto wanted = [&](const BackendSpec& spec) {
-            return matches(glob, spec.entry->name) || matches(glob, spec.label());
-        };
+        if (leaves_out(glob)) continue;
         std::vector<BackendSpec> found;
-        std::copy_if(specs.begin(), specs.end(), std::back_inserter(found), wanted);
+        std::copy_if(specs.begin(), specs.end(), std::back_inserter(found),
+                     [&](const BackendSpec& spec) { return is_of(spec, glob); });
         if (found.empty()) found = expand(glob);
         for (BackendSpec& spec : found) {
             const std::string label = spec.label();

@@ -20,6 +20,9 @@ std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns);
 /// Whether a pattern names a backend that this build left out.
 bool matches_left_out(const std::string& pattern);
 
+/// Whether a glob of the command line says what is not to take part: "!cpu_*".
+bool leaves_out(const std::string& glob);
+
 /// What the command line's --backend leaves of a scene's cases, and what it adds to them.
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs);
 

@@ -55,7 +55,8 @@ constexpr int max_ranks = 1024;
 /// What the command line changes about a study.
 struct StudyOptions {
     /// Keep what matches one of these globs (a backend's name or its label; a scene's name); one that
-    /// matches nothing of the study but a backend or a scene outside of it adds that.
+    /// matches nothing of the study but a backend or a scene outside of it adds that. "!GLOB" leaves out the
+    /// backends that match.
     std::vector<std::string> backends;
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< of each scene that is a volume file

@@ -162,6 +162,10 @@ void StudyRun::check_backends(const StudyScene& item) const {
         }
         return std::any_of(asked.begin(), asked.end(), asks_for_auto);
     };
+    for (const std::string& glob : options_.backends) {
+        if (leaves_out(glob) && expand(glob.substr(1)).empty())
+            throw BadInput("command line", "--backend", glob, accepted_globs(glob.substr(1)));
+    }
     if (chooses(options_.backends) || (chooses(patterns) && options_.backends.empty()) ||
         !known_specs(study_, item, options_).empty())
         return;
