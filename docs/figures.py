@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fills the tables of README.md, accuracy.md and apis.md from committed results, and the picture in docs/architecture.md from the sources' includes.
+"""Fills the tables of README.md, accuracy.md, apis.md and simulator.md from committed results, and the picture in docs/architecture.md from the sources' includes.
 
 Usage: figures.py [--check]
 
@@ -130,9 +130,38 @@ def sizes():
             f"\n\n{context['gpu']}; commit {context['commit'][:8]}; of CUDA and OpenGL the faster of what was tried of each strategy.")
 
 
+def tick_rows(rows):
+    """Of rows of a study haptic those without edits, by scene and rate; beside the undrawn ones what drawing costs."""
+    plain = [row for row in rows if not row["edited"]]
+    key = ("scene", "hertz", "name")
+    drawn = {tuple(row[k] for k in key): row for row in plain if row.get("drawn")}
+    lines = []
+    for row in sorted((row for row in plain if not row.get("drawn")), key=lambda row: (row["scene"], row["hertz"], row["median_seconds"])):
+        beside = drawn.get(tuple(row[k] for k in key))
+        costs = f"{100 * (1 - beside['steps_that_fit'] / row['steps_that_fit']):.0f} %" if beside and row["steps_that_fit"] else "-"
+        times = [seconds_text(row[f"{name}_seconds"]) for name in ("median", "p99", "p999", "worst")]
+        lines.append([row["scene"], results.contender(row), f"{row['hertz'] / 1000:g}", *times, f"{row['missed']:,} of {row['ticks']:,}",
+                      str(row["steps_that_fit"]), costs, f"{row['force_error']:.0e}" if row["force_error"] is not None else "-"])
+    return lines
+
+
+def ticks():
+    """When the force comes back, on every machine that has the study haptic."""
+    header = ["scene", "backend", "kHz", "median", "99 %", "99.9 %", "worst", "missed", "steps fit", "of them for drawing", "force error"]
+    parts = []
+    for found in results.machines("haptic"):
+        context = found["context"]["voxspring"]
+        real_time = {row["real_time"] for row in found["haptic"]}
+        thread = "real-time" if real_time == {True} else "not real-time" if real_time == {False} else "real-time in a part of the rows"
+        parts.append(results.table(header, tick_rows(found["haptic"])) + f"\n\n{context['gpu'] or context['cpu']}; the host's thread was "
+                     f"{thread}; commit {context['commit'][:8]}.")
+    return "\n\n".join(parts) or "No committed result has it yet."
+
+
 PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture},
          HERE / "accuracy.md": {"gates": gates},
-         HERE / "apis.md": {"launches": launches, "empty_steps": empty_steps, "sizes": sizes}}
+         HERE / "apis.md": {"launches": launches, "empty_steps": empty_steps, "sizes": sizes},
+         HERE / "simulator.md": {"ticks": ticks}}
 
 
 def main():

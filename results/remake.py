@@ -3,7 +3,7 @@
 
 Usage: remake.py [--program PROGRAM] [--check] [FOLDER] [STUDY...]
 
-FOLDER (results/<machine>) gets STUDY.json.gz of each study; of haptic, which plays in real time for eight minutes,
+FOLDER (results/<machine>) gets STUDY.json.gz of each study; of haptic, which plays in real time for up to eight minutes,
 only where it is named. A file that this program's commit has already measured on this card stays, so that a second call goes
 on where the first was cut short: within a study, too. --check measures nothing: it says which files are stale, and why.
 
@@ -30,7 +30,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy")
 # Measured only where they are named.
-OTHER_GPU_STUDIES = ("haptic",)
+OTHER_STUDIES = ("haptic",)
 # Of a GPU server these leave out the processor, which has a folder of its own: it took nearly half of the time of pareto, and a
 # quarter of that of stress.
 WITHOUT_PROCESSOR = ("pareto", "stability", "stress", "energy")
@@ -138,7 +138,7 @@ def main():
     try:
         machine = Machine(arguments.program)
         known = GPU_STUDIES if machine.has_gpu else CPU_STUDIES
-        accepted = known + (OTHER_GPU_STUDIES if machine.has_gpu else ())
+        accepted = known + OTHER_STUDIES
         for study in arguments.study:
             if study not in accepted:
                 raise result_files.BadInput(f"command line: STUDY: {study} is not accepted; expected {', '.join(accepted)}")

@@ -12,6 +12,9 @@ import sys
 import tempfile
 import unittest
 
+sys.path.insert(0, "docs")
+import figures  # noqa: E402  # pylint: disable=wrong-import-position
+
 PAGES = [pathlib.Path("README.md"), pathlib.Path("CONTRIBUTING.md"), *sorted(pathlib.Path("docs").glob("*.md"))]
 # A number with a unit of time, rate or ratio.
 MEASURED = re.compile(r"~?\d[\d.,]*\s*(us|ms|ns|GB/s|MB|GB|%|G/s|M/s|times)(?![\w])")
@@ -20,6 +23,17 @@ MEASURED = re.compile(r"~?\d[\d.,]*\s*(us|ms|ns|GB/s|MB|GB|%|G/s|M/s|times)(?![\
 class Pages(unittest.TestCase):
     def test_the_first_page_is_short(self):
         self.assertLessEqual(len(pathlib.Path("README.md").read_text().splitlines()), 150)
+
+    def test_a_tick_says_what_drawing_costs(self):
+        def row(hertz, backend="cpu_parallel", drawn=False, edited=False, fit=50):
+            return {"name": f"heart/{backend}/increment/float32", "scene": "heart", "backend": backend, "hertz": hertz, "drawn": drawn,
+                    "edited": edited, "median_seconds": 1e-5 / fit, "p99_seconds": 2e-5, "p999_seconds": 3e-5, "worst_seconds": 1e-3,
+                    "missed": 3, "ticks": 2000, "steps_that_fit": fit, "force_error": 1.4e-7}
+        lines = figures.tick_rows([row(1000), row(1000, drawn=True, fit=48), row(1000, edited=True), row(10000, fit=5),
+                                   row(1000, "cuda_resident", fit=100)])
+        self.assertEqual([line[1:3] for line in lines], [["`cuda_resident`", "1"], ["`cpu_parallel`", "1"], ["`cpu_parallel`", "10"]])
+        self.assertEqual(lines[1][4:], ["20 us", "30 us", "1000 us", "3 of 2,000", "50", "4 %", "1e-07"])
+        self.assertEqual(lines[0][9], "-", "nobody drew it")
 
     def test_figures_are_what_results_and_sources_say(self):
         done = subprocess.run([sys.executable, "docs/figures.py", "--check"], capture_output=True, text=True, check=False)
