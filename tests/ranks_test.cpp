@@ -527,7 +527,7 @@ std::vector<std::string> devices_of(const std::vector<int>& asked) {
     std::vector<std::string> taken;
     for (const RankReport& report :
          run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, 3, on_devices, state))
-        taken.push_back(report.device);
+        taken.push_back(report.uuid);
     return taken;
 }
 
@@ -539,6 +539,16 @@ TEST(RankRuns, KnowHowManyRanksShareADevice) {
     EXPECT_EQ(on_devices.device_of(1, 3).parts_among(2), 1);
     on_devices.devices = {0, 0};
     EXPECT_EQ(on_devices.device_of(1, 2).parts_among(2), 2);
+}
+
+TEST(RankRuns, SayWhichRanksAreOnOtherDevices) {
+    const RankReport one{.device = "a card", .uuid = "1"}, alike{.device = "a card", .uuid = "2"},
+        other{.device = "another card", .uuid = "3"};
+    EXPECT_EQ(different_devices({one, alike}), "");
+    EXPECT_EQ(different_devices({one, alike, other}),
+              "rank 0 has a card, rank 2 another card: ranks on different devices are not measured as one");
+    EXPECT_EQ(rank_report_of(to_json(other)).device, "another card");
+    EXPECT_EQ(rank_report_of(to_json(other)).uuid, "3");
 }
 
 TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {

@@ -151,7 +151,7 @@ nlohmann::json to_json(const RankReport& report) {
     return {{"batches", batches},        {"own", report.own},
             {"ghosts", report.ghosts},   {"border_bytes", report.border_bytes},
             {"latency", report.latency}, {"seconds_per_byte", report.seconds_per_byte},
-            {"device", report.device}};
+            {"device", report.device},   {"uuid", report.uuid}};
 }
 
 RankReport rank_report_of(const nlohmann::json& json) {
@@ -160,10 +160,20 @@ RankReport rank_report_of(const nlohmann::json& json) {
                       .border_bytes = json.at("border_bytes"),
                       .latency = json.at("latency"),
                       .seconds_per_byte = json.at("seconds_per_byte"),
-                      .device = json.at("device")};
+                      .device = json.at("device"),
+                      .uuid = json.at("uuid")};
     for (const auto& batch : json.at("batches"))
         report.batches.push_back({batch.at(0), batch.at(1), batch.at(2), batch.at(3)});
     return report;
+}
+
+std::string different_devices(const std::vector<RankReport>& reports) {
+    const auto other = std::find_if(reports.begin(), reports.end(), [&](const RankReport& report) {
+        return report.device != reports.front().device;
+    });
+    if (other == reports.end()) return {};
+    return "rank 0 has " + reports.front().device + ", rank " + std::to_string(other - reports.begin()) +
+           " " + other->device + ": ranks on different devices are not measured as one";
 }
 
 std::string ranks_refusal(const Scene& scene, int ranks) {
@@ -198,7 +208,8 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
 
     RankReport report{.own = slab.own.size(),
                       .ghosts = slab.particle.size() - slab.own.size(),
-                      .device = backend.capabilities().uuid};
+                      .device = backend.capabilities().device,
+                      .uuid = backend.capabilities().uuid};
     runner.rewind(backend);
     // All ranks upload alike, since they connect after an upload: where edits cancel in one slab they may not
     // in another.

@@ -44,10 +44,12 @@ struct RankReport {
     /// messages, and what each byte of the largest border adds, with reading and writing it. Zero for a rank
     /// by itself, and where borders travel within steps.
     double latency = 0, seconds_per_byte = 0;
-    std::string device = {};  ///< Capabilities::uuid of its backend
+    std::string device = {}, uuid = {};  ///< Capabilities of its backend
 };
 nlohmann::json to_json(const RankReport& report);
 RankReport rank_report_of(const nlohmann::json& json);
+/// Empty, or which ranks are on devices of different names, whose times are not compared as of one kind.
+std::string different_devices(const std::vector<RankReport>& reports);
 
 /// Empty, or why so many ranks cannot share the scene.
 std::string ranks_refusal(const Scene& scene, int ranks);

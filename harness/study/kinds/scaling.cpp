@@ -118,7 +118,7 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
     std::map<std::string, int> ranks;
     int most = 0;
     for (const RankReport& report : reports) {
-        if (!report.device.empty()) most = std::max(most, ++ranks[report.device]);
+        if (!report.uuid.empty()) most = std::max(most, ++ranks[report.uuid]);
     }
     return most;
 }
@@ -323,6 +323,8 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
 
 /// What the journal keeps: the row and what its state's bits are.
 nlohmann::json Contender::judged(const Found& found, const std::string& way, bool keeps_bits) {
+    if (const std::string reason = different_devices(found.reports); !reason.empty())
+        throw Unavailable(reason);
     const ReferenceSolution& expected = solution();
     ScalingRow row = row_from(found.reports, way);
     const Comparison comparison = judge(expected, found.state, spec_);
