@@ -140,7 +140,7 @@ def tick_rows(rows):
         beside = drawn.get(tuple(row[k] for k in key))
         costs = f"{100 * (1 - beside['steps_that_fit'] / row['steps_that_fit']):.0f} %" if beside and row["steps_that_fit"] else "-"
         times = [seconds_text(row[f"{name}_seconds"]) for name in ("median", "p99", "p999", "worst")]
-        lines.append([row["scene"], results.contender(row), f"{row['hertz'] / 1000:g}", *times, f"{row['missed']:,} of {row['ticks']:,}",
+        lines.append([row["scene"], results.contender(row), f"{row['hertz'] / 1000:g}", *times, f"{row['missed']:,} of {row['missed'] + row['ticks']:,}",
                       str(row["steps_that_fit"]), costs, f"{row['force_error']:.0e}" if row["force_error"] is not None else "-"])
     return lines
 

@@ -32,7 +32,7 @@ class Pages(unittest.TestCase):
         lines = figures.tick_rows([row(1000), row(1000, drawn=True, fit=48), row(1000, edited=True), row(10000, fit=5),
                                    row(1000, "cuda_resident", fit=100)])
         self.assertEqual([line[1:3] for line in lines], [["`cuda_resident`", "1"], ["`cpu_parallel`", "1"], ["`cpu_parallel`", "10"]])
-        self.assertEqual(lines[1][4:], ["20 us", "30 us", "1000 us", "3 of 2,000", "50", "4 %", "1e-07"])
+        self.assertEqual(lines[1][4:], ["20 us", "30 us", "1000 us", "3 of 2,003", "50", "4 %", "1e-07"])
         self.assertEqual(lines[0][9], "-", "nobody drew it")
 
     def test_figures_are_what_results_and_sources_say(self):
