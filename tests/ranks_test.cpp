@@ -214,6 +214,17 @@ private:
     int sent_ = 0, received_ = 0;
 };
 
+/// A backend in float64 that `make` makes.
+Registered test_backend(const std::string& name, const std::function<std::unique_ptr<Backend>()>& make) {
+    return Registered({.name = name,
+                       .summary = "A backend for a test.",
+                       .precisions = {Precision::float64},
+                       .formulations = {Formulation::increment},
+                       .tuning = {},
+                       .make = [make](const Options&) { return make(); },
+                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+
 /// cpu_reference, in the place of a backend with devices.
 class Wrapped : public MonitoredCpuBackend {
 public:
@@ -295,23 +306,12 @@ private:
     const int device_ = DeviceOfThread::now().among(2, "test");
 };
 
-const Registered numbered({.name = "rank_numbered",
-                           .summary = "A backend for a test.",
-                           .precisions = {Precision::float64},
-                           .formulations = {Formulation::increment},
-                           .tuning = {},
-                           .make = [](const Options&) { return std::make_unique<Numbered>(); },
-                           .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+const Registered numbered = test_backend("rank_numbered", [] { return std::make_unique<Numbered>(); });
 
 Registered faulty(const std::string& what) {
-    return Registered({.name = "rank_" + what,
-                       .summary = "A backend for a test.",
-                       .precisions = {Precision::float64},
-                       .formulations = {Formulation::increment},
-                       .tuning = {},
-                       .make = [=](const Options&) { return std::make_unique<Faulty>(what); },
-                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+    return test_backend("rank_" + what, [what] { return std::make_unique<Faulty>(what); });
 }
+
 const Registered backends[] = {faulty("throws"), faulty("hangs"), faulty("without")};
 
 /// Borders that travel within steps: with a device of its own, which waits for its neighbours.
@@ -395,13 +395,8 @@ private:
     std::atomic<int> calls_ = 0;
 };
 
-const Registered within_steps({.name = "rank_within_steps",
-                               .summary = "A backend for a test.",
-                               .precisions = {Precision::float64},
-                               .formulations = {Formulation::increment},
-                               .tuning = {},
-                               .make = [](const Options&) { return std::make_unique<WithinSteps>(); },
-                               .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+const Registered within_steps =
+    test_backend("rank_within_steps", [] { return std::make_unique<WithinSteps>(); });
 
 /// Says how many steps it was asked for at once at most.
 class Counting final : public Wrapped {
@@ -415,13 +410,7 @@ private:
     }
 };
 
-const Registered counting({.name = "rank_counting",
-                           .summary = "A backend for a test.",
-                           .precisions = {Precision::float64},
-                           .formulations = {Formulation::increment},
-                           .tuning = {},
-                           .make = [](const Options&) { return std::make_unique<Counting>(); },
-                           .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+const Registered counting = test_backend("rank_counting", [] { return std::make_unique<Counting>(); });
 
 RankPlan plan_by(const std::string& way) {
     RankPlan by_way = plan;

@@ -276,7 +276,17 @@ public:
     }
 };
 
+/// A driver that never gives its device back.
+class NeverGivenBack : public Faulty {
+public:
+    NeverGivenBack() : Faulty(Fault::none) {}
+    ~NeverGivenBack() override {
+        for (;;) pause();
+    }
+};
+
 const Registered host_backends[] = {
+    fake("never_given_back", [] { return std::make_unique<NeverGivenBack>(); }),
     fake("given_once", [] { return std::make_unique<GivenOnce>(); }),
     fake("together_one", [] { return std::make_unique<Together>(); }),
     fake("together_two", [] { return std::make_unique<Together>(); }),
@@ -812,6 +822,18 @@ TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene)
     workers.turn_to(&large);
     processes = {construct_and_keep("large")};
     EXPECT_FALSE(processes.contains(construct_and_keep("large")));
+}
+
+TEST(AWorkerThatIsKept, IsLeftWhereItsDriverHangs) {
+    const Scene scene = load_scene("box@5");
+    Workers workers({}, &scene);
+    auto worker = workers.take("one", description_of("never_given_back"), std::chrono::seconds(2));
+    (void)worker->ask({{"do", "construct"}}, "constructing");
+    const pid_t process = worker->process();
+    workers.keep("one", std::move(worker));
+    worker = workers.take("one", description_of("test_sound"), minute);
+    EXPECT_NE(worker->process(), process);
+    EXPECT_EQ(worker->ask({{"do", "construct"}}, "constructing").at("unsupported"), "");
 }
 
 TEST(Study, OfProcessesThatServeCaseAfterCaseAFaultTakesDownItsOwnRowOnly) {

@@ -51,9 +51,9 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
         return 1;
     }
     print_what_pays(rows, out);
-    out << "best: " << best->row.label() << " by " << best->ranks << (best->ranks == 1 ? " rank" : " ranks")
-        << (best->ranks == 1 ? "" : " and " + best->way) << ", " << si(best->seconds_per_step, "s")
-        << " a step\n";
+    out << "best: " << best->row.label() << " by "
+        << (best->ranks == 1 ? "1 rank" : std::to_string(best->ranks) + " ranks and " + best->way) << ", "
+        << si(best->seconds_per_step, "s") << " a step\n";
     return 0;
 }
 

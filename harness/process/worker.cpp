@@ -48,6 +48,9 @@ void come_to_rest() {
     if (mallinfo2().fordblks > much) malloc_trim(0);
 }
 
+/// With a driver that gives a device back.
+constexpr Seconds driver_patience(10);
+
 const nlohmann::json rest_question = {{"do", "rest"}}, leave_question = {{"do", "leave"}};
 
 nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
@@ -126,8 +129,7 @@ Worker::~Worker() {
     if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     if (process_ < 0) return;
     dismiss();
-    constexpr Seconds patience(10);  // of a driver that gives back a device
-    (void)launcher_->end(process_, asked_ ? Seconds(0) : std::min(patience, timeout_));
+    (void)launcher_->end(process_, asked_ ? Seconds(0) : std::min(driver_patience, timeout_));
     close(socket_);
 }
 
@@ -142,7 +144,8 @@ void Worker::begin_leaving() {
 }
 
 void Worker::become(const nlohmann::json& description) {
-    finish("giving back what it had");
+    (void)receive("giving back what it had", std::min(driver_patience, timeout_));
+    asked_ = false;
     const bool sends_scene = scene_number_ != workers_.scene_number_;
     begin({{"become", description}, {"sends_scene", sends_scene}});
     if (sends_scene) send_scene(socket_, workers_.scene_, process_);
@@ -158,14 +161,14 @@ void Worker::lose(const std::string& how, const std::string& doing) {
     throw WorkerLost(lost_);
 }
 
-nlohmann::json Worker::receive(const std::string& doing) {
-    const auto until = Clock::now() + std::chrono::duration_cast<Clock::duration>(timeout_);
+nlohmann::json Worker::receive(const std::string& doing, Seconds patience) {
+    const auto until = Clock::now() + std::chrono::duration_cast<Clock::duration>(patience);
     try {
         return receive_message(socket_, until);
     } catch (const Late&) {
         (void)launcher_->end(process_, Seconds(0));
         std::ostringstream how;
-        how << "did not answer within " << timeout_.count() << " s";
+        how << "did not answer within " << patience.count() << " s";
         lose(how.str(), doing);
     } catch (const Closed&) {
         // It has closed its end by ending, or is about to.
@@ -176,7 +179,7 @@ nlohmann::json Worker::receive(const std::string& doing) {
 void Worker::rest() {
     try {
         send_message(socket_, rest_question);
-        receive("coming to rest");
+        receive("coming to rest", timeout_);
     } catch (const std::exception&) {
         // Whoever asks it next is told.
     }
@@ -206,7 +209,7 @@ void Worker::begin(const nlohmann::json& question) {
 nlohmann::json Worker::finish(const std::string& doing, const OnEvent& on_event) {
     if (process_ < 0) throw WorkerLost(lost_);
     for (;;) {
-        nlohmann::json message = receive(doing);
+        nlohmann::json message = receive(doing, timeout_);
         if (message.contains("event")) {
             if (on_event) on_event(message.at("event"));
             continue;

@@ -78,7 +78,7 @@ public:
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
 
 private:
-    nlohmann::json receive(const std::string& doing);
+    nlohmann::json receive(const std::string& doing, std::chrono::duration<double> patience);
     [[noreturn]] void lose(const std::string& how, const std::string& doing);
     void rest();
 
