@@ -398,14 +398,15 @@ private:
 const Registered within_steps =
     test_backend("rank_within_steps", [] { return std::make_unique<WithinSteps>(); });
 
-/// Says how many steps it was asked for at once at most.
+/// Says how many steps it was asked for at once at most, in whichever rank that was.
 class Counting final : public Wrapped {
 public:
-    static inline int most = 0;
+    static inline std::atomic<int> most = 0;
 
 private:
     void integrate(int count) override {
-        most = std::max(most, count);
+        for (int seen = most; seen < count && !most.compare_exchange_weak(seen, count);) {
+        }
         Wrapped::integrate(count);
     }
 };
