@@ -110,9 +110,9 @@ struct CompileTime {
     }
 };
 
-/// The places of some particles of a simulation, which is one part of a larger body (layout/slabs.h): what
-/// the springs of the part beside it pull at, in the backend's own numbers, so that nothing is rounded on the
-/// way. What one border read another one writes, of a backend with the same options.
+/// The places of some particles of a simulation, which is one part of a larger body (layout/decomposition.h):
+/// what the springs of the part beside it pull at, in the backend's own numbers, so that nothing is rounded
+/// on the way. What one border read another one writes, of a backend with the same options.
 class Border {
 public:
     Border() = default;
@@ -130,6 +130,7 @@ public:
 /// What a part of a body has in common with one beside it: its particles that are ghosts there, and ghosts of
 /// its own. Both ascend.
 struct SharedParticles {
+    int part;  ///< the number of the one beside it
     std::vector<std::uint32_t> sent, received;
 };
 
@@ -149,7 +150,7 @@ public:
     DeviceBorders& operator=(const DeviceBorders&) = delete;
     virtual ~DeviceBorders() = default;
 
-    /// Of the largest message.
+    /// Of all that this part sends in a step.
     virtual std::size_t bytes() const = 0;
     /// To be called once before all else, in every part's thread, with what all parts of the body have in
     /// their order; this one is that of `part`. All are of backends with the same options. Throws
@@ -226,9 +227,9 @@ public:
     virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
         return nullptr;
     }
-    /// The borders with the part before and the one behind, in this order, of which the first and the last
-    /// part have one; to be used until the next upload(). `way` is one of Capabilities::border_ways. Throws
-    /// Unavailable, with the reason, where there is no such way here, and what border() throws.
+    /// The borders with other parts, in ascending order of these; to be used until the next upload(). `way`
+    /// is one of Capabilities::border_ways. Throws Unavailable, with the reason, where there is no such way
+    /// here, and what border() throws.
     virtual std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& /*borders*/,
                                                           const std::string& /*way*/) {
         return nullptr;

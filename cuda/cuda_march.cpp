@@ -149,14 +149,14 @@ private:
     using AxesBackend<Real>::precision;
 
     bool gives_borders() const override { return true; }
-    /// Threads sum forces by pairs of columns and of rows, which slabs cut along x or y would pair anew.
+    /// Threads sum forces by pairs of columns and of rows, which cuts across x or y would pair anew.
     void check_border(const std::vector<std::uint32_t>& particles) const {
         const Lattice& lattice = this->problem().lattice;
         const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
         for (const std::uint32_t i : particles) {
             if (lattice.dims.z == 1 || plane(i) != plane(particles.front()))
                 throw Unavailable(
-                    "the march gives slabs the bits of the whole where they are cut along z alone");
+                    "the march gives parts the bits of the whole where these are cut across z alone");
         }
     }
 

@@ -90,6 +90,7 @@ public:
           stream_(stream),
           steps_a_call_(steps_a_call) {
         for (const SharedParticles& shared : borders) {
+            beside_.push_back(shared.part);
             sendings_.push_back({shared.sent, {}});
             words_.push_back(words_of_ghosts(*layout, problem, shared.received));
         }
@@ -97,28 +98,25 @@ public:
     }
 
     std::size_t bytes() const override {
-        std::size_t largest = 0;
-        for (const ResidentSending& sending : sendings_)
-            largest = std::max(largest, sending.particles.size() * sizeof(TaggedPoint));
-        return largest;
+        std::size_t points = 0;
+        for (const ResidentSending& sending : sendings_) points += sending.particles.size();
+        return points * sizeof(TaggedPoint);
     }
 
     /// What a launch would load or free later, it may not while others wait for it.
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
-        std::size_t border = 0;
-        const auto meet = [&](std::size_t other) {
-            const auto* const theirs = dynamic_cast<const ResidentBorders*>(parts.at(other).get());
+        for (std::size_t border = 0; border < beside_.size(); ++border) {
+            const auto* const theirs =
+                dynamic_cast<const ResidentBorders*>(parts.at(std::size_t(beside_[border])).get());
             if (theirs == nullptr)
                 throw std::logic_error("parts of a body whose borders go by different ways");
             require_whole_words(device_, theirs->device_);
             reach(device_, theirs->device_);
-            sendings_[border].words = other < part ? theirs->words_.back() : theirs->words_.front();
+            const auto back = std::find(theirs->beside_.begin(), theirs->beside_.end(), int(part));
+            sendings_[border].words = theirs->words_.at(std::size_t(back - theirs->beside_.begin()));
             their_exchanges_.push_back(theirs->exchange_);
             links_.neighbour[border] = {theirs->exchange_->data(), theirs->layout_->published_count};
-            ++border;
-        };
-        if (part > 0) meet(part - 1);
-        if (part + 1 < parts.size()) meet(part + 1);
+        }
         sent_.upload(sent_by_lanes(*layout_, sendings_), stream_);
         links_.sent = sent_.data();
         load_divergence_check();
@@ -138,6 +136,7 @@ private:
     const int device_;
     const Stream& stream_;
     const int steps_a_call_;
+    std::vector<int> beside_;  ///< the part on the other side of each border
     std::vector<ResidentSending> sendings_;
     std::vector<std::vector<std::uint32_t>> words_;  ///< of this part's ghosts, by border
     /// Kept for as long as a launch may write to them.

@@ -38,7 +38,7 @@ IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # What tells the rows of one identity apart, by the list they are in.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
-          "overhead": ("handed_over",), "scaling": ("ranks", "way"), "haptic": ("hertz", "edited", "drawn")}
+          "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn")}
 # What is so in files that do not say.
 UNSAID = {"drawn": False}
 # What a row's time is called, in units of its own: to an end time, or a step.

@@ -1,12 +1,12 @@
 // Borders on CUDA: what its kernels take out of a state and put into another one, run on the host, and that
-// slabs which exchange so give the bits of the whole.
+// subdomains which exchange so give the bits of the whole.
 #include <gtest/gtest.h>
 
 #include <memory>
 #include <vector>
 
 #include "tests/host_kernels.h"
-#include "tests/host_slabs.h"
+#include "tests/host_subdomains.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -110,29 +110,31 @@ std::vector<Problem> problems() {
     return all;
 }
 
+const std::vector<glm::ivec3> bricks = {{2, 1, 2}, {2, 2, 2}, {3, 2, 1}};
+
 template <class V>
-class SlabsOnKernels : public ::testing::Test {};
+class SubdomainsOnKernels : public ::testing::Test {};
 using Variants = ::testing::Types<
     cuda::Variant<float, Formulation::increment>, cuda::Variant<float, Formulation::position>,
     cuda::Variant<float, Formulation::displacement>, cuda::Variant<float, Formulation::compensated>,
     cuda::Variant<double, Formulation::position>>;
-TYPED_TEST_SUITE(SlabsOnKernels, Variants);
+TYPED_TEST_SUITE(SubdomainsOnKernels, Variants);
 
-TYPED_TEST(SlabsOnKernels, GiveTheBitsOfTheWholeByGrid) {
-    expect_bits_of_each(problems(), [](const Problem& problem, const State& start) {
+TYPED_TEST(SubdomainsOnKernels, GiveTheBitsOfTheWholeByGrid) {
+    expect_bits_of_each(problems(), bricks, [](const Problem& problem, const State& start) {
         return std::make_unique<cuda::ImplicitSimulation<TypeParam>>(problem, start,
                                                                      cuda::BlockShape{8, 4, 2});
     });
 }
 
-TYPED_TEST(SlabsOnKernels, GiveTheBitsOfTheWholeByDeltas) {
-    expect_bits_of_each(problems(), [](const Problem& problem, const State& start) {
+TYPED_TEST(SubdomainsOnKernels, GiveTheBitsOfTheWholeByDeltas) {
+    expect_bits_of_each(problems(), bricks, [](const Problem& problem, const State& start) {
         return std::make_unique<cuda::DeltaSimulation<TypeParam>>(problem, start, true);
     });
 }
 
-TYPED_TEST(SlabsOnKernels, GiveTheBitsOfTheWholeByLists) {
-    expect_bits_of_each(problems(), [](const Problem& problem, const State& start) {
+TYPED_TEST(SubdomainsOnKernels, GiveTheBitsOfTheWholeByLists) {
+    expect_bits_of_each(problems(), bricks, [](const Problem& problem, const State& start) {
         using Real = typename TypeParam::Real;
         return std::make_unique<cuda::ExplicitSimulation<TypeParam>>(
             problem, start,

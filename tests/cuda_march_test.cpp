@@ -21,7 +21,7 @@
 #include "backends/registry.h"
 #include "cuda/kernels/march.h"
 #include "harness/verification/verify.h"
-#include "tests/host_slabs.h"
+#include "tests/host_subdomains.h"
 #include "tests/support.h"
 
 namespace voxspring::cuda {
@@ -398,7 +398,7 @@ TYPED_TEST(MarchBody, CutsChangeNoBit) {
 TYPED_TEST(MarchBody, SlabsGiveTheBitsOfTheWhole) {
     std::vector<Problem> wholes;
     for (const char* name : {"high_box", "two_runs", "pinned_box"}) wholes.push_back(lattices().at(name));
-    expect_bits_of_each(wholes, [](const Problem& problem, const State& start) {
+    expect_bits_of_each(wholes, {}, [](const Problem& problem, const State& start) {
         return std::make_unique<Simulation<TypeParam>>(problem, start);
     });
 }

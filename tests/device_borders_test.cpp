@@ -13,6 +13,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <random>
 #include <string>
@@ -179,12 +180,17 @@ namespace {
 /// writes the other.
 class Part {
 public:
-    Part(int number, int parts, int device, const std::string& way) : number_(number), parts_(parts) {
+    /// The part at a place in a row of them, whose numbers are `numbers`.
+    Part(int place, const std::vector<int>& numbers, int device, const std::string& way)
+        : place_(place), parts_(int(numbers.size())) {
         for (auto& buffer : state_) buffer.fill(nan);
         if (overlaps(way)) first_.emplace(stream_);
         std::vector<SharedElements> shared;
-        if (has_before()) shared.push_back({{1}, {0}});
-        if (has_behind()) shared.push_back({{4}, {5}});
+        if (has_before()) shared.push_back({numbers[std::size_t(place) - 1], {1}, {0}});
+        if (has_behind()) shared.push_back({numbers[std::size_t(place) + 1], {4}, {5}});
+        std::sort(shared.begin(), shared.end(), [](const SharedElements& one, const SharedElements& other) {
+            return one.part < other.part;
+        });
         const DeviceOfThread taken({device, false});
         borders = make_device_borders<float>(
             shared, way, Device(),
@@ -256,7 +262,7 @@ public:
     FakeStream* stream_of_borders() const { return &fake(first_->stream().get()); }
     /// Whether the ghost next to part `other` is where it was after `step`.
     bool has_ghost_of(int other, int step) const {
-        const int particle = other < number_ ? 0 : 5;
+        const int particle = other < place_ ? 0 : 5;
         return state_[current_][index(particle, 0)] == expected(particle, 0, step);
     }
 
@@ -267,15 +273,15 @@ private:
     static constexpr int particles = 6;
     static constexpr float nan = std::numeric_limits<float>::quiet_NaN();
 
-    bool has_before() const { return number_ > 0; }
-    bool has_behind() const { return number_ + 1 < parts_; }
+    bool has_before() const { return place_ > 0; }
+    bool has_behind() const { return place_ + 1 < parts_; }
     bool is_ghost(int particle) const {
         return (particle == 0 && has_before()) || (particle == 5 && has_behind());
     }
     static std::size_t index(int particle, int axis) { return std::size_t(particle + particles * axis); }
     /// Of what the whole has there: parts have four particles each and see those beside them.
     float expected(int particle, int axis, int step) const {
-        return float(1000 * step + 10 * (4 * number_ + particle) + axis);
+        return float(1000 * step + 10 * (4 * place_ + particle) + axis);
     }
     void place(std::size_t buffer, int particle, int step) {
         for (int axis = 0; axis < 3; ++axis)
@@ -284,7 +290,7 @@ private:
     void expect_at(std::size_t buffer, int particle, int step) const {
         for (int axis = 0; axis < 3; ++axis)
             EXPECT_EQ(state_[buffer][index(particle, axis)], expected(particle, axis, step))
-                << "part " << number_ << ", particle " << particle << " after step " << step;
+                << "part " << place_ << ", particle " << particle << " after step " << step;
     }
     /// Whoever is stepped reads those beside it, but ghosts read nobody.
     void step_one(std::size_t reading, int particle, int step) {
@@ -301,7 +307,7 @@ private:
         }
     }
 
-    const int number_, parts_;
+    const int place_, parts_;
     const Stream stream_;
     std::optional<BordersFirst> first_;
     std::array<std::array<float, 3 * particles>, 2> state_{};
@@ -309,14 +315,23 @@ private:
     int steps_ = 0, done_ = 0, written_ = 0;
 };
 
-std::vector<std::unique_ptr<Part>> parts_on(const std::vector<int>& devices, const std::string& way) {
+/// In their places, of which the numbers are those of `numbers`.
+std::vector<std::unique_ptr<Part>> parts_on(const std::vector<int>& devices, const std::string& way,
+                                            const std::vector<int>& numbers) {
     std::vector<std::unique_ptr<Part>> parts;
-    for (const int device : devices)
-        parts.push_back(std::make_unique<Part>(int(parts.size()), int(devices.size()), device, way));
-    std::vector<std::shared_ptr<DeviceBorders>> all;
-    for (const auto& part : parts) all.push_back(part->borders);
-    for (std::size_t n = 0; n < parts.size(); ++n) parts[n]->borders->connect(all, n);
+    std::vector<std::shared_ptr<DeviceBorders>> all(devices.size());
+    for (const int device : devices) {
+        const int place = int(parts.size());
+        parts.push_back(std::make_unique<Part>(place, numbers, device, way));
+        all[std::size_t(numbers[std::size_t(place)])] = parts.back()->borders;
+    }
+    for (std::size_t n = 0; n < parts.size(); ++n) parts[n]->borders->connect(all, std::size_t(numbers[n]));
     return parts;
+}
+std::vector<std::unique_ptr<Part>> parts_on(const std::vector<int>& devices, const std::string& way) {
+    std::vector<int> numbers(devices.size());
+    std::iota(numbers.begin(), numbers.end(), 0);
+    return parts_on(devices, way, numbers);
 }
 
 /// Whether the host of a part may send, or receive, once more: DeviceBorders.
@@ -369,9 +384,14 @@ TEST_P(DeviceBorderWays, BringEveryStepItsGhosts) {
     for (const std::vector<int>& devices : {std::vector<int>{0, 1}, {0, 0, 0}, {2, 0, 1, 1, 0}}) {
         for (unsigned seed = 0; seed < 100; ++seed) {
             random_numbers.seed(seed);
-            const auto parts = parts_on(devices, GetParam());
+            // Of bricks the one beside another may have any number.
+            std::vector<int> numbers(devices.size());
+            std::iota(numbers.begin(), numbers.end(), 0);
+            std::shuffle(numbers.begin(), numbers.end(), random_numbers);
+            const auto parts = parts_on(devices, GetParam(), numbers);
             for (std::size_t n = 0; n < parts.size(); ++n)
-                EXPECT_EQ(parts[n]->borders->bytes(), 3 * sizeof(float));
+                EXPECT_EQ(parts[n]->borders->bytes(),
+                          (n == 0 || n + 1 == parts.size() ? 3 : 6) * sizeof(float));
             run_to_the_end(parts, steps);
             for (std::size_t n = 0; n < parts.size(); ++n) {
                 EXPECT_EQ(parts[n]->steps_done(), steps);

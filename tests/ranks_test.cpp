@@ -27,6 +27,7 @@
 namespace voxspring::testing {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 std::string message_of(const std::function<void()>& action) {
@@ -42,8 +43,13 @@ class Mailrooms : public ::testing::Test {
 protected:
     static constexpr std::size_t capacity = 1000;
     static constexpr int ranks = 3;
-    std::vector<Line> memory_{Mailroom::lines(ranks, capacity)};
-    const Mailroom mailroom_{memory_.data(), ranks, capacity};
+    static Routes routes() {
+        Routes routes(ranks);
+        for (int rank = 0; rank + 1 < ranks; ++rank) routes.add(rank, rank + 1, capacity);
+        return routes;
+    }
+    std::vector<Line> memory_{Mailroom::lines(routes())};
+    const Mailroom mailroom_{memory_.data(), routes()};
 };
 
 TEST_F(Mailrooms, HandMessagesOnInTheirOrder) {
@@ -84,6 +90,25 @@ TEST_F(Mailrooms, WaitNoLongerThanTheirPatience) {
     EXPECT_TRUE(mailroom_.has_failed());
 }
 
+TEST(Routes, GoBothWaysAndFromEachRankToTheNext) {
+    Routes routes(4);
+    routes.add(3, 0, 100);
+    routes.add(0, 3, 40);
+    EXPECT_THAT(routes.from(0), ElementsAre(1, 3));
+    EXPECT_THAT(routes.from(2), ElementsAre(1, 3));
+    EXPECT_EQ(routes.capacities().at({3, 0}), 100u);
+    EXPECT_EQ(routes.capacities().at({0, 3}), 40u);
+    EXPECT_EQ(routes.capacities().at({1, 2}), 0u);
+    EXPECT_EQ(routes_from_json(to_json(routes)).capacities(), routes.capacities());
+    std::vector<Line> memory(Mailroom::lines(routes));
+    const Mailroom mailroom(memory.data(), routes);
+    MailboxExchange one(mailroom, 0), other(mailroom, 3);
+    EXPECT_THAT(message_of([&] { (void)one.outbox(3, 41); }), HasSubstr("longer than its mailbox"));
+    std::memset(other.outbox(0, 100), 7, 100);
+    other.post(0);
+    EXPECT_EQ(one.inbox(3)[99], std::byte(7));
+}
+
 // --- Runs ------------------------------------------------------------------------------------------------
 
 /// A body with holes, a load, a pinned base and edits.
@@ -111,6 +136,15 @@ const RankPlan plan{.steps = 20,
                     .start_patience = std::chrono::seconds(10),
                     .patience = std::chrono::seconds(1)};
 
+RankPlan plan_of(glm::ivec3 cut, const std::string& way = "memory") {
+    RankPlan cut_so = plan;
+    cut_so.way = way;
+    cut_so.cut = cut;
+    return cut_so;
+}
+/// Slabs of scene().
+RankPlan plan_of(int ranks, const std::string& way = "memory") { return plan_of({1, 1, ranks}, way); }
+
 TEST(RankRuns, GiveTheBitsOfOneRank) {
     const Scene whole = scene();
     const BackendSpec spec = BackendSpec::parse("cpu_parallel:threads=1");
@@ -118,10 +152,13 @@ TEST(RankRuns, GiveTheBitsOfOneRank) {
     SceneRunner runner(whole);
     runner.rewind(*one);
     runner.run(*one, plan.steps);
-    for (int ranks = 1; ranks <= 4; ++ranks) {
+    for (const glm::ivec3 cut : {glm::ivec3(1), {1, 1, 2}, {1, 1, 4}, {1, 3, 1}, {2, 1, 2}, {2, 2, 2}}) {
+        const RankPlan of_cut = plan_of(cut);
+        const int ranks = of_cut.ranks();
         State state = state_at_rest(whole.problem);
-        const std::vector<RankReport> reports = run_ranks_as_threads(spec, whole, ranks, plan, state);
+        const std::vector<RankReport> reports = run_ranks_as_threads(spec, whole, of_cut, state);
         expect_same_bits(state, one->download());
+        EXPECT_EQ(reports.size(), std::size_t(ranks));
         std::size_t own = 0;
         for (const RankReport& report : reports) {
             own += report.own;
@@ -139,12 +176,13 @@ TEST(RankRuns, GiveTheBitsOfOneRank) {
 
 TEST(RankRuns, RefuseEditsBeyondTheLattice) {
     Scene whole = scene();
-    EXPECT_EQ(ranks_refusal(whole, 4), "");
+    EXPECT_EQ(cut_refusal(whole, {1, 1, 4}), "");
+    EXPECT_THAT(cut_refusal(whole, {9, 1, 1}), HasSubstr("8 layers"));
     Problem edited = problem_after(whole, 1000);
     SpringEditor editor(edited);
     const std::vector<std::pair<std::uint32_t, std::uint32_t>> ends = {{0, 100}};
     whole.edits.push_back({50, editor.suture(ends)});
-    EXPECT_THAT(ranks_refusal(whole, 2), HasSubstr("suture after step 50"));
+    EXPECT_THAT(cut_refusal(whole, {1, 1, 2}), HasSubstr("suture after step 50"));
 }
 
 /// Borders in one process as devices would have them, with what DeviceBorders says of turns checked.
@@ -153,25 +191,25 @@ public:
     FakeBorders(Backend& of, const std::vector<SharedParticles>& borders, bool refuses) : refuses_(refuses) {
         for (const SharedParticles& shared : borders) {
             Link& link = links_.emplace_back();
+            link.part = shared.part;
             link.sent = of.border(shared.sent);
             link.received = of.border(shared.received);
             link.own = std::make_shared<Shore>();
         }
     }
     std::size_t bytes() const override {
-        std::size_t largest = 0;
-        for (const Link& link : links_) largest = std::max(largest, link.sent->bytes());
-        return largest;
+        std::size_t bytes = 0;
+        for (const Link& link : links_) bytes += link.sent->bytes();
+        return bytes;
     }
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         if (refuses_ && part == 1) throw Unavailable("there is no way");
         if (std::exchange(connected_, true)) throw std::logic_error("connected twice");
-        const auto shore_of = [&](std::size_t other) {
-            const auto& links = dynamic_cast<FakeBorders&>(*parts.at(other)).links_;
-            return (other < part ? links.back() : links.front()).own;
-        };
-        if (part > 0) links_.front().theirs = shore_of(part - 1);
-        if (part + 1 < parts.size()) links_.back().theirs = shore_of(part + 1);
+        for (Link& link : links_) {
+            for (const Link& back : dynamic_cast<FakeBorders&>(*parts.at(std::size_t(link.part))).links_) {
+                if (back.part == int(part)) link.theirs = back.own;
+            }
+        }
     }
     /// Whether all that these borders await has been sent.
     bool is_here() const {
@@ -204,6 +242,7 @@ private:
         std::atomic<int> sent = 0, taken = 0;
     };
     struct Link {
+        int part = 0;
         std::unique_ptr<Border> sent, received;
         std::shared_ptr<Shore> own, theirs;
     };
@@ -413,12 +452,6 @@ private:
 
 const Registered counting = test_backend("rank_counting", [] { return std::make_unique<Counting>(); });
 
-RankPlan plan_by(const std::string& way) {
-    RankPlan by_way = plan;
-    by_way.way = way;
-    return by_way;
-}
-
 /// That run as two ranks ends with an error within seconds.
 std::string error_of(const std::string& backend, const std::string& way = "memory") {
     // What hangs reads it to the end of the process.
@@ -426,7 +459,7 @@ std::string error_of(const std::string& backend, const std::string& way = "memor
     State state = state_at_rest(whole.problem);
     const auto begin = std::chrono::steady_clock::now();
     const std::string message = message_of(
-        [&] { (void)run_ranks_as_threads(BackendSpec::parse(backend), whole, 2, plan_by(way), state); });
+        [&] { (void)run_ranks_as_threads(BackendSpec::parse(backend), whole, plan_of(2, way), state); });
     EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
     return message;
 }
@@ -448,11 +481,11 @@ TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
         const BackendSpec spec = BackendSpec::parse("rank_numbered");
         State one = state_at_rest(whole.problem);
         // One rank has nothing to send.
-        (void)run_ranks_as_threads(spec, whole, 1, plan_by("peer"), one);
-        for (int ranks = 2; ranks <= 4; ++ranks) {
+        (void)run_ranks_as_threads(spec, whole, plan_of(1, "peer"), one);
+        for (const glm::ivec3 cut : {glm::ivec3(1, 1, 2), {1, 1, 3}, {1, 1, 4}, {2, 1, 2}, {2, 2, 2}}) {
             State state = state_at_rest(whole.problem);
             const std::vector<RankReport> reports =
-                run_ranks_as_threads(spec, whole, ranks, plan_by("peer"), state);
+                run_ranks_as_threads(spec, whole, plan_of(cut, "peer"), state);
             expect_same_bits(state, one);
             for (const RankReport& report : reports) {
                 ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
@@ -481,10 +514,10 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
     whole.edits.push_back({last, editor.cut(ends)});
     const BackendSpec spec = BackendSpec::parse("rank_within_steps");
     State one = state_at_rest(whole.problem);
-    (void)run_ranks_as_threads(spec, whole, 1, plan_by("stores"), one);
+    (void)run_ranks_as_threads(spec, whole, plan_of(1, "stores"), one);
     for (int ranks = 2; ranks <= 4; ++ranks) {
         State state = state_at_rest(whole.problem);
-        for (const RankReport& report : run_ranks_as_threads(spec, whole, ranks, plan_by("stores"), state)) {
+        for (const RankReport& report : run_ranks_as_threads(spec, whole, plan_of(ranks, "stores"), state)) {
             ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
             EXPECT_GT(report.batches.back().compute, 0);
             EXPECT_EQ(report.batches.back().exchange, 0);
@@ -501,7 +534,7 @@ TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
     const Scene whole = scene();
     State state = state_at_rest(whole.problem);
     try {
-        (void)run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, 3, plan_by("stores"), state);
+        (void)run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, plan_of(3, "stores"), state);
         FAIL() << "was not refused";
     } catch (const Unavailable& reason) {
         EXPECT_STREQ(reason.what(), "rank 1: there is no way");
@@ -512,23 +545,24 @@ TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
 std::vector<std::string> devices_of(const std::vector<int>& asked) {
     static const Scene whole = scene();
     State state = state_at_rest(whole.problem);
-    RankPlan on_devices = plan;
+    RankPlan on_devices = plan_of(3);
     on_devices.devices = asked;
     std::vector<std::string> taken;
     for (const RankReport& report :
-         run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, 3, on_devices, state))
+         run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, on_devices, state))
         taken.push_back(report.uuid);
     return taken;
 }
 
 TEST(RankRuns, KnowHowManyRanksShareADevice) {
-    RankPlan on_devices = plan;
-    EXPECT_EQ(on_devices.device_of(2, 3).parts_among(2), 2);
+    RankPlan on_devices = plan_of(3);
+    EXPECT_EQ(on_devices.device_of(2).parts_among(2), 2);
     on_devices.devices = {0, 1};
-    EXPECT_EQ(on_devices.device_of(2, 3).parts_among(2), 2);
-    EXPECT_EQ(on_devices.device_of(1, 3).parts_among(2), 1);
+    EXPECT_EQ(on_devices.device_of(2).parts_among(2), 2);
+    EXPECT_EQ(on_devices.device_of(1).parts_among(2), 1);
     on_devices.devices = {0, 0};
-    EXPECT_EQ(on_devices.device_of(1, 2).parts_among(2), 2);
+    on_devices.cut = {2, 1, 1};
+    EXPECT_EQ(on_devices.device_of(1).parts_among(2), 2);
 }
 
 TEST(RankRuns, SayWhichRanksAreOnOtherDevices) {
@@ -561,11 +595,11 @@ TEST(RankRuns, OfOneRankStepAsManyAtOnceAsTheyAreAskedFor) {
     Scene whole = scene();
     whole.edits.clear();
     State state = state_at_rest(whole.problem);
-    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, 1, plan, state);
+    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, plan_of(1), state);
     // A look for divergence comes between.
     EXPECT_GT(Counting::most, 1);
     Counting::most = 0;
-    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, 2, plan, state);
+    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, plan_of(2), state);
     EXPECT_EQ(Counting::most, 1);
 }
 
@@ -573,7 +607,7 @@ TEST(RankRuns, RefuseABackendWithoutBorders) {
     const Scene whole = scene();
     State state = state_at_rest(whole.problem);
     EXPECT_THAT(message_of([&] {
-                    (void)run_ranks_as_threads(BackendSpec::parse("rank_without"), whole, 2, plan, state);
+                    (void)run_ranks_as_threads(BackendSpec::parse("rank_without"), whole, plan_of(2), state);
                 }),
                 HasSubstr("it gives no borders"));
 }

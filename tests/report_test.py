@@ -243,24 +243,27 @@ class Input(InTemporaryFolder):
         self.assertNotIn("intensity", drawn(result))
 
     def test_a_scaling_study_has_its_figure(self):
-        def row(family, ranks, way, efficiency):
+        def row(family, ranks, way, efficiency, cut="1x1x1"):
             return {"name": f"{family}/cpu_parallel/position/float32/threads=1", "scene": family, "backend": "cpu_parallel",
                     "formulation": "position", "precision": "float32", "tuning": "threads=1", "family": family,
-                    "scaling": "strong", "ranks": ranks, "way": way, "particles": 4096, "seconds_per_step": 1e-5 / ranks / efficiency,
+                    "scaling": "strong", "ranks": ranks, "cut": cut, "way": way, "particles": 4096, "seconds_per_step": 1e-5 / ranks / efficiency,
                     "compute_seconds": 1e-5 / ranks, "exchange_seconds": 1e-7, "waiting_seconds": 0.0, "efficiency": efficiency,
                     "predicted_seconds": 1e-5 / ranks}
 
         result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
         result["scaling"] = [row("box@16", 1, "none", 1.0), row("box@16", 2, "memory", 0.9), row("box@16", 2, "mpi", 0.625),
-                             row("heart", 1, "none", 1.0), {**row("heart", 4, "mpi", 0.5), "efficiency": None}]
+                             row("heart", 1, "none", 1.0), {**row("heart", 4, "mpi", 0.5), "efficiency": None},
+                             row("heart", 2, "memory", 0.7, "1x1x2"), row("heart", 4, "memory", 0.8, "1x1x4"),
+                             row("heart", 4, "memory", 0.75, "1x2x2")]
         self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
         page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
         figure, = json.loads(page.replace("<\\/", "</"))["figures"]
         self.assertEqual(figure["name"], "scaling")
         self.assertEqual([panel["match"]["compared"] for panel in figure["panels"]], ["box@16", "heart"])
         rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
-        self.assertEqual([row["predicted"] for row in rows], [1, 1, 1, 1])
-        self.assertIn("2 ranks have 62\N{NO-BREAK SPACE}% to 90\N{NO-BREAK SPACE}% of the efficiency of one", self.out.read_text())
+        self.assertEqual([row["predicted"] for row in rows], 7 * [1])
+        self.assertEqual([(row["cut"], row["parts"]) for row in rows if row["ranks"] == 4], [("1x1x4", "slabs"), ("1x2x2", "bricks")])
+        self.assertIn("4 ranks have 75\N{NO-BREAK SPACE}% to 80\N{NO-BREAK SPACE}% of the efficiency of one", self.out.read_text())
 
     def test_more_ranks_than_were_measured_are_a_prediction(self):
         def row(ranks, **more):
@@ -305,6 +308,33 @@ class Input(InTemporaryFolder):
         self.assertAlmostEqual(rows[1]["microseconds"], 1e6 * exchange, delta=1)
         # By then an exchange takes twice as long as a rank's own particles, which comes before ghosts do.
         self.assertAlmostEqual(rows[0]["half"], 2 * 64**3 * 1e-6 / exchange, delta=0.1)
+
+    def test_bricks_that_nobody_measured_shrink_with_their_number(self):
+        def row(ranks, **more):
+            return {"name": "box@64/cpu_parallel/position/float32/", "scene": "box@64", "backend": "cpu_parallel", "tuning": "",
+                    "formulation": "position", "precision": "float32", "family": "box@64", "scaling": "strong", "ranks": ranks,
+                    "way": "memory", "particles": 64**3, "compute_seconds": 1e-3, "exchange_seconds": 1e-5, "waiting_seconds": 0.0,
+                    "efficiency": 1.0, "predicted_seconds": 1.0, **more}
+
+        # Eight bricks of 32^3, each with three sides of 32^2 beside others; a microsecond a particle, 12 bytes a place at 1 GB/s.
+        side = 32**2
+        predicted = 1e-6 * (32**3 + 3 * side) + 1e-4 + 3 * 12 * side * 1e-9
+        result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
+        result["scaling"] = [row(1, seconds_per_step=64**3 * 1e-6, way="none", cut="1x1x1"),
+                             row(8, ghosts=8 * 3 * side, border_bytes=3 * 12 * side, latency_seconds=1e-4, seconds_per_byte=1e-9,
+                                 seconds_per_step=predicted, predicted_seconds=predicted, cut="2x2x2")]
+        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
+        figure, = (figure for figure in json.loads(page.replace("<\\/", "</"))["figures"] if figure["name"] == "forecast")
+        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        self.assertEqual([(row["ranks"], row["parts"]) for row in rows], [(64, "bricks"), (1024, "bricks")])
+        for row in rows:
+            own = 64**3 / row["ranks"]
+            sides = 6 * own ** (2 / 3)
+            seconds = 1e-6 * (own + sides) + 1e-4 + 12e-9 * sides
+            self.assertAlmostEqual(row["microseconds"], 1e6 * seconds, delta=1)
+            own = 64**3 / row["half"]
+            self.assertAlmostEqual(own, 6 * own ** (2 / 3) * 1.012 + 100, delta=0.01 * own)
 
     def test_a_haptic_study_has_its_histograms(self):
         def drawn(result):

@@ -14,8 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "backends/layout/decomposition.h"
 #include "backends/layout/resident_layout.h"
-#include "backends/layout/slabs.h"
 #include "backends/layout/tick_desk.h"
 #include "tests/host_blocks.h"
 // Kernels' bodies come after what they find on a device.
@@ -385,19 +385,19 @@ template <Formulation f, const Body& body, ToolMode mode>
 class Parts {
 public:
     Parts(const Problem& whole, const State& start, int ranks, std::uint32_t tag = 0) : whole_(whole) {
-        const SlabCuts cuts(whole, ranks);
-        for (int rank = 0; rank < ranks; ++rank) slabs_.push_back(cuts.slab(whole, rank));
+        const Decomposition cuts(whole, Decomposition::slabs(whole, ranks));
+        for (int rank = 0; rank < ranks; ++rank) slabs_.push_back(cuts.subdomain(whole, rank));
         for (int rank = 0; rank < ranks; ++rank) {
-            const Slab& slab = slabs_[std::size_t(rank)];
+            const Subdomain& slab = slabs_[std::size_t(rank)];
             all_.push_back(
                 std::make_unique<Simulation<f, body, mode>>(slab.problem, slab.part_of(start), tag, 0, rank));
         }
         for (std::size_t rank = 0; rank < all_.size(); ++rank) {
             std::vector<ResidentSending> sendings;
             std::vector<ResidentNeighbour> to;
-            for (const Slab::Border& border : slabs_[rank].borders) {
-                const auto other = std::size_t(border.slab);
-                const Slab::Border& back =
+            for (const Subdomain::Border& border : slabs_[rank].borders) {
+                const auto other = std::size_t(border.subdomain);
+                const Subdomain::Border& back =
                     other < rank ? slabs_[other].borders.back() : slabs_[other].borders.front();
                 sendings.push_back({border.sent, all_[other]->words_of(back.received)});
                 to.push_back(all_[other]->as_neighbour());
@@ -450,7 +450,7 @@ public:
 
 private:
     const Problem& whole_;
-    std::vector<Slab> slabs_;
+    std::vector<Subdomain> slabs_;
     std::vector<std::unique_ptr<Simulation<f, body, mode>>> all_;
 };
 

@@ -10,7 +10,7 @@
 #include <tuple>
 
 #include "backends/layout/blocks.h"
-#include "backends/layout/slabs.h"
+#include "backends/layout/decomposition.h"
 #include "cuda/kernels/edit.h"
 #include "cuda/kernels/resident.h"
 #include "tests/support.h"
@@ -323,15 +323,20 @@ TEST_P(Resident, EveryHeldParticleHasItsLane) {
     EXPECT_EQ(found, held.size());
 }
 
+/// One of the slabs that a body is cut into.
+Subdomain slab_of(const Problem& whole, int ranks, int number) {
+    return Decomposition(whole, Decomposition::slabs(whole, ranks)).subdomain(whole, number);
+}
+
 /// Parts of a body, laid out, and what they send to each other.
 class ResidentParts : public ::testing::TestWithParam<Case> {
 protected:
     static constexpr int ranks = 3;
     ResidentParts()
         : whole_(make_lattice_problem(body(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS)),
-          cuts_(whole_, ranks) {
+          cuts_(whole_, Decomposition::slabs(whole_, ranks)) {
         for (int rank = 0; rank < ranks; ++rank) {
-            slabs_.push_back(cuts_.slab(whole_, rank));
+            slabs_.push_back(cuts_.subdomain(whole_, rank));
             layouts_.push_back(lay_out_resident(slabs_.back().problem, GetParam().blocks, GetParam().pollers,
                                                 GetParam().partition, GetParam().overlap));
         }
@@ -339,10 +344,10 @@ protected:
     /// What `rank` sends.
     std::vector<ResidentSending> sendings_of(int rank) const {
         std::vector<ResidentSending> sendings;
-        for (const Slab::Border& border : slabs_[std::size_t(rank)].borders) {
-            const auto other = std::size_t(border.slab);
+        for (const Subdomain::Border& border : slabs_[std::size_t(rank)].borders) {
+            const auto other = std::size_t(border.subdomain);
             const auto& back =
-                border.slab < rank ? slabs_[other].borders.back() : slabs_[other].borders.front();
+                border.subdomain < rank ? slabs_[other].borders.back() : slabs_[other].borders.front();
             sendings.push_back(
                 {border.sent, words_of_ghosts(layouts_[other], slabs_[other].problem, back.received)});
         }
@@ -350,8 +355,8 @@ protected:
     }
 
     const Problem whole_;
-    const SlabCuts cuts_;
-    std::vector<Slab> slabs_;
+    const Decomposition cuts_;
+    std::vector<Subdomain> slabs_;
     std::vector<ResidentLayout> layouts_;
 };
 
@@ -363,7 +368,7 @@ TEST_P(ResidentParts, StepTheirOwnParticlesAlone) {
             if (i != resident_none) stepped.push_back(i);
         }
         std::sort(stepped.begin(), stepped.end());
-        const Slab& slab = slabs_[std::size_t(rank)];
+        const Subdomain& slab = slabs_[std::size_t(rank)];
         EXPECT_EQ(stepped, slab.own);
         for (const std::uint32_t ghost : slab.problem.ghosts) EXPECT_EQ(layout.lane[ghost], resident_none);
     }
@@ -375,7 +380,7 @@ TEST_P(ResidentParts, EveryPollNamesThePointThatSomePartSends) {
     std::vector<std::map<std::uint32_t, std::uint32_t>> writer(ranks);  // particle of the whole, by word
     for (int rank = 0; rank < ranks; ++rank) {
         const ResidentLayout& layout = layouts_[std::size_t(rank)];
-        const Slab& slab = slabs_[std::size_t(rank)];
+        const Subdomain& slab = slabs_[std::size_t(rank)];
         ASSERT_EQ(sent_refusal(sendings_of(rank)), "");
         const std::vector<std::uint32_t> sent = sent_by_lanes(layout, sendings_of(rank));
         ASSERT_EQ(sent.size(), layout.particle.size());
@@ -386,7 +391,7 @@ TEST_P(ResidentParts, EveryPollNamesThePointThatSomePartSends) {
             };
             if (layout.published[at] != resident_none) writes(rank, layout.published[at]);
             if (sent[at] == resident_none) continue;
-            const int first = slab.borders[0].slab;
+            const int first = slab.borders[0].subdomain;
             writes(sent[at] < second_neighbour ? first : rank + 1, sent[at] % second_neighbour);
         }
     }
@@ -424,7 +429,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
     const Problem whole = make_lattice_problem(body({96, 8, 8}, 1, 1), FACE_BITS | EDGE_BITS);
     const ResidentLayout layout =
-        lay_out_resident(SlabCuts(whole, 3).slab(whole, 1).problem, 8, 256, Partition::automatic, false);
+        lay_out_resident(slab_of(whole, 3, 1).problem, 8, 256, Partition::automatic, false);
     EXPECT_EQ(layout.lanes, 8 * 32);
     EXPECT_EQ(std::count(layout.particle.begin(), layout.particle.end(), resident_none), 0);
 }
@@ -432,21 +437,21 @@ TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
 // Its own particles are what the card has to hold.
 TEST(ResidentRefusal, DoesNotCountGhosts) {
     const Problem whole = make_lattice_problem(body({32, 8, 16}, 1, 1), FACE_BITS);
-    EXPECT_EQ(resident_refusal(SlabCuts(whole, 2).slab(whole, 0).problem, 4, true), "");
-    EXPECT_EQ(resident_refusal(SlabCuts(whole, 2).slab(whole, 0).problem, 3, true),
+    EXPECT_EQ(resident_refusal(slab_of(whole, 2, 0).problem, 4, true), "");
+    EXPECT_EQ(resident_refusal(slab_of(whole, 2, 0).problem, 3, true),
               "2048 particles exceed the 1536 that 3 multiprocessors hold");
 }
 
 TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
     const Problem whole = make_lattice_problem(body({4, 4, 6}, 1, 1), FACE_BITS);
     const auto refusal = [&](int ranks) {
-        const Slab slab = SlabCuts(whole, ranks).slab(whole, 1);
+        const Subdomain slab = slab_of(whole, ranks, 1);
         return sent_refusal({{slab.borders[0].sent, {}}, {slab.borders[1].sent, {}}});
     };
-    EXPECT_EQ(SlabCuts(whole, 6).slab(whole, 1).own.size(), 16U);
+    EXPECT_EQ(slab_of(whole, 6, 1).own.size(), 16U);
     EXPECT_EQ(refusal(6),
               "a slab of one layer sends its points to both sides, and a resident lane sends to one");
-    EXPECT_EQ(SlabCuts(whole, 3).slab(whole, 1).own.size(), 32U);
+    EXPECT_EQ(slab_of(whole, 3, 1).own.size(), 32U);
     EXPECT_EQ(refusal(3), "");
 }
 

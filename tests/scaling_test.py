@@ -80,9 +80,11 @@ class Scaling(unittest.TestCase):
         ran = self.run_study(4)
         rows = self.result()["scaling"]
         self.assertEqual(self.result()["failed"], [])
-        self.assertEqual([(row["ranks"], row["way"]) for row in rows],
-                         2 * [(1, "none"), (2, "memory"), (2, "mpi"), (3, "memory"), (3, "mpi"), (4, "memory"), (4, "mpi")])
-        self.assertEqual([row["same_bits"] for row in rows], 2 * ([None] + 6 * [True]))
+        slabs = [(ranks, way) for ranks in (2, 3, 4) for way in ("memory", "mpi")]
+        for of_scene in (rows[:9], rows[9:]):
+            self.assertEqual([(row["ranks"], row["way"]) for row in of_scene], [(1, "none"), *slabs, *slabs[-2:]], of_scene)
+            self.assertEqual([row["cut"] for row in of_scene[-2:]], 2 * ["2x1x2"])
+            self.assertEqual([row["same_bits"] for row in of_scene], [None] + 8 * [True])
         self.assertEqual(ran.stdout.count("written:"), 1, "rank 0 alone prints")
 
     def test_a_part_that_crashes_or_hangs_fails_its_row_alone(self):
@@ -94,17 +96,17 @@ class Scaling(unittest.TestCase):
         self.assertEqual([row["way"] for row in self.result()["scaling"]], ["memory", "mpi"])
         reasons = {(row["backend"], row["reason"].partition(":")[0]): row["reason"] for row in self.result()["failed"]}
         host = os.uname().nodename
-        self.assertRegex(reasons["part_crashes", "as 2 ranks by memory"], "killed by signal 11")
-        self.assertRegex(reasons["part_crashes", "as 2 ranks by mpi"], f"rank 1 on {host}: was killed by signal 11")
+        self.assertRegex(reasons["part_crashes", "as 2 ranks of 1x1x2 by memory"], "killed by signal 11")
+        self.assertRegex(reasons["part_crashes", "as 2 ranks of 1x1x2 by mpi"], f"rank 1 on {host}: was killed by signal 11")
         for way in ("memory", "mpi"):
-            self.assertRegex(reasons["part_hangs", f"as 2 ranks by {way}"], "rank 0 heard nothing of rank 1 for 1 s")
+            self.assertRegex(reasons["part_hangs", f"as 2 ranks of 1x1x2 by {way}"], "rank 0 heard nothing of rank 1 for 1 s")
 
     def test_a_study_whose_rank_was_killed_is_resumed(self):
         self.study(backends=["cpu_reference:formulation=position", "slow"], ranks=[2], steps=20, scenes=[{"scene": "box@5"}])
         with subprocess.Popen(self.command(2), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as study:
             journal = self.folder / "result.json.journal"
             until = time.monotonic() + PATIENCE
-            while not (journal.exists() and "2 ranks by mpi" in journal.read_text()):
+            while not (journal.exists() and "2 ranks of 1x1x2 by mpi" in journal.read_text()):
                 self.assertLess(time.monotonic(), until, "the first rows")
                 time.sleep(0.01)
             keeper = next(process for process in processes() if process not in self.before and

@@ -352,7 +352,7 @@ TEST_F(StudyKinds, ScalingComparesRanksWithOne) {
     }
     // Two slabs of a box of 8 layers and two ghost layers.
     EXPECT_EQ(result.at("scaling")[1].at("ghosts"), 2 * 64);
-    EXPECT_EQ(result.at("scaling")[1].at("largest_slab"), 5 * 64);
+    EXPECT_EQ(result.at("scaling")[1].at("largest_part"), 5 * 64);
 }
 
 TEST(ScalingModel, SaysFromWhichSizeOnMoreThanOneRankPays) {
@@ -363,7 +363,7 @@ TEST(ScalingModel, SaysFromWhichSizeOnMoreThanOneRankPays) {
         row.ranks = ranks;
         row.way = way;
         row.seconds_per_step = particle * double(particles) / ranks;
-        row.largest_slab = (particles + std::uint64_t(ranks) - 1) / std::uint64_t(ranks);
+        row.largest_part = (particles + std::uint64_t(ranks) - 1) / std::uint64_t(ranks);
         if (ranks > 1) row.latency_seconds = latency;
         return row;
     };
@@ -381,7 +381,7 @@ TEST(ScalingModel, SaysFromWhichSizeOnMoreThanOneRankPays) {
 
     // Borders grow with the square of the length: at the size that it says both sides are equal.
     two.way = "stores";
-    two.largest_slab += 10'000;
+    two.largest_part += 10'000;
     two.border_bytes = 160'000;
     two.seconds_per_byte = 1e-10;
     compare(two, one);
@@ -418,11 +418,13 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
     };
     const std::string box = "box@8 cpu_reference increment float64: more than one rank ";
     EXPECT_THAT(said(0.6, 0.4),
-                ::testing::HasSubstr(box + "pays: 3 by memory are 2.50 times as fast as one (ranks share a "
-                                           "device)\n"));
-    EXPECT_THAT(said(2, 4), ::testing::HasSubstr(
-                                box + "does not pay: 2 by memory are 0.50 times as fast as one; by "
-                                      "the model they are faster from 2000000 particles of this shape on\n"));
+                ::testing::HasSubstr(
+                    box + "pays: 3, cut into 1x1x3, by memory are 2.50 times as fast as one (ranks share a "
+                          "device)\n"));
+    EXPECT_THAT(said(2, 4),
+                ::testing::HasSubstr(
+                    box + "does not pay: 2, cut into 1x1x2, by memory are 0.50 times as fast as one; by "
+                          "the model they are faster from 2000000 particles of this shape on\n"));
     EXPECT_THAT(said(2, 4),
                 ::testing::Not(::testing::HasSubstr("box@4x4x4 cpu_reference increment float64: more")))
         << "it grows";
@@ -443,7 +445,7 @@ TEST_F(StudyKinds, ScalingSkipsTheWaysOfOtherBackends) {
     const std::string skipped = result.at("skipped").dump();
     for (const char* way : {"memory", "peer", "nccl"}) expect_contains(skipped, way);
     expect_contains(skipped, ": its borders travel within its steps");
-    expect_contains(skipped, "as 2 ranks by stores: rank ");
+    expect_contains(skipped, "as 2 ranks of 1x1x2 by stores: rank ");
     expect_contains(skipped, "there is no device");
     EXPECT_EQ(skipped.find("mpi"), std::string::npos);
     EXPECT_EQ(result.at("skipped").size(), 2u);
@@ -472,6 +474,7 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
     expect_contains(load(R"("ways": ["ship"])"),
                     "memory, mpi, peer, peer_overlap, stores, stores_overlap, nccl, nccl_overlap");
     expect_contains(load(R"("ways": [])"), "ways");
+    expect_contains(load(R"("cuts": ["halves"])"), "slabs, bricks");
     Study timing;
     timing.name = "plain";
     timing.backends = {"cpu_reference"};
@@ -511,7 +514,7 @@ TEST_F(StudyKinds, ScalingPredictsTheLongerOfStepAndExchangeWhereTheyOverlap) {
     nlohmann::json& two = result.at("scaling")[1];
     ASSERT_EQ(two.at("ranks"), 2);
     one["seconds_per_step"] = 216e-6;  // a microsecond a particle
-    two["largest_slab"] = 144;
+    two["largest_part"] = 144;
     two["border_bytes"] = 1000;
     two["seconds_per_byte"] = 1e-9;
     const auto predicted = [&](const std::string& way, double latency) {
@@ -532,7 +535,31 @@ TEST_F(StudyKinds, ScalingHasARankADeviceAtMost) {
     options.devices = {0, 0, 0};
     EXPECT_EQ(run_study(load_study(file), options).at("scaling").size(), 3u);
     options.ranks = 4;
-    EXPECT_EQ(run_study(load_study(file), options).at("scaling").size(), 4u);
+    EXPECT_EQ(run_study(load_study(file), options).at("scaling").size(), 5u) << "four as bricks as well";
+}
+
+TEST_F(StudyKinds, ScalingCutsIntoBricksWhereTheseHaveLessBorder) {
+    const auto rows = [&](const std::string& keys) {
+        const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 3,
+            "backends": ["cpu_reference"], "scenes": [{"scene": "box@6"}], )" +
+                                                           keys + "}");
+        StudyOptions options;
+        options.ranks = 4;
+        return run_study(load_study(file), options).at("scaling");
+    };
+    const nlohmann::json measured = rows(R"("ranks": [1, 2, 4])");
+    ASSERT_EQ(measured.size(), 4u) << measured;
+    std::vector<std::string> cuts;
+    for (const auto& row : measured) {
+        cuts.push_back(row.at("cut"));
+        EXPECT_NE(row.at("same_bits"), false);
+    }
+    EXPECT_EQ(cuts, (std::vector<std::string>{"1x1x1", "1x1x2", "1x1x4", "1x2x2"}));
+    // A slab between others sends two layers, a brick two faces and once more the edge between them.
+    const int of_slab = measured[2].at("border_bytes"), of_brick = measured[3].at("border_bytes");
+    EXPECT_EQ(of_slab * (2 * 18 + 6), of_brick * 2 * 36);
+    EXPECT_EQ(rows(R"("ranks": [1, 2, 4], "cuts": ["slabs"])").size(), 3u);
+    EXPECT_EQ(rows(R"("ranks": [1, 2, 4], "cuts": ["bricks"])").size(), 2u) << "one rank, and bricks of four";
 }
 
 Study timing_of(const std::vector<StudyScene>& scenes) {

@@ -1,4 +1,4 @@
-// Which blocks of a launch have particles of a slab's border, and are stepped before the others.
+// Which blocks of a launch have particles of a border, and are stepped before the others.
 #pragma once
 
 #include <cstddef>

@@ -488,6 +488,9 @@ std::string too_much_for_a_block(const ResidentLayout& layout, ToolMode tool) {
 
 std::string sent_refusal(const std::vector<ResidentSending>& neighbours) {
     if (neighbours.size() < 2) return {};
+    if (neighbours.size() > 2)
+        return "a resident lane knows of two parts beside its own, and " + std::to_string(neighbours.size()) +
+               " are";
     const std::vector<std::uint32_t>&a = neighbours[0].particles, &b = neighbours[1].particles;
     std::vector<std::uint32_t> both;
     std::set_intersection(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));

@@ -72,7 +72,7 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
 struct ResidentSending {
     std::vector<std::uint32_t> particles, words;
 };
-/// Empty, or why lanes cannot send to these neighbours, one or two.
+/// Empty, or why lanes cannot send to these neighbours.
 std::string sent_refusal(const std::vector<ResidentSending>& neighbours);
 /// ResidentLinks::sent.
 std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,

@@ -82,8 +82,8 @@ struct Problem {
     std::vector<Material> materials{1};     ///< at least one
     std::vector<std::uint8_t> material;  ///< one a particle, index into `materials`; empty: all materials[0]
     std::vector<std::uint8_t> pinned;    ///< one a particle, 1 = does not move; empty: none
-    /// Of a part of a body (layout/slabs.h): the particles that another part steps, ascending. They are
-    /// pinned.
+    /// Of a part of a body (layout/decomposition.h): the particles that another part steps, ascending. They
+    /// are pinned.
     std::vector<std::uint32_t> ghosts;
     std::vector<glm::dvec3> load;  ///< one a particle, constant force; empty: none
     Tool tool;                     ///< one that holds particles comes with loads, see take_hold()

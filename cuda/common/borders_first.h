@@ -1,5 +1,5 @@
-// Steps of a slab whose borders go first: stepped, sent and received in a stream of their own, while all else
-// is stepped in the backend's.
+// Steps of a part of a body whose borders go first: stepped, sent and received in a stream of their own,
+// while all else is stepped in the backend's.
 #pragma once
 
 #include <utility>

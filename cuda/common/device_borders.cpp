@@ -21,10 +21,13 @@ namespace {
 template <class Real>
 class Side {
 public:
-    Side(const SharedElements& elements, const BorderState<Real>& state) : state_(state) {
+    Side(const SharedElements& elements, const BorderState<Real>& state)
+        : part_(elements.part), state_(state) {
         sent_.upload(elements.sent, state.lane());
         received_.upload(elements.received, state.lane());
     }
+    /// On the other side.
+    int part() const { return part_; }
     /// Numbers in the messages.
     std::size_t to_send() const { return state_.places(sent_).numbers(); }
     std::size_t to_receive() const { return state_.places(received_).numbers(); }
@@ -36,6 +39,7 @@ public:
     }
 
 private:
+    const int part_;
     const BorderState<Real> state_;
     Buffer<std::uint32_t> sent_, received_;
 };
@@ -46,6 +50,14 @@ Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     auto* const borders = dynamic_cast<Borders*>(other.get());
     if (borders == nullptr) throw std::logic_error("parts of a body whose borders go by different ways");
     return *borders;
+}
+
+/// Of all messages together.
+template <class Real, class Links>
+std::size_t bytes_sent(const Links& links) {
+    std::size_t bytes = 0;
+    for (const auto& link : links) bytes += link.side.to_send() * sizeof(Real);
+    return bytes;
 }
 
 void copy_message(void* to, int to_device, const void* from, int from_device, std::size_t bytes,
@@ -79,21 +91,15 @@ public:
         }
     }
 
-    std::size_t bytes() const override {
-        std::size_t largest = 0;
-        for (const Link& link : links_) largest = std::max(largest, link.side.to_send() * sizeof(Real));
-        return largest;
-    }
+    std::size_t bytes() const override { return bytes_sent<Real>(links_); }
 
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
-        const auto meet = [&](Link& link, std::size_t other) {
-            auto& borders = same_kind<PeerBorders>(parts.at(other));
+        for (Link& link : links_) {
+            const auto& borders = same_kind<PeerBorders>(parts.at(std::size_t(link.side.part())));
             reach(device_, borders.device_);
             link.their_device = borders.device_;
-            link.theirs = (other < part ? borders.links_.back() : borders.links_.front()).own;
-        };
-        if (part > 0) meet(links_.front(), part - 1);
-        if (part + 1 < parts.size()) meet(links_.back(), part + 1);
+            link.theirs = borders.link_with(int(part)).own;
+        }
     }
 
     void send() override {
@@ -132,6 +138,13 @@ private:
         int their_device = 0;
     };
 
+    const Link& link_with(int part) const {
+        const auto link = std::find_if(links_.begin(), links_.end(),
+                                       [&](const Link& one) { return one.side.part() == part; });
+        if (link == links_.end()) throw std::logic_error("a part has a border that the other side has not");
+        return *link;
+    }
+
     const bool stores_;
     const int device_;
     const BorderState<Real> state_;
@@ -155,11 +168,7 @@ public:
         }
     }
 
-    std::size_t bytes() const override {
-        std::size_t largest = 0;
-        for (const Link& link : links_) largest = std::max(largest, link.leaving.bytes());
-        return largest;
-    }
+    std::size_t bytes() const override { return bytes_sent<Real>(links_); }
 
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         std::set<int> devices;
@@ -177,8 +186,6 @@ public:
         }
         const std::shared_future<NcclId> id = first.known_id_;
         ranks_.emplace(Nccl::load(), int(parts.size()), id.get(), int(part));
-        if (part > 0) links_.front().rank = int(part) - 1;
-        if (part + 1 < parts.size()) links_.back().rank = int(part) + 1;
     }
 
     void send() override {
@@ -190,8 +197,8 @@ public:
     void receive() override {
         ranks_->together([&] {
             for (const Link& link : links_) {
-                ranks_->send(link.leaving.data(), link.leaving.bytes(), link.rank, stream_);
-                ranks_->receive(link.arrived.data(), link.arrived.bytes(), link.rank, stream_);
+                ranks_->send(link.leaving.data(), link.leaving.bytes(), link.side.part(), stream_);
+                ranks_->receive(link.arrived.data(), link.arrived.bytes(), link.side.part(), stream_);
             }
         });
         for (const Link& link : links_) link.side.scatter(link.arrived.data());
@@ -203,7 +210,6 @@ private:
         Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
         Side<Real> side;
         Buffer<Real> leaving, arrived;
-        int rank = 0;
     };
 
     const int device_;

@@ -23,6 +23,7 @@ void reach(int own, int other);
 
 /// The elements that particles of a border are.
 struct SharedElements {
+    int part;  ///< SharedParticles
     std::vector<std::uint32_t> sent, received;
 };
 

@@ -123,7 +123,7 @@ public:
                                                   const std::string& way) override {
         std::vector<SharedElements> elements;
         for (const SharedParticles& shared : borders)
-            elements.push_back({elements_of(shared.sent), elements_of(shared.received)});
+            elements.push_back({shared.part, elements_of(shared.sent), elements_of(shared.received)});
         return make_device_borders(elements, way, this->device(), border_state(put_first(borders, way)));
     }
 

@@ -52,8 +52,10 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     }
     print_what_pays(rows, out);
     out << "best: " << best->row.label() << " by "
-        << (best->ranks == 1 ? "1 rank" : std::to_string(best->ranks) + " ranks and " + best->way) << ", "
-        << si(best->seconds_per_step, "s") << " a step\n";
+        << (best->ranks == 1
+                ? "1 rank"
+                : std::to_string(best->ranks) + " ranks, cut into " + best->cut + ", and " + best->way)
+        << ", " << si(best->seconds_per_step, "s") << " a step\n";
     return 0;
 }
 

@@ -2,15 +2,12 @@
 
 namespace voxspring {
 
-void greet(Exchange& exchange) {
-    const int rank = exchange.rank();
-    for (const int other : {rank - 1, rank + 1}) {
-        if (other < 0 || other >= exchange.ranks()) continue;
+void greet(Exchange& exchange, const std::vector<int>& others) {
+    for (const int other : others) {
         (void)exchange.outbox(other, 0);
         exchange.post(other);
     }
-    for (const int other : {rank - 1, rank + 1}) {
-        if (other < 0 || other >= exchange.ranks()) continue;
+    for (const int other : others) {
         (void)exchange.inbox(other);
         exchange.release(other);
     }
@@ -18,7 +15,11 @@ void greet(Exchange& exchange) {
 
 // After n rounds a rank has heard, by way of others, of all that are n ranks away.
 void meet(Exchange& exchange) {
-    for (int round = 1; round < exchange.ranks(); ++round) greet(exchange);
+    std::vector<int> beside;
+    for (const int other : {exchange.rank() - 1, exchange.rank() + 1}) {
+        if (other >= 0 && other < exchange.ranks()) beside.push_back(other);
+    }
+    for (int round = 1; round < exchange.ranks(); ++round) greet(exchange, beside);
 }
 
 }  // namespace voxspring

@@ -1,15 +1,16 @@
 // How the parts of one body hand each other their borders, step after step.
 //
-// A rank is one part of a run: a slab (backends/layout/slabs.h), its backend and one Exchange. Messages go to
-// the ranks before and behind, all through the host's memory here. Where borders move from device to device
-// (DeviceBorders of backends/backend.h: copies between peers, stores into the neighbour's memory, NCCL) empty
-// messages say that one has been enqueued, so that waiting, meeting and faults are the same.
+// A rank is one part of a run: a subdomain (backends/layout/decomposition.h), its backend and one Exchange.
+// Messages go through the host's memory here. Where borders move from device to device (DeviceBorders of
+// backends/backend.h: copies between peers, stores into the neighbour's memory, NCCL) empty messages say that
+// one has been enqueued, so that waiting, meeting and faults are the same.
 #pragma once
 
 #include <chrono>
 #include <cstddef>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace voxspring {
 
@@ -18,8 +19,8 @@ class RankLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// One rank's side. To each neighbour messages arrive in the order in which they were sent. Whatever waits
-/// throws RankLost once any rank has failed, or the other side has let it wait for too long.
+/// One rank's side. From one rank to another messages arrive in the order in which they were sent. Whatever
+/// waits throws RankLost once any rank has failed, or the other side has let it wait for too long.
 class Exchange {
 public:
     Exchange() = default;
@@ -43,9 +44,9 @@ public:
     virtual void set_patience(std::chrono::duration<double> patience) = 0;
 };
 
-/// Sends each neighbour an empty message, and waits for theirs.
-void greet(Exchange& exchange);
-/// Returns once every rank is here.
+/// Sends each of the others an empty message, and waits for theirs.
+void greet(Exchange& exchange, const std::vector<int>& others);
+/// Returns once every rank is here. Each hears of all by way of the ranks before and behind it.
 void meet(Exchange& exchange);
 
 }  // namespace voxspring

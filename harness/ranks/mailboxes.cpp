@@ -60,18 +60,56 @@ struct Mailroom::Board {
     std::array<char, 1024> reason;
 };
 
-Mailroom::Mailroom(Line* memory, int ranks, std::size_t capacity)
-    : memory_(memory), ranks_(ranks), capacity_(capacity) {}
+Routes::Routes(int ranks) : ranks_(ranks) {
+    for (int rank = 0; rank + 1 < ranks; ++rank) add(rank, rank + 1, 0);
+}
 
-std::size_t Mailroom::lines(int ranks, std::size_t capacity) {
-    return lines_of(sizeof(Board)) + 2 * std::size_t(ranks) * Mailbox::lines(capacity);
+void Routes::add(int from, int to, std::size_t capacity) {
+    std::size_t& there = capacity_[{from, to}];
+    there = std::max(there, capacity);
+    capacity_.try_emplace({to, from}, 0);
+}
+
+std::vector<int> Routes::from(int rank) const {
+    std::vector<int> others;
+    for (auto route = capacity_.lower_bound({rank, 0}); route != capacity_.end(); ++route) {
+        if (route->first.first != rank) break;
+        others.push_back(route->first.second);
+    }
+    return others;
+}
+
+nlohmann::json to_json(const Routes& routes) {
+    nlohmann::json capacities = nlohmann::json::array();
+    for (const auto& [ends, capacity] : routes.capacities())
+        capacities.push_back({ends.first, ends.second, capacity});
+    return {{"ranks", routes.ranks()}, {"capacities", capacities}};
+}
+
+Routes routes_from_json(const nlohmann::json& json) {
+    Routes routes(json.at("ranks"));
+    for (const auto& route : json.at("capacities")) routes.add(route.at(0), route.at(1), route.at(2));
+    return routes;
+}
+
+Mailroom::Mailroom(Line* memory, const Routes& routes) : memory_(memory), routes_(routes) {
+    std::size_t line = lines_of(sizeof(Board));
+    for (const auto& [ends, capacity] : routes_.capacities()) {
+        begin_[ends] = line;
+        line += Mailbox::lines(capacity);
+    }
+}
+
+std::size_t Mailroom::lines(const Routes& routes) {
+    std::size_t lines = lines_of(sizeof(Board));
+    for (const auto& [ends, capacity] : routes.capacities()) lines += Mailbox::lines(capacity);
+    return lines;
 }
 
 Mailroom::Board& Mailroom::board() const { return *reinterpret_cast<Board*>(memory_); }
 
 Mailbox Mailroom::box(int from, int to) const {
-    const std::size_t number = 2 * std::size_t(from) + (to > from ? 1 : 0);
-    return {memory_ + lines_of(sizeof(Board)) + number * Mailbox::lines(capacity_), capacity_};
+    return {memory_ + begin_.at({from, to}), routes_.capacities().at({from, to})};
 }
 
 void Mailroom::fail(const std::string& reason) const noexcept {
@@ -86,6 +124,13 @@ void Mailroom::fail(const std::string& reason) const noexcept {
 bool Mailroom::has_failed() const { return board().state.load(std::memory_order_acquire) == Board::failed; }
 
 std::string Mailroom::reason() const { return board().reason.data(); }
+
+MailboxExchange::MailboxExchange(const Mailroom& mailroom, int rank) : mailroom_(mailroom), rank_(rank) {
+    for (const int other : mailroom_.routes().from(rank))
+        links_.try_emplace(other, Link{.out = mailroom_.box(rank, other),
+                                       .in = mailroom_.box(other, rank),
+                                       .capacity = mailroom_.routes().capacities().at({rank, other})});
+}
 
 /// Spins for some microseconds, and then lets others have the core.
 template <class Ready>
@@ -110,17 +155,20 @@ void MailboxExchange::wait_for(int other, const Ready& ready) const {
 }
 
 std::byte* MailboxExchange::outbox(int to, std::size_t bytes) {
-    if (bytes > mailroom_.capacity()) throw std::logic_error("a message is longer than its mailbox");
-    const Mailbox box = mailroom_.box(rank_, to);
-    wait_for(to, [&] { return box.has_room(); });
-    bytes_[to > rank_ ? 1 : 0] = bytes;
-    return box.room();
+    Link& link = this->link(to);
+    if (bytes > link.capacity) throw std::logic_error("a message is longer than its mailbox");
+    wait_for(to, [&] { return link.out.has_room(); });
+    link.bytes = bytes;
+    return link.out.room();
 }
 
-void MailboxExchange::post(int to) { mailroom_.box(rank_, to).send(bytes_[to > rank_ ? 1 : 0]); }
+void MailboxExchange::post(int to) {
+    Link& link = this->link(to);
+    link.out.send(link.bytes);
+}
 
 const std::byte* MailboxExchange::inbox(int from) {
-    const Mailbox box = mailroom_.box(from, rank_);
+    const Mailbox& box = link(from).in;
     wait_for(from, [&] { return box.has_message(); });
     return box.message();
 }

@@ -1,11 +1,15 @@
-// Messages between neighbouring ranks through memory that they share, between threads or between processes.
+// Messages between ranks through memory that they share, between threads or between processes.
 #pragma once
 
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
+#include <map>
+#include <nlohmann/json.hpp>
 #include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
 
 #include "harness/ranks/exchange.h"
 
@@ -42,16 +46,37 @@ private:
     std::size_t slot_lines_;
 };
 
+/// Which ranks send each other messages, and how many bytes one may have at most.
+class Routes {
+public:
+    /// A rank and those before and behind it meet (exchange.h): these have a route in any case.
+    explicit Routes(int ranks);
+
+    /// Messages from one rank to another, and back again.
+    void add(int from, int to, std::size_t capacity);
+
+    int ranks() const { return ranks_; }
+    /// To which ranks this one has a route, ascending.
+    std::vector<int> from(int rank) const;
+    /// By sender and receiver.
+    const std::map<std::pair<int, int>, std::size_t>& capacities() const { return capacity_; }
+
+private:
+    int ranks_;
+    std::map<std::pair<int, int>, std::size_t> capacity_;
+};
+nlohmann::json to_json(const Routes& routes);
+Routes routes_from_json(const nlohmann::json& json);
+
 /// All mailboxes of a run, and why it failed.
 class Mailroom {
 public:
-    /// In `memory` of as many lines(ranks, capacity), which begins as zeros.
-    Mailroom(Line* memory, int ranks, std::size_t capacity);
-    static std::size_t lines(int ranks, std::size_t capacity);
+    /// In `memory` of as many lines(routes), which begins as zeros.
+    Mailroom(Line* memory, const Routes& routes);
+    static std::size_t lines(const Routes& routes);
 
-    int ranks() const { return ranks_; }
-    std::size_t capacity() const { return capacity_; }
-    /// From a rank to one beside it.
+    const Routes& routes() const { return routes_; }
+    /// On a route.
     Mailbox box(int from, int to) const;
 
     /// The first reason stays.
@@ -64,32 +89,39 @@ private:
     Board& board() const;
 
     Line* memory_;
-    int ranks_;
-    std::size_t capacity_;
+    Routes routes_;
+    std::map<std::pair<int, int>, std::size_t> begin_;  ///< of a mailbox, by sender and receiver: its line
 };
 
 /// A rank that hands borders on in a mailroom.
 class MailboxExchange final : public Exchange {
 public:
-    MailboxExchange(const Mailroom& mailroom, int rank) : mailroom_(mailroom), rank_(rank) {}
+    MailboxExchange(const Mailroom& mailroom, int rank);
 
     int rank() const override { return rank_; }
-    int ranks() const override { return mailroom_.ranks(); }
+    int ranks() const override { return mailroom_.routes().ranks(); }
     std::byte* outbox(int to, std::size_t bytes) override;
     void post(int to) override;
     const std::byte* inbox(int from) override;
-    void release(int from) override { mailroom_.box(from, rank_).take(); }
+    void release(int from) override { link(from).in.take(); }
     void fail(const std::string& reason) noexcept override { mailroom_.fail(reason); }
     void set_patience(std::chrono::duration<double> patience) override { patience_ = patience; }
 
 private:
+    /// With another rank, both ways.
+    struct Link {
+        Mailbox out, in;
+        std::size_t capacity;
+        std::size_t bytes = 0;  ///< of the message being written
+    };
+    Link& link(int other) { return links_.at(other); }
     template <class Ready>
     void wait_for(int other, const Ready& ready) const;
 
     const Mailroom mailroom_;
     const int rank_;
     std::chrono::duration<double> patience_{10};
-    std::size_t bytes_[2] = {0, 0};  ///< of the messages being written, down and up
+    std::unordered_map<int, Link> links_;
 };
 
 }  // namespace voxspring

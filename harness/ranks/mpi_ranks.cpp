@@ -13,7 +13,7 @@
 #include <thread>
 #include <utility>
 
-#include "backends/layout/slabs.h"
+#include "backends/layout/decomposition.h"
 #include "harness/base/bad_input.h"
 #include "harness/process/case.h"
 #include "harness/process/case_runner.h"
@@ -35,18 +35,16 @@ std::string name_of_rank(int rank) {
 }
 
 nlohmann::json json_of(const RankTask& task) {
-    return {{"scene", task.scene},  {"fingerprint", task.fingerprint}, {"backend", task.backend},
-            {"ranks", task.ranks},  {"plan", to_json(task.plan)},      {"capacity", task.capacity},
-            {"number", task.number}};
+    return {{"scene", task.scene},        {"fingerprint", task.fingerprint}, {"backend", task.backend},
+            {"plan", to_json(task.plan)}, {"routes", to_json(task.routes)},  {"number", task.number}};
 }
 
 RankTask task_of(const nlohmann::json& json) {
     return {.scene = json.at("scene"),
             .fingerprint = json.at("fingerprint"),
             .backend = json.at("backend"),
-            .ranks = json.at("ranks"),
             .plan = rank_plan_of(json.at("plan")),
-            .capacity = json.at("capacity"),
+            .routes = routes_from_json(json.at("routes")),
             .number = json.at("number")};
 }
 
@@ -60,7 +58,7 @@ public:
           rank_(parameters.at("rank")),
           plan_(rank_plan_of(parameters.at("plan"))),
           memory_(parameters.at("segment").get<int>()),
-          mailroom_(static_cast<Line*>(memory_.data()), parameters.at("ranks"), parameters.at("capacity")),
+          mailroom_(static_cast<Line*>(memory_.data()), routes_from_json(parameters.at("routes"))),
           shared_(shared) {}
 
     /// "prepare" leaves a process that is known before it begins to "run".
@@ -70,9 +68,9 @@ public:
         try {
             State whole = state_at_rest(scene_.problem);
             const RankReport report = run_rank(spec_, scene_, plan_, exchange, whole);
-            const SlabCuts cuts(scene_.problem, exchange.ranks());
             State own;
-            for (const std::uint32_t i : cuts.own(scene_.problem, rank_)) {
+            for (const std::uint32_t i :
+                 Decomposition(scene_.problem, plan_.cut).own(scene_.problem, rank_)) {
                 own.displacement.push_back(whole.displacement[i]);
                 own.increment.push_back(whole.increment[i]);
             }
@@ -105,9 +103,7 @@ class Carrier {
 public:
     Carrier(const OpenMpi& mpi, const RankTask& task, const Mailroom& mailroom, std::optional<pid_t> worker)
         : mpi_(mpi), task_(task), mailroom_(mailroom), worker_(worker) {
-        for (const int other : {mpi.rank() - 1, mpi.rank() + 1}) {
-            if (other >= 0 && other < task.ranks) links_.push_back({other, nullptr});
-        }
+        for (const int other : mailroom.routes().from(mpi.rank())) links_.push_back({other, nullptr});
     }
 
     /// Until all ranks have a verdict on their part: a report, or why they failed. `ask` gives the report of
@@ -134,7 +130,7 @@ private:
     const Mailroom& mailroom_;
     const std::optional<pid_t> worker_;
     std::vector<Link> links_;
-    std::vector<nlohmann::json> verdicts_ = std::vector<nlohmann::json>(std::size_t(task_.ranks));
+    std::vector<nlohmann::json> verdicts_ = std::vector<nlohmann::json>(std::size_t(task_.plan.ranks()));
     std::vector<std::byte> unwanted_;
     bool announced_ = false;
     std::optional<Clock::time_point> failed_;
@@ -188,7 +184,7 @@ void Carrier::judge_own(std::future<nlohmann::json>& answer) {
 void Carrier::announce() {
     const auto is_idle = [](const Link& link) { return link.sending == nullptr; };
     if (announced_ || is_own_missing() || !std::all_of(links_.begin(), links_.end(), is_idle)) return;
-    for (int other = 0; other < task_.ranks; ++other) {
+    for (int other = 0; other < task_.plan.ranks(); ++other) {
         if (other != mpi_.rank()) mpi_.send_json(other, tag_verdict, verdicts_[std::size_t(mpi_.rank())]);
     }
     announced_ = true;
@@ -251,9 +247,8 @@ void wait_a_little() { std::this_thread::sleep_for(std::chrono::milliseconds(1))
 
 nlohmann::json rank_parameters(const RankTask& task, int rank, const SharedMemory& mailroom) {
     return {{"rank", rank},
-            {"ranks", task.ranks},
             {"plan", to_json(task.plan)},
-            {"capacity", task.capacity},
+            {"routes", to_json(task.routes)},
             {"segment", mailroom.segment()}};
 }
 
@@ -316,9 +311,8 @@ void MpiRanks::serve(const Means& means) {
 }
 
 void MpiRanks::take_part(const RankTask& task, const Means& means) {
-    const SharedMemory memory =
-        SharedMemory::of_bytes(Mailroom::lines(task.ranks, task.capacity) * sizeof(Line));
-    const Mailroom mailroom(static_cast<Line*>(memory.data()), task.ranks, task.capacity);
+    const SharedMemory memory = SharedMemory::of_bytes(Mailroom::lines(task.routes) * sizeof(Line));
+    const Mailroom mailroom(static_cast<Line*>(memory.data()), task.routes);
     std::optional<SharedState> shared;
     std::unique_ptr<Worker> worker;
     std::string failure;
@@ -343,7 +337,7 @@ void MpiRanks::take_part(const RankTask& task, const Means& means) {
     }
     const auto ask = [&] {
         if (!failure.empty()) throw std::runtime_error(failure);
-        return worker->ask({{"do", "run"}}, "stepping its slab");
+        return worker->ask({{"do", "run"}}, "stepping its part");
     };
     const auto process = worker != nullptr ? std::optional(worker->process()) : std::nullopt;
     const std::vector<nlohmann::json> verdicts = Carrier(*mpi_, task, mailroom, process).carry(ask);
@@ -358,17 +352,17 @@ std::vector<RankReport> MpiRanks::run(RankTask task, const Scene& scene, const S
                                       pid_t worker, const std::function<nlohmann::json()>& ask,
                                       State& whole) {
     task.number = ++tasks_;
-    for (int other = 1; other < task.ranks; ++other)
+    for (int other = 1; other < task.plan.ranks(); ++other)
         mpi_->send_json(other, tag_order, {{"do", "run"}, {"task", json_of(task)}});
-    const Mailroom mailroom(static_cast<Line*>(memory.data()), task.ranks, task.capacity);
+    const Mailroom mailroom(static_cast<Line*>(memory.data()), task.routes);
     const std::vector<nlohmann::json> verdicts = Carrier(*mpi_, task, mailroom, worker).carry(ask);
     if (mailroom.has_failed()) throw std::runtime_error(mailroom.reason());
-    const SlabCuts cuts(scene.problem, task.ranks);
+    const Decomposition decomposition(scene.problem, task.plan.cut);
     std::vector<RankReport> reports;
-    for (int rank = 0; rank < task.ranks; ++rank) {
+    for (int rank = 0; rank < task.plan.ranks(); ++rank) {
         reports.push_back(rank_report_of(verdicts[std::size_t(rank)].at("report").at("report")));
         if (rank == 0) continue;
-        const std::vector<std::uint32_t> own = cuts.own(scene.problem, rank);
+        const std::vector<std::uint32_t> own = decomposition.own(scene.problem, rank);
         receive_vectors(*mpi_, rank, own, whole.displacement);
         receive_vectors(*mpi_, rank, own, whole.increment);
     }

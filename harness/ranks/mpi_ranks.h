@@ -1,9 +1,9 @@
 // Ranks that are processes, on one host or on several, as mpirun starts them.
 //
-// Each of mpirun's processes keeps MPI to itself and has a worker step its slab: a worker that crashes or
-// hangs takes no rank of MPI along, which would end them all. A worker and its keeper share a mailroom; the
-// keeper carries messages between that and its neighbours. Rank 0 runs the study, and tells the others what
-// to run.
+// Each of mpirun's processes keeps MPI to itself and has a worker step its subdomain: a worker that crashes
+// or hangs takes no rank of MPI along, which would end them all. A worker and its keeper share a mailroom;
+// the keeper carries messages between that and its neighbours. Rank 0 runs the study, and tells the others
+// what to run.
 #pragma once
 
 #include <sys/types.h>
@@ -30,10 +30,9 @@ struct RankTask {
     std::string scene;        ///< what each of them takes to load_scene()
     std::string fingerprint;  ///< of the scene that it is to be
     std::string backend;      ///< what BackendSpec::parse() takes
-    int ranks = 1;            ///< the first so many take part
-    RankPlan plan = {};
-    std::size_t capacity = 0;  ///< of a mailbox
-    int number = 0;            ///< of the task among all of the study
+    RankPlan plan = {};       ///< the first plan.ranks() take part
+    Routes routes{1};         ///< between them
+    int number = 0;           ///< of the task among all of the study
 };
 
 /// A worker that runs one rank of a task: it makes a `rank` case runner (rank_run.cpp) of these parameters.

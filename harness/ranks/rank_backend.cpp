@@ -17,7 +17,7 @@ std::string RankBackend::unsupported(const Problem& problem) const {
         const std::vector<std::string>& ways = capabilities.border_ways;
         if (std::find(ways.begin(), ways.end(), way_) == ways.end())
             return "its borders do not go by " + way_;
-    } else if (!slab_.borders.empty() && !capabilities.has_borders) {
+    } else if (!subdomain_.borders.empty() && !capabilities.has_borders) {
         return "it cannot step a part of a body: it gives no borders";
     }
     return inner_.unsupported(problem);
@@ -29,12 +29,13 @@ void RankBackend::upload(const Problem& problem, const State& state) {
     inner_.upload(problem, state);
     if (goes_by_device()) {
         std::vector<SharedParticles> borders;
-        for (const Slab::Border& border : slab_.borders) borders.push_back({border.sent, border.received});
+        for (const Subdomain::Border& border : subdomain_.borders)
+            borders.push_back({border.subdomain, border.sent, border.received});
         parts_->at(std::size_t(exchange_.rank())) = inner_.device_borders(borders, way_);
         return;
     }
-    for (const Slab::Border& border : slab_.borders)
-        links_.push_back({border.slab, inner_.border(border.sent), inner_.border(border.received)});
+    for (const Subdomain::Border& border : subdomain_.borders)
+        links_.push_back({border.subdomain, inner_.border(border.sent), inner_.border(border.received)});
 }
 
 void RankBackend::connect() {
@@ -72,7 +73,7 @@ void RankBackend::step_alone(int count) {
 
 void RankBackend::step(int count) {
     if (exchanges_in_steps()) return step_and_exchange(count);
-    if (slab_.borders.empty()) return step_alone(count);
+    if (subdomain_.borders.empty()) return step_alone(count);
     for (int n = 0; n < count; ++n) {
         const auto begin = Clock::now();
         inner_.step(1);
@@ -94,12 +95,12 @@ void RankBackend::exchange_borders() {
 void RankBackend::exchange_by_device() {
     const auto begin = Clock::now();
     DeviceBorders& borders = *parts_->at(std::size_t(exchange_.rank()));
-    for (const Slab::Border& border : slab_.borders) (void)exchange_.outbox(border.slab, 0);
+    for (const Subdomain::Border& border : subdomain_.borders) (void)exchange_.outbox(border.subdomain, 0);
     borders.send();
-    for (const Slab::Border& border : slab_.borders) exchange_.post(border.slab);
-    for (const Slab::Border& border : slab_.borders) (void)exchange_.inbox(border.slab);
+    for (const Subdomain::Border& border : subdomain_.borders) exchange_.post(border.subdomain);
+    for (const Subdomain::Border& border : subdomain_.borders) (void)exchange_.inbox(border.subdomain);
     borders.receive();
-    for (const Slab::Border& border : slab_.borders) exchange_.release(border.slab);
+    for (const Subdomain::Border& border : subdomain_.borders) exchange_.release(border.subdomain);
     if (waits_) inner_.synchronize();
     seconds_.exchange += seconds_from(begin, Clock::now());
 }
@@ -123,11 +124,17 @@ void RankBackend::exchange_by_host() {
     }
 }
 
+std::vector<int> RankBackend::neighbours() const {
+    std::vector<int> ranks;
+    for (const Subdomain::Border& border : subdomain_.borders) ranks.push_back(border.subdomain);
+    return ranks;
+}
+
 std::size_t RankBackend::border_bytes() const {
     if (goes_by_device()) return parts_->at(std::size_t(exchange_.rank()))->bytes();
-    std::size_t largest = 0;
-    for (const Link& link : links_) largest = std::max(largest, link.sent->bytes());
-    return largest;
+    std::size_t bytes = 0;
+    for (const Link& link : links_) bytes += link.sent->bytes();
+    return bytes;
 }
 
 }  // namespace voxspring

@@ -1,4 +1,4 @@
-// A slab on a backend, which after each step hands its border on and takes its neighbours'.
+// A subdomain on a backend, which after each step hands its borders on and takes its neighbours'.
 #pragma once
 
 #include <chrono>
@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "backends/backend.h"
-#include "backends/layout/slabs.h"
+#include "backends/layout/decomposition.h"
 #include "harness/ranks/exchange.h"
 
 namespace voxspring {
@@ -25,16 +25,17 @@ struct RankSeconds {
     double waiting = 0;   ///< until the neighbours' borders were there
 };
 
-/// Steps a slab as `inner` steps any problem. All ranks make as many steps and the same edits.
+/// Steps a subdomain as `inner` steps any problem. All ranks make as many steps and the same edits.
 class RankBackend final : public Backend {
 public:
     /// All must outlive it.
-    RankBackend(Backend& inner, const Slab& slab, Exchange& exchange)
-        : inner_(inner), slab_(slab), exchange_(exchange) {}
+    RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange)
+        : inner_(inner), subdomain_(subdomain), exchange_(exchange) {}
     /// The same with borders that go from device to device, by `way` (Capabilities::border_ways). After each
     /// upload() ranks are to meet and to connect(), before anything else.
-    RankBackend(Backend& inner, const Slab& slab, Exchange& exchange, std::string way, PartsOnDevices& parts)
-        : inner_(inner), slab_(slab), exchange_(exchange), way_(std::move(way)), parts_(&parts) {}
+    RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange, std::string way,
+                PartsOnDevices& parts)
+        : inner_(inner), subdomain_(subdomain), exchange_(exchange), way_(std::move(way)), parts_(&parts) {}
 
     Capabilities capabilities() const override { return inner_.capabilities(); }
     std::string unsupported(const Problem& problem) const override;
@@ -47,9 +48,9 @@ public:
     }
     bool has_tool() const override { return inner_.has_tool(); }
     void move_tool(const glm::dvec3& displacement) override {
-        if (slab_.problem.has_tool()) inner_.move_tool(displacement);
+        if (subdomain_.problem.has_tool()) inner_.move_tool(displacement);
     }
-    /// Of what the tool holds of this slab.
+    /// Of what the tool holds of this subdomain.
     glm::dvec3 tool_force() override { return inner_.tool_force(); }
     /// All ranks call this alike, with edits and moves of the tool between.
     void step(int count) override;
@@ -74,7 +75,9 @@ public:
     bool exchanges_in_steps() const { return steps_a_call() > 0; }
     /// Since the latest call of this.
     RankSeconds take_seconds() { return std::exchange(seconds_, {}); }
-    /// Of the largest message of a step.
+    /// The ranks that it exchanges borders with.
+    std::vector<int> neighbours() const;
+    /// Of all that it sends in a step.
     std::size_t border_bytes() const;
 
 private:
@@ -97,7 +100,7 @@ private:
     void exchange_by_device();
 
     Backend& inner_;
-    const Slab& slab_;
+    const Subdomain& subdomain_;
     Exchange& exchange_;
     const std::string way_ = {};
     PartsOnDevices* const parts_ = nullptr;  ///< null: borders go through the host's memory

@@ -13,8 +13,6 @@
 #include <thread>
 #include <utility>
 
-#include "backends/layout/slabs.h"
-#include "harness/ranks/mailboxes.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 
@@ -24,19 +22,19 @@ namespace {
 using Seconds = std::chrono::duration<double>;
 using Clock = std::chrono::steady_clock;
 
-/// The scene as one slab has it.
-Scene part_of(const Scene& scene, const Slab& slab) {
+/// The scene as one subdomain has it.
+Scene part_of(const Scene& scene, const Subdomain& subdomain) {
     Scene part{.name = scene.name,
                .source = scene.source,
                .description = scene.description,
-               .problem = slab.problem,
-               .state = slab.part_of(scene.state),
+               .problem = subdomain.problem,
+               .state = subdomain.part_of(scene.state),
                .edits = {},
                .tool_motion = scene.tool_motion,
                .stable_time_step = scene.stable_time_step};
     // Those that change nothing here as well: all ranks stop at the same steps, and upload alike.
     for (const ScheduledEdit& scheduled : scene.edits)
-        part.edits.push_back({scheduled.step, slab.part_of(scheduled.edit)});
+        part.edits.push_back({scheduled.step, subdomain.part_of(scheduled.edit)});
     return part;
 }
 
@@ -56,18 +54,19 @@ double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<
 }
 
 /// Borders that leave the device are alone between ranks: one by itself needs no way.
-RankBackend on_its_way(Backend& inner, const Slab& slab, Exchange& exchange, const RankPlan& plan,
+RankBackend on_its_way(Backend& inner, const Subdomain& subdomain, Exchange& exchange, const RankPlan& plan,
                        PartsOnDevices* parts) {
-    if (plan.way == "memory" || exchange.ranks() == 1) return {inner, slab, exchange};
+    if (plan.way == "memory" || exchange.ranks() == 1) return {inner, subdomain, exchange};
     if (parts == nullptr) throw std::logic_error("only ranks of one process have a way by " + plan.way);
-    return {inner, slab, exchange, plan.way, *parts};
+    return {inner, subdomain, exchange, plan.way, *parts};
 }
 
 /// Before any step: ghosts are where the borders are that they are written from, so that no bit changes.
 void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& report) {
     report.border_bytes = backend.border_bytes();
     if (exchange.ranks() == 1 || backend.exchanges_in_steps()) return;
-    report.latency = seconds_of(exchange, backend, [&] { greet(exchange); });
+    const std::vector<int> neighbours = backend.neighbours();
+    report.latency = seconds_of(exchange, backend, [&] { greet(exchange, neighbours); });
     const double with_borders = seconds_of(exchange, backend, [&] { backend.exchange_borders(); });
     if (report.border_bytes > 0)
         report.seconds_per_byte = std::max(0.0, with_borders - report.latency) / double(report.border_bytes);
@@ -124,23 +123,26 @@ nlohmann::json to_json(const RankPlan& plan) {
             {"start_patience", plan.start_patience.count()},
             {"patience", plan.patience.count()},
             {"devices", plan.devices},
-            {"way", plan.way}};
+            {"way", plan.way},
+            {"cut", {plan.cut.x, plan.cut.y, plan.cut.z}}};
 }
 
 RankPlan rank_plan_of(const nlohmann::json& json) {
+    const nlohmann::json& cut = json.at("cut");
     return {.steps = json.at("steps"),
             .repetitions = json.at("repetitions"),
             .start_patience = Seconds(json.at("start_patience").get<double>()),
             .patience = Seconds(json.at("patience").get<double>()),
             .devices = json.at("devices"),
-            .way = json.at("way")};
+            .way = json.at("way"),
+            .cut = {cut.at(0).get<int>(), cut.at(1).get<int>(), cut.at(2).get<int>()}};
 }
 
-DeviceNumber RankPlan::device_of(int rank, int ranks) const {
-    if (devices.empty()) return {.number = rank, .wraps = true, .parts = ranks};
+DeviceNumber RankPlan::device_of(int rank) const {
+    if (devices.empty()) return {.number = rank, .wraps = true, .parts = ranks()};
     const auto number_of = [&](int other) { return devices[std::size_t(other) % devices.size()]; };
     int parts = 0;
-    for (int other = 0; other < ranks; ++other) parts += number_of(other) == number_of(rank) ? 1 : 0;
+    for (int other = 0; other < ranks(); ++other) parts += number_of(other) == number_of(rank) ? 1 : 0;
     return {.number = number_of(rank), .wraps = false, .parts = parts};
 }
 
@@ -176,43 +178,49 @@ std::string different_devices(const std::vector<RankReport>& reports) {
            " " + other->device + ": ranks on different devices are not measured as one";
 }
 
-std::string ranks_refusal(const Scene& scene, int ranks) {
-    if (std::string reason = SlabCuts::refusal(scene.problem, ranks); !reason.empty()) return reason;
+std::string cut_refusal(const Scene& scene, glm::ivec3 cut) {
+    if (std::string reason = Decomposition::refusal(scene.problem, cut); !reason.empty()) return reason;
     for (const ScheduledEdit& scheduled : scene.edits) {
         if (scheduled.edit.leaves_lattice())
-            return "a slab has ghosts of one layer of voxels, and a suture after step " +
+            return "a part has ghosts of one layer of voxels, and a suture after step " +
                    std::to_string(scheduled.step) + " reaches farther";
     }
     return {};
 }
 
-std::size_t largest_message(const Scene& scene) {
-    const glm::ivec3 dims = scene.problem.lattice.dims;
-    const std::size_t layer =
-        scene.problem.lattice.voxel_count() / std::size_t(std::max({dims.x, dims.y, dims.z}));
+Routes routes_of(const Decomposition& decomposition) {
     // In float64 a place is three numbers and, in a formulation that is compensated, three more.
-    return layer * 6 * sizeof(double);
+    constexpr std::size_t bytes_of_place = 6 * sizeof(double);
+    Routes routes(decomposition.count());
+    for (int from = 0; from < decomposition.count(); ++from) {
+        for (int to = 0; to < decomposition.count(); ++to) {
+            const std::size_t places = decomposition.most_sent(from, to);
+            if (places > 0) routes.add(from, to, places * bytes_of_place);
+        }
+    }
+    return routes;
 }
 
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& whole, PartsOnDevices* parts) {
-    const Slab slab = SlabCuts(scene.problem, exchange.ranks()).slab(scene.problem, exchange.rank());
-    const Scene part = part_of(scene, slab);
-    const DeviceOfThread device(plan.device_of(exchange.rank(), exchange.ranks()));
+    const Subdomain subdomain =
+        Decomposition(scene.problem, plan.cut).subdomain(scene.problem, exchange.rank());
+    const Scene part = part_of(scene, subdomain);
+    const DeviceOfThread device(plan.device_of(exchange.rank()));
     const std::unique_ptr<Backend> inner = spec.make();
-    RankBackend backend = on_its_way(*inner, slab, exchange, plan, parts);
+    RankBackend backend = on_its_way(*inner, subdomain, exchange, plan, parts);
     SceneRunner runner(part);
     if (const std::string reason = runner.unsupported(backend); !reason.empty()) throw Unavailable(reason);
     const DivergenceMonitor monitor = divergence_monitor(scene, plan.steps);
     backend.monitor(monitor);
 
-    RankReport report{.own = slab.own.size(),
-                      .ghosts = slab.particle.size() - slab.own.size(),
+    RankReport report{.own = subdomain.own.size(),
+                      .ghosts = subdomain.particle.size() - subdomain.own.size(),
                       .device = backend.capabilities().device,
                       .uuid = backend.capabilities().uuid};
     runner.rewind(backend);
-    // All ranks upload alike, since they connect after an upload: where edits cancel in one slab they may not
-    // in another.
+    // All ranks upload alike, since they connect after an upload: where edits cancel in one subdomain they
+    // may not in another.
     if (scene.edits.empty()) runner.keep_start(backend);
     exchange.set_patience(plan.start_patience);
     meet(exchange);
@@ -238,15 +246,16 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
         for (RankBatch& batch : report.batches)
             batch = {batch.total, seconds.compute, seconds.exchange, seconds.waiting};
     }
-    slab.copy_own(backend.download(), whole);
+    subdomain.copy_own(backend.download(), whole);
     return report;
 }
 
-std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene, int ranks,
+std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,
                                              const RankPlan& plan, State& whole) {
-    const std::size_t capacity = largest_message(scene);
-    std::vector<Line> memory(Mailroom::lines(ranks, capacity));
-    const Mailroom mailroom(memory.data(), ranks, capacity);
+    const int ranks = plan.ranks();
+    const Routes routes = routes_of(Decomposition(scene.problem, plan.cut));
+    std::vector<Line> memory(Mailroom::lines(routes));
+    const Mailroom mailroom(memory.data(), routes);
     const std::shared_ptr<Together> all(new Together{.spec = spec,
                                                      .scene = scene,
                                                      .plan = plan,

@@ -2,13 +2,16 @@
 #pragma once
 
 #include <chrono>
+#include <glm/glm.hpp>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "backends/device_choice.h"
+#include "backends/layout/decomposition.h"
 #include "backends/registry.h"
 #include "harness/ranks/exchange.h"
+#include "harness/ranks/mailboxes.h"
 #include "harness/ranks/rank_backend.h"
 #include "harness/scene/scene.h"
 
@@ -22,10 +25,13 @@ struct RankPlan {
     std::chrono::duration<double> start_patience{1800}, patience{10};
     /// Which device each rank takes, over and over. Empty: the next of those that there are.
     std::vector<int> devices = {};
-    DeviceNumber device_of(int rank, int ranks) const;
+    DeviceNumber device_of(int rank) const;
     /// How borders travel: "memory", which is what the Exchange does, or one of Capabilities::border_ways,
     /// where all ranks are threads of one process.
     std::string way = "memory";
+    /// How many subdomains along each axis the scene is cut into, each for a rank.
+    glm::ivec3 cut{1};
+    int ranks() const { return cut.x * cut.y * cut.z; }
 };
 nlohmann::json to_json(const RankPlan& plan);
 RankPlan rank_plan_of(const nlohmann::json& json);
@@ -39,10 +45,10 @@ struct RankBatch {
 struct RankReport {
     std::vector<RankBatch> batches = {};
     std::size_t own = 0, ghosts = 0;  ///< particles
-    std::size_t border_bytes = 0;     ///< of its largest message in a step
+    std::size_t border_bytes = 0;     ///< of all that it sends in a step
     /// Of an exchange in which each rank sends to and hears from each neighbour: without anything in the
-    /// messages, and what each byte of the largest border adds, with reading and writing it. Zero for a rank
-    /// by itself, and where borders travel within steps.
+    /// messages, and what each of border_bytes adds, with reading and writing it. Zero for a rank by itself,
+    /// and where borders travel within steps.
     double latency = 0, seconds_per_byte = 0;
     std::string device = {}, uuid = {};  ///< Capabilities of its backend
 };
@@ -51,24 +57,24 @@ RankReport rank_report_of(const nlohmann::json& json);
 /// Empty, or which ranks are on devices of different names, whose times are not compared as of one kind.
 std::string different_devices(const std::vector<RankReport>& reports);
 
-/// Empty, or why so many ranks cannot share the scene.
-std::string ranks_refusal(const Scene& scene, int ranks);
-/// Of the longest message that a run of the scene needs room for.
-std::size_t largest_message(const Scene& scene);
+/// Empty, or why the scene cannot be cut so.
+std::string cut_refusal(const Scene& scene, glm::ivec3 cut);
+/// Between ranks of which each has one of these subdomains.
+Routes routes_of(const Decomposition& decomposition);
 
 /// Runs a rank of the scene, and copies the state of its own particles into `whole`, which is as large as the
 /// scene's. Throws RankLost, what the backend throws (Unavailable where there is no such device), Unavailable
-/// where the backend cannot run the slab, and std::runtime_error where the run diverges.
+/// where the backend cannot run its subdomain, and std::runtime_error where the run diverges.
 ///
 /// `parts`: room for one of each rank, which they share; for ways from device to device alone.
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& whole, PartsOnDevices* parts = nullptr);
 
-/// All ranks, each a thread of this process; one report a rank. Where one fails the others end at once, and
-/// this throws Unavailable, where that was what one threw, or std::runtime_error with its reason. A thread
-/// that hangs is left behind for the end of the process, and so is what it works on: `scene` is to live until
-/// then.
-std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene, int ranks,
+/// All ranks of the plan, each a thread of this process; one report a rank. Where one fails the others end at
+/// once, and this throws Unavailable, where that was what one threw, or std::runtime_error with its reason. A
+/// thread that hangs is left behind for the end of the process, and so is what it works on: `scene` is to
+/// live until then.
+std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,
                                              const RankPlan& plan, State& whole);
 
 }  // namespace voxspring

@@ -20,12 +20,13 @@ void scaling_fields(Self& row, Fields& fields) {
     fields.required("family", row.family);
     fields.required("scaling", row.scaling);
     fields.required("ranks", row.ranks);
+    fields.required("cut", row.cut);
     fields.required("way", row.way);
     fields.required("seconds_per_step", row.seconds_per_step);
     fields.required("compute_seconds", row.compute_seconds);
     fields.required("exchange_seconds", row.exchange_seconds);
     fields.required("waiting_seconds", row.waiting_seconds);
-    fields.required("largest_slab", row.largest_slab);
+    fields.required("largest_part", row.largest_part);
     fields.required("ghosts", row.ghosts);
     fields.required("border_bytes", row.border_bytes);
     fields.nullable("latency_seconds", row.latency_seconds);
@@ -36,7 +37,7 @@ void scaling_fields(Self& row, Fields& fields) {
     fields.nullable("pays_from_particles", row.pays_from_particles);
 }
 
-/// Whether borders are stepped and sent first, and travel while the rest of a slab is stepped.
+/// Whether borders are stepped and sent first, and travel while the rest of a part is stepped.
 bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
 
 /// "2600" of 2612.3: what a model says has no more.
@@ -48,7 +49,7 @@ std::string two_digits(double count) {
 /// The model of a row, in seconds a step, and in particles.
 struct ScalingModel {
     double particle;         ///< one, of one rank
-    double own, ghosts;      ///< of the largest slab
+    double own, ghosts;      ///< of the largest part
     double particles;        ///< of the body
     double latency, border;  ///< of an exchange, and what its bytes take
     bool overlaps;
@@ -83,10 +84,10 @@ void compare(ScalingRow& row, const ScalingRow& one) {
     const double particle = one.seconds_per_step / double(one.row.workpiece->particles);
     const auto particles = double(row.row.workpiece->particles);
     row.efficiency = particle * particles / (row.ranks * row.seconds_per_step);
-    const double own = std::min(double(row.largest_slab), std::ceil(particles / row.ranks));
+    const double own = std::min(double(row.largest_part), std::ceil(particles / row.ranks));
     const ScalingModel model{.particle = particle,
                              .own = own,
-                             .ghosts = double(row.largest_slab) - own,
+                             .ghosts = double(row.largest_part) - own,
                              .particles = particles,
                              .latency = row.latency_seconds.value_or(0),
                              .border = row.seconds_per_byte.value_or(0) * double(row.border_bytes),
@@ -140,7 +141,8 @@ void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
         const double times = one.seconds_per_step / best->seconds_per_step;
         out << one.row.identity.scene << " " << one.row.label() << ": "
             << (times > 1 ? "more than one rank pays: " : "more than one rank does not pay: ") << best->ranks
-            << " by " << best->way << " are " << fmt::format("{:.2f}", times) << " times as fast as one";
+            << ", cut into " << best->cut << ", by " << best->way << " are " << fmt::format("{:.2f}", times)
+            << " times as fast as one";
         if (best->pays_from_particles)
             out << (times > 1 ? ", and are by the model from " : "; by the model they are faster from ")
                 << two_digits(*best->pays_from_particles) << " particles of this shape on";

@@ -632,8 +632,8 @@ def edits(charts, results, rows):
 
 
 RANKS = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("scene", "scene", None),
-         ("contender", "strategy", None), ("ranks", "ranks", 4), ("way", "way", None), ("microseconds", "time a step (µs)", 4),
-         ("compute", "compute (µs)", 4), ("exchange", "exchange (µs)", 4), ("waiting", "waiting (µs)", 4),
+         ("contender", "strategy", None), ("ranks", "ranks", 4), ("cut", "cut into", None), ("parts", "parts", None), ("way", "way", None),
+         ("microseconds", "time a step (µs)", 4), ("compute", "compute (µs)", 4), ("exchange", "exchange (µs)", 4), ("waiting", "waiting (µs)", 4),
          ("efficiency", "efficiency", 3), ("predicted", "efficiency predicted", 3), ("noisy", "not to be trusted", None)]
 
 
@@ -641,8 +641,11 @@ WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square", "peer": "dia
         "stores": "cross", "stores_overlap": "triangle-right", "nccl": "triangle-down", "nccl_overlap": "wedge"}
 
 
+BRICKS_ARE_LARGER = alt.condition("datum.parts === 'bricks'", alt.value(120), alt.value(45))
+
+
 def scaling(charts, results):
-    rows = reading.latest(reading.scaling(results), "machine", "compared", "contender", "ranks", "way")
+    rows = reading.latest(reading.scaling(results), "machine", "compared", "contender", "ranks", "cut", "way")
     several = [row for row in rows if row["ranks"] > 1]
     if not several:
         return None
@@ -656,11 +659,11 @@ def scaling(charts, results):
         ranks = sorted(distinct(group, "ranks"))
         lines = source().encode(
             x=alt.X("ranks:Q", title="ranks", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
-            color=charts.colour(), detail=["contender:N", "way:N"])
+            color=charts.colour(), detail=["contender:N", "way:N", "parts:N"])
         y = alt.Y("efficiency:Q", title="efficiency", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0))
         predicted = lines.transform_filter("datum.ranks > 1").mark_line(strokeWidth=1.1, strokeDash=[2, 3]).encode(y="predicted:Q")
-        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), lines.mark_point(filled=True, size=45).encode(
-            y=y, shape=charts.shape("way", WAYS), tooltip=charts.tooltip(RANKS)))
+        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), lines.mark_point(filled=True).encode(
+            y=y, size=BRICKS_ARE_LARGER, shape=charts.shape("way", WAYS), tooltip=charts.tooltip(RANKS)))
         alternative = (f"Lines for {compared} on {machine}: efficiency against one rank over {len(ranks)} numbers of ranks, and "
                        "dotted what the model predicts.")
         panels.append(charts.panel(f"{compared}, {group[0]['scaling']} scaling, {machine}",
@@ -669,18 +672,18 @@ def scaling(charts, results):
                   "itself steps: of one size (strong scaling), or of one that grows with the ranks (weak). Borders travel "
                   "through the memory of one process (triangles) or by MPI (squares), or from device to device: by copies (diamonds), "
                   "by stores of the sender (crosses) or by NCCL (triangles upside down). Where borders are stepped first and travel "
-                  "while the rest is stepped these are triangles to the left, to the right, and wedges. Dotted: what a model predicts from the "
-                  "latency and bandwidth of the exchange.", RANKS, rows, panels, used(results, having="scaling"))
+                  "while the rest is stepped these are triangles to the left, to the right, and wedges. Small: the body is cut into slabs; "
+                  "large: into bricks. Dotted: what a model predicts from the latency and bandwidth of the exchange.", RANKS, rows, panels, used(results, having="scaling"))
 
 
 FORECAST = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("contender", "strategy", None),
-            ("way", "way", None), ("measured_ranks", "ranks measured", 4), ("ranks", "ranks", 4),
+            ("parts", "parts", None), ("way", "way", None), ("measured_ranks", "ranks measured", 4), ("ranks", "ranks", 4),
             ("microseconds", "time a step, predicted (µs)", 3), ("efficiency", "efficiency, predicted", 3),
             ("half", "half of the efficiency at ranks", 2)]
 
 
 def scaling_forecast(charts, results):
-    rows = reading.latest(reading.scaling_forecast(results), "machine", "compared", "contender", "way", "ranks")
+    rows = reading.latest(reading.scaling_forecast(results), "machine", "compared", "contender", "parts", "way", "ranks")
     if not rows:
         return None
     findings, panels = [], []
@@ -697,16 +700,16 @@ def scaling_forecast(charts, results):
         lines = source().encode(
             x=alt.X("ranks:Q", title="ranks, none of them measured", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
             y=alt.Y("efficiency:Q", title="efficiency, predicted", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0)),
-            color=charts.colour(), detail=["contender:N", "way:N"])
-        chart = alt.layer(lines.mark_line(strokeWidth=1.1, strokeDash=[2, 3]), lines.mark_point(filled=False, size=45).encode(
-            shape=charts.shape("way", WAYS), tooltip=charts.tooltip(FORECAST)))
+            color=charts.colour(), detail=["contender:N", "way:N", "parts:N"])
+        chart = alt.layer(lines.mark_line(strokeWidth=1.1, strokeDash=[2, 3]), lines.mark_point(filled=False).encode(
+            size=BRICKS_ARE_LARGER, shape=charts.shape("way", WAYS), tooltip=charts.tooltip(FORECAST)))
         alternative = (f"Dotted lines for {compared} on {machine}: the efficiency that a model predicts for {listed(map(str, ranks))} ranks. "
                        "Nothing of it was measured.")
         panels.append(charts.panel(f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}",
                                    {"machine": machine, "compared": compared}, chart, alternative, 300))
     return Figure("forecast", by_machine(findings), "A prediction, not a measurement: the model of the figure above for more ranks than "
-                  "there were, each beside another by the same exchange, fitted to the largest number that was measured. Missing are "
-                  "numbers of ranks for which a slab would be thinner than a layer of voxels.", FORECAST, rows, panels,
+                  "there were, each beside another by the same exchange, fitted to the largest number that was measured. Small: "
+                  "slabs; large: bricks. Missing are numbers of ranks for which a part would be thinner than a layer of voxels.", FORECAST, rows, panels,
                   used(results, having="scaling"))
 
 

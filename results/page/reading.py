@@ -47,7 +47,7 @@ OPTIONAL = {
                      "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
                      "measured", "particles", "step_bytes", "efficiency", "predicted_seconds", "step_footprint_bytes", "step_operations",
                      "pictures_per_second"), float),
-    **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail"), str), "drawn": bool, "histogram": list,
+    **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail", "cut"), str), "drawn": bool, "histogram": list,
 }
 WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
         bool: "true or false", list: "a list", dict: "an object"}
@@ -329,6 +329,7 @@ def scaling(results):
     """A row a number of ranks and way that has an efficiency; what the model predicts is an efficiency as well."""
     return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
              "contender": contender(row), "compared": row["family"], "scaling": row["scaling"], "ranks": row["ranks"],
+             "cut": row.get("cut", ""), "parts": "bricks" if sum(parts > 1 for parts in along_axes(row)) > 1 else "slabs",
              "way": row["way"], "particles": row["particles"], "microseconds": row["seconds_per_step"] * 1e6,
              **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
              "efficiency": row["efficiency"],
@@ -341,38 +342,45 @@ def scaling(results):
 FORECAST_RANKS = (8, 64, 1024)
 
 
+def along_axes(row):
+    """How many parts lie beside each other along x, y and z. Older files have slabs alone."""
+    return [int(parts) for parts in row["cut"].split("x")] if row.get("cut") else [1, 1, row["ranks"]]
+
+
 def forecast(one, most):
-    """What the model of harness/study/kinds/scaling.cpp says of more ranks than the row `most` has, fitted to that row: a list of
+    """What the model of harness/study/scaling_row.cpp says of more ranks than the row `most` has, fitted to that row: a list of
     (ranks, seconds a step, efficiency), and the number of ranks at half of the efficiency of one; None where that never comes.
 
-    `one` is the row of one rank. A rank has its particles and two layers of ghosts, at the time that a particle takes on one rank;
-    then come a latency, and two borders at the bandwidth that was measured. Where both overlap the longer of them counts alone. All
-    of it is stretched by what `most` took longer than the model says. The longest borders are those that it had. A slab is no
-    thinner than a layer.
+    `one` is the row of one rank. A rank among others has ghosts at two sides of a slab or at six of a brick, at the time that a
+    particle takes on one rank; then come a latency, and as many borders at the bandwidth that was measured. Where both overlap the
+    longer of them counts alone. All of it is stretched by what `most` took longer than the model says. The sides of slabs are as
+    large as they were, those of bricks in a body of one size shrink with them. A part is no thinner than a layer.
     """
-    ranks, weak = most["ranks"], most["scaling"] == "weak"
-    particle = one["seconds_per_step"] / one["particles"]
-    layer = most["ghosts"] / (2 * (ranks - 1))
-    border = most["border_bytes"] / (1 if ranks == 2 else 2)
+    ranks, weak, cut = most["ranks"], most["scaling"] == "weak", along_axes(most)
+    bricks = sum(parts > 1 for parts in cut) > 1
+    sides = 6 if bricks else 2
+    particle, particles = one["seconds_per_step"] / one["particles"], most["particles"]
+    layer = most["ghosts"] / sum(2 * (parts - 1) * ranks / parts for parts in cut)
+    border = most["border_bytes"] / sum(min(parts - 1, 2) for parts in cut)
     stretch = most["seconds_per_step"] / most["predicted_seconds"]
-    ghosts = particle * 2 * layer
-    exchange = most["latency_seconds"] + most["seconds_per_byte"] * 2 * border
-    # (what comes beside a rank's own particles, and the least that a step takes)
-    beside, least = (ghosts, exchange) if most["way"].endswith("_overlap") else (ghosts + exchange, 0)
-    found = []
-    for count in FORECAST_RANKS:
-        own = most["particles"] / ranks if weak else most["particles"] / count
-        if count > ranks and own >= layer:
-            seconds = stretch * max(particle * own + beside, least)
-            found.append((count, seconds, particle * own / seconds))
-    # particle * own / (stretch * (particle * own + beside)) = 1/2, or particle * own / (stretch * least) = 1/2, whichever comes first
-    half = None
-    whole = particle * most["particles"]
-    halves = [work / (stretch * other) for work, other in ((whole * (2 - stretch), beside), (2 * whole, least)) if other > 0]
-    if not weak and halves and stretch < 2:
-        half = min(halves)
-        half = half if layer == 0 or half <= most["particles"] / layer else None
-    return found, half
+
+    def predicted(own):
+        area = (own * ranks / particles) ** (2 / 3) if bricks and not weak else 1
+        compute = particle * (own + sides * layer * area)
+        exchange = most["latency_seconds"] + most["seconds_per_byte"] * sides * border * area
+        seconds = stretch * (max(compute, exchange) if most["way"].endswith("_overlap") else compute + exchange)
+        return seconds, particle * own / seconds, own >= layer * area
+
+    counts = [(count, *predicted(particles / (ranks if weak else count))) for count in FORECAST_RANKS if count > ranks]
+    found = [(count, seconds, efficiency) for count, seconds, efficiency, thick in counts if thick]
+    # The more ranks the less efficient.
+    few, many = 1.0, float(particles)
+    if weak or predicted(particles / few)[1] <= 0.5:
+        return found, None
+    for _ in range(100):
+        middle = (few * many) ** 0.5
+        few, many = (middle, many) if predicted(particles / middle)[1] > 0.5 else (few, middle)
+    return found, many if predicted(particles / many)[2] else None
 
 
 def scaling_forecast(results):
@@ -382,16 +390,19 @@ def scaling_forecast(results):
         rows = result.lists["scaling"]
         needed = ("latency_seconds", "seconds_per_byte", "predicted_seconds", "ghosts", "border_bytes", "particles", "seconds_per_step")
         several = [row for row in rows if row["ranks"] > 1 and all(row.get(name) is not None for name in needed)]
-        for family_and_way in dict.fromkeys((row["family"], contender(row), row["way"]) for row in several):
-            most = max((row for row in several if (row["family"], contender(row), row["way"]) == family_and_way),
-                       key=lambda row: row["ranks"])
-            ones = [row for row in rows if row["ranks"] == 1 and (row["family"], contender(row)) == family_and_way[:2]]
+
+        def line_of(row):
+            return row["family"], contender(row), row["way"], sum(parts > 1 for parts in along_axes(row)) > 1
+
+        for line in dict.fromkeys(map(line_of, several)):
+            most = max((row for row in several if line_of(row) == line), key=lambda row: row["ranks"])
+            ones = [row for row in rows if row["ranks"] == 1 and line_of(row)[:2] == line[:2]]
             if not ones or not most["predicted_seconds"]:
                 continue
             counts, half = forecast(ones[0], most)
             found += [{"machine": result.machine, "compared": most["family"], "scaling": most["scaling"], "backend": most["backend"],
                        "family": family(most["backend"]), "contender": contender(most), "way": most["way"],
-                       "measured_ranks": most["ranks"], "ranks": ranks, "microseconds": seconds * 1e6, "efficiency": efficiency,
+                       "parts": "bricks" if line[3] else "slabs", "measured_ranks": most["ranks"], "ranks": ranks, "microseconds": seconds * 1e6, "efficiency": efficiency,
                        "half": half} for ranks, seconds, efficiency in counts]
     return found
 

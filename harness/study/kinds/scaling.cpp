@@ -1,4 +1,4 @@
-// The kind of study `scaling`: a scene stepped by several ranks, each with a slab of it.
+// The kind of study `scaling`: a scene stepped by several ranks, each with a part of it.
 #include <fmt/format.h>
 #include <omp.h>
 
@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "backends/disk_cache.h"
-#include "backends/layout/slabs.h"
+#include "backends/layout/decomposition.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
@@ -39,14 +39,13 @@ public:
     ScalingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
         : spec_(std::move(spec)),
           scene_(scene),
-          ranks_(parameters.at("ranks")),
           plan_(rank_plan_of(parameters.at("plan"))),
           shared_(shared) {}
 
     nlohmann::json answer(Backend&, const nlohmann::json&, const OnEvent&) override {
         State state = state_at_rest(scene_.problem);
         nlohmann::json reports = nlohmann::json::array();
-        for (const RankReport& report : run_ranks_as_threads(spec_, scene_, ranks_, plan_, state))
+        for (const RankReport& report : run_ranks_as_threads(spec_, scene_, plan_, state))
             reports.push_back(voxspring::to_json(report));
         return {{"reports", reports}, {"state", shared_.put(state)}};
     }
@@ -54,7 +53,6 @@ public:
 private:
     const BackendSpec spec_;
     const Scene& scene_;
-    const int ranks_;
     const RankPlan plan_;
     SharedState& shared_;
 };
@@ -104,7 +102,7 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
 
 void take_sizes(const std::vector<RankReport>& reports, ScalingRow& row) {
     for (const RankReport& report : reports) {
-        row.largest_slab = std::max<std::uint64_t>(row.largest_slab, report.own + report.ghosts);
+        row.largest_part = std::max<std::uint64_t>(row.largest_part, report.own + report.ghosts);
         row.ghosts += report.ghosts;
         row.border_bytes = std::max<std::uint64_t>(row.border_bytes, report.border_bytes);
         if (reports.size() == 1) continue;
@@ -127,6 +125,12 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
 const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
+/// How a scene is cut into subdomains (Decomposition).
+const std::vector<std::string> known_cuts = {"slabs", "bricks"};
+
+/// "2x2x1"
+std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.y, cut.z); }
+
 class ScalingStudy final : public StudyKind {
 public:
     void read(JsonObject& study) override {
@@ -134,6 +138,10 @@ public:
         if (const auto ways = study.find("ways")) {
             ways_.clear();
             for (const JsonValue& way : ways->array(1)) ways_.push_back(way.one_of(known_ways));
+        }
+        if (const auto cuts = study.find("cuts")) {
+            cuts_.clear();
+            for (const JsonValue& cut : cuts->array(1)) cuts_.push_back(cut.one_of(known_cuts));
         }
     }
     std::string read_scene(JsonObject& item) const override {
@@ -171,6 +179,8 @@ private:
         return std::min(most, bench.options().ranks.value_or(mpi != nullptr ? most : here));
     }
     int most_ranks(const Study& study, int limit) const;
+    std::vector<glm::ivec3> cuts_for(const Problem& problem, int ranks) const;
+    void find_cuts(const StudyBench& bench);
     void run_backend(StudyBench& bench, const BackendSpec& spec, int threads);
 
     std::vector<std::string> ways_of(int ranks, const MpiRanks* mpi, const Capabilities& capabilities) const;
@@ -179,6 +189,8 @@ private:
 
     std::vector<int> counts_ = {1, 2};
     std::vector<std::string> ways_ = known_ways;
+    std::vector<std::string> cuts_ = known_cuts;
+    std::map<int, std::vector<glm::ivec3>> cuts_of_ranks_;  ///< of the scene at hand
     int begun_ = 0;
 };
 
@@ -191,6 +203,25 @@ int ScalingStudy::most_ranks(const Study& study, int limit) const {
         }
     }
     return most;
+}
+
+/// Bricks where they have less border than slabs.
+std::vector<glm::ivec3> ScalingStudy::cuts_for(const Problem& problem, int ranks) const {
+    const glm::ivec3 slabs = Decomposition::slabs(problem, ranks);
+    if (ranks == 1) return {slabs};
+    std::vector<glm::ivec3> cuts;
+    for (const std::string& cut : cuts_) {
+        const glm::ivec3 parts = cut == "slabs" ? slabs : Decomposition::bricks(problem, ranks);
+        if (cut == "slabs" || parts != slabs) cuts.push_back(parts);
+    }
+    return cuts;
+}
+
+void ScalingStudy::find_cuts(const StudyBench& bench) {
+    cuts_of_ranks_.clear();
+    for (const int ranks : counts_of(bench.item())) {
+        if (ranks <= limit_of(bench)) cuts_of_ranks_[ranks] = cuts_for(bench.scene().problem, ranks);
+    }
 }
 
 /// By threads only where all ranks would be of this host.
@@ -220,24 +251,26 @@ class Contender {
 public:
     Contender(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {}
 
-    /// The row of that many ranks, in a process of its own: a rank that hangs is not there for the next row.
-    void measure(int ranks, const std::string& way);
+    /// The row of ranks that have these subdomains, in a process of its own: a rank that hangs is not there
+    /// for the next row.
+    void measure(glm::ivec3 cut, const std::string& way);
 
 private:
-    RankPlan plan(const std::string& way) const {
+    RankPlan plan(glm::ivec3 cut, const std::string& way) const {
         RankPlan plan{.steps = bench_.item().steps, .repetitions = bench_.study().repetitions};
         plan.start_patience = bench_.options().timeout;
         // A rank that hangs is to be named before the whole row is given up.
         plan.patience = std::min(plan.patience, plan.start_patience / 4);
         plan.devices = bench_.options().devices;
+        plan.cut = cut;
         if (way != "none" && way != "mpi") plan.way = way;
         return plan;
     }
-    RankTask task(int ranks) const;
+    RankTask task(glm::ivec3 cut) const;
     Found run_as_threads(Case& entered, const SharedState& shared) const;
     Found run_by_mpi(Case& entered, const RankTask& task, const SharedMemory& mailroom,
                      const SharedState& shared) const;
-    nlohmann::json judged(const Found& found, const std::string& way, bool keeps_bits);
+    nlohmann::json judged(const Found& found, const RankPlan& plan, const std::string& way, bool keeps_bits);
     const ReferenceSolution& solution();
     ScalingRow row_from(const std::vector<RankReport>& reports, const std::string& way) const;
 
@@ -287,7 +320,7 @@ ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std
 }
 
 Found Contender::run_as_threads(Case& entered, const SharedState& shared) const {
-    const nlohmann::json answer = entered.ask({{"do", "run"}}, "stepping its slabs");
+    const nlohmann::json answer = entered.ask({{"do", "run"}}, "stepping its parts");
     Found found;
     for (const auto& report : answer.at("reports")) found.reports.push_back(rank_report_of(report));
     shared.take(answer.at("state"), found.state);
@@ -304,7 +337,7 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
         found.reports = bench_.options().mpi->run(
             task, bench_.scene(), mailroom, entered.process().value(),
             [&] {
-                return answer = entered.ask({{"do", "run"}}, "stepping its slab");
+                return answer = entered.ask({{"do", "run"}}, "stepping its part");
             },
             found.state);
     } catch (const std::exception&) {
@@ -313,7 +346,7 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
     }
     State part;
     shared.take(answer.at("state"), part);
-    const std::vector<std::uint32_t> own = SlabCuts(problem, task.ranks).own(problem, 0);
+    const std::vector<std::uint32_t> own = Decomposition(problem, task.plan.cut).own(problem, 0);
     for (std::size_t n = 0; n < own.size(); ++n) {
         found.state.displacement[own[n]] = part.displacement[n];
         found.state.increment[own[n]] = part.increment[n];
@@ -322,11 +355,13 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
 }
 
 /// What the journal keeps: the row and what its state's bits are.
-nlohmann::json Contender::judged(const Found& found, const std::string& way, bool keeps_bits) {
+nlohmann::json Contender::judged(const Found& found, const RankPlan& plan, const std::string& way,
+                                 bool keeps_bits) {
     if (const std::string reason = different_devices(found.reports); !reason.empty())
         throw Unavailable(reason);
     const ReferenceSolution& expected = solution();
     ScalingRow row = row_from(found.reports, way);
+    row.cut = text_of(plan.cut);
     const Comparison comparison = judge(expected, found.state, spec_);
     if (!comparison.passed())
         throw std::runtime_error("does not agree with " +
@@ -340,38 +375,39 @@ nlohmann::json Contender::judged(const Found& found, const std::string& way, boo
     return {{"row", to_json(row)}, {"bits", bits}};
 }
 
-RankTask Contender::task(int ranks) const {
+RankTask Contender::task(glm::ivec3 cut) const {
     return {.scene = bench_.item().scene,
             .fingerprint = fingerprint_of(bench_.scene()),
             .backend = spec_.text(),
-            .ranks = ranks,
-            .plan = plan("mpi"),
-            .capacity = largest_message(bench_.scene())};
+            .plan = plan(cut, "mpi"),
+            .routes = routes_of(Decomposition(bench_.scene().problem, cut))};
 }
 
-void Contender::measure(int ranks, const std::string& way) {
+void Contender::measure(glm::ivec3 cut, const std::string& way) {
     const bool by_mpi = way == "mpi";
+    const RankPlan plan = this->plan(cut, way);
+    const int ranks = plan.ranks();
     (void)solution();  // takes all cores: before any process waits
     SharedState shared(bench_.scene().problem.particle_count());
-    const RankTask task = this->task(ranks);
+    const RankTask task = by_mpi ? this->task(cut) : RankTask();
     const SharedMemory mailroom =
-        SharedMemory::of_bytes(by_mpi ? Mailroom::lines(ranks, task.capacity) * sizeof(Line) : 0);
-    const CaseProgram program =
-        by_mpi ? CaseProgram{"rank", rank_parameters(task, 0, mailroom), &shared}
-               : CaseProgram{"scaling", {{"ranks", ranks}, {"plan", to_json(plan(way))}}, &shared};
+        SharedMemory::of_bytes(by_mpi ? Mailroom::lines(task.routes) * sizeof(Line) : 0);
+    const CaseProgram program = by_mpi ? CaseProgram{"rank", rank_parameters(task, 0, mailroom), &shared}
+                                       : CaseProgram{"scaling", {{"plan", to_json(plan)}}, &shared};
     auto entered = bench_.enter(spec_, program);
     if (!entered) return;
     JournalScope& scope = entered->scope();
-    const std::string name = std::to_string(ranks) + (ranks == 1 ? " rank" : " ranks by " + way);
+    const std::string name =
+        ranks == 1 ? "1 rank" : fmt::format("{} ranks of {} by {}", ranks, text_of(cut), way);
     if (scope.find(name) == nullptr) {
         const auto failure = failure_of([&] {
             try {
                 const Found found =
                     by_mpi ? run_by_mpi(*entered, task, mailroom, shared) : run_as_threads(*entered, shared);
-                // What falls asleep does so in tiles, which are cut with the slabs.
+                // What falls asleep does so in tiles, which are cut with the parts.
                 const bool keeps_bits = capabilities_of(entered->capabilities()).deterministic &&
                                         spec_.admitted_spacings_per_step() == 0;
-                scope.keep(name, judged(found, way, keeps_bits));
+                scope.keep(name, judged(found, plan, way, keeps_bits));
             } catch (const Unavailable& reason) {
                 scope.keep(name, {{"skipped", reason.what()}});
             }
@@ -432,18 +468,21 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
         if (ranks > limit_of(bench)) continue;
         bench.show(of_rank.label() + ", ranks: " + std::to_string(ranks), begun_++,
                    int(bench.specs().size() * counts_of(bench.item()).size()));
-        if (const std::string reason = ranks_refusal(bench.scene(), ranks); !reason.empty()) {
-            bench.skip(of_rank, "as " + std::to_string(ranks) + " ranks: " + reason);
-            continue;
-        }
         const std::vector<std::string> ways = ways_of(ranks, bench.options().mpi, capabilities);
         if (ranks > 1 && !capabilities.has_borders) skip_other_ways(bench, of_rank, ranks, ways);
-        for (const std::string& way : ways) contender.measure(ranks, way);
+        for (const glm::ivec3 cut : cuts_of_ranks_.at(ranks)) {
+            if (const std::string reason = cut_refusal(bench.scene(), cut); !reason.empty()) {
+                bench.skip(of_rank, fmt::format("as {} ranks: {}", ranks, reason));
+                continue;
+            }
+            for (const std::string& way : ways) contender.measure(cut, way);
+        }
     }
 }
 
 void ScalingStudy::run(StudyBench& bench) {
     begun_ = 0;
+    find_cuts(bench);
     int most = most_ranks(bench.study(), limit_of(bench));
     if (bench.options().mpi != nullptr) most = std::min(most, bench.options().mpi->ranks_here());
     const int threads = std::max(1, omp_get_num_procs() / most);
@@ -473,16 +512,16 @@ void ScalingStudy::summarise(nlohmann::json& result) const {
 
 void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
     const std::vector<Column> columns = {
-        {"scene", 0, true}, {"backend", 0, true}, {"ranks"},       {"way"},
-        {"a step"},         {"compute", 2},       {"exchange", 2}, {"waiting", 2},
-        {"efficiency"},     {"predicted", 1},     {"error", 3}};
+        {"scene", 0, true}, {"backend", 0, true}, {"ranks"},       {"cut"},        {"way"},
+        {"a step"},         {"compute", 2},       {"exchange", 2}, {"waiting", 2}, {"efficiency"},
+        {"predicted", 1},   {"error", 3}};
     std::vector<std::vector<std::string>> table;
     std::vector<Row> rows;
     std::vector<ScalingRow> scaled;
     for (const auto& json : result.at("scaling")) {
         const ScalingRow& row = scaled.emplace_back(scaling_row_from_json(json));
         rows.push_back(row.row);
-        table.push_back({row.row.identity.scene, row.row.label(), std::to_string(row.ranks), row.way,
+        table.push_back({row.row.identity.scene, row.row.label(), std::to_string(row.ranks), row.cut, row.way,
                          row.row.noise_mark() + si(row.seconds_per_step, "s"), si(row.compute_seconds, "s"),
                          si(row.exchange_seconds, "s"), si(row.waiting_seconds, "s"),
                          percent_cell(row.efficiency),

@@ -1,0 +1,409 @@
+#include "backends/layout/decomposition.h"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+
+#include "backends/physics/neighbours.h"
+
+namespace voxspring {
+namespace {
+
+using Brick = Decomposition::Brick;
+
+/// The longest first. Of axes that are equally long the one whose layers lie together in memory.
+std::array<int, 3> axes_by_length(glm::ivec3 dims) {
+    std::array<int, 3> axes = {2, 1, 0};
+    std::stable_sort(axes.begin(), axes.end(), [&](int one, int other) { return dims[one] > dims[other]; });
+    return axes;
+}
+
+/// Along how many axes at once a spring of the lattice may lead.
+int reach_of(const Problem& problem) {
+    int reach = 0;
+    for (const Direction& direction : directions()) {
+        if ((problem.group_bits >> direction.bit & 1U) == 0) continue;
+        const glm::ivec3 at = glm::abs(direction.offset);
+        reach = std::max(reach, at.x + at.y + at.z);
+    }
+    return reach;
+}
+
+/// Of a voxel, in Lattice::voxel.
+std::uint32_t index_of(glm::ivec3 at, glm::ivec3 dims) {
+    return (std::uint32_t(at.z) * std::uint32_t(dims.y) + std::uint32_t(at.y)) * std::uint32_t(dims.x) +
+           std::uint32_t(at.x);
+}
+
+bool contains(const Brick& brick, glm::ivec3 at) {
+    return glm::all(glm::greaterThanEqual(at, brick.begin)) && glm::all(glm::lessThan(at, brick.end));
+}
+
+Brick with_a_voxel_around(const Brick& brick) { return {brick.begin - 1, brick.end + 1}; }
+Brick without_its_surface(const Brick& brick) { return {brick.begin + 1, brick.end - 1}; }
+
+/// Whether there is a particle in the brick that a spring of the lattice may join to one at `at`. Springs
+/// that have been cut count too: they may be sutured.
+bool may_be_joined(const Problem& problem, const Brick& brick, glm::ivec3 at) {
+    if (!contains(with_a_voxel_around(brick), at)) return false;
+    const Lattice& lattice = problem.lattice;
+    return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+        const glm::ivec3 to = at + direction.offset;
+        return (problem.group_bits >> direction.bit & 1U) != 0 && contains(brick, to) &&
+               std::binary_search(lattice.voxel.begin(), lattice.voxel.end(), index_of(to, lattice.dims));
+    });
+}
+
+/// Where each of `parts` begins, layer by layer, and behind them the number of layers: each begins at a layer
+/// with particles, but for the first, and has about as many particles as any other. Nothing where too few
+/// layers have any.
+std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer, int parts) {
+    // Layers with particles, and the particles before each.
+    std::vector<int> layer;
+    std::vector<std::size_t> before;
+    std::size_t sum = 0;
+    for (std::size_t n = 0; n < particles_of_layer.size(); ++n) {
+        if (particles_of_layer[n] == 0) continue;
+        layer.push_back(int(n));
+        before.push_back(sum);
+        sum += particles_of_layer[n];
+    }
+    if (layer.size() < std::size_t(parts)) return {};
+    std::vector<int> begins = {0};
+    std::ptrdiff_t previous = 0;
+    for (int part = 1; part < parts; ++part) {
+        const double wanted = double(sum) * part / parts;
+        auto at = std::lower_bound(before.begin(), before.end(), wanted,
+                                   [](std::size_t particles, double w) { return double(particles) < w; }) -
+                  before.begin();
+        if (at == std::ptrdiff_t(before.size()) || (at > 0 && wanted - double(before[std::size_t(at - 1)]) <
+                                                                  double(before[std::size_t(at)]) - wanted))
+            --at;
+        // Each part has a layer with particles, those to come as well.
+        at = std::clamp(at, previous + 1, std::ptrdiff_t(layer.size()) - (parts - part));
+        begins.push_back(layer[std::size_t(at)]);
+        previous = at;
+    }
+    begins.push_back(int(particles_of_layer.size()));
+    return begins;
+}
+
+/// Cuts a lattice into bricks, or finds why it cannot.
+class Bricks {
+public:
+    Bricks(const Lattice& lattice, glm::ivec3 subdomains)
+        : lattice_(lattice),
+          subdomains_(subdomains),
+          axes_(axes_by_length(lattice.dims)),
+          is_full_(lattice.voxel.size() == lattice.voxel_count()) {
+        cut({glm::ivec3(0), lattice.dims}, is_full_ ? std::vector<std::uint32_t>() : lattice.voxel, 0);
+    }
+    const std::string& refusal() const { return refusal_; }
+    const std::vector<Brick>& bricks() const { return bricks_; }
+    /// Whether each layer of a brick has as many particles as any other: there is one in each voxel.
+    bool is_full() const { return is_full_; }
+    /// Of the particles of each brick; of a lattice that is full nothing.
+    const std::vector<std::vector<std::uint32_t>>& voxels() const { return voxels_; }
+
+private:
+    /// `voxels`: those of the brick's particles. Axes before `n` have been cut.
+    void cut(const Brick& brick, std::vector<std::uint32_t> voxels, std::size_t n) {
+        while (n < axes_.size() && subdomains_[axes_[n]] == 1) ++n;
+        if (n == axes_.size()) {
+            bricks_.push_back(brick);
+            voxels_.push_back(std::move(voxels));
+            return;
+        }
+        const int axis = axes_[n];
+        const auto layer_of = [&](std::uint32_t voxel) {
+            return std::size_t(lattice_.coordinates(voxel)[axis] - brick.begin[axis]);
+        };
+        std::vector<std::size_t> count(std::size_t(brick.end[axis] - brick.begin[axis]), is_full_ ? 1 : 0);
+        for (const std::uint32_t voxel : voxels) ++count[layer_of(voxel)];
+        const std::vector<int> begins = equal_parts(count, subdomains_[axis]);
+        if (begins.empty()) return refuse(count, axis);
+        std::vector<std::vector<std::uint32_t>> voxels_of(begins.size() - 1);
+        for (const std::uint32_t voxel : voxels) {
+            const auto next = std::upper_bound(begins.begin(), begins.end(), int(layer_of(voxel)));
+            voxels_of[std::size_t(next - begins.begin() - 1)].push_back(voxel);
+        }
+        for (std::size_t part = 0; part < voxels_of.size(); ++part) {
+            Brick piece = brick;
+            piece.begin[axis] = brick.begin[axis] + begins[part];
+            piece.end[axis] = brick.begin[axis] + begins[part + 1];
+            cut(piece, std::move(voxels_of[part]), n + 1);
+        }
+    }
+    void refuse(const std::vector<std::size_t>& count, int axis) {
+        const auto occupied = std::ptrdiff_t(count.size()) - std::count(count.begin(), count.end(), 0U);
+        refusal_ = std::to_string(occupied) + " layers with particles along " + "xyz"[axis] +
+                   " cannot be cut into " + std::to_string(subdomains_[axis]) + " parts";
+    }
+
+    const Lattice& lattice_;
+    const glm::ivec3 subdomains_;
+    const std::array<int, 3> axes_;
+    const bool is_full_;
+    std::vector<Brick> bricks_;
+    std::vector<std::vector<std::uint32_t>> voxels_;
+    std::string refusal_;
+};
+
+std::optional<std::uint32_t> index_in(const std::vector<std::uint32_t>& ascending, std::uint32_t value) {
+    const auto found = std::lower_bound(ascending.begin(), ascending.end(), value);
+    if (found == ascending.end() || *found != value) return std::nullopt;
+    return std::uint32_t(found - ascending.begin());
+}
+
+/// A brick beside another, and where its border goes.
+struct Beside {
+    Brick brick;
+    Subdomain::Border border;
+};
+
+/// Takes one subdomain out of a problem.
+class Cutting {
+public:
+    Cutting(const Problem& whole, const Brick& brick, std::vector<Beside> beside)
+        : whole_(whole), brick_(brick), beside_(std::move(beside)) {
+        const glm::ivec3 dims = whole.lattice.dims;
+        const Brick around = with_a_voxel_around(brick);
+        with_ghosts_ = {glm::max(around.begin, glm::ivec3(0)), glm::min(around.end, dims)};
+        Problem& problem = subdomain_.problem;
+        problem.materials = whole.materials;
+        problem.rest_length = whole.rest_length;
+        problem.group_stiffness = whole.group_stiffness;
+        problem.group_bits = whole.group_bits;
+        problem.gravity = whole.gravity;
+        problem.damping = whole.damping;
+        problem.time_step = whole.time_step;
+        problem.tool.stiffness = whole.tool.stiffness;
+        problem.lattice.spacing = whole.lattice.spacing;
+        problem.lattice.dims = with_ghosts_.end - with_ghosts_.begin;
+    }
+
+    Subdomain run() {
+        const Lattice& lattice = whole_.lattice;
+        for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
+            const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
+            if (!contains(with_ghosts_, at)) continue;
+            const bool own = contains(brick_, at);
+            if (own || may_be_joined(whole_, brick_, at)) take(std::uint32_t(i), at, own);
+        }
+        std::vector<std::uint8_t>& pinned = subdomain_.problem.pinned;
+        if (std::find(pinned.begin(), pinned.end(), 1) == pinned.end()) pinned.clear();
+        for (Beside& beside : beside_) {
+            Subdomain::Border& border = beside.border;
+            if (!border.sent.empty() || !border.received.empty())
+                subdomain_.borders.push_back(std::move(border));
+        }
+        return std::move(subdomain_);
+    }
+
+private:
+    void take(std::uint32_t i, glm::ivec3 at, bool own) {
+        const auto here = std::uint32_t(subdomain_.particle.size());
+        subdomain_.particle.push_back(i);
+        if (own) subdomain_.own.push_back(here);
+        share(here, at, own);
+
+        Problem& problem = subdomain_.problem;
+        problem.lattice.voxel.push_back(index_of(at - with_ghosts_.begin, problem.lattice.dims));
+        const std::uint32_t mask = whole_.lattice.mask[i];
+        problem.lattice.mask.push_back(own ? mask : (mask & (bits_to_own(at) | ACTIVE_BIT)) | PINNED_BIT);
+        problem.rest_position.push_back(whole_.rest_position[i]);
+        problem.pinned.push_back(!own || whole_.is_pinned(i) ? 1 : 0);
+        if (!own) problem.ghosts.push_back(here);
+        if (whole_.has_materials()) problem.material.push_back(whole_.material[i]);
+        if (!whole_.load.empty()) problem.load.push_back(whole_.load[i]);
+        if (own) take_hold_of(i, here);
+    }
+
+    /// With those who have it as a ghost, or whose own it is.
+    void share(std::uint32_t here, glm::ivec3 at, bool own) {
+        if (own && contains(without_its_surface(brick_), at)) return;
+        for (auto& [brick, border] : beside_) {
+            if (own && may_be_joined(whole_, brick, at)) border.sent.push_back(here);
+            if (!own && contains(brick, at)) border.received.push_back(here);
+        }
+    }
+
+    std::uint32_t bits_to_own(glm::ivec3 at) const {
+        std::uint32_t bits = 0;
+        for (const Direction& direction : directions()) {
+            if (contains(brick_, at + direction.offset)) bits |= 1U << direction.bit;
+        }
+        return bits;
+    }
+
+    /// Each particle that the tool holds is held where it is stepped.
+    void take_hold_of(std::uint32_t i, std::uint32_t here) {
+        const auto held = index_in(whole_.tool.particles, i);
+        if (!held) return;
+        Tool& tool = subdomain_.problem.tool;
+        tool.particles.push_back(here);
+        if (!whole_.tool.held.empty()) tool.held.push_back(whole_.tool.held[*held]);
+    }
+
+    const Problem& whole_;
+    const Brick brick_;
+    std::vector<Beside> beside_;
+    Brick with_ghosts_{};
+    Subdomain subdomain_;
+};
+
+/// A changed spring by its ends' numbers in a subdomain; nothing where none of them is the subdomain's own.
+std::optional<ChangedSpring> part_of(const Subdomain& subdomain, ChangedSpring changed) {
+    const auto first = index_in(subdomain.particle, changed.spring.first);
+    const auto second = index_in(subdomain.particle, changed.spring.second);
+    if (!first || !second) return std::nullopt;
+    if (!index_in(subdomain.own, *first) && !index_in(subdomain.own, *second)) return std::nullopt;
+    changed.spring.first = *first;
+    changed.spring.second = *second;
+    return changed;
+}
+
+}  // namespace
+
+State Subdomain::part_of(const State& state) const {
+    State part;
+    for (const std::uint32_t i : particle) {
+        part.displacement.push_back(state.displacement[i]);
+        part.increment.push_back(state.increment[i]);
+    }
+    return part;
+}
+
+void Subdomain::copy_own(const State& part, State& whole) const {
+    for (const std::uint32_t i : own) {
+        whole.displacement[particle[i]] = part.displacement[i];
+        whole.increment[particle[i]] = part.increment[i];
+    }
+}
+
+SpringEdit Subdomain::part_of(const SpringEdit& edit) const {
+    SpringEdit part;
+    std::vector<std::uint32_t> ends;
+    const auto take = [&](const std::vector<ChangedSpring>& from, std::vector<ChangedSpring>& to) {
+        for (const ChangedSpring& changed : from) {
+            const auto here = voxspring::part_of(*this, changed);
+            if (!here) continue;
+            to.push_back(*here);
+            ends.insert(ends.end(), {here->spring.first, here->spring.second});
+        }
+    };
+    take(edit.removed, part.removed);
+    take(edit.added, part.added);
+    std::sort(ends.begin(), ends.end());
+    for (const SpringEdit::Touched& touched : edit.touched) {
+        const auto here = index_in(particle, touched.particle);
+        if (!here || !std::binary_search(ends.begin(), ends.end(), *here)) continue;
+        const bool is_own = index_in(own, *here).has_value();
+        std::uint32_t mask = touched.mask & (ACTIVE_BIT | PINNED_BIT);
+        if (!is_own) mask |= PINNED_BIT;
+        const auto begin = std::uint32_t(part.listed.size());
+        for (ListedSpring spring : edit.springs_of(touched)) {
+            const auto neighbour = index_in(particle, spring.neighbour);
+            if (!neighbour || (!is_own && !index_in(own, *neighbour))) continue;
+            spring.neighbour = *neighbour;
+            mask |= 1U << spring.bit;
+            part.listed.push_back(spring);
+        }
+        part.touched.push_back({*here, mask, begin, std::uint32_t(part.listed.size())});
+    }
+    return part;
+}
+
+glm::ivec3 Decomposition::slabs(const Problem& problem, int subdomains) {
+    glm::ivec3 all(1);
+    all[axes_by_length(problem.lattice.dims).front()] = subdomains;
+    return all;
+}
+
+glm::ivec3 Decomposition::bricks(const Problem& problem, int subdomains) {
+    const glm::ivec3 slabs = Decomposition::slabs(problem, subdomains);
+    glm::ivec3 best = slabs;
+    std::size_t least = sent_by_busiest(problem, slabs);
+    for (int x = 1; x <= subdomains; ++x) {
+        for (int y = 1; x * y <= subdomains; ++y) {
+            const glm::ivec3 cut(x, y, subdomains / (x * y));
+            const int axes = (x > 1 ? 1 : 0) + (y > 1 ? 1 : 0) + (cut.z > 1 ? 1 : 0);
+            if (axes < 2 || x * y * cut.z != subdomains) continue;
+            const std::size_t sent = sent_by_busiest(problem, cut);
+            if (sent >= least) continue;
+            least = sent;
+            best = cut;
+        }
+    }
+    return best;
+}
+
+std::string Decomposition::refusal(const Problem& problem, glm::ivec3 subdomains) {
+    if (problem.lattice.voxel_count() == 0) return "parts are of a lattice, and the particles lie on none";
+    if (!problem.springs.empty())
+        return "a part has ghosts of one layer of voxels, and springs beyond the lattice reach farther";
+    if (glm::any(glm::lessThan(subdomains, glm::ivec3(1)))) return "a lattice cannot be cut into no part";
+    return Bricks(problem.lattice, subdomains).refusal();
+}
+
+Decomposition::Decomposition(const Problem& problem, glm::ivec3 subdomains) : reach_(reach_of(problem)) {
+    const Bricks bricks(problem.lattice, subdomains);
+    if (!bricks.refusal().empty()) throw std::logic_error(bricks.refusal());
+    bricks_ = bricks.bricks();
+}
+
+std::size_t Decomposition::sent_by_busiest(const Problem& problem, glm::ivec3 subdomains) {
+    const Lattice& lattice = problem.lattice;
+    const Bricks cut(lattice, subdomains);
+    if (!cut.refusal().empty()) return std::numeric_limits<std::size_t>::max();
+    const Decomposition decomposition(cut.bricks(), reach_of(problem));
+    std::size_t busiest = 0;
+    for (int from = 0; from < decomposition.count(); ++from) {
+        std::size_t sent = 0;
+        for (int to = 0; to < decomposition.count(); ++to) {
+            const std::size_t most = decomposition.most_sent(from, to);
+            if (most == 0) continue;
+            const std::vector<std::uint32_t>& voxels = cut.voxels()[std::size_t(from)];
+            const auto is_sent = [&](std::uint32_t voxel) {
+                return may_be_joined(problem, decomposition.brick(to), lattice.coordinates(voxel));
+            };
+            sent += cut.is_full() ? most : std::size_t(std::count_if(voxels.begin(), voxels.end(), is_sent));
+        }
+        busiest = std::max(busiest, sent);
+    }
+    return busiest;
+}
+
+std::size_t Decomposition::most_sent(int from, int to) const {
+    if (from == to) return 0;
+    const Brick &own = brick(from), &theirs = brick(to);
+    const Brick around = with_a_voxel_around(theirs);
+    const glm::ivec3 shared = glm::min(own.end, around.end) - glm::max(own.begin, around.begin);
+    if (glm::any(glm::lessThan(shared, glm::ivec3(1)))) return 0;
+    int apart = 0;
+    for (int axis = 0; axis < 3; ++axis)
+        apart += own.end[axis] <= theirs.begin[axis] || theirs.end[axis] <= own.begin[axis] ? 1 : 0;
+    return apart <= reach_ ? std::size_t(shared.x) * std::size_t(shared.y) * std::size_t(shared.z) : 0;
+}
+
+std::vector<std::uint32_t> Decomposition::own(const Problem& problem, int number) const {
+    const Lattice& lattice = problem.lattice;
+    std::vector<std::uint32_t> own;
+    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
+        if (contains(brick(number), lattice.coordinates(lattice.voxel[i]))) own.push_back(std::uint32_t(i));
+    }
+    return own;
+}
+
+Subdomain Decomposition::subdomain(const Problem& problem, int number) const {
+    std::vector<Beside> beside;
+    for (int other = 0; other < count(); ++other) {
+        if (most_sent(number, other) > 0) beside.push_back({brick(other), {other, {}, {}}});
+    }
+    return Cutting(problem, brick(number), std::move(beside)).run();
+}
+
+}  // namespace voxspring
