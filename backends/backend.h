@@ -65,6 +65,7 @@ struct Capabilities {
     /// What Backend::device_borders() takes. Empty: borders go through the host's memory alone. Where
     /// has_borders is not set they go by these ways alone.
     std::vector<std::string> border_ways = {};
+    int devices = 1;  ///< how many its API shows here, on each of which it could step a part
 };
 
 /// One timed batch of steps.

@@ -8,6 +8,9 @@ bodies of `fastest` and `figure8`: its backends in the order of their times ther
 first one that a device has and that takes the scene is chosen; of a scene that is edited the first one whose edits do not cost it
 its place: `edited` says how many steps there have to be between two of them. --check writes nothing and exits with 1 if the file is
 not what the results say.
+
+`several_devices` says of each CUDA backend from how many particles on several devices are faster than one, where a machine with
+several has a committed result of `scaling`: the largest number that the model of that study gives for any body.
 """
 
 import json
@@ -104,12 +107,36 @@ def min_steps_between_edits():
     return bounds
 
 
+def several_devices(results):
+    """Of each CUDA backend and number of ranks, each on a device of its own: the particles from which on they are faster than one
+    rank, for every body that was measured. Nothing where one of so many particles was slower."""
+    fastest = {}
+    for result in results:
+        for row in result["scaling"]:
+            if row["backend"].startswith("cuda_") and row["ranks"] > 1 and row["scaling"] == "strong" and not row.get("noisy"):
+                body = fastest.setdefault((row["backend"], row["ranks"]), {})
+                if row["scene"] not in body or row["seconds_per_step"] < body[row["scene"]]["seconds_per_step"]:
+                    body[row["scene"]] = row
+    found = []
+    for (backend, ranks), bodies_of in sorted(fastest.items()):
+        paying = [row for row in bodies_of.values() if row["efficiency"] * ranks > 1]
+        # Where borders travel within steps the model says nothing.
+        particles = max((row["pays_from_particles"] or row["particles"] for row in paying), default=math.inf)
+        if all(row in paying or row["particles"] < particles for row in bodies_of.values()) and paying:
+            found.append({"backend": backend, "devices": ranks, "particles": round(particles)})
+    return found
+
+
 def main():
     commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
                for study, machine in (("fastest", rows.GPU), ("figure8", rows.GPU), ("edits", rows.GPU), ("fastest", rows.CPU))}
     blocks = ",\n".join("    " + json.dumps(rule) for rule in rules())
+    scaling = [path for path in result_files.committed(rows.RESULTS) if result_files.study_of(path) == "scaling"]
+    results = [rows.loaded(path) for path in scaling]
+    commits |= {f"{path.parent.name}/scaling": result["context"]["voxspring"]["commit"] for path, result in zip(scaling, results)}
+    several = json.dumps(several_devices(results))
     edited = json.dumps({"min_steps_between_edits": min_steps_between_edits()})
-    text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n'
+    text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n  "several_devices": {several},\n'
             f'  "rules": [\n{blocks}\n  ]\n}}\n')
     if "--check" in sys.argv[1:]:
         if not FILE.exists() or FILE.read_text() != text:

@@ -313,6 +313,20 @@ TEST(Auto, TakesWhatRunsTheSceneOnThisMachine) {
     EXPECT_THROW(choose_backend("auto:precision=half", scene, accepts), BadSpecification);
 }
 
+TEST(Auto, SaysWhereSeveralDevicesAreFaster) {
+    const std::vector<SeveralDevices> measured = {
+        {"cuda_march", 2, 1e6}, {"cuda_march", 4, 4e6}, {"cuda_implicit_cached", 8, 1}};
+    const auto said = [&](std::uint64_t particles, int here) {
+        return advice_on_devices(measured, "cuda_march", {.particles = particles}, here);
+    };
+    EXPECT_EQ(said(999'999, 8), "");
+    EXPECT_EQ(said(1'000'000, 1), "");
+    EXPECT_EQ(said(1'000'000, 8), "2 devices are faster, see voxspring advise SCENE --devices 2");
+    EXPECT_EQ(said(5'000'000, 3), said(1'000'000, 8));
+    EXPECT_EQ(said(5'000'000, 4), "4 devices are faster, see voxspring advise SCENE --devices 4");
+    EXPECT_EQ(advice_on_devices({}, "cuda_march", {.particles = 1'000'000'000}, 8), "");
+}
+
 TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
     Scene scene = load_scene("box@4");
     scene.problem.springs.push_back({0, 63, 1, 5});

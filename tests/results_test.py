@@ -37,6 +37,28 @@ def run(*command, **more):
 class AutoRules(unittest.TestCase):
     """results/auto_rules.py, on made-up medians of one machine."""
 
+    def test_several_devices_are_advised_from_the_size_on_that_pays_for_every_body(self):
+        def row(scene, particles, ranks, efficiency, pays, **more):
+            return {"scene": scene, "backend": "cuda_march", "scaling": "strong", "particles": particles, "ranks": ranks,
+                    "seconds_per_step": 1 / efficiency, "efficiency": efficiency, "pays_from_particles": pays, "noisy": []} | more
+
+        one, two = row("box", 1000, 1, 1.0, None), row("box", 1000, 2, 0.8, 400.0)
+        self.assertEqual(auto_rules.several_devices([]), [])
+        self.assertEqual(auto_rules.several_devices([{"scaling": [one]}]), [])
+        advised = [{"backend": "cuda_march", "devices": 2, "particles": 600}]
+        heart = row("heart", 900, 2, 0.7, 600.0)
+        self.assertEqual(auto_rules.several_devices([{"scaling": [one, two]}, {"scaling": [heart]}]), advised)
+        # Another way that is slower, what shares a device, what grows, a smaller body that does not pay.
+        more = [row("heart", 900, 2, 0.6, 5000.0), row("ball", 900, 2, 0.9, 9000.0, noisy=["ranks share a device"]),
+                row("growing", 900, 2, 0.9, 9000.0, scaling="weak"), row("small", 100, 2, 0.3, 800.0),
+                row("box", 1000, 2, 0.9, 1.0, backend="cpu_parallel")]
+        self.assertEqual(auto_rules.several_devices([{"scaling": [one, two, heart, *more]}]), advised)
+        # One that is larger and does not pay contradicts them.
+        self.assertEqual(auto_rules.several_devices([{"scaling": [two, row("net", 5000, 2, 0.4, None)]}]), [])
+        resident = row("box", 1000, 2, 0.8, None, backend="cuda_resident")
+        self.assertEqual(auto_rules.several_devices([{"scaling": [resident]}]),
+                         [{"backend": "cuda_resident", "devices": 2, "particles": 1000}])
+
     @staticmethod
     def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
         name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)

@@ -528,6 +528,17 @@ TEST_F(StudyKinds, ScalingPredictsTheLongerOfStepAndExchangeWhereTheyOverlap) {
     EXPECT_NEAR(predicted("nccl_overlap", 299e-6), 300e-6, 1e-12);
 }
 
+TEST(ScalingKind, LeavesWhatCannotStepAPartOutOfWhatAutoChooses) {
+    const auto scaling = make_study_kind("scaling");
+    EXPECT_FALSE(scaling->takes({}));
+    Capabilities gives_borders, steps_together;
+    gives_borders.has_borders = true;
+    steps_together.border_ways = {"stores"};
+    EXPECT_TRUE(scaling->takes(gives_borders));
+    EXPECT_TRUE(scaling->takes(steps_together));
+    EXPECT_TRUE(make_study_kind("timing")->takes({}));
+}
+
 TEST_F(StudyKinds, ScalingHasARankADeviceAtMost) {
     const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 3,
         "ranks": [1, 2, 3, 4], "backends": ["cpu_reference"], "scenes": [{"scene": "box@6"}]})");

@@ -32,7 +32,8 @@ Capabilities CudaBackend::capabilities() const {
             .family = ApiFamily::cuda,
             .limits_of = "CUDA",
             .has_borders = gives_borders(),
-            .border_ways = gives_borders() ? border_ways(splits_steps()) : std::vector<std::string>()};
+            .border_ways = gives_borders() ? border_ways(splits_steps()) : std::vector<std::string>(),
+            .devices = device_.count()};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

@@ -53,11 +53,10 @@ Device::Device() {
     int driver = 0;
     require(cudaDriverGetVersion(&driver), "no CUDA driver");
     if (driver == 0) throw Unavailable("no NVIDIA driver is installed");
-    int count = 0;
-    require(cudaGetDeviceCount(&count), "no CUDA device");
-    if (count == 0) throw Unavailable("no CUDA device");
-    number_ = DeviceOfThread::now().among(count, "CUDA");
-    parts_ = DeviceOfThread::now().parts_among(count);
+    require(cudaGetDeviceCount(&count_), "no CUDA device");
+    if (count_ == 0) throw Unavailable("no CUDA device");
+    number_ = DeviceOfThread::now().among(count_, "CUDA");
+    parts_ = DeviceOfThread::now().parts_among(count_);
     require(cudaSetDevice(number_), "no CUDA context");
     cudaDeviceProp properties{};
     require(cudaGetDeviceProperties(&properties, number_), "no CUDA context");

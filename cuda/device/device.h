@@ -16,6 +16,8 @@ public:
 
     /// As CUDA counts it.
     int number() const { return number_; }
+    /// How many devices CUDA shows.
+    int count() const { return count_; }
     /// Parts of a body that are stepped on it at once, and share its multiprocessors.
     int parts() const { return parts_; }
     const std::string& name() const { return name_; }
@@ -54,6 +56,7 @@ public:
 
 private:
     int number_ = 0;
+    int count_ = 0;
     int parts_ = 1;
     std::string name_, uuid_;
     std::size_t max_texels_ = 0;

@@ -45,7 +45,8 @@ nlohmann::json to_json(const Capabilities& capabilities) {
             {"software", capabilities.is_software},
             {"limits_of", capabilities.limits_of},
             {"borders", capabilities.has_borders},
-            {"border_ways", capabilities.border_ways}};
+            {"border_ways", capabilities.border_ways},
+            {"devices", capabilities.devices}};
 }
 
 Capabilities capabilities_of(const nlohmann::json& json) {
@@ -61,7 +62,8 @@ Capabilities capabilities_of(const nlohmann::json& json) {
             .is_software = json.value("software", device.ends_with(", software")),
             .limits_of = json.value("limits_of", ""),
             .has_borders = json.value("borders", false),
-            .border_ways = json.value("border_ways", std::vector<std::string>())};
+            .border_ways = json.value("border_ways", std::vector<std::string>()),
+            .devices = json.value("devices", 1)};
 }
 
 }  // namespace voxspring

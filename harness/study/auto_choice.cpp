@@ -39,6 +39,8 @@ std::string reason_for(const std::string& backend) {
 
 bool is_software(const nlohmann::json& backend) { return capabilities_of(backend).is_software; }
 
+nlohmann::json rule_file() { return nlohmann::json::parse(auto_rule_files.at("auto_rules.json")); }
+
 std::string count_text(std::uint64_t count) {
     if (count < 1000000) return std::to_string(count);
     return std::to_string(std::llround(double(count) * 1e-6)) + " million";
@@ -72,7 +74,7 @@ std::string options_of(const std::string& text) {
 const std::vector<Rule>& rules() {
     static const std::vector<Rule> list = [] {
         std::vector<Rule> all;
-        const auto file = nlohmann::json::parse(auto_rule_files.at("auto_rules.json"));
+        const nlohmann::json file = rule_file();
         const auto bound = [](const nlohmann::json& value) {
             return value.is_null() ? any_number : value.get<double>();
         };
@@ -93,6 +95,29 @@ const std::vector<Rule>& rules() {
         return all;
     }();
     return list;
+}
+
+const std::vector<SeveralDevices>& several_devices() {
+    static const std::vector<SeveralDevices> list = [] {
+        std::vector<SeveralDevices> all;
+        for (const auto& measured : rule_file().at("several_devices"))
+            all.push_back({measured.at("backend"), measured.at("devices"), measured.at("particles")});
+        return all;
+    }();
+    return list;
+}
+
+std::string advice_on_devices(const std::vector<SeveralDevices>& measured, const std::string& backend,
+                              const Workload& workload, int here) {
+    int most = 1;
+    for (const SeveralDevices& several : measured) {
+        if (several.backend == backend && several.devices <= here &&
+            double(workload.particles) >= several.min_particles)
+            most = std::max(most, several.devices);
+    }
+    if (most == 1) return {};
+    const std::string count = std::to_string(most);
+    return count + " devices are faster, see voxspring advise SCENE --devices " + count;
 }
 
 Workload workload_of(const Scene& scene) {
@@ -132,7 +157,7 @@ void check_auto(const std::string& text) {
 bool may_be_chosen(const Capabilities& capabilities) { return !capabilities.is_software; }
 
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
-                       const std::function<bool(const BackendSpec&)>& takes) {
+                       const std::function<std::optional<Capabilities>(const BackendSpec&)>& takes) {
     check_auto(text);
     const Workload workload = workload_of(scene);
     const std::string options = options_of(text);
@@ -141,7 +166,13 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
         const std::string both = options + (options.empty() || rule.tuning.empty() ? "" : ",") + rule.tuning;
         try {
             BackendSpec spec = BackendSpec::parse(rule.backend + (both.empty() ? "" : ":" + both));
-            if (takes(spec)) return {std::move(spec), said(rule, workload)};
+            const std::optional<Capabilities> taken = takes(spec);
+            if (!taken) continue;
+            std::string reason = said(rule, workload);
+            const std::string advice =
+                advice_on_devices(several_devices(), rule.backend, workload, taken->devices);
+            if (!advice.empty()) reason += "; " + advice;
+            return {std::move(spec), std::move(reason)};
         } catch (const BadSpecification&) {
             // It does not have this formulation or precision.
         } catch (const Unavailable&) {
@@ -156,7 +187,8 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
     std::unique_ptr<Backend> backend;
     Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();
-        return may_be_chosen(backend->capabilities()) && accepts(*backend);
+        const bool taken = may_be_chosen(backend->capabilities()) && accepts(*backend);
+        return taken ? std::optional(backend->capabilities()) : std::nullopt;
     });
     return {std::move(chosen), std::move(backend)};
 }

@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -42,6 +43,19 @@ struct Rule {
 const std::vector<Rule>& rules();
 bool holds(const Rule& rule, const Workload& workload);
 
+/// From how many particles on a body is stepped faster by several devices than by one.
+struct SeveralDevices {
+    std::string backend;
+    int devices;
+    double min_particles;
+};
+/// What committed results of `scaling` say, in auto_rules.json: nothing of what they have not measured.
+const std::vector<SeveralDevices>& several_devices();
+/// Empty, or what to do where several of the `here` devices that a backend has would be faster than one:
+/// "2 devices are faster, see voxspring advise SCENE --devices 2".
+std::string advice_on_devices(const std::vector<SeveralDevices>& measured, const std::string& backend,
+                              const Workload& workload, int here);
+
 /// "a full lattice of 134 million voxels", "29449 particles, 21% of 140760 voxels".
 std::string describe(const Workload& workload);
 
@@ -61,10 +75,10 @@ bool asks_for_auto(const std::string& text);
 /// other keys, and Unavailable if no backend of this build takes the scene.
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(const Backend&)>& accepts);
-/// The same where nothing is to be constructed here: `takes` says of a backend whether it is available, may
-/// be chosen and takes the scene.
+/// The same where nothing is to be constructed here: `takes` gives the capabilities of a backend that is
+/// available, may be chosen and takes the scene, and nothing of others.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
-                       const std::function<bool(const BackendSpec&)>& takes);
+                       const std::function<std::optional<Capabilities>(const BackendSpec&)>& takes);
 /// Whether the rules may choose it: a graphics API in software never.
 bool may_be_chosen(const Capabilities& capabilities);
 /// Checks what follows "auto". Throws BadSpecification.

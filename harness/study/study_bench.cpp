@@ -159,16 +159,19 @@ void StudyBench::add_failure(Case& benchmark_case) {
 
 /// `patterns` with what the rules take for the scene in the place of "auto"; each choice is a row of `auto`.
 std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patterns) {
+    const std::unique_ptr<StudyKind> kind = make_study_kind(study_.kind);
     for (std::string& pattern : patterns) {
         if (!asks_for_auto(pattern)) continue;
         const Chosen choice = choose_by_rules(pattern, *scene_, [&](const BackendSpec& spec) {
-            bool accepted = false;
+            std::optional<Capabilities> taken;
             (void)failure_of([&] {
                 const nlohmann::json introduction = introduce(spec, workers_, options_.timeout);
-                accepted = may_be_chosen(capabilities_of(introduction.at("capabilities"))) &&
-                           introduction.at("unsupported") == "";
+                const Capabilities capabilities = capabilities_of(introduction.at("capabilities"));
+                if (may_be_chosen(capabilities) && kind->takes(capabilities) &&
+                    introduction.at("unsupported") == "")
+                    taken = capabilities;
             });
-            return accepted;
+            return taken;
         });
         Row row = row_of(scene_->name, choice.spec);
         row.pattern = pattern;

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/backend.h"
 #include "harness/base/json.h"
 #include "harness/results/table.h"
 #include "harness/scene/scene.h"
@@ -38,6 +39,8 @@ public:
 
     /// Whether the scene can be studied so, before anything is measured.
     virtual void check(const Study& study, const StudyScene& item, const Scene& scene) const;
+    /// Whether it measures backends with these capabilities, so that `auto` may choose one.
+    virtual bool takes(const Capabilities&) const { return true; }
     /// How many rows a case that runs adds to the result, as far as that is known beforehand.
     virtual int rows_of_case(const Study& study, const StudyScene& item) const;
     /// How many steps a case takes, all repetitions and time steps together: what the time left is estimated

@@ -149,6 +149,9 @@ public:
         if (const auto weak = item.find("weak")) (void)weak->string();
         return StudyKind::read_scene(item);
     }
+    bool takes(const Capabilities& capabilities) const override {
+        return capabilities.has_borders || !capabilities.border_ways.empty();
+    }
     int rows_of_case(const Study&, const StudyScene& item) const override {
         return int(counts_of(item).size());
     }
