@@ -1,6 +1,8 @@
 #include "harness/study/study_bench.h"
 
 #include <algorithm>
+#include <memory>
+#include <optional>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -10,6 +12,7 @@
 #include "harness/results/capabilities.h"
 #include "harness/study/auto_choice.h"
 #include "harness/study/selection.h"
+#include "harness/study/study_kind.h"
 
 namespace voxspring {
 namespace {
