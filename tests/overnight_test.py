@@ -4,6 +4,7 @@ FAULTY names the program with tests/faulty_backends.cpp in it; the current direc
 """
 
 import collections
+import contextlib
 import ctypes
 import fcntl
 import json
@@ -329,6 +330,24 @@ class Interruptions(Overnight):
                                  name.startswith("2 cpu_reference/increment/float64 repetition") for name in before) and
                                  "2 cpu_reference/increment/float64 repetition 9" not in before else set()))
             self.assertFalse(self.journal.exists())
+
+    def test_where_memory_runs_out_a_worker_is_ended_and_not_the_study(self):
+        ran = self.begin()
+        of_study = int(pathlib.Path(f"/proc/{ran.pid}/oom_score_adj").read_text())
+        self.assertLess(of_study, 1000)
+
+        def of_others():
+            # A process may end between the two, and the one that starts workers is as the study.
+            found = []
+            for process in set(processes()) - self.before - {ran.pid}:
+                with contextlib.suppress(OSError):
+                    found.append(int(pathlib.Path(f"/proc/{process}/oom_score_adj").read_text()))
+            return found
+
+        self.wait_for(lambda: sorted(set(of_others())) == [of_study, 1000], "no worker offers itself")
+        ran.kill()
+        ran.communicate()
+        self.assert_nothing_runs()
 
     def test_a_second_ctrl_c_stops_at_once(self):
         self.study(backends=["faulty_hangs"], scenes=[{"scene": "box@4"}])

@@ -9,6 +9,7 @@
 #include <csignal>
 #include <ctime>
 #include <exception>
+#include <fstream>
 #include <new>
 #include <optional>
 #include <sstream>
@@ -30,6 +31,9 @@ double cpu_seconds_of_process() {
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
     return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
 }
+
+/// Where memory runs out the system ends this process before the study, which has all that is finished.
+void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  // the most
 
 /// Returns once the threads of this process are idle. Those of OpenMP spin for some milliseconds after their
 /// work; a driver whose threads never rest is not waited for.
@@ -76,6 +80,7 @@ void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, con
                      const MakeAnswerer& make) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != launcher) _exit(1);  // it died before that
+    be_ended_first();
     std::optional<Scene> later_scene;
     std::unique_ptr<Answerer> answerer;
     const auto become = [&](const nlohmann::json& question) {
