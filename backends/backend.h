@@ -158,9 +158,9 @@ public:
     /// Unavailable, with the reason, where the devices have no such way to each other.
     virtual void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) = 0;
     /// How many steps a call of Backend::step() may take where borders travel within them. All parts are then
-    /// to be ready for their calls before one of them makes its own: until all have made it, a device that
-    /// several parts share may wait for one of them, and so may all that waits for this device. 0: borders
-    /// travel between steps.
+    /// to be ready for their calls before one of them makes its own, and have made it before one of them asks
+    /// for anything else: until then a device that several parts share may wait for one of them, and so may
+    /// all that waits for this device. 0: borders travel between steps.
     virtual int steps_a_call() const { return 0; }
     /// Enqueues: the places, as the steps so far leave them, go to the parts beside this one. Nothing where
     /// borders travel within steps, and so does receive().

@@ -443,8 +443,10 @@ State stepped_together(int ranks, const BackendSpec& spec, const Problem& whole,
                 apply(edited, edit);
                 if (!edit.empty()) backend->edit(edited, edit);
             }
-            meeting.arrive_and_wait();  // DeviceBorders::steps_a_call()
+            // DeviceBorders::steps_a_call(): before and after, each may wait for all that its device does.
+            meeting.arrive_and_wait();
             backend->step(counts[n]);
+            meeting.arrive_and_wait();
         }
         const State stepped = backend->download();
         const std::lock_guard lock(mutex);

@@ -377,7 +377,9 @@ private:
     const std::shared_ptr<DeviceBorders> inner_;
 };
 
-/// Its edits take long on one rank; no other may be in the steps after them meanwhile.
+/// Its edits take long on one rank; no other may be in the steps after them meanwhile. Another rank is late
+/// for its steps; nobody may edit before it has begun them, since an edit may wait for all that a device
+/// does.
 class WithinSteps final : public Wrapped {
 public:
     WithinSteps() {
@@ -401,6 +403,12 @@ public:
     }
     void edit(const Problem& edited, const SpringEdit& edit) override {
         if (edit.empty()) throw std::logic_error("an edit of nothing");
+        {
+            const std::lock_guard lock(mutex_);
+            for (const WithinSteps* other : all_) {
+                if (other->calls_ < calls_) throw std::logic_error("a rank had yet to step");
+            }
+        }
         edits_ = true;
         if (is_first_) std::this_thread::sleep_for(std::chrono::milliseconds(5));
         Wrapped::edit(edited, edit);
@@ -410,9 +418,11 @@ public:
 private:
     void begin(const Problem& problem, const State& state) override {
         is_first_ = problem.rest_position.front().z == 0;
+        is_last_ = problem.rest_position.back().z == 28;
         Wrapped::begin(problem, state);
     }
     void integrate(int count) override {
+        if (is_last_) std::this_thread::sleep_for(std::chrono::milliseconds(2));
         ++calls_;
         {
             const std::lock_guard lock(mutex_);
@@ -429,7 +439,7 @@ private:
     inline static std::mutex mutex_;
     inline static std::vector<const WithinSteps*> all_;
     std::shared_ptr<BordersInSteps> borders_;
-    bool is_first_ = false;
+    bool is_first_ = false, is_last_ = false;
     std::atomic<bool> edits_ = false;
     std::atomic<int> calls_ = 0;
 };

@@ -49,14 +49,15 @@ int RankBackend::steps_a_call() const {
 }
 
 /// The devices wait for each other within these steps. A rank that allocates or frees memory, or loads a
-/// kernel, may wait for all that runs on its device: so each does that before they meet, and enqueues its
-/// steps and nothing else once all are here.
+/// kernel, may wait for all that runs on its device, and keep others from enqueueing meanwhile. So each does
+/// that before all meet or after they have met again, and enqueues its steps and nothing else in between.
 void RankBackend::step_and_exchange(int count) {
     for (int most = steps_a_call(); count > 0; count -= most) {
         const auto begin = Clock::now();
         meet(exchange_);
         const auto here = Clock::now();
         inner_.step(std::min(count, most));
+        meet(exchange_);  // the devices step meanwhile
         if (waits_) inner_.synchronize();
         seconds_.waiting += seconds_from(begin, here);
         seconds_.compute += seconds_from(here, Clock::now());
