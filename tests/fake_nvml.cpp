@@ -44,8 +44,8 @@ struct Process {
     unsigned gpu_instance, compute_instance;
 };
 
-unsigned fake_clocks_mhz[2] = {1980, 1980};  // the first four times, and from then on
-unsigned fake_clock_asked = 0;
+unsigned fake_clock_mhz = 1980;
+unsigned fake_clock_falls_mhz = 0;  // each time it is asked
 unsigned fake_strangers = 0;
 bool fake_lists_workers = true;
 
@@ -89,7 +89,8 @@ int nvmlDeviceGetHandleByUUID(const char* uuid, void** device) {
 }
 
 int nvmlDeviceGetClockInfo(void*, int type, unsigned* mhz) {
-    *mhz = fake_clocks_mhz[fake_clock_asked++ < 4 ? 0 : 1];
+    *mhz = fake_clock_mhz;
+    fake_clock_mhz -= fake_clock_falls_mhz;
     return type == 1 ? 0 : 2;  // of multiprocessors
 }
 
