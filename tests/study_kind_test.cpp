@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <map>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -603,6 +604,24 @@ TEST_F(StudyKinds, ASceneIsMeasuredOnceHoweverManyGlobsMatchIt) {
     options.scenes = {"box*", "box@4", "box@6", "box@6"};
     const nlohmann::json result = run_study(timing_of({{"box@4", 3, {}}, {"box@5", 3, {}}}), options);
     EXPECT_EQ(result.at("verification").size(), 3u) << "box@4, box@5 and box@6";
+}
+
+TEST_F(StudyKinds, ALargeSceneTakesFewerStepsWhereTheStudySaysSo) {
+    (void)write("cut.json", R"({"dataset": {"type": "box", "dims": [6, 6, 6]},
+        "edits": [{"step": 2, "cut": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}}}]})");
+    const std::string study =
+        write("short.json", R"({"most_particle_steps": 200, "steps": 3, "repetitions": 2,
+        "total_error": false, "backends": ["cpu_reference"],
+        "scenes": [{"scene": "box@4"}, {"scene": "box@5"}, {"scene": "box@6"}, {"scene": "cut.json"}]})");
+    std::map<std::string, int> steps, errors_after;
+    const nlohmann::json result = run_study(load_study(study), {});
+    for (const auto& row : result.at("benchmarks")) {
+        if (row.at("run_type") == "iteration") steps[row.at("scene")] = row.at("iterations");
+        errors_after[row.at("scene")] = row.at("error_steps");
+    }
+    const std::map<std::string, int> expected = {{"box@4", 3}, {"box@5", 1}, {"box@6", 1}, {"cut.json", 3}};
+    EXPECT_EQ(steps, expected);
+    EXPECT_EQ(errors_after, expected);
 }
 
 TEST_F(StudyKinds, StepsBeyondWhatCanBeCountedAreRefused) {

@@ -1,4 +1,7 @@
 // The kind of study `timing`: the time of a step, with its errors.
+#include <algorithm>
+#include <cstdint>
+
 #include "harness/results/result.h"
 #include "harness/study/measure.h"
 #include "harness/study/study_kind.h"
@@ -11,28 +14,38 @@ public:
     void read(JsonObject& study) override {
         if (const auto total = study.find("total_error")) total_error_ = total->boolean();
         if (const auto times = study.find("start_times")) start_times_ = times->boolean();
+        if (const auto most = study.find("most_particle_steps"))
+            most_particle_steps_ = most->integer(1, max_particle_steps);
     }
     std::string read_scene(JsonObject& item) const override {
         if (const auto times = item.find("start_times")) (void)times->boolean();
         return StudyKind::read_scene(item);
     }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
-        check_batch(study, scene, batch_of(study, item));
+        check_batch(study, scene, batch_of(study, item, scene));
     }
-    void run(StudyBench& bench) override { measure(bench, batch_of(bench.study(), bench.item())); }
+    void run(StudyBench& bench) override {
+        measure(bench, batch_of(bench.study(), bench.item(), bench.scene()));
+    }
     void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
         print_table(result, out, width);
     }
 
 private:
-    Batch batch_of(const Study& study, const StudyScene& item) const {
-        return {.steps = item.steps,
+    /// Edits belong to the steps of their scene, which are then made all.
+    Batch batch_of(const Study& study, const StudyScene& item, const Scene& scene) const {
+        const auto most = most_particle_steps_ / std::int64_t(scene.problem.particle_count());
+        const bool fewer = scene.edits.empty() && most < item.steps;
+        return {.steps = fewer ? int(std::max<std::int64_t>(most, 1)) : item.steps,
                 .repetitions = study.repetitions,
                 .total_error = total_error_,
                 .start_times = item.settings.value("start_times", start_times_)};
     }
 
+    static constexpr std::int64_t max_particle_steps = 1'000'000'000'000;
+
     bool total_error_ = true, start_times_ = true;
+    std::int64_t most_particle_steps_ = max_particle_steps;
 };
 
 const RegisteredStudyKind timing_kind("timing", [] { return std::make_unique<TimingStudy>(); });
