@@ -21,6 +21,7 @@
 #include "backends/device_choice.h"
 #include "harness/ranks/mailboxes.h"
 #include "harness/ranks/rank_run.h"
+#include "harness/ranks/sample.h"
 #include "harness/scene/scene_runner.h"
 #include "tests/support.h"
 
@@ -171,6 +172,70 @@ TEST(RankRuns, GiveTheBitsOfOneRank) {
             EXPECT_EQ(to_json(rank_report_of(to_json(report))), to_json(report));
         }
         EXPECT_EQ(own, whole.problem.particle_count());
+    }
+}
+
+/// After so many steps in float64.
+State stepped(const Scene& scene, int steps) {
+    const std::unique_ptr<Backend> backend = BackendSpec::parse("cpu_reference").make();
+    SceneRunner runner(scene);
+    runner.rewind(*backend);
+    runner.run(*backend, steps);
+    return backend->download();
+}
+
+State part_of(const State& state, const std::vector<std::uint32_t>& particles) {
+    State part;
+    for (const std::uint32_t i : particles) {
+        part.displacement.push_back(state.displacement[i]);
+        part.increment.push_back(state.increment[i]);
+    }
+    return part;
+}
+
+TEST(Samples, DependOnTheLayersAroundThemAndOnNothingElse) {
+    const Scene whole = scene();
+    constexpr int layers = 3, steps = 5;
+    ASSERT_EQ(Sample::refusal(whole, layers), "");
+    ASSERT_LT(whole.edits.front().step, steps);
+    const State expected = stepped(whole, steps);
+    const std::vector<Decomposition::Brick> bricks = Sample::bricks(whole, layers);
+    ASSERT_EQ(bricks.size(), 3u);
+    std::vector<std::uint32_t> particles;
+    for (const Decomposition::Brick& brick : bricks) {
+        const Sample sample(whole, brick, steps);
+        EXPECT_LT(sample.around.problem.particle_count(), whole.problem.particle_count());
+        const State of_sample = part_of(expected, sample.particle);
+        expect_same_bits(part_of(stepped(sample.around, steps), sample.in_around), of_sample);
+        const Sample narrow(whole, brick, 1);
+        EXPECT_NE(part_of(stepped(narrow.around, steps), narrow.in_around).displacement,
+                  of_sample.displacement);
+        particles.insert(particles.end(), sample.particle.begin(), sample.particle.end());
+    }
+    EXPECT_EQ(particles, Sample::particles(whole.problem, bricks));
+    EXPECT_THAT(Sample::refusal(whole, 9), HasSubstr("more than the 29 of the body"));
+}
+
+TEST(RankRuns, LeaveTheStateOfASample) {
+    const Scene whole = scene();
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:threads=1");
+    State all = state_at_rest(whole.problem);
+    (void)run_ranks_as_threads(spec, whole, plan_of(1), all);
+    for (const glm::ivec3 cut : {glm::ivec3(1), {1, 1, 3}, {2, 1, 2}}) {
+        RankPlan sampling = plan_of(cut);
+        sampling.sampled = Sample::bricks(whole, 2);
+        EXPECT_EQ(to_json(rank_plan_of(to_json(sampling))), to_json(sampling));
+        State state = room_for_state(whole.problem, sampling);
+        (void)run_ranks_as_threads(spec, whole, sampling, state);
+        expect_same_bits(state, part_of(all, Sample::particles(whole.problem, sampling.sampled)));
+        std::vector<std::uint32_t> places;
+        for (int rank = 0; rank < sampling.ranks(); ++rank) {
+            const auto of_rank = places_of_rank(whole.problem, sampling, rank);
+            places.insert(places.end(), of_rank.begin(), of_rank.end());
+        }
+        std::sort(places.begin(), places.end());
+        EXPECT_EQ(places.size(), state.displacement.size());
+        EXPECT_EQ(std::unique(places.begin(), places.end()), places.end()) << "each has its own";
     }
 }
 

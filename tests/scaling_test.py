@@ -87,6 +87,17 @@ class Scaling(unittest.TestCase):
             self.assertEqual([row["same_bits"] for row in of_scene], [None] + 8 * [True])
         self.assertEqual(ran.stdout.count("written:"), 1, "rank 0 alone prints")
 
+    def test_a_sample_is_gathered_from_all_ranks(self):
+        self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3],
+                   scenes=[{"scene": "heart@15x17x23", "sample_layers": 2}])
+        self.run_study(3)
+        rows = self.result()["scaling"]
+        self.assertEqual(self.result()["failed"], [])
+        self.assertEqual([row["way"] for row in rows], ["none", "memory", "mpi", "memory", "mpi"])
+        self.assertEqual([row["same_bits"] for row in rows], [None] + 4 * [True])
+        for row in rows:
+            self.assertLess(row["judged_particles"], row["particles"])
+
     def test_a_part_that_crashes_or_hangs_fails_its_row_alone(self):
         self.study(backends=["part_crashes", "part_hangs", "cpu_reference:formulation=position"], ranks=[2],
                    scenes=[{"scene": "box@6"}])

@@ -155,6 +155,42 @@ const Registered with_devices({.name = "on_devices",
                                .make = [](const Options&) { return std::make_unique<OnDevices>(); },
                                .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 
+/// cpu_reference, and one layer of voxels elsewhere.
+class Nudged final : public CpuBackend {
+public:
+    explicit Nudged(double z) : z_(z) {}
+    Capabilities capabilities() const override { return inner_->capabilities(); }
+    void upload(const Problem& problem, const State& state) override {
+        problem_ = &problem;
+        inner_->upload(problem, state);
+    }
+    void edit(const Problem&, const SpringEdit&) override {}
+    void step(int count) override { inner_->step(count); }
+    State download() override {
+        State state = inner_->download();
+        for (std::size_t i = 0; i < state.displacement.size(); ++i) {
+            if (problem_->rest_position[i].z == z_) state.displacement[i].x += 1e-3;
+        }
+        return state;
+    }
+    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+
+private:
+    const double z_;
+    const Problem* problem_ = nullptr;
+    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
+};
+Registered nudged(const std::string& name, double z) {
+    return Registered({.name = name,
+                       .summary = "A backend for this test.",
+                       .precisions = {Precision::float64},
+                       .formulations = {Formulation::increment},
+                       .tuning = {},
+                       .make = [z](const Options&) { return std::make_unique<Nudged>(z); },
+                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+const Registered nudged_in_sample = nudged("nudged_12", 12), nudged_beside = nudged("nudged_7", 7);
+
 const Registered all[] = {disguised("device_1", ApiFamily::opengl), disguised("device_2", ApiFamily::opengl),
                           disguised("device_3", ApiFamily::opengl),
                           disguised("device_killed", ApiFamily::opengl),
@@ -503,6 +539,38 @@ TEST_F(StudyKinds, ScalingMeasuresTheWaysThatAreAskedFor) {
     using Ways = std::vector<std::string>;
     EXPECT_EQ(ways(R"(["memory", "peer"])"), (Ways{"none", "memory"}));
     EXPECT_EQ(ways(R"(["peer"])"), Ways{"none"});
+}
+
+TEST_F(StudyKinds, ScalingVerifiesASampleWhereItIsAskedTo) {
+    const auto measured = [&](const std::string& backends, const std::string& layers, int ranks = 2) {
+        const std::string file = write("scaling.json", R"({"kind": "scaling", "repetitions": 1, "steps": 4,
+            "backends": [)" + backends + R"(], "scenes": [{"scene": "box@6x6x24", "sample_layers": )" +
+                                                           layers + "}]}");
+        StudyOptions options;
+        options.ranks = ranks;
+        return run_study(load_study(file), options);
+    };
+    const nlohmann::json rows = measured(R"("cpu_parallel:formulation=position")", "2").at("scaling");
+    ASSERT_EQ(rows.size(), 2u);
+    for (const auto& row : rows) {
+        EXPECT_EQ(row.at("judged_particles"), 6 * 6 * (3 + 4 + 3)) << "a layer beside each";
+        EXPECT_GT(row.at("error_relative_l2"), 0);
+        EXPECT_EQ(row.at("total_error_reason"), "it is of a sample");
+    }
+    EXPECT_EQ(rows[1].at("same_bits"), true);
+    std::ostringstream out;
+    print_result(measured(R"("cpu_reference")", "2"), out);
+    expect_contains(out.str(), "box@6x6x24: errors and bits are those of a sample of 360 of 864 particles");
+
+    const nlohmann::json wrong = measured(R"("nudged_7", "nudged_12")", "2", 1);
+    ASSERT_EQ(wrong.at("failed").size(), 1u) << wrong.at("failed");
+    EXPECT_EQ(wrong.at("failed")[0].at("backend"), "nudged_12");
+    ASSERT_EQ(wrong.at("scaling").size(), 1u) << "what lies beside the sample is not seen";
+    EXPECT_EQ(wrong.at("scaling")[0].at("backend"), "nudged_7");
+
+    const std::string why = refusal([&] { (void)measured(R"("cpu_reference")", "7"); });
+    expect_contains(why, "sample_layers of box@6x6x24: 7");
+    expect_contains(why, "more than the 24 of the body");
 }
 
 TEST_F(StudyKinds, ScalingPredictsTheLongerOfStepAndExchangeWhereTheyOverlap) {

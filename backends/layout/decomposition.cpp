@@ -183,6 +183,14 @@ public:
         problem.tool.stiffness = whole.tool.stiffness;
         problem.lattice.spacing = whole.lattice.spacing;
         problem.lattice.dims = with_ghosts_.end - with_ghosts_.begin;
+        // Growing would have what is there twice meanwhile.
+        const std::size_t most = std::min(whole.particle_count(), problem.lattice.voxel_count());
+        subdomain_.particle.reserve(most);
+        subdomain_.own.reserve(most);
+        problem.rest_position.reserve(most);
+        problem.lattice.voxel.reserve(most);
+        problem.lattice.mask.reserve(most);
+        problem.pinned.reserve(most);
     }
 
     Subdomain run() {
@@ -270,6 +278,8 @@ std::optional<ChangedSpring> part_of(const Subdomain& subdomain, ChangedSpring c
 
 State Subdomain::part_of(const State& state) const {
     State part;
+    part.displacement.reserve(particle.size());
+    part.increment.reserve(particle.size());
     for (const std::uint32_t i : particle) {
         part.displacement.push_back(state.displacement[i]);
         part.increment.push_back(state.increment[i]);
@@ -404,6 +414,10 @@ Subdomain Decomposition::subdomain(const Problem& problem, int number) const {
         if (most_sent(number, other) > 0) beside.push_back({brick(other), {other, {}, {}}});
     }
     return Cutting(problem, brick(number), std::move(beside)).run();
+}
+
+Subdomain Decomposition::alone(const Problem& problem, const Brick& brick) {
+    return Cutting(problem, brick, {}).run();
 }
 
 }  // namespace voxspring

@@ -74,6 +74,9 @@ public:
     std::vector<std::uint32_t> own(const Problem& problem, int number) const;
     Subdomain subdomain(const Problem& problem, int number) const;
 
+    /// What lies in `brick`, as the only subdomain: with ghosts, and with nothing beside it that moves them.
+    static Subdomain alone(const Problem& problem, const Brick& brick);
+
 private:
     Decomposition(std::vector<Brick> bricks, int reach) : bricks_(std::move(bricks)), reach_(reach) {}
     /// How many particles the subdomain sends in a step that sends most.

@@ -66,13 +66,12 @@ public:
         if (question.at("do") == "prepare") return nullptr;
         MailboxExchange exchange(mailroom_, rank_);
         try {
-            State whole = state_at_rest(scene_.problem);
-            const RankReport report = run_rank(spec_, scene_, plan_, exchange, whole);
+            State left = room_for_state(scene_.problem, plan_);
+            const RankReport report = run_rank(spec_, scene_, plan_, exchange, left);
             State own;
-            for (const std::uint32_t i :
-                 Decomposition(scene_.problem, plan_.cut).own(scene_.problem, rank_)) {
-                own.displacement.push_back(whole.displacement[i]);
-                own.increment.push_back(whole.increment[i]);
+            for (const std::uint32_t place : places_of_rank(scene_.problem, plan_, rank_)) {
+                own.displacement.push_back(left.displacement[place]);
+                own.increment.push_back(left.increment[place]);
             }
             return {{"report", to_json(report)}, {"state", shared_.put(own)}};
         } catch (const std::exception& error) {
@@ -233,12 +232,12 @@ void send_vectors(const OpenMpi& mpi, const std::vector<glm::dvec3>& vectors) {
 }
 
 void receive_vectors(const OpenMpi& mpi, int from, const std::vector<std::uint32_t>& places,
-                     std::vector<glm::dvec3>& whole) {
+                     std::vector<glm::dvec3>& left) {
     std::vector<glm::dvec3> vectors(places.size());
     for (std::size_t begin = 0; begin < vectors.size(); begin += most_at_once)
         mpi.receive(from, tag_state, &vectors[begin],
                     std::min(most_at_once, vectors.size() - begin) * sizeof(glm::dvec3));
-    for (std::size_t n = 0; n < places.size(); ++n) whole[places[n]] = vectors[n];
+    for (std::size_t n = 0; n < places.size(); ++n) left[places[n]] = vectors[n];
 }
 
 void wait_a_little() { std::this_thread::sleep_for(std::chrono::milliseconds(1)); }
@@ -349,22 +348,20 @@ void MpiRanks::take_part(const RankTask& task, const Means& means) {
 }
 
 std::vector<RankReport> MpiRanks::run(RankTask task, const Scene& scene, const SharedMemory& memory,
-                                      pid_t worker, const std::function<nlohmann::json()>& ask,
-                                      State& whole) {
+                                      pid_t worker, const std::function<nlohmann::json()>& ask, State& left) {
     task.number = ++tasks_;
     for (int other = 1; other < task.plan.ranks(); ++other)
         mpi_->send_json(other, tag_order, {{"do", "run"}, {"task", json_of(task)}});
     const Mailroom mailroom(static_cast<Line*>(memory.data()), task.routes);
     const std::vector<nlohmann::json> verdicts = Carrier(*mpi_, task, mailroom, worker).carry(ask);
     if (mailroom.has_failed()) throw std::runtime_error(mailroom.reason());
-    const Decomposition decomposition(scene.problem, task.plan.cut);
     std::vector<RankReport> reports;
     for (int rank = 0; rank < task.plan.ranks(); ++rank) {
         reports.push_back(rank_report_of(verdicts[std::size_t(rank)].at("report").at("report")));
         if (rank == 0) continue;
-        const std::vector<std::uint32_t> own = decomposition.own(scene.problem, rank);
-        receive_vectors(*mpi_, rank, own, whole.displacement);
-        receive_vectors(*mpi_, rank, own, whole.increment);
+        const std::vector<std::uint32_t> places = places_of_rank(scene.problem, task.plan, rank);
+        receive_vectors(*mpi_, rank, places, left.displacement);
+        receive_vectors(*mpi_, rank, places, left.increment);
     }
     return reports;
 }

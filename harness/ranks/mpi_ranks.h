@@ -64,9 +64,9 @@ public:
 
     /// Of rank 0: has all ranks of the task run it. `worker` is rank 0's own, in `mailroom`, and `ask` asks
     /// it: returns its report, once it has put its part of the state where the caller finds it. The parts of
-    /// the others go into `whole`. Throws std::runtime_error with the reason where any of them failed.
+    /// the others go into `left`. Throws std::runtime_error with the reason where any of them failed.
     std::vector<RankReport> run(RankTask task, const Scene& scene, const SharedMemory& mailroom, pid_t worker,
-                                const std::function<nlohmann::json()>& ask, State& whole);
+                                const std::function<nlohmann::json()>& ask, State& left);
 
 private:
     explicit MpiRanks(std::unique_ptr<OpenMpi> mpi) : mpi_(std::move(mpi)) {}

@@ -26,6 +26,7 @@ std::string RankBackend::unsupported(const Problem& problem) const {
 void RankBackend::upload(const Problem& problem, const State& state) {
     links_.clear();
     connected_ = false;
+    is_held_ = problem.has_tool();
     inner_.upload(problem, state);
     if (goes_by_device()) {
         std::vector<SharedParticles> borders;

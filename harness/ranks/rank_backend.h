@@ -48,7 +48,7 @@ public:
     }
     bool has_tool() const override { return inner_.has_tool(); }
     void move_tool(const glm::dvec3& displacement) override {
-        if (subdomain_.problem.has_tool()) inner_.move_tool(displacement);
+        if (is_held_) inner_.move_tool(displacement);
     }
     /// Of what the tool holds of this subdomain.
     glm::dvec3 tool_force() override { return inner_.tool_force(); }
@@ -101,6 +101,7 @@ private:
 
     Backend& inner_;
     const Subdomain& subdomain_;
+    bool is_held_ = false;  ///< by the tool
     Exchange& exchange_;
     const std::string way_ = {};
     PartsOnDevices* const parts_ = nullptr;  ///< null: borders go through the host's memory

@@ -13,6 +13,7 @@
 #include <thread>
 #include <utility>
 
+#include "harness/ranks/sample.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 
@@ -21,22 +22,6 @@ namespace {
 
 using Seconds = std::chrono::duration<double>;
 using Clock = std::chrono::steady_clock;
-
-/// The scene as one subdomain has it.
-Scene part_of(const Scene& scene, const Subdomain& subdomain) {
-    Scene part{.name = scene.name,
-               .source = scene.source,
-               .description = scene.description,
-               .problem = subdomain.problem,
-               .state = subdomain.part_of(scene.state),
-               .edits = {},
-               .tool_motion = scene.tool_motion,
-               .stable_time_step = scene.stable_time_step};
-    // Those that change nothing here as well: all ranks stop at the same steps, and upload alike.
-    for (const ScheduledEdit& scheduled : scene.edits)
-        part.edits.push_back({scheduled.step, subdomain.part_of(scheduled.edit)});
-    return part;
-}
 
 /// Seconds of what all ranks do together, with nothing between: the least of some batches, since whatever
 /// else the machine does adds to it.
@@ -53,12 +38,34 @@ double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<
     return least;
 }
 
+nlohmann::json to_json(const Decomposition::Brick& brick) {
+    return {brick.begin.x, brick.begin.y, brick.begin.z, brick.end.x, brick.end.y, brick.end.z};
+}
+
+Decomposition::Brick brick_of(const nlohmann::json& json) {
+    const auto at = [&](std::size_t n) { return json.at(n).get<int>(); };
+    return {{at(0), at(1), at(2)}, {at(3), at(4), at(5)}};
+}
+
 /// Borders that leave the device are alone between ranks: one by itself needs no way.
 RankBackend on_its_way(Backend& inner, const Subdomain& subdomain, Exchange& exchange, const RankPlan& plan,
                        PartsOnDevices* parts) {
     if (plan.way == "memory" || exchange.ranks() == 1) return {inner, subdomain, exchange};
     if (parts == nullptr) throw std::logic_error("only ranks of one process have a way by " + plan.way);
     return {inner, subdomain, exchange, plan.way, *parts};
+}
+
+/// Of a rank's `state` what the run is to leave.
+void leave(const Subdomain& subdomain, const State& state, const Problem& whole, const RankPlan& plan,
+           State& left) {
+    if (plan.sampled.empty()) return subdomain.copy_own(state, left);
+    const std::vector<std::uint32_t> sampled = Sample::particles(whole, plan.sampled);
+    for (const std::uint32_t i : subdomain.own) {
+        const auto place = std::lower_bound(sampled.begin(), sampled.end(), subdomain.particle[i]);
+        if (place == sampled.end() || *place != subdomain.particle[i]) continue;
+        left.displacement[std::size_t(place - sampled.begin())] = state.displacement[i];
+        left.increment[std::size_t(place - sampled.begin())] = state.increment[i];
+    }
 }
 
 /// Before any step: ghosts are where the borders are that they are written from, so that no bit changes.
@@ -80,7 +87,7 @@ struct Together {
     std::vector<Line> memory;
     Mailroom mailroom;
     std::vector<RankReport> reports;
-    State whole;
+    State left;
     PartsOnDevices parts;
     std::mutex mutex = {};
     std::condition_variable changed = {};
@@ -94,7 +101,7 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
     omp_set_num_threads(std::max(1, omp_get_max_threads() / exchange.ranks()));
     try {
         all->reports[std::size_t(rank)] =
-            run_rank(all->spec, all->scene, all->plan, exchange, all->whole, &all->parts);
+            run_rank(all->spec, all->scene, all->plan, exchange, all->left, &all->parts);
     } catch (const Unavailable& error) {
         all->unavailable = true;
         exchange.fail("rank " + std::to_string(rank) + ": " + error.what());
@@ -118,24 +125,30 @@ void wait_for(Together& all) {
 }  // namespace
 
 nlohmann::json to_json(const RankPlan& plan) {
+    nlohmann::json sampled = nlohmann::json::array();
+    for (const Decomposition::Brick& brick : plan.sampled) sampled.push_back(to_json(brick));
     return {{"steps", plan.steps},
             {"repetitions", plan.repetitions},
             {"start_patience", plan.start_patience.count()},
             {"patience", plan.patience.count()},
             {"devices", plan.devices},
             {"way", plan.way},
-            {"cut", {plan.cut.x, plan.cut.y, plan.cut.z}}};
+            {"cut", {plan.cut.x, plan.cut.y, plan.cut.z}},
+            {"sampled", sampled}};
 }
 
 RankPlan rank_plan_of(const nlohmann::json& json) {
     const nlohmann::json& cut = json.at("cut");
+    std::vector<Decomposition::Brick> sampled;
+    for (const nlohmann::json& brick : json.at("sampled")) sampled.push_back(brick_of(brick));
     return {.steps = json.at("steps"),
             .repetitions = json.at("repetitions"),
             .start_patience = Seconds(json.at("start_patience").get<double>()),
             .patience = Seconds(json.at("patience").get<double>()),
             .devices = json.at("devices"),
             .way = json.at("way"),
-            .cut = {cut.at(0).get<int>(), cut.at(1).get<int>(), cut.at(2).get<int>()}};
+            .cut = {cut.at(0).get<int>(), cut.at(1).get<int>(), cut.at(2).get<int>()},
+            .sampled = std::move(sampled)};
 }
 
 DeviceNumber RankPlan::device_of(int rank) const {
@@ -201,11 +214,27 @@ Routes routes_of(const Decomposition& decomposition) {
     return routes;
 }
 
+State room_for_state(const Problem& problem, const RankPlan& plan) {
+    if (plan.sampled.empty()) return state_at_rest(problem);
+    const std::vector<glm::dvec3> none(Sample::particles(problem, plan.sampled).size());
+    return {none, none};
+}
+
+std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan& plan, int rank) {
+    const std::vector<std::uint32_t> own = Decomposition(problem, plan.cut).own(problem, rank);
+    if (plan.sampled.empty()) return own;
+    const std::vector<std::uint32_t> sampled = Sample::particles(problem, plan.sampled);
+    std::vector<std::uint32_t> places;
+    for (std::size_t n = 0; n < sampled.size(); ++n) {
+        if (std::binary_search(own.begin(), own.end(), sampled[n])) places.push_back(std::uint32_t(n));
+    }
+    return places;
+}
+
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
-                    State& whole, PartsOnDevices* parts) {
-    const Subdomain subdomain =
-        Decomposition(scene.problem, plan.cut).subdomain(scene.problem, exchange.rank());
-    const Scene part = part_of(scene, subdomain);
+                    State& left, PartsOnDevices* parts) {
+    Subdomain subdomain = Decomposition(scene.problem, plan.cut).subdomain(scene.problem, exchange.rank());
+    Scene part = part_of(scene, subdomain);
     const DeviceOfThread device(plan.device_of(exchange.rank()));
     const std::unique_ptr<Backend> inner = spec.make();
     RankBackend backend = on_its_way(*inner, subdomain, exchange, plan, parts);
@@ -221,7 +250,7 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     runner.rewind(backend);
     // All ranks upload alike, since they connect after an upload: where edits cancel in one subdomain they
     // may not in another.
-    if (scene.edits.empty()) runner.keep_start(backend);
+    if (scene.edits.empty() && runner.keep_start(backend)) part.state = {};
     exchange.set_patience(plan.start_patience);
     meet(exchange);
     backend.connect();
@@ -246,12 +275,12 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
         for (RankBatch& batch : report.batches)
             batch = {batch.total, seconds.compute, seconds.exchange, seconds.waiting};
     }
-    subdomain.copy_own(backend.download(), whole);
+    leave(subdomain, backend.download(), scene.problem, plan, left);
     return report;
 }
 
 std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,
-                                             const RankPlan& plan, State& whole) {
+                                             const RankPlan& plan, State& left) {
     const int ranks = plan.ranks();
     const Routes routes = routes_of(Decomposition(scene.problem, plan.cut));
     std::vector<Line> memory(Mailroom::lines(routes));
@@ -262,14 +291,14 @@ std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scen
                                                      .memory = std::move(memory),
                                                      .mailroom = mailroom,
                                                      .reports = std::vector<RankReport>(std::size_t(ranks)),
-                                                     .whole = std::move(whole),
+                                                     .left = std::move(left),
                                                      .parts = PartsOnDevices(std::size_t(ranks)),
                                                      .at_work = ranks});
     for (int rank = 0; rank < ranks; ++rank) std::thread(run_as_thread, all, rank).detach();
     wait_for(*all);
     if (all->mailroom.has_failed() && all->unavailable) throw Unavailable(all->mailroom.reason());
     if (all->mailroom.has_failed()) throw std::runtime_error(all->mailroom.reason());
-    whole = std::move(all->whole);
+    left = std::move(all->left);
     return std::move(all->reports);
 }
 

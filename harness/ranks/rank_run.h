@@ -32,6 +32,8 @@ struct RankPlan {
     /// How many subdomains along each axis the scene is cut into, each for a rank.
     glm::ivec3 cut{1};
     int ranks() const { return cut.x * cut.y * cut.z; }
+    /// The state that a run leaves is that of a Sample's particles in these bricks; without any of all.
+    std::vector<Decomposition::Brick> sampled = {};
 };
 nlohmann::json to_json(const RankPlan& plan);
 RankPlan rank_plan_of(const nlohmann::json& json);
@@ -62,19 +64,24 @@ std::string cut_refusal(const Scene& scene, glm::ivec3 cut);
 /// Between ranks of which each has one of these subdomains.
 Routes routes_of(const Decomposition& decomposition);
 
-/// Runs a rank of the scene, and copies the state of its own particles into `whole`, which is as large as the
-/// scene's. Throws RankLost, what the backend throws (Unavailable where there is no such device), Unavailable
-/// where the backend cannot run its subdomain, and std::runtime_error where the run diverges.
+/// Room for the state that a run of the plan leaves.
+State room_for_state(const Problem& problem, const RankPlan& plan);
+/// Where in that the particles are that a rank steps, ascending.
+std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan& plan, int rank);
+
+/// Runs a rank of the scene, and copies the state of its own particles into `left`, which is
+/// room_for_state(). Throws RankLost, what the backend throws (Unavailable where there is no such device),
+/// Unavailable where the backend cannot run its subdomain, and std::runtime_error where the run diverges.
 ///
 /// `parts`: room for one of each rank, which they share; for ways from device to device alone.
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
-                    State& whole, PartsOnDevices* parts = nullptr);
+                    State& left, PartsOnDevices* parts = nullptr);
 
 /// All ranks of the plan, each a thread of this process; one report a rank. Where one fails the others end at
 /// once, and this throws Unavailable, where that was what one threw, or std::runtime_error with its reason. A
 /// thread that hangs is left behind for the end of the process, and so is what it works on: `scene` is to
 /// live until then.
 std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,
-                                             const RankPlan& plan, State& whole);
+                                             const RankPlan& plan, State& left);
 
 }  // namespace voxspring

@@ -61,8 +61,9 @@ void SceneRunner::rewind(Backend& backend) {
     if (keeps_start_ == &backend && !backend.keep_start()) keeps_start_ = nullptr;
 }
 
-void SceneRunner::keep_start(Backend& backend) {
+bool SceneRunner::keep_start(Backend& backend) {
     if (backend.keep_start()) keeps_start_ = &backend;
+    return keeps_start_ == &backend;
 }
 
 void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {

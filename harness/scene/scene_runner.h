@@ -27,8 +27,9 @@ public:
     /// backend go back to what keep_start() kept.
     void rewind(Backend& backend);
     /// For those who rewind often, right after the first rewind(): later ones of this backend copy the state
-    /// on the device where it can, as long as edits leave the springs that there were at the start.
-    void keep_start(Backend& backend);
+    /// on the device where it can, as long as edits leave the springs that there were at the start. Returns
+    /// whether it can: of a scene without edits nobody asks for the state at the start any more.
+    bool keep_start(Backend& backend);
     /// Goes on from the last rewind() by `steps` steps, the edits due before them and the moves of the tool.
     /// Asynchronous, as step() is. `edit` takes the place of Backend::edit() where somebody has to watch.
     using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;

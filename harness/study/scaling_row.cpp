@@ -35,6 +35,7 @@ void scaling_fields(Self& row, Fields& fields) {
     fields.nullable("efficiency", row.efficiency);
     fields.nullable("predicted_seconds", row.predicted_seconds);
     fields.nullable("pays_from_particles", row.pays_from_particles);
+    fields.nullable("judged_particles", row.judged_particles);
 }
 
 /// Whether borders are stepped and sent first, and travel while the rest of a part is stepped.
@@ -126,6 +127,16 @@ std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& sc
                        "one of its scenes: " +
                            (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
     return rows;
+}
+
+void print_samples(const std::vector<ScalingRow>& rows, std::ostream& out) {
+    std::set<std::string> printed;
+    for (const ScalingRow& row : rows) {
+        const std::string& scene = row.row.identity.scene;
+        if (!row.judged_particles || !printed.insert(scene).second) continue;
+        out << scene << ": errors and bits are those of a sample of " << *row.judged_particles << " of "
+            << row.row.workpiece->particles << " particles, at either end and in the middle\n";
+    }
 }
 
 void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {

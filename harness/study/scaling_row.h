@@ -29,7 +29,8 @@ struct ScalingRow {
     std::optional<double> latency_seconds = {}, seconds_per_byte = {};
     std::optional<bool> same_bits = {};
     std::optional<double> efficiency = {}, predicted_seconds = {};
-    std::optional<double> pays_from_particles = {};  ///< by the model, of bodies of this shape
+    std::optional<std::uint64_t> judged_particles = {};  ///< of a sample; nothing: all of them
+    std::optional<double> pays_from_particles = {};      ///< by the model, of bodies of this shape
 };
 
 nlohmann::json to_json(const ScalingRow& row);
@@ -45,6 +46,9 @@ void compare(ScalingRow& row, const ScalingRow& one);
 /// Those of `scene` in the result of a scaling study. Throws BadInput if it has no list `scaling`, or none of
 /// the scene.
 std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& scene);
+
+/// Which scenes were verified by a sample of them.
+void print_samples(const std::vector<ScalingRow>& rows, std::ostream& out);
 
 /// Of each scene of one size and each backend: which number of ranks, and which way, is the fastest, and
 /// whether that is more than one.

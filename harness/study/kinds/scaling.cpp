@@ -19,6 +19,7 @@
 #include "harness/device/noise.h"
 #include "harness/ranks/mpi_ranks.h"
 #include "harness/ranks/rank_run.h"
+#include "harness/ranks/sample.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/result.h"
 #include "harness/scene/scene_runner.h"
@@ -26,6 +27,7 @@
 #include "harness/study/scaling_row.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
+#include "harness/verification/conserved.h"
 #include "harness/verification/errors.h"
 
 namespace voxspring {
@@ -43,7 +45,7 @@ public:
           shared_(shared) {}
 
     nlohmann::json answer(Backend&, const nlohmann::json&, const OnEvent&) override {
-        State state = state_at_rest(scene_.problem);
+        State state = room_for_state(scene_.problem, plan_);
         nlohmann::json reports = nlohmann::json::array();
         for (const RankReport& report : run_ranks_as_threads(spec_, scene_, plan_, state))
             reports.push_back(voxspring::to_json(report));
@@ -131,6 +133,10 @@ const std::vector<std::string> known_cuts = {"slabs", "bricks"};
 /// "2x2x1"
 std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.y, cut.z); }
 
+/// Of a scene: of how many layers each part of a Sample has; without it the whole body is verified.
+constexpr const char* sample_key = "sample_layers";
+constexpr int max_sample_layers = 1024;
+
 class ScalingStudy final : public StudyKind {
 public:
     void read(JsonObject& study) override {
@@ -147,7 +153,15 @@ public:
     std::string read_scene(JsonObject& item) const override {
         if (const auto ranks = item.find("ranks")) (void)read_counts(*ranks);
         if (const auto weak = item.find("weak")) (void)weak->string();
+        if (const auto layers = item.find(sample_key)) (void)layers->integer(1, max_sample_layers);
         return StudyKind::read_scene(item);
+    }
+    void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
+        if (!item.settings.contains(sample_key)) return;
+        const int layers = item.settings.at(sample_key);
+        if (const std::string why = Sample::refusal(scene, layers); !why.empty())
+            throw BadInput("study " + study.name, std::string(sample_key) + " of " + scene.name,
+                           std::to_string(layers), "a sample of its layers: " + why);
     }
     bool takes(const Capabilities& capabilities) const override {
         return capabilities.has_borders || !capabilities.border_ways.empty();
@@ -246,13 +260,35 @@ std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
 /// What ranks left.
 struct Found {
     std::vector<RankReport> reports = {};
-    State state = {};
+    State state = {};  ///< room_for_state()
 };
+
+/// What a state is held against: all of it, or one part of a Sample.
+struct Judgement {
+    Problem problem;  ///< as all edits leave it
+    State start;
+    std::vector<std::uint32_t> particle;             ///< of the scene, ascending; of all none
+    std::vector<std::uint32_t> place;                ///< where these are in what ranks leave
+    std::string reference;                           ///< its name
+    std::optional<ReferenceSolution> solution = {};  ///< of this very problem
+};
+
+State part_of(const State& state, const std::vector<std::uint32_t>& places) {
+    State part;
+    for (const std::uint32_t place : places) {
+        part.displacement.push_back(state.displacement[place]);
+        part.increment.push_back(state.increment[place]);
+    }
+    return part;
+}
 
 /// One backend on one scene.
 class Contender {
 public:
-    Contender(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {}
+    Contender(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {
+        if (const nlohmann::json& settings = bench.item().settings; settings.contains(sample_key))
+            sampled_ = Sample::bricks(bench.scene(), settings.at(sample_key));
+    }
 
     /// The row of ranks that have these subdomains, in a process of its own: a rank that hangs is not there
     /// for the next row.
@@ -266,6 +302,7 @@ private:
         plan.patience = std::min(plan.patience, plan.start_patience / 4);
         plan.devices = bench_.options().devices;
         plan.cut = cut;
+        plan.sampled = sampled_;
         if (way != "none" && way != "mpi") plan.way = way;
         return plan;
     }
@@ -274,23 +311,48 @@ private:
     Found run_by_mpi(Case& entered, const RankTask& task, const SharedMemory& mailroom,
                      const SharedState& shared) const;
     nlohmann::json judged(const Found& found, const RankPlan& plan, const std::string& way, bool keeps_bits);
-    const ReferenceSolution& solution();
+    void make_judgements();
     ScalingRow row_from(const std::vector<RankReport>& reports, const std::string& way) const;
 
     StudyBench& bench_;
     const BackendSpec spec_;
-    std::optional<Problem> edited_ = {};
-    std::optional<ReferenceSolution> solution_ = {};
+    std::vector<Decomposition::Brick> sampled_ = {};  ///< empty: all is judged
+    std::uint64_t judged_particles_ = 0;
+    std::vector<std::unique_ptr<Judgement>> judgements_ = {};
     std::string bits_of_one_ = {};  ///< of one rank's state; empty: not known
 };
 
-const ReferenceSolution& Contender::solution() {
-    if (solution_) return *solution_;
-    const Batch batch{
-        .steps = bench_.item().steps, .repetitions = bench_.study().repetitions, .total_error = false};
-    edited_ = problem_after(bench_.scene(), batch.steps);
-    solution_.emplace(solution_of(bench_, *edited_, batch, {spec_}));
-    return *solution_;
+void Contender::make_judgements() {
+    if (!judgements_.empty()) return;
+    const Scene& scene = bench_.scene();
+    const int steps = bench_.item().steps;
+    if (sampled_.empty()) {
+        const Batch batch{.steps = steps, .repetitions = bench_.study().repetitions, .total_error = false};
+        Judgement& whole = *judgements_.emplace_back(std::make_unique<Judgement>());
+        whole.problem = problem_after(scene, steps);
+        whole.reference = References::name_of_backend(scene, steps);
+        whole.solution.emplace(solution_of(bench_, whole.problem, batch, {spec_}));
+        return;
+    }
+    const std::vector<std::uint32_t> left = Sample::particles(scene.problem, sampled_);
+    judged_particles_ = left.size();
+    for (const Decomposition::Brick& brick : sampled_) {
+        Sample sample(scene, brick, steps);
+        Judgement& part = *judgements_.emplace_back(std::make_unique<Judgement>());
+        part.problem = problem_after(sample.judged, steps);
+        part.start = std::move(sample.judged.state);
+        part.particle = std::move(sample.particle);
+        part.place = places_of(part.particle, left);
+        part.reference = References::name_of_backend(sample.around, steps);
+        const State after = bench_.references().after(sample.around, steps);
+        part.solution.emplace(
+            ReferenceSolution{part.problem, steps, part_of(after, sample.in_around), {}, part.start});
+        part.solution->refined.reason = "it is of a sample";
+        part.solution->conserved = conserved(part.problem, part.solution->same_step);
+        const RoundingModel model = rounding_model_of(spec_);
+        part.solution->spreads.emplace_back(model,
+                                            bench_.references().spread(sample.around, steps, after, model));
+    }
 }
 
 ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std::string& way) const {
@@ -334,7 +396,7 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
                             const SharedState& shared) const {
     const Problem& problem = bench_.scene().problem;
     entered.ask({{"do", "prepare"}}, "preparing its rank");
-    Found found{.state = state_at_rest(problem)};
+    Found found{.state = room_for_state(problem, task.plan)};
     nlohmann::json answer;
     try {
         found.reports = bench_.options().mpi->run(
@@ -349,10 +411,10 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
     }
     State part;
     shared.take(answer.at("state"), part);
-    const std::vector<std::uint32_t> own = Decomposition(problem, task.plan.cut).own(problem, 0);
-    for (std::size_t n = 0; n < own.size(); ++n) {
-        found.state.displacement[own[n]] = part.displacement[n];
-        found.state.increment[own[n]] = part.increment[n];
+    const std::vector<std::uint32_t> places = places_of_rank(problem, task.plan, 0);
+    for (std::size_t n = 0; n < places.size(); ++n) {
+        found.state.displacement[places[n]] = part.displacement[n];
+        found.state.increment[places[n]] = part.increment[n];
     }
     return found;
 }
@@ -362,15 +424,22 @@ nlohmann::json Contender::judged(const Found& found, const RankPlan& plan, const
                                  bool keeps_bits) {
     if (const std::string reason = different_devices(found.reports); !reason.empty())
         throw Unavailable(reason);
-    const ReferenceSolution& expected = solution();
     ScalingRow row = row_from(found.reports, way);
     row.cut = text_of(plan.cut);
-    const Comparison comparison = judge(expected, found.state, spec_);
-    if (!comparison.passed())
-        throw std::runtime_error("does not agree with " +
-                                 References::name_of_backend(bench_.scene(), expected.steps) + ": " +
-                                 comparison.reason);
-    row.row.errors = errors_of(expected, found.state, comparison, spec_);
+    make_judgements();
+    for (const std::unique_ptr<Judgement>& one : judgements_) {
+        const State part = part_of(found.state, one->place);
+        const State& state = sampled_.empty() ? found.state : part;
+        const Comparison comparison = judge(*one->solution, state, spec_);
+        if (!comparison.passed())
+            throw std::runtime_error("does not agree with " + one->reference + ": " + comparison.reason);
+        Errors errors = errors_of(*one->solution, state, comparison, spec_);
+        if (row.row.errors && row.row.errors->relative_l2 >= errors.relative_l2) continue;
+        if (errors.worst_particle && !one->particle.empty())
+            errors.worst_particle = one->particle[*errors.worst_particle];
+        row.row.errors = std::move(errors);
+    }
+    if (!sampled_.empty()) row.judged_particles = judged_particles_;
     const std::string bits = hash_of_state(found.state);
     if (!bits_of_one_.empty()) row.same_bits = bits == bits_of_one_;
     if (row.same_bits == false && keeps_bits)
@@ -390,7 +459,7 @@ void Contender::measure(glm::ivec3 cut, const std::string& way) {
     const bool by_mpi = way == "mpi";
     const RankPlan plan = this->plan(cut, way);
     const int ranks = plan.ranks();
-    (void)solution();  // takes all cores: before any process waits
+    make_judgements();  // takes all cores: before any process waits
     SharedState shared(bench_.scene().problem.particle_count());
     const RankTask task = by_mpi ? this->task(cut) : RankTask();
     const SharedMemory mailroom =
@@ -532,6 +601,7 @@ void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableW
                          error_cell(row.row.errors ? row.row.errors->max : std::nullopt)});
     }
     print_columns(columns, table, width, out);
+    print_samples(scaled, out);
     print_what_pays(scaled, out);
     print_noise(rows, out);
     print_unmeasured(result, out);

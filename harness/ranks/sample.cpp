@@ -1,0 +1,112 @@
+#include "harness/ranks/sample.h"
+
+#include <algorithm>
+#include <glm/vector_relational.hpp>
+#include <utility>
+
+namespace voxspring {
+namespace {
+
+using Brick = Decomposition::Brick;
+
+Brick widened(const Brick& brick, int layers) { return {brick.begin - layers, brick.end + layers}; }
+
+bool contains(const Brick& brick, glm::ivec3 at) {
+    return glm::all(glm::greaterThanEqual(at, brick.begin)) && glm::all(glm::lessThan(at, brick.end));
+}
+
+int longest_axis(const Problem& problem) {
+    const glm::ivec3 slabs = Decomposition::slabs(problem, 2);
+    return slabs.x > 1 ? 0 : slabs.y > 1 ? 1 : 2;
+}
+
+}  // namespace
+
+std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& some,
+                                     const std::vector<std::uint32_t>& all) {
+    std::vector<std::uint32_t> places;
+    places.reserve(some.size());
+    auto from = all.begin();
+    for (const std::uint32_t value : some) {
+        from = std::lower_bound(from, all.end(), value);
+        places.push_back(std::uint32_t(from - all.begin()));
+    }
+    return places;
+}
+
+Scene part_of(const Scene& scene, Subdomain& subdomain) {
+    Scene part{.name = scene.name,
+               .source = scene.source,
+               .description = scene.description,
+               .problem = std::move(subdomain.problem),
+               .state = subdomain.part_of(scene.state),
+               .edits = {},
+               .tool_motion = scene.tool_motion,
+               .stable_time_step = scene.stable_time_step};
+    for (const ScheduledEdit& scheduled : scene.edits)
+        part.edits.push_back({scheduled.step, subdomain.part_of(scheduled.edit)});
+    return part;
+}
+
+std::vector<Brick> Sample::bricks(const Scene& scene, int layers) {
+    const Lattice& lattice = scene.problem.lattice;
+    const int axis = longest_axis(scene.problem);
+    int first = lattice.dims[axis], end = 0;
+    for (const std::uint32_t voxel : lattice.voxel) {
+        const int layer = lattice.coordinates(voxel)[axis];
+        first = std::min(first, layer);
+        end = std::max(end, layer + 1);
+    }
+    std::vector<Brick> bricks;
+    for (const int begin : {first, (first + end - layers) / 2, end - layers}) {
+        Brick brick{glm::ivec3(0), lattice.dims};
+        brick.begin[axis] = begin;
+        brick.end[axis] = begin + layers;
+        bricks.push_back(brick);
+    }
+    return bricks;
+}
+
+std::string Sample::refusal(const Scene& scene, int layers) {
+    const Lattice& lattice = scene.problem.lattice;
+    if (lattice.voxel.empty()) return "a sample is of a lattice, and the particles lie on none";
+    if (!scene.problem.springs.empty() ||
+        std::any_of(scene.edits.begin(), scene.edits.end(),
+                    [](const ScheduledEdit& scheduled) { return scheduled.edit.leaves_lattice(); }))
+        return "springs beyond the lattice reach farther than the layers beside a sample";
+    const int axis = longest_axis(scene.problem);
+    const std::vector<Brick> all = bricks(scene, layers);
+    // Each has a layer beside it on the side where there are others.
+    if (const int length = all.back().end[axis] - all.front().begin[axis]; 3 * layers + 4 > length)
+        return "three times as many and the layers beside them are more than the " + std::to_string(length) +
+               " of the body, which is verified whole without it";
+    for (const Brick& brick : all) {
+        if (std::none_of(lattice.voxel.begin(), lattice.voxel.end(),
+                         [&](std::uint32_t voxel) { return contains(brick, lattice.coordinates(voxel)); }))
+            return "a part of the sample has no particle";
+    }
+    return {};
+}
+
+std::vector<std::uint32_t> Sample::particles(const Problem& problem, const std::vector<Brick>& bricks) {
+    std::vector<std::uint32_t> particles;
+    const Lattice& lattice = problem.lattice;
+    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
+        const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
+        if (std::any_of(bricks.begin(), bricks.end(),
+                        [&](const Brick& brick) { return contains(widened(brick, 1), at); }))
+            particles.push_back(std::uint32_t(i));
+    }
+    return particles;
+}
+
+Sample::Sample(const Scene& scene, const Brick& brick, int steps) {
+    Subdomain sample = Decomposition::alone(scene.problem, brick);
+    Subdomain near = Decomposition::alone(scene.problem, widened(brick, 1 + steps));
+    in_around = places_of(sample.particle, near.particle);
+    judged = part_of(scene, sample);
+    around = part_of(scene, near);
+    particle = std::move(sample.particle);
+}
+
+}  // namespace voxspring
