@@ -221,7 +221,7 @@ State room_for_state(const Problem& problem, const RankPlan& plan) {
 }
 
 std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan& plan, int rank) {
-    const std::vector<std::uint32_t> own = Decomposition(problem, plan.cut).own(problem, rank);
+    std::vector<std::uint32_t> own = Decomposition(problem, plan.cut).own(problem, rank);
     if (plan.sampled.empty()) return own;
     const std::vector<std::uint32_t> sampled = Sample::particles(problem, plan.sampled);
     std::vector<std::uint32_t> places;
