@@ -184,15 +184,6 @@ State stepped(const Scene& scene, int steps) {
     return backend->download();
 }
 
-State part_of(const State& state, const std::vector<std::uint32_t>& particles) {
-    State part;
-    for (const std::uint32_t i : particles) {
-        part.displacement.push_back(state.displacement[i]);
-        part.increment.push_back(state.increment[i]);
-    }
-    return part;
-}
-
 TEST(Samples, DependOnTheLayersAroundThemAndOnNothingElse) {
     const Scene whole = scene();
     constexpr int layers = 3, steps = 5;

@@ -116,14 +116,17 @@ private:
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 
-Registered disguised(const std::string& name, ApiFamily family) {
+Registered registered_for_test(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
     return Registered({.name = name,
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
                        .formulations = {Formulation::increment},
                        .tuning = {},
-                       .make = [family](const Options&) { return std::make_unique<Disguised>(family); },
+                       .make = [make = std::move(make)](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+}
+Registered disguised(const std::string& name, ApiFamily family) {
+    return registered_for_test(name, [family] { return std::make_unique<Disguised>(family); });
 }
 /// cpu_reference as one whose borders travel within steps, between devices that there are not.
 class OnDevices final : public CpuBackend {
@@ -147,13 +150,8 @@ public:
 private:
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
-const Registered with_devices({.name = "on_devices",
-                               .summary = "A backend for this test.",
-                               .precisions = {Precision::float64},
-                               .formulations = {Formulation::increment},
-                               .tuning = {},
-                               .make = [](const Options&) { return std::make_unique<OnDevices>(); },
-                               .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+const Registered with_devices =
+    registered_for_test("on_devices", [] { return std::make_unique<OnDevices>(); });
 
 /// cpu_reference, and one layer of voxels elsewhere.
 class Nudged final : public CpuBackend {
@@ -181,13 +179,7 @@ private:
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 Registered nudged(const std::string& name, double z) {
-    return Registered({.name = name,
-                       .summary = "A backend for this test.",
-                       .precisions = {Precision::float64},
-                       .formulations = {Formulation::increment},
-                       .tuning = {},
-                       .make = [z](const Options&) { return std::make_unique<Nudged>(z); },
-                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+    return registered_for_test(name, [z] { return std::make_unique<Nudged>(z); });
 }
 const Registered nudged_in_sample = nudged("nudged_12", 12), nudged_beside = nudged("nudged_7", 7);
 

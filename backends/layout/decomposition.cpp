@@ -264,7 +264,7 @@ private:
 };
 
 /// A changed spring by its ends' numbers in a subdomain; nothing where none of them is the subdomain's own.
-std::optional<ChangedSpring> part_of(const Subdomain& subdomain, ChangedSpring changed) {
+std::optional<ChangedSpring> changed_in(const Subdomain& subdomain, ChangedSpring changed) {
     const auto first = index_in(subdomain.particle, changed.spring.first);
     const auto second = index_in(subdomain.particle, changed.spring.second);
     if (!first || !second) return std::nullopt;
@@ -276,11 +276,11 @@ std::optional<ChangedSpring> part_of(const Subdomain& subdomain, ChangedSpring c
 
 }  // namespace
 
-State Subdomain::part_of(const State& state) const {
+State part_of(const State& state, const std::vector<std::uint32_t>& particles) {
     State part;
-    part.displacement.reserve(particle.size());
-    part.increment.reserve(particle.size());
-    for (const std::uint32_t i : particle) {
+    part.displacement.reserve(particles.size());
+    part.increment.reserve(particles.size());
+    for (const std::uint32_t i : particles) {
         part.displacement.push_back(state.displacement[i]);
         part.increment.push_back(state.increment[i]);
     }
@@ -299,7 +299,7 @@ SpringEdit Subdomain::part_of(const SpringEdit& edit) const {
     std::vector<std::uint32_t> ends;
     const auto take = [&](const std::vector<ChangedSpring>& from, std::vector<ChangedSpring>& to) {
         for (const ChangedSpring& changed : from) {
-            const auto here = voxspring::part_of(*this, changed);
+            const auto here = changed_in(*this, changed);
             if (!here) continue;
             to.push_back(*here);
             ends.insert(ends.end(), {here->spring.first, here->spring.second});

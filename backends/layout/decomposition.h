@@ -20,6 +20,9 @@
 
 namespace voxspring {
 
+/// What these particles have in `state`, in their order.
+State part_of(const State& state, const std::vector<std::uint32_t>& particles);
+
 struct Subdomain {
     /// What one subdomain and another have between them.
     struct Border {
@@ -35,7 +38,7 @@ struct Subdomain {
     std::vector<Border> borders;          ///< those that are not empty, by the subdomain on the other side
 
     /// `state` of the whole problem, as far as it lies here.
-    State part_of(const State& state) const;
+    State part_of(const State& state) const { return voxspring::part_of(state, particle); }
     /// Copies what this subdomain's own particles have in `part` to where they are in the `whole`.
     void copy_own(const State& part, State& whole) const;
     /// What an edit of the whole problem changes here: every spring that an own particle has at one of its

@@ -68,11 +68,7 @@ public:
         try {
             State left = room_for_state(scene_.problem, plan_);
             const RankReport report = run_rank(spec_, scene_, plan_, exchange, left);
-            State own;
-            for (const std::uint32_t place : places_of_rank(scene_.problem, plan_, rank_)) {
-                own.displacement.push_back(left.displacement[place]);
-                own.increment.push_back(left.increment[place]);
-            }
+            const State own = part_of(left, places_of_rank(scene_.problem, plan_, rank_));
             return {{"report", to_json(report)}, {"state", shared_.put(own)}};
         } catch (const std::exception& error) {
             exchange.fail(name_of_rank(rank_) + ": " + error.what());

@@ -273,15 +273,6 @@ struct Judgement {
     std::optional<ReferenceSolution> solution = {};  ///< of this very problem
 };
 
-State part_of(const State& state, const std::vector<std::uint32_t>& places) {
-    State part;
-    for (const std::uint32_t place : places) {
-        part.displacement.push_back(state.displacement[place]);
-        part.increment.push_back(state.increment[place]);
-    }
-    return part;
-}
-
 /// One backend on one scene.
 class Contender {
 public:
