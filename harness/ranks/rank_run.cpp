@@ -68,6 +68,14 @@ void leave(const Subdomain& subdomain, const State& state, const Problem& whole,
     }
 }
 
+/// For as long as a rank has of a large scene what it needs for a while only, a state in float64 above all:
+/// the ranks of a process take turns, so that there is room for one of them.
+std::unique_lock<std::mutex> turn_of_rank(const Scene& scene) {
+    static std::mutex turns;
+    constexpr std::size_t large = std::size_t(1) << 20;
+    return scene.problem.particle_count() > large ? std::unique_lock(turns) : std::unique_lock<std::mutex>();
+}
+
 /// Before any step: ghosts are where the borders are that they are written from, so that no bit changes.
 void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& report) {
     report.border_bytes = backend.border_bytes();
@@ -233,6 +241,7 @@ std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan
 
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& left, PartsOnDevices* parts) {
+    std::unique_lock<std::mutex> turn = turn_of_rank(scene);
     Subdomain subdomain = Decomposition(scene.problem, plan.cut).subdomain(scene.problem, exchange.rank());
     Scene part = part_of(scene, subdomain);
     const DeviceOfThread device(plan.device_of(exchange.rank()));
@@ -251,6 +260,7 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     // All ranks upload alike, since they connect after an upload: where edits cancel in one subdomain they
     // may not in another.
     if (scene.edits.empty() && runner.keep_start(backend)) part.state = {};
+    turn = {};
     exchange.set_patience(plan.start_patience);
     meet(exchange);
     backend.connect();
@@ -275,6 +285,7 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
         for (RankBatch& batch : report.batches)
             batch = {batch.total, seconds.compute, seconds.exchange, seconds.waiting};
     }
+    turn = turn_of_rank(scene);
     leave(subdomain, backend.download(), scene.problem, plan, left);
     return report;
 }
