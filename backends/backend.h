@@ -6,9 +6,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <glm/vec4.hpp>
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -184,6 +186,19 @@ public:
     virtual void write() = 0;
 };
 
+/// The same displacements, which the device itself puts into host memory.
+class HostFeed {
+public:
+    HostFeed() = default;
+    HostFeed(const HostFeed&) = delete;
+    HostFeed& operator=(const HostFeed&) = delete;
+    virtual ~HostFeed() = default;
+
+    /// x, y, z and 0 of each particle as the steps enqueued so far leave it, for which this waits; they stay
+    /// until the next call.
+    virtual std::span<const glm::vec4> read() = 0;
+};
+
 /// One simulation on one device. Constructing acquires the device and throws Unavailable where there is
 /// none; destroying gives it back and never throws. Every other member throws DeviceError when the
 /// device fails, after which the object is only good for destruction. Not thread-safe.
@@ -240,6 +255,11 @@ public:
     /// Null where the backend cannot: then download().
     virtual std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& /*particles*/,
                                        std::uint32_t /*buffer*/) {
+        return nullptr;
+    }
+    /// What brings the displacements of `particles` to the host, in their order; to be used until the next
+    /// upload(). Null where the backend cannot: then download(), which brings the whole state.
+    virtual std::unique_ptr<HostFeed> host_feed(const std::vector<std::uint32_t>& /*particles*/) {
         return nullptr;
     }
     /// Whether problems may have a tool; it then overrides the two functions below.

@@ -15,6 +15,7 @@
 #include <string>
 #include <thread>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "backends/gl/context.h"
@@ -261,7 +262,9 @@ protected:
 };
 
 TEST_F(LiveDrawingTest, DrawsOnTheDeviceOrByTheHostAndFollowsEdits) {
-    for (const std::string name : {"cpu_parallel", "gl_compute_implicit", "gl_fragment_implicit"}) {
+    for (const auto& [name, by] : {std::pair<std::string, std::string>{"cpu_parallel", "download"},
+                                   {"gl_compute_implicit", "feed"},
+                                   {"gl_fragment_implicit", "feed"}}) {
         SCOPED_TRACE(name);
         Problem problem = stepped_body();
         Problem later = problem;
@@ -269,7 +272,7 @@ TEST_F(LiveDrawingTest, DrawsOnTheDeviceOrByTheHostAndFollowsEdits) {
         const SpringEdit cut = editor.cut(Plane{.point = {2.5, 0, 0}, .normal = {1, 0, 0}});
         const auto backend = upload(name, problem);
         LiveDrawing drawing(*context_, *backend, problem);
-        EXPECT_EQ(drawing.from_device(), name != "cpu_parallel");
+        EXPECT_EQ(drawing.displacements_by(), by);
         step_until(drawing, *backend, 3);
         EXPECT_GE(drawing.pictures(), 3);
         apply(problem, cut);
@@ -277,8 +280,42 @@ TEST_F(LiveDrawingTest, DrawsOnTheDeviceOrByTheHostAndFollowsEdits) {
         drawing.follow(cut);
         step_until(drawing, *backend, 9);
         EXPECT_GE(drawing.pictures(), 9);
-        EXPECT_EQ(drawing.from_device(), name != "cpu_parallel");
+        EXPECT_EQ(drawing.displacements_by(), by);
     }
+}
+
+TEST_F(LiveDrawingTest, ALaunchThatWaitsForTicksEndsForANewMesh) {
+    std::unique_ptr<Backend> backend;
+    make_or_skip(BackendSpec::parse("cuda_resident:ticks=resident"), backend);
+    if (IsSkipped()) return;
+    Problem problem = stepped_body();
+    take_hold(problem, {.particles = {0, 1}, .held = {glm::dvec3(0), glm::dvec3(0)}, .stiffness = 0.125});
+    Problem later = problem;
+    SpringEditor editor(later);
+    const SpringEdit cut = editor.cut(Plane{.point = {2.5, 0, 0}, .normal = {1, 0, 0}});
+    backend->upload(problem, state_at_rest(problem));
+    LiveDrawing drawing(*context_, *backend, problem);
+    const auto tick = [&](auto until) {
+        std::chrono::duration<double> longest{0};
+        const auto begin = std::chrono::steady_clock::now();
+        for (auto before = begin; !until() && before < begin + std::chrono::seconds(60);) {
+            drawing.hand_over_if_due();
+            backend->step(1);
+            (void)backend->tool_force();
+            drawing.follow_mesh();
+            const auto now = std::chrono::steady_clock::now();
+            longest = std::max<std::chrono::duration<double>>(longest, now - before);
+            before = now;
+        }
+        return longest.count();
+    };
+    tick([&] { return drawing.pictures() >= 3; });
+    backend->edit(later, cut);
+    drawing.follow(cut);
+    const std::int64_t before = drawing.pictures();
+    // It would wait for a second.
+    EXPECT_LT(tick([&] { return drawing.pictures() >= before + 9; }), 0.5);
+    EXPECT_GE(drawing.pictures(), before + 9);
 }
 
 TEST_F(LiveDrawingTest, DrawsNoMorePicturesThanAskedFor) {

@@ -4,12 +4,15 @@
 #include <GL/gl.h>
 #include <cuda_gl_interop.h>
 
+#include <glm/vec4.hpp>
+#include <span>
 #include <utility>
 #include <vector>
 
 #include "cuda/device/buffer.h"
 #include "cuda/device/check.h"
 #include "cuda/device/handle.h"
+#include "cuda/device/pinned.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -22,6 +25,28 @@ __global__ void feed_kernel(Feeding<Real> feeding, FedDisplacement* displacement
     if (n < feeding.count) displacements[n] = fed_displacement(feeding, n);
 }
 
+/// Has the device put what `feeding` says into `displacements`, which it reaches.
+template <class Real>
+void enqueue_feed(Feeding<Real> feeding, const Buffer<FedWord<Real>>& fed, void* displacements,
+                  const Stream& stream) {
+    feeding.fed = fed.data();
+    feeding.count = fed.size();
+    const auto blocks = unsigned((feeding.count + block - 1) / block);
+    feed_kernel<<<blocks, block, 0, stream.get()>>>(feeding, static_cast<FedDisplacement*>(displacements));
+    check(cudaGetLastError());
+}
+
+/// Before what a feed holds is freed, which waits for whatever the device runs: a launch that waits for ticks
+/// ends where `feeding` is asked, else only when its patience does.
+template <class Real>
+void end_launch(const std::function<Feeding<Real>()>& feeding) noexcept {
+    try {
+        static_cast<void>(feeding());
+    } catch (const DeviceError&) {
+        // It has ended, and whoever steps next hears why.
+    }
+}
+
 using Resource = Handle<cudaGraphicsResource_t, cudaGraphicsUnregisterResource>;
 
 template <class Real>
@@ -32,21 +57,19 @@ public:
         : resource_(std::move(resource)), stream_(stream), feeding_(std::move(feeding)) {
         fed_.upload(fed, stream);
     }
+    WindowFeed(const WindowFeed&) = delete;
+    WindowFeed& operator=(const WindowFeed&) = delete;
+    ~WindowFeed() override { end_launch(feeding_); }
 
     void write() override {
         if (fed_.size() == 0) return;
-        Feeding<Real> feeding = feeding_();
-        feeding.fed = fed_.data();
-        feeding.count = fed_.size();
+        const Feeding<Real> feeding = feeding_();
         cudaGraphicsResource_t resource = resource_.get();
         check(cudaGraphicsMapResources(1, &resource, stream_.get()));
         void* displacements = nullptr;
         std::size_t bytes = 0;
         check(cudaGraphicsResourceGetMappedPointer(&displacements, &bytes, resource));
-        const auto blocks = unsigned((feeding.count + block - 1) / block);
-        feed_kernel<<<blocks, block, 0, stream_.get()>>>(feeding,
-                                                         static_cast<FedDisplacement*>(displacements));
-        check(cudaGetLastError());
+        enqueue_feed(feeding, fed_, displacements, stream_);
         // OpenGL's commands from here on come after the kernel.
         check(cudaGraphicsUnmapResources(1, &resource, stream_.get()));
         stream_.synchronize();
@@ -57,6 +80,36 @@ private:
     const Stream& stream_;
     std::function<Feeding<Real>()> feeding_;
     Buffer<FedWord<Real>> fed_;
+};
+
+/// The kernel writes to the host's memory itself: a copy of so few bytes would be one more command that waits
+/// for its turn.
+template <class Real>
+class PinnedFeed final : public HostFeed {
+public:
+    PinnedFeed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
+               std::function<Feeding<Real>()> feeding)
+        : stream_(stream), feeding_(std::move(feeding)) {
+        fed_.upload(fed, stream);
+        displacements_.resize(fed.size());
+    }
+    PinnedFeed(const PinnedFeed&) = delete;
+    PinnedFeed& operator=(const PinnedFeed&) = delete;
+    ~PinnedFeed() override { end_launch(feeding_); }
+
+    std::span<const glm::vec4> read() override {
+        if (fed_.size() == 0) return {};
+        enqueue_feed(feeding_(), fed_, displacements_.data(), stream_);
+        stream_.synchronize();
+        return displacements_.values();
+    }
+
+private:
+    const Stream& stream_;
+    std::function<Feeding<Real>()> feeding_;
+    Buffer<FedWord<Real>> fed_;
+    static_assert(sizeof(glm::vec4) == sizeof(FedDisplacement));
+    Pinned<glm::vec4> displacements_;
 };
 
 }  // namespace
@@ -74,9 +127,19 @@ std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint
     return std::make_unique<WindowFeed<Real>>(Resource(resource), fed, stream, std::move(feeding));
 }
 
+template <class Real>
+std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
+                                         std::function<Feeding<Real>()> feeding) {
+    return std::make_unique<PinnedFeed<Real>>(fed, stream, std::move(feeding));
+}
+
 template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<float>>&, std::uint32_t, const Stream&,
                                          std::function<Feeding<float>()>);
 template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<double>>&, std::uint32_t, const Stream&,
                                          std::function<Feeding<double>()>);
+template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<float>>&, const Stream&,
+                                                  std::function<Feeding<float>()>);
+template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<double>>&, const Stream&,
+                                                  std::function<Feeding<double>()>);
 
 }  // namespace voxspring::cuda

@@ -1,4 +1,4 @@
-// Displacements into a window's buffer, which OpenGL lends to CUDA for each picture.
+// Displacements for a picture: into a window's buffer, which OpenGL lends to CUDA, or into host memory.
 #pragma once
 
 #include <cstdint>
@@ -16,5 +16,9 @@ namespace voxspring::cuda {
 template <class Real>
 std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint32_t buffer,
                                 const Stream& stream, std::function<Feeding<Real>()> feeding);
+/// The same into host memory.
+template <class Real>
+std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
+                                         std::function<Feeding<Real>()> feeding);
 
 }  // namespace voxspring::cuda

@@ -104,16 +104,11 @@ public:
 
     std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) override {
         let_end();
-        const auto fed = pack_fed<Real>(problem(), particles, family_.formulation,
-                                        [&](std::uint32_t i) { return placement_.at(i); });
-        return make_feed<Real>(fed, buffer, stream(), [this] {
-            let_end();
-            const auto now = std::size_t(current());
-            return Feeding<Real>{.fed = nullptr,
-                                 .count = 0,
-                                 .words = words_[now].data(),
-                                 .words_low = low_[now].size() == 0 ? nullptr : low_[now].data()};
-        });
+        return make_feed<Real>(fed_words(particles), buffer, stream(), [this] { return feeding(); });
+    }
+    std::unique_ptr<HostFeed> host_feed(const std::vector<std::uint32_t>& particles) override {
+        let_end();
+        return make_host_feed<Real>(fed_words(particles), stream(), [this] { return feeding(); });
     }
 
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
@@ -359,6 +354,19 @@ private:
         std::vector<std::uint32_t> elements;
         for (const std::uint32_t i : particles) elements.push_back(std::uint32_t(placement_.at(i)));
         return elements;
+    }
+    std::vector<FedWord<Real>> fed_words(const std::vector<std::uint32_t>& particles) const {
+        return pack_fed<Real>(problem(), particles, family_.formulation,
+                              [&](std::uint32_t i) { return placement_.at(i); });
+    }
+    /// Where particles are after the steps so far; whoever asks knows which ones he wants.
+    Feeding<Real> feeding() {
+        let_end();
+        const auto now = std::size_t(current());
+        return {.fed = nullptr,
+                .count = 0,
+                .words = words_[now].data(),
+                .words_low = low_[now].size() == 0 ? nullptr : low_[now].data()};
     }
     BorderState<Real> border_state(BordersFirst* first = nullptr) {
         const auto reals = [](const Buffer<ParticleRecord<Real>>& words) {

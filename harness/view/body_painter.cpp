@@ -75,12 +75,15 @@ void BodyPainter::set_mesh(BodyMesh mesh) {
 }
 
 void BodyPainter::put_displacements(std::span<const glm::dvec3> displacement) {
-    context_.make_current();
     std::vector<glm::vec4> followed;
     followed.reserve(mesh_.particles.size());
     for (const std::uint32_t i : mesh_.particles) followed.emplace_back(glm::vec3(displacement[i]), 0);
-    glNamedBufferSubData(displacements_.get(), 0, GLsizeiptr(followed.size() * sizeof followed[0]),
-                         followed.data());
+    put_displacements(std::span<const glm::vec4>(followed));
+}
+
+void BodyPainter::put_displacements(std::span<const glm::vec4> followed) {
+    context_.make_current();
+    glNamedBufferSubData(displacements_.get(), 0, GLsizeiptr(followed.size_bytes()), followed.data());
 }
 
 void BodyPainter::put_values(std::span<const double> value) {

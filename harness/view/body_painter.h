@@ -38,6 +38,8 @@ public:
     GLuint displacements() const { return displacements_.get(); }
     /// The same from the host: one displacement a particle of the problem.
     void put_displacements(std::span<const glm::dvec3> displacement);
+    /// The same of mesh().particles alone, in their order: x, y, z and 0.
+    void put_displacements(std::span<const glm::vec4> followed);
     /// One value a particle of the problem to be shown in colours; without any it is the displacement's
     /// length.
     void put_values(std::span<const double> value);

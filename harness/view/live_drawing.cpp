@@ -70,8 +70,10 @@ void LiveDrawing::hand_over_if_due() {
     if (feed_) {
         own_.make_current();
         feed_->write();
+    } else if (host_feed_) {
+        brought_ = host_feed_->read();
     } else {
-        handed_over_by_host_ = backend_.download().displacement;
+        downloaded_ = backend_.download().displacement;
     }
     hand_overs_.push_back(seconds_since(now));
     {
@@ -105,9 +107,18 @@ void LiveDrawing::feed_mesh(std::unique_lock<std::mutex> lock) {
     lock.unlock();
     own_.make_current();
     feed_.reset();
-    if (!shares) return;
+    host_feed_.reset();
+    // First: to lend OpenGL's buffer to CUDA for each picture holds up the thread that steps for longer than
+    // these few bytes do on their way through the host.
+    host_feed_ = backend_.host_feed(particles);
+    if (host_feed_ || !shares) return;
     handed_over_.replace(own_, std::vector<glm::vec4>(particles.size()));
     feed_ = backend_.feed(particles, handed_over_.get());
+}
+
+std::string LiveDrawing::displacements_by() const {
+    if (host_feed_) return "host_feed";
+    return feed_ ? "feed" : "download";
 }
 
 std::int64_t LiveDrawing::pictures() const {
@@ -197,8 +208,10 @@ bool LiveDrawing::draw_picture(BodyPainter& painter, const Orbit& orbit) {
             glBindBuffer(GL_COPY_WRITE_BUFFER, painter.displacements());
             glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0,
                                 GLsizeiptr(handed_over_.bytes()));
+        } else if (host_feed_) {
+            painter.put_displacements(brought_);
         } else {
-            painter.put_displacements(handed_over_by_host_);
+            painter.put_displacements(downloaded_);
         }
         painter.draw(orbit, size, {});
         glFinish();

@@ -7,9 +7,11 @@
 #include <cstdint>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <stop_token>
 #include <string>
 #include <thread>
@@ -34,9 +36,9 @@ public:
     static constexpr glm::ivec2 size{1280, 800};
 
     /// Of `problem`, which `backend` has uploaded; no upload may follow. `own` is a context of the calling
-    /// thread, which a gl::Sharing shares: of a backend that was made meanwhile nothing passes through the
-    /// host, where it has a feed. All references must outlive this. Throws Unavailable where there is no
-    /// OpenGL or the body has no surface, DeviceError.
+    /// thread, which a gl::Sharing shares: an OpenGL backend that was made meanwhile puts displacements into
+    /// the drawing's buffer. All references must outlive this. Throws Unavailable where there is no OpenGL or
+    /// the body has no surface, DeviceError.
     LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem);
     LiveDrawing(const LiveDrawing&) = delete;
     LiveDrawing& operator=(const LiveDrawing&) = delete;
@@ -58,8 +60,8 @@ public:
     /// until the card has drawn it. Of none nothing.
     std::optional<double> hand_over_seconds() const;
     std::optional<double> picture_seconds() const;
-    /// Whether displacements stay on the device.
-    bool from_device() const { return feed_ != nullptr; }
+    /// "host_feed", "feed" or "download": the function of Backend that displacements come from.
+    std::string displacements_by() const;
 
 private:
     using Clock = std::chrono::steady_clock;
@@ -74,7 +76,10 @@ private:
     const gl::Context& own_;
     Backend& backend_;
     gl::StorageBuffer handed_over_;  ///< on the card; the thread's that is_full_ says, as the next one
-    std::vector<glm::dvec3> handed_over_by_host_;
+    std::vector<glm::dvec3> downloaded_;
+    std::span<const glm::vec4> brought_;  ///< to the host, by host_feed_
+    // One of them, or none: download().
+    std::unique_ptr<HostFeed> host_feed_;
     std::unique_ptr<Feed> feed_;
     int fed_mesh_ = 0;
     Clock::time_point due_;
