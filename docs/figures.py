@@ -145,6 +145,19 @@ def tick_rows(rows):
     return lines
 
 
+def pauses_text(rows):
+    """How often the host's thread was off its processor while it waited for ticks of the highest rate."""
+    rows = [row for row in rows if row.get("waited_seconds") and row["hertz"] == max(one["hertz"] for one in rows)]
+    if not rows:
+        return ""
+    waited = sum(row["waited_seconds"] for row in rows)
+    pauses = [(begin, count) for row in rows for begin, count in row["pauses"]]
+    often = [f"{sum(count for begin, count in pauses if begin >= least) / waited:,.1f} times for {name} and more"
+             for least, name in ((4.9e-6, "5 us"), (9.9e-6, "10 us"), (99e-6, "100 us"))]
+    return (f" While it waited for ticks of {rows[0]['hertz'] / 1000:g} kHz, {waited:.0f} s in all, it was off its processor, each second, "
+            f"{', '.join(often)}.")
+
+
 def ticks():
     """When the force comes back, on every machine that has the study haptic."""
     header = ["scene", "backend", "kHz", "median", "99 %", "99.9 %", "worst", "missed", "steps fit", "of them for drawing", "force error"]
@@ -154,7 +167,7 @@ def ticks():
         real_time = {row["real_time"] for row in found["haptic"]}
         thread = "real-time" if real_time == {True} else "not real-time" if real_time == {False} else "real-time in a part of the rows"
         parts.append(results.table(header, tick_rows(found["haptic"])) + f"\n\n{context['gpu'] or context['cpu']}; the host's thread was "
-                     f"{thread}; commit {context['commit'][:8]}.")
+                     f"{thread}; commit {context['commit'][:8]}." + pauses_text(found["haptic"]))
     return "\n\n".join(parts) or "No committed result has it yet."
 
 

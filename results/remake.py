@@ -3,7 +3,7 @@
 
 Usage: remake.py [--program PROGRAM] [--check] [FOLDER] [STUDY...]
 
-FOLDER (results/<machine>) gets STUDY.json.gz of each study; of haptic, which plays in real time for up to eight minutes,
+FOLDER (results/<machine>) gets STUDY.json.gz of each study; of haptic, which plays in real time for some five minutes,
 only where it is named. A file that this program's commit has already measured on this card stays, so that a second call goes
 on where the first was cut short: within a study, too. --check measures nothing: it says which files are stale, and why.
 

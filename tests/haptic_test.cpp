@@ -7,9 +7,11 @@
 #include <cmath>
 #include <cstdint>
 #include <fstream>
+#include <glm/vec4.hpp>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -32,7 +34,7 @@ namespace {
 // ------------------------------------------------------------------
 
 /// cpu_reference, whose state does not come back: only who draws asks for it.
-class Withheld final : public CpuBackend {
+class Withheld : public CpuBackend {
 public:
     Capabilities capabilities() const override { return inner_->capabilities(); }
     std::string unsupported(const Problem&) const override { return {}; }
@@ -48,18 +50,51 @@ public:
     }
     StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
 
+protected:
+    Backend& inner() { return *inner_; }
+
 private:
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
     int downloads_ = 0;
 };
 
-const Registered withheld({.name = "withheld",
-                           .summary = "A backend for this test.",
-                           .precisions = {Precision::float64},
-                           .formulations = {Formulation::increment},
-                           .tuning = {},
-                           .make = [](const Options&) { return std::make_unique<Withheld>(); },
-                           .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+/// The same, which brings some displacements by themselves.
+class Brought final : public Withheld {
+public:
+    std::unique_ptr<HostFeed> host_feed(const std::vector<std::uint32_t>& particles) override {
+        return std::make_unique<Some>(inner(), particles);
+    }
+
+private:
+    class Some final : public HostFeed {
+    public:
+        Some(Backend& backend, const std::vector<std::uint32_t>& particles)
+            : backend_(backend), particles_(particles), displacements_(particles.size()) {}
+        std::span<const glm::vec4> read() override {
+            const State state = backend_.download();
+            for (std::size_t n = 0; n < particles_.size(); ++n)
+                displacements_[n] = glm::vec4(glm::vec3(state.displacement[particles_[n]]), 0);
+            return displacements_;
+        }
+
+    private:
+        Backend& backend_;
+        const std::vector<std::uint32_t> particles_;
+        std::vector<glm::vec4> displacements_;
+    };
+};
+
+template <class Made>
+BackendEntry entry(const std::string& name) {
+    return {.name = name,
+            .summary = "A backend for this test.",
+            .precisions = {Precision::float64},
+            .formulations = {Formulation::increment},
+            .tuning = {},
+            .make = [](const Options&) { return std::make_unique<Made>(); },
+            .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }};
+}
+const Registered withheld(entry<Withheld>("withheld")), brought(entry<Brought>("brought"));
 
 // --- Tests -----------------------------------------------------------------------------------------------
 
@@ -112,12 +147,24 @@ void expect_consistent_latencies(const nlohmann::json& row) {
     EXPECT_TRUE(std::is_sorted(bins.begin(), bins.end()));
 }
 
+/// The thread's pauses lie within the time that it waited.
+void expect_consistent_pauses(const nlohmann::json& row) {
+    double paused = 0;
+    for (const auto& [begin, count] : row.at("pauses").get<Histogram>()) {
+        EXPECT_GT(begin, 0.89e-6);  // the bin that a microsecond lies in
+        paused += begin * double(count);
+    }
+    EXPECT_LE(paused, row.at("waited_seconds"));
+    EXPECT_GT(row.at("waited_seconds"), 0.0);
+}
+
 TEST_F(Haptic, PlaysTheMotionAndReadsTheForce) {
     const nlohmann::json result = run_study(study({"cpu_reference", "cpu_parallel"}, {500}), {});
     ASSERT_GE(result.at("haptic").size(), 4u) << result.at("failed");
     for (const auto& row : result.at("haptic")) {
         SCOPED_TRACE(row.dump());
         expect_consistent_latencies(row);
+        expect_consistent_pauses(row);
         EXPECT_EQ(row.at("ticks").get<int>() + row.at("missed").get<int>(),
                   int(std::lround(seconds * row.at("hertz").get<double>())));
         EXPECT_GT(row.at("steps_that_fit"), 0);
@@ -167,6 +214,20 @@ TEST_F(Haptic, DrawsTheBodyMeanwhile) {
                                                "500 drawn", "500 edited drawn", "1000 drawn"};
     EXPECT_EQ(played["cpu_parallel"], expected) << result.at("failed") << result.at("skipped");
     EXPECT_EQ(played["gl_compute_implicit"], expected) << result.at("failed") << result.at("skipped");
+}
+
+TEST_F(Haptic, DrawsWhatABackendBringsInsteadOfItsWholeState) {
+    if (const std::string why = without_drawing(); !why.empty()) GTEST_SKIP() << why;
+    const nlohmann::json result = run_study(study({"brought"}, {500}), {});
+    EXPECT_THAT(result.at("failed"), ::testing::IsEmpty());
+    int drawn = 0;
+    for (const auto& row : result.at("haptic")) {
+        if (!row.at("drawn")) continue;
+        ++drawn;
+        EXPECT_EQ(row.at("displacements_by"), "host_feed");
+        EXPECT_GT(row.at("pictures_per_second"), 0.0);
+    }
+    EXPECT_EQ(drawn, 2);
 }
 
 TEST_F(Haptic, ABackendThatFailsWhileItIsDrawnKeepsItsOtherRows) {

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <glm/geometric.hpp>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -55,6 +56,8 @@ struct HapticRow {
     std::optional<double> force_error = {};
     bool real_time = false;
     Histogram histogram = {};
+    double waited_seconds = 0;
+    Histogram pauses = {};
     std::optional<double> pictures_per_second = {}, hand_over_seconds = {}, picture_seconds = {};
     std::optional<std::string> displacements_by = {}, renderer = {};
 };
@@ -74,6 +77,8 @@ void haptic_fields(Self& row, Fields& fields) {
     fields.nullable("force_error", row.force_error);
     fields.required("real_time", row.real_time);
     fields.required("histogram", row.histogram);
+    fields.required("waited_seconds", row.waited_seconds);
+    fields.required("pauses", row.pauses);
     fields.nullable("pictures_per_second", row.pictures_per_second);
     fields.nullable("hand_over_seconds", row.hand_over_seconds);
     fields.nullable("picture_seconds", row.picture_seconds);
@@ -138,12 +143,42 @@ private:
     bool granted_ = false;
 };
 
-/// Sleeps until shortly before, and asks the clock from there on: a sleep ends late.
-void wait_until(Clock::time_point when) {
-    constexpr auto late = std::chrono::microseconds(200);
-    if (when - Clock::now() > late) std::this_thread::sleep_until(when - late);
-    while (Clock::now() < when) continue;
-}
+/// Waits for the beginnings of ticks, and keeps how long the thread was off its processor meanwhile: what
+/// that does to a wait it does to a tick.
+class Waiting {
+public:
+    /// Sleeps until shortly before, and asks the clock from there on: a sleep ends late.
+    void until(Clock::time_point when) {
+        constexpr auto late = std::chrono::microseconds(200);
+        auto before = Clock::now();
+        if (when - before > late) {
+            std::this_thread::sleep_until(when - late);
+            before = Clock::now();
+        }
+        const auto begin = before;
+        while (before < when) {
+            const auto now = Clock::now();
+            if (now - before >= shortest_pause) pauses_.push_back(seconds_between(before, now));
+            before = now;
+        }
+        seconds_ += seconds_between(begin, before);
+    }
+
+    /// That it asked the clock for.
+    double seconds() const { return seconds_; }
+    /// Between two answers of the clock.
+    Histogram pauses() {
+        std::sort(pauses_.begin(), pauses_.end());
+        return histogram_of(pauses_);
+    }
+
+private:
+    /// Many times what asking takes.
+    static constexpr std::chrono::microseconds shortest_pause{1};
+
+    double seconds_ = 0;
+    std::vector<double> pauses_;
+};
 
 /// What a case that is drawn has beside its backend: a context, which those of the drawing and of a backend
 /// that is made after it share buffers with, and such a backend.
@@ -176,7 +211,10 @@ public:
             const Playing playing{question.at("hertz"), question.at("edited"), question.at("drawn"),
                                   question.at("seconds")};
             HapticRow row = play(backend, playing);
-            row.steps_that_fit = steps_that_fit(backend, 1 / playing.hertz);
+            // They are taken without edits, and so are as many with them.
+            const auto [fit, is_new] = fit_.try_emplace(playing.hertz, 0);
+            if (is_new) fit->second = steps_that_fit(backend, 1 / playing.hertz);
+            row.steps_that_fit = fit->second;
             drawing_.reset();
             return to_json(row);
         }
@@ -210,6 +248,7 @@ private:
         stand_at_start(backend, playing.drawn);
         std::size_t next_edit = 0;
         std::vector<double> latencies;
+        Waiting waiting;
         const std::int64_t drawn_before = drawing_ ? drawing_->pictures() : 0;
         const auto start = Clock::now();
         for (int tick = 0; tick < ticks;) {
@@ -219,7 +258,7 @@ private:
                 apply(edited_, *edit);
             }
             const Seconds due(tick / hertz);
-            wait_until(start + std::chrono::duration_cast<Clock::duration>(due));
+            waiting.until(start + std::chrono::duration_cast<Clock::duration>(due));
             const auto begin = Clock::now();
             if (edit != nullptr) backend.edit(edited_, *edit);
             const glm::dvec3 force = tick_once(backend, double(tick) / ticks, 1);
@@ -238,7 +277,7 @@ private:
             row.pictures_per_second = drawn / seconds_between(start, Clock::now());
             row.hand_over_seconds = drawing_->hand_over_seconds();
             row.picture_seconds = drawing_->picture_seconds();
-            row.displacements_by = drawing_->from_device() ? "feed" : "download";
+            row.displacements_by = drawing_->displacements_by();
             row.renderer = shared_->context.capabilities().device;
         }
         row.ticks = int(latencies.size());
@@ -248,6 +287,8 @@ private:
         row.p999_seconds = percentile(latencies, 0.999);
         row.worst_seconds = latencies.back();
         row.histogram = histogram_of(latencies);
+        row.waited_seconds = waiting.seconds();
+        row.pauses = waiting.pauses();
         row.real_time = real_time_.granted();
         return row;
     }
@@ -330,6 +371,7 @@ private:
     std::array<SpringEdit, 2> edits_;
     Problem edited_;
     SceneRunner runner_;
+    std::map<double, int> fit_;           ///< steps that fit into a tick, by rate
     std::optional<LiveDrawing> drawing_;  ///< while a motion is played that is drawn
 };
 
