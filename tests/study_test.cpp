@@ -267,6 +267,27 @@ private:
     }
 };
 
+/// A device that no other process of the study may have while it steps.
+class Alone : public Faulty {
+public:
+    Alone() : Faulty(Fault::none) {}
+
+private:
+    void integrate(int count) override {
+        const std::string parent = "PPid:\t" + std::to_string(getppid()) + "\n";
+        int processes = 0;
+        std::error_code none;
+        for (const auto& process : std::filesystem::directory_iterator("/proc", none)) {
+            if (process.is_symlink()) continue;  // self, which has a number as well
+            std::stringstream status;
+            status << std::ifstream(process.path() / "status").rdbuf();
+            processes += int(status.str().find(parent) != std::string::npos);
+        }
+        if (processes > 1) throw DeviceError(std::to_string(processes) + " processes");
+        Faulty::integrate(count);
+    }
+};
+
 /// A driver that gives a process its device once.
 class GivenOnce : public Faulty {
 public:
@@ -287,6 +308,7 @@ public:
 
 const Registered host_backends[] = {
     fake("never_given_back", [] { return std::make_unique<NeverGivenBack>(); }),
+    fake("alone", [] { return std::make_unique<Alone>(); }),
     fake("given_once", [] { return std::make_unique<GivenOnce>(); }),
     fake("together_one", [] { return std::make_unique<Together>(); }),
     fake("together_two", [] { return std::make_unique<Together>(); }),
@@ -666,6 +688,16 @@ TEST_F(StudyFile, StartsSeveralAtOnceWhereItSaysNothingOfTheirStart) {
     }
     EXPECT_THAT(timed,
                 ::testing::ElementsAre("together_one", "together_three", "together_two", "test_sound"));
+}
+
+// Processes that have the card are strangers to what is timed there.
+TEST_F(StudyFile, EndsTheProcessesOfRefusedCasesBeforeTimes) {
+    write(R"({"backends": ["alone", "test_unsupported"], "start_times": false,
+              "scenes": [{"scene": "box@3"}], "repetitions": 1, "steps": 2})");
+    const nlohmann::json result = run_study(load_study(path_.string()), {});
+    EXPECT_EQ(result.at("failed").size(), 0u) << result.at("failed");
+    EXPECT_EQ(result.at("skipped").size(), 1u);
+    EXPECT_EQ(result.at("verification").size(), 1u);
 }
 
 // To read and judge a state takes all cores, and gigabytes of memory of a large scene.

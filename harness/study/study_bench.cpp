@@ -140,6 +140,7 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
         show(one.spec().label(), 0, 1);
         if (auto can = entered(std::move(one), how.limits)) cases.push_back(*std::move(can));
     }
+    workers_.end_kept();  // those of cases that were refused
     if (!specs.empty()) progress_.narrow(double(cases.size()) / double(specs.size()));
     return cases;
 }
