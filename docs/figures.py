@@ -10,6 +10,7 @@ result or the sources say.
 import json
 import pathlib
 import re
+import statistics
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -22,6 +23,10 @@ from readme import rows as results  # noqa: E402  # pylint: disable=wrong-import
 # The strategies of the table: of each kind the one that says most.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
          "vulkan_implicit", "gl_fragment_implicit", "cpu_parallel"]
+
+# Who steps while a body is drawn.
+DRAWN = {"cuda": "CUDA, a launch a tick", "a launch for all ticks": "CUDA, a launch for all ticks", "gl": "OpenGL", "vulkan": "Vulkan",
+         "cpu": "the processor"}
 
 
 def heart():
@@ -145,17 +150,48 @@ def tick_rows(rows):
     return lines
 
 
-def pauses_text(rows):
-    """How often the host's thread was off its processor while it waited for ticks of the highest rate."""
-    rows = [row for row in rows if row.get("waited_seconds") and row["hertz"] == max(one["hertz"] for one in rows)]
-    if not rows:
-        return ""
-    waited = sum(row["waited_seconds"] for row in rows)
-    pauses = [(begin, count) for row in rows for begin, count in row["pauses"]]
-    often = [f"{sum(count for begin, count in pauses if begin >= least) / waited:,.1f} times for {name} and more"
-             for least, name in ((4.9e-6, "5 us"), (9.9e-6, "10 us"), (99e-6, "100 us"))]
-    return (f" While it waited for ticks of {rows[0]['hertz'] / 1000:g} kHz, {waited:.0f} s in all, it was off its processor, each second, "
-            f"{', '.join(often)}.")
+def late_ticks():
+    """Of motions of many ticks, what the pauses of the host's thread explain of late ones."""
+    lines, card = [], ""
+    for found in results.machines("haptic"):
+        for row in found["haptic"]:
+            if row.get("waited_seconds", 0) < 10:
+                continue
+            context = found["context"]["voxspring"]
+            card = f"{context['gpu'] or context['cpu']}; commit {context['commit'][:8]}."
+            period = 1 / row["hertz"]
+            often = {least: sum(count for begin, count in row["pauses"] if begin > 0.99 * least) / row["waited_seconds"]
+                     for least in (1e-5, 2e-5, period)}
+            met = [f"{often[least]:.0f} ({100 * often[least] * row['median_seconds']:.2f} %)" for least in (1e-5, 2e-5)]
+            lines.append([row["scene"], results.contender(row), f"{row['missed'] + row['ticks']:,}", seconds_text(row["median_seconds"]),
+                          seconds_text(row["p999_seconds"]), *met, f"{row['missed']:,}", f"{often[period] * row['waited_seconds']:.0f}"])
+    header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us a second (ticks that meet one)", "of 20 us", "missed",
+              "pauses of a whole tick, between ticks"]
+    return results.table(header, lines) + f"\n\n{card}" if lines else "No committed result has it yet."
+
+
+def drawing():
+    """What drawing takes, by where displacements come from; of rows whose steps that fit tell a few percent."""
+    finest = 60
+    found = results.result("haptic")
+    plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"] for row in found["haptic"]
+             if not row["drawn"] and not row["edited"]}
+    groups = {}
+    for row in found["haptic"]:
+        fit = plain.get((row["scene"], row["name"], row["hertz"]))
+        if row["drawn"] and not row["edited"] and fit and fit >= finest:
+            name = "a launch for all ticks" if "ticks=resident" in row["tuning"] else row["backend"].split("_")[0]
+            groups.setdefault((name, row["displacements_by"]), []).append((row, 1 - row["steps_that_fit"] / fit))
+    lines = []
+    for (name, way), rows in sorted(groups.items(), key=lambda item: statistics.median(lost for _, lost in item[1])):
+        median = {key: statistics.median(row[key] for row, _ in rows) for key in ("hand_over_seconds", "picture_seconds", "pictures_per_second")}
+        lost = sorted(lost for _, lost in rows)
+        lines.append([DRAWN[name], f"`{way}()`", str(len(rows)), *(f"{seconds_text(median[key])} ({100 * median[key] * median['pictures_per_second']:.1f} %)"
+                                                         for key in ("hand_over_seconds", "picture_seconds")),
+                      f"{100 * statistics.median(lost):.1f} %", f"{100 * lost[0]:.1f} to {100 * lost[-1]:.1f} %"])
+    context = found["context"]["voxspring"]
+    return (results.table(["steps by", "displacements by", "rows", "hand-over (of a second)", "picture (of a second)", "fewer steps, median", "from, to"], lines) +
+            f"\n\n{context['gpu']}; commit {context['commit'][:8]}; rows without edits in which {finest} steps fit.")
 
 
 def ticks():
@@ -167,14 +203,14 @@ def ticks():
         real_time = {row["real_time"] for row in found["haptic"]}
         thread = "real-time" if real_time == {True} else "not real-time" if real_time == {False} else "real-time in a part of the rows"
         parts.append(results.table(header, tick_rows(found["haptic"])) + f"\n\n{context['gpu'] or context['cpu']}; the host's thread was "
-                     f"{thread}; commit {context['commit'][:8]}." + pauses_text(found["haptic"]))
+                     f"{thread}; commit {context['commit'][:8]}.")
     return "\n\n".join(parts) or "No committed result has it yet."
 
 
 PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture},
          HERE / "accuracy.md": {"gates": gates},
          HERE / "apis.md": {"launches": launches, "empty_steps": empty_steps, "sizes": sizes},
-         HERE / "simulator.md": {"ticks": ticks}}
+         HERE / "simulator.md": {"ticks": ticks, "late_ticks": late_ticks, "drawing": drawing}}
 
 
 def main():
