@@ -285,6 +285,7 @@ TEST_F(LiveDrawingTest, DrawsOnTheDeviceOrByTheHostAndFollowsEdits) {
 }
 
 TEST_F(LiveDrawingTest, ALaunchThatWaitsForTicksEndsForANewMesh) {
+    if (!registry().contains("cuda_resident")) GTEST_SKIP() << "no CUDA in this build";
     std::unique_ptr<Backend> backend;
     make_or_skip(BackendSpec::parse("cuda_resident:ticks=resident"), backend);
     if (IsSkipped()) return;
