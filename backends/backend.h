@@ -218,7 +218,7 @@ public:
 
     /// Allocate, copy in, and stand at step 0. May be called again, with the same problem or another.
     /// Blocks until the device has it all. `problem` must outlive its use here, unchanged: until the next
-    /// upload() or destruction.
+    /// upload() or destruction. An empty list of `state` gives the bits of one of zeros.
     virtual void upload(const Problem& problem, const State& state) = 0;
 
     /// Keep a copy of the state on the device, for rewind(): right after upload(), until the next. False
@@ -285,7 +285,7 @@ public:
     /// Wait for everything enqueued. Late errors surface here.
     virtual void synchronize() = 0;
 
-    /// Synchronize, then copy the state out in canonical order.
+    /// Synchronize, then copy the state out in canonical order, with an element a particle in both lists.
     virtual State download() = 0;
 
     /// Advance one step and count what it did, where there is something to count.

@@ -274,6 +274,43 @@ TEST_P(Conformance, RewindsOverEditsThatCancelToTheBit) {
     expect_same_bits(rewound, backend->download());
 }
 
+// What rests needs no list.
+TEST_P(Conformance, AnEmptyListOfTheStartHasTheBitsOfZeros) {
+    Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 9));
+    if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
+    if (!backend->capabilities().deterministic) GTEST_SKIP() << "two runs differ anyway";
+    const State moving = random_state(problem, 0.05, 8), rest = state_at_rest(problem);
+    const std::pair<State, State> starts[] = {
+        {{}, rest},
+        {{{}, moving.increment}, {rest.displacement, moving.increment}},
+        {{moving.displacement, {}}, {moving.displacement, rest.increment}}};
+    const Problem uploaded = problem;
+    SpringEditor editor(problem);
+    const SpringEdit cut = editor.cut(Ball{{9, 8, 6}, 3});
+    ASSERT_FALSE(cut.empty());
+    for (const auto& [empty, full] : starts) {
+        SCOPED_TRACE(std::string("displacements: ") + (empty.displacement.empty() ? "none" : "some") +
+                     ", increments: " + (empty.increment.empty() ? "none" : "some"));
+        const auto other = spec.make();
+        backend->upload(uploaded, empty);
+        other->upload(uploaded, full);
+        if (backend->keep_start()) {
+            backend->step(3);
+            backend->rewind();
+        }
+        expect_same_bits(backend->download(), other->download());
+        for (Backend* const one : {backend.get(), other.get()}) {
+            one->step(4);
+            one->edit(problem, cut);
+            one->step(5);
+        }
+        const State end = backend->download();
+        ASSERT_EQ(end.displacement.size(), problem.particle_count());
+        EXPECT_NE(end.displacement, full.displacement);
+        expect_same_bits(end, other->download());
+    }
+}
+
 // OpenGL leaves the rounding of its root to the driver, and the paper's formula drifts.
 TEST_P(Conformance, RestStaysRestToTheBit) {
     // It rounds 2 - lambda and 1 - lambda apart: a force in proportion to the absolute position.

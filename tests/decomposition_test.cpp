@@ -171,6 +171,14 @@ TEST(Decompositions, HaveEverySpringOfTheirOwnParticlesAndNoOther) {
     }
 }
 
+TEST(Decompositions, LeaveOutWhatAStartLeavesOut) {
+    const std::vector<glm::dvec3> some = {{1, 0, 0}, {2, 0, 0}, {3, 0, 0}};
+    const std::vector<glm::dvec3> of_part = {some[0], some[2]};
+    expect_same_bits(part_of(State{}, {0, 2}), {});
+    expect_same_bits(part_of(State{some, {}}, {0, 2}), {of_part, {}});
+    expect_same_bits(part_of(State{{}, some}, {0, 2}), {{}, of_part});
+}
+
 TEST(Decompositions, RefuseWhatTheyCannotCut) {
     const auto refusal = [](const Problem& problem, int slabs) {
         return Decomposition::refusal(problem, Decomposition::slabs(problem, slabs));

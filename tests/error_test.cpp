@@ -21,6 +21,7 @@
 #include "harness/verification/error_threshold.h"
 #include "harness/verification/errors.h"
 #include "harness/verification/reference.h"
+#include "harness/verification/statistics.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -362,6 +363,34 @@ TEST_F(Cache, KnowsWhateverDeterminesATrajectory) {
         Scene changed = scene_;
         changes[c](changed);
         EXPECT_TRUE(is_new(changed)) << "change " << c;
+    }
+}
+
+TEST(AStart, MayLeaveOutZeros) {
+    Scene full = load_scene("box@11");
+    full.state = random_state(full.problem, 0.01, 5);
+    const State moving = full.state, rest = state_at_rest(full.problem);
+    const std::pair<State, State> starts[] = {
+        {{}, rest},
+        {{{}, moving.increment}, {rest.displacement, moving.increment}},
+        {{moving.displacement, {}}, {moving.displacement, rest.increment}}};
+    const RoundingModel model = rounding_model_of(BackendSpec::parse("cpu_parallel"));
+    for (const auto& [empty, zeros] : starts) {
+        Scene scene = full;
+        scene.state = empty;
+        full.state = zeros;
+        EXPECT_EQ(fingerprint_of(scene), fingerprint_of(full));
+        References references{no_cache()}, others{no_cache()};
+        const State expected = references.after(scene, 5);
+        expect_same_bits(expected, others.after(full, 5));
+        const double finer = full.problem.time_step / 2;
+        expect_same_bits(at_time_step(scene, finer).state, at_time_step(full, finer).state);
+        const Spread one = references.spread(scene, 5, expected, model);
+        const Spread other = others.spread(full, 5, expected, model);
+        EXPECT_EQ(one.motion_max, other.motion_max);
+        EXPECT_EQ(one.rms, other.rms);
+        EXPECT_EQ(summary_of(full.problem, empty, expected).moved,
+                  summary_of(full.problem, zeros, expected).moved);
     }
 }
 

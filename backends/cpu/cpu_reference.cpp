@@ -104,11 +104,12 @@ private:
         problem_ = &problem;
         springs_ = list_springs(problem);
         rest_springs_ = list_rest_springs(problem);
-        at_ = state.displacement;
+        State start = state.in_full(problem.particle_count());
+        at_ = std::move(start.displacement);
         if (on_positions(formulation_)) {
             for (std::size_t i = 0; i < at_.size(); ++i) at_[i] += problem.rest_position[i];
         }
-        increment_ = state.increment;
+        increment_ = std::move(start.increment);
         previous_ = at_;
         for (std::size_t i = 0; i < at_.size(); ++i) previous_[i] -= increment_[i];
         at_low_.assign(at_.size(), glm::dvec3(0));

@@ -79,14 +79,14 @@ void PaddedState<T>::pack(const Problem& problem, Formulation formulation, const
     const auto put = [element](Array<T>& to, double value) {
         if (to != nullptr) to[element] = T(value);
     };
-    const glm::dvec3 here = on_positions(formulation)
-                                ? problem.rest_position[particle] + state.displacement[particle]
-                                : state.displacement[particle];
-    const glm::dvec3 before = here - state.increment[particle];
+    const glm::dvec3 displacement = state.displacement_of(particle), moved = state.increment_of(particle);
+    const glm::dvec3 here =
+        on_positions(formulation) ? problem.rest_position[particle] + displacement : displacement;
+    const glm::dvec3 before = here - moved;
     mask[element] = problem.lattice.mask[particle];
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const int a = int(axis);
-        const double step = state.increment[particle][a];
+        const double step = moved[a];
         put(at[0][axis], here[a]);
         put(at_low[0][axis], here[a] - double(T(here[a])));
         put(at[1][axis], before[a]);

@@ -265,9 +265,10 @@ private:
         };
         each_particle([&](std::size_t i) {
             const auto e = std::size_t(element_[i]);
+            const glm::dvec3 displaced = state.displacement_of(i), moving = state.increment_of(i);
             for (std::uint64_t c = 0; c < 3; ++c) {
                 const int axis = int(c);
-                const double u = state.displacement[i][axis], v = state.increment[i][axis];
+                const double u = displaced[axis], v = moving[axis];
                 const double rest = on_positions(formulation_) ? problem.rest_position[i][axis] : 0;
                 place_[0][c][e] = stored(rest + u, i, c);
                 place_[1][c][e] = problem.is_pinned(i) ? place_[0][c][e] : stored(rest + u - v, i, 3 + c);

@@ -35,13 +35,14 @@ std::size_t frame_count_of(Formulation formulation) { return by_increments(formu
 glm::vec3 stored(Formulation formulation, const Problem& problem, const State& state, std::size_t particle,
                  std::size_t age, std::size_t target) {
     if (by_increments(formulation)) {
-        const glm::dvec3& exact = (target % 2 == 0 ? state.displacement : state.increment)[particle];
+        const glm::dvec3 exact =
+            target % 2 == 0 ? state.displacement_of(particle) : state.increment_of(particle);
         const glm::vec3 high(exact);
         return target < 2 ? high : glm::vec3(exact - glm::dvec3(high));
     }
-    glm::dvec3 place = state.displacement[particle];
+    glm::dvec3 place = state.displacement_of(particle);
     if (on_positions(formulation)) place += problem.rest_position[particle];
-    if (age == 1) place -= state.increment[particle];
+    if (age == 1) place -= state.increment_of(particle);
     return glm::vec3(place);
 }
 

@@ -277,14 +277,14 @@ std::optional<ChangedSpring> changed_in(const Subdomain& subdomain, ChangedSprin
 }  // namespace
 
 State part_of(const State& state, const std::vector<std::uint32_t>& particles) {
-    State part;
-    part.displacement.reserve(particles.size());
-    part.increment.reserve(particles.size());
-    for (const std::uint32_t i : particles) {
-        part.displacement.push_back(state.displacement[i]);
-        part.increment.push_back(state.increment[i]);
-    }
-    return part;
+    const auto of_these = [&](const std::vector<glm::dvec3>& all) {
+        std::vector<glm::dvec3> part;
+        if (all.empty()) return part;
+        part.reserve(particles.size());
+        for (const std::uint32_t i : particles) part.push_back(all[i]);
+        return part;
+    };
+    return {of_these(state.displacement), of_these(state.increment)};
 }
 
 void Subdomain::copy_own(const State& part, State& whole) const {

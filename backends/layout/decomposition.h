@@ -20,7 +20,7 @@
 
 namespace voxspring {
 
-/// What these particles have in `state`, in their order.
+/// What these particles have in `state`, in their order. Lists that are empty stay so.
 State part_of(const State& state, const std::vector<std::uint32_t>& particles);
 
 struct Subdomain {

@@ -59,10 +59,10 @@ MarchState<Real> pack_march(const Problem& problem, const State& state, Formulat
     packed.current.resize(axes.size());
     packed.before.resize(axes.size());
     visit_particles(problem, axes, [&](std::size_t i, std::size_t at) {
-        glm::dvec3 point = state.displacement[i];
+        glm::dvec3 point = state.displacement_of(i);
         if (on_positions(formulation)) point += problem.rest_position[i];
         const glm::dvec3 before =
-            by_increments(formulation) ? state.increment[i] : point - state.increment[i];
+            by_increments(formulation) ? state.increment_of(i) : point - state.increment_of(i);
         for (std::size_t axis = 0; axis < 3; ++axis) {
             packed.current[axis * axes.axis + at] = Real(point[int(axis)]);
             packed.before[axis * axes.axis + at] = Real(before[int(axis)]);

@@ -49,13 +49,13 @@ PackedState<Real> pack(const Problem& problem, const State& state, const Placeme
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {
         const auto i = std::size_t(n);
         const std::size_t at = placement.at(i);
-        glm::dvec3 point = state.displacement[i];
+        glm::dvec3 point = state.displacement_of(i);
         if (on_positions(formulation)) point += problem.rest_position[i];
         packed.current[at] = {vector_of<Real>(point), bits[i]};
-        if (!increments) packed.previous[at] = {vector_of<Real>(point - state.increment[i]), bits[i]};
+        if (!increments) packed.previous[at] = {vector_of<Real>(point - state.increment_of(i)), bits[i]};
         if (split) packed.current_low[at] = {vector_of<Real>(low_part<Real>(point)), 0};
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            const double v = state.increment[i][int(axis)];
+            const double v = state.increment_of(i)[int(axis)];
             if (increments) packed.increment[axis * pitch + at] = Real(v);
             if (split) packed.increment_low[axis * pitch + at] = Real(v - double(Real(v)));
         }

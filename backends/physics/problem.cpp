@@ -138,10 +138,14 @@ std::vector<RestSpring> list_rest_springs(const Problem& problem) {
     return springs;
 }
 
-State state_at_rest(const Problem& problem) {
-    return {std::vector<glm::dvec3>(problem.particle_count(), glm::dvec3(0)),
-            std::vector<glm::dvec3>(problem.particle_count(), glm::dvec3(0))};
+State State::in_full(std::size_t particles) const {
+    const auto full = [particles](const std::vector<glm::dvec3>& list) {
+        return list.empty() ? std::vector<glm::dvec3>(particles, glm::dvec3(0)) : list;
+    };
+    return {full(displacement), full(increment)};
 }
+
+State state_at_rest(const Problem& problem) { return State().in_full(problem.particle_count()); }
 
 Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
     Problem problem;

@@ -200,11 +200,21 @@ private:
 /// The moving part of a simulation, in float64 and canonical order, so that a backend which keeps
 /// displacements loses nothing on the way out.
 struct State {
+    // One a particle; empty: all are zero, which takes no memory.
     std::vector<glm::dvec3> displacement;  ///< x(t) - rest position
     std::vector<glm::dvec3> increment;     ///< x(t) - x(t - dt)
+
+    glm::dvec3 displacement_of(std::size_t particle) const {
+        return displacement.empty() ? glm::dvec3(0) : displacement[particle];
+    }
+    glm::dvec3 increment_of(std::size_t particle) const {
+        return increment.empty() ? glm::dvec3(0) : increment[particle];
+    }
+    /// The same state of `particles`, with an element a particle in both lists.
+    State in_full(std::size_t particles) const;
 };
 
-/// All particles at their rest position and at rest.
+/// All particles at their rest position and at rest, with an element a particle in both lists.
 State state_at_rest(const Problem& problem);
 
 /// What make_lattice_problem builds a problem from: labels of a voxel grid and spring groups.

@@ -20,7 +20,7 @@ std::size_t count_moved(const Problem& problem, const State& state, BlockShape s
     std::vector<std::uint8_t> moved(grid.places());
     std::size_t count = 0;
     for (std::size_t i = 0; i < problem.particle_count() && count < enough; ++i) {
-        if (state.displacement[i] == glm::dvec3(0) && state.increment[i] == glm::dvec3(0)) continue;
+        if (state.displacement_of(i) == glm::dvec3(0) && state.increment_of(i) == glm::dvec3(0)) continue;
         std::uint8_t& block = moved[grid.place_of(problem.lattice, problem.lattice.voxel[i])];
         count += block == 0 ? 1 : 0;
         block = 1;

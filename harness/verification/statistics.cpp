@@ -80,7 +80,7 @@ std::string to_string(Statistic::Kind kind) {
 StateSummary summary_of(const Problem& problem, const State& start, const State& state) {
     const std::size_t count = problem.particle_count();
     const auto sums = sum_of<Moved>(count, [&](Moved& part, std::size_t i) {
-        const glm::dvec3 moved = state.displacement[i] - start.displacement[i];
+        const glm::dvec3 moved = state.displacement[i] - start.displacement_of(i);
         const double mass = problem.material_of(i).mass;
         part.squares += glm::dot(moved, moved);
         part.mass += mass;

@@ -111,7 +111,7 @@ void Simulation::stand_at_start() {
     holds_ = false;
     moved_ = glm::dvec3(0);
     stitches_.clear();
-    kept_ = {.state = scene_.state,
+    kept_ = {.state = scene_.state.in_full(scene_.problem.particle_count()),
              .label = spec_.label(),
              .springs_version = springs_version_,
              .mask = scene_.problem.lattice.mask,

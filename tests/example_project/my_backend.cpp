@@ -21,8 +21,9 @@ public:
         problem_ = &problem;
         springs_ = list_springs(problem);
         rests_ = list_rest_springs(problem);
-        displacement_.assign(state.displacement.begin(), state.displacement.end());
-        increment_.assign(state.increment.begin(), state.increment.end());
+        const State start = state.in_full(problem.particle_count());  // at rest its lists are empty
+        displacement_.assign(start.displacement.begin(), start.displacement.end());
+        increment_.assign(start.increment.begin(), start.increment.end());
         force_.resize(displacement_.size());
     }
 
