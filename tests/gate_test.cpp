@@ -104,6 +104,7 @@ struct Judged {
         solution.spreads.emplace_back(model, references().spread(scene, steps, same_step, model));
         return solution;
     }
+    State start() const { return scene.state.in_full(scene.problem.particle_count()); }
     Scene scene;
     int steps;
     Problem last;
@@ -174,7 +175,7 @@ TEST_P(Gate, PassesTheHonestWithRoomAndNoneThatIsWrong) {
         EXPECT_TRUE(honest.passed()) << honest.reason;
         EXPECT_EQ(is_chaotic(spread), GetParam().chaotic);
         if (GetParam().tells_little) {
-            EXPECT_FALSE(judge(solution, judged.scene.state, spec).passed()) << "nothing done";
+            EXPECT_FALSE(judge(solution, judged.start(), spec).passed()) << "nothing done";
             continue;
         }
         // Four spreads are the gate; an honest error is about one.
@@ -191,7 +192,7 @@ TEST_P(Gate, PassesTheHonestWithRoomAndNoneThatIsWrong) {
             EXPECT_FALSE(wrong.passed()) << name << ": " << load(wrong) << " of the gate";
             row["wrong_in_gates"][name] = load(wrong);
         };
-        expect_caught("nothing done", judged.scene.state);
+        expect_caught("nothing done", judged.start());
         for (const Wrong& wrong : wrong_models()) {
             if (!wrong.applies(judged.scene)) continue;
             Scene changed = judged.scene;

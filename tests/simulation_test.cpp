@@ -88,6 +88,7 @@ TEST_P(SimulationOn, WhatIsLetGoIsFree) {
 TEST_P(SimulationOn, ABladeCutsWhereTheBodyIs) {
     Scene scene = box();
     // Sheared, and away from where it is at rest.
+    scene.state = state_at_rest(scene.problem);
     for (std::size_t i = 0; i < scene.state.displacement.size(); ++i)
         scene.state.displacement[i] = {100 + 0.5 * scene.problem.rest_position[i].z, 0, 0};
     Simulation simulation = start(std::move(scene));

@@ -196,10 +196,12 @@ void pin_regions(Problem& problem, const SceneFile& scene) {
     pin(problem, std::move(pinned));
 }
 
-/// Sets `field` on the particles of its region that may move, times `scale`.
+/// Sets `field` on the particles of its region that may move, times `scale`. A field of zeros leaves `out`
+/// empty.
 void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double scale,
                const Problem& problem) {
     if (!field.region && field.vector == glm::dvec3(0) && !(field.amplitude > 0)) return;  // is zero
+    out.assign(problem.particle_count(), glm::dvec3(0));
     std::vector<bool> chosen(out.size(), !field.region);
     if (field.region) {
         for (const std::size_t i : particles_in(*field.region, problem.lattice)) chosen[i] = true;
@@ -298,7 +300,6 @@ Scene build(const SceneFile& file_says, const std::string& file, const SceneSize
     const Problem& limiting = edited ? *edited : problem;
     scene.stable_time_step = stable_time_step(limiting);
     problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, limiting, file);
-    scene.state = state_at_rest(problem);
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
     return scene;

@@ -29,7 +29,7 @@ struct Scene {
     std::string source;       ///< the argument that it was loaded from; empty for one built in memory
     std::string description;  ///< one sentence; may be empty
     Problem problem;
-    State state;  ///< at step 0
+    State state;  ///< at step 0; a list of zeros is left out
     /// By step; each one's springs are those that the edits before it left.
     std::vector<ScheduledEdit> edits;
     /// Of Problem::tool; empty: it stays where it took hold, if there is one.
@@ -68,10 +68,10 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume,
 /// relative to; without its folder it is the scene's name.
 Scene parse_scene(const std::string& text, const std::string& file, const SceneSizeLimits& limits);
 
-/// The scene of a problem that was built in memory, without edits. `state` is empty for one at rest. A time
-/// step of 0 becomes half of the stable one. Throws std::invalid_argument, saying what, where a name has a
-/// '/' or a blank, an array is neither empty, where it may be, nor of one element a particle, or a number or
-/// an index is out of its range.
+/// The scene of a problem that was built in memory, without edits. Each list of `state` may be empty, which
+/// both are for a body at rest. A time step of 0 becomes half of the stable one. Throws
+/// std::invalid_argument, saying what, where a name has a '/' or a blank, an array is neither empty, where it
+/// may be, nor of one element a particle, or a number or an index is out of its range.
 Scene scene_of(std::string name, Problem problem, State state = {});
 
 /// The problem with every spring that an edit of the scene ever adds beyond its lattice: what limits the time

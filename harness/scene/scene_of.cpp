@@ -88,11 +88,11 @@ Scene scene_of(std::string name, Problem problem, State state) {
     if (time_step == 0) time_step = scene.stable_time_step / 2;
     require(is_positive(time_step), "its time step is not positive, or there is none and nothing limits it");
     scene.state = std::move(state);
-    const std::size_t particles = scene.problem.particle_count();
-    if (scene.state.displacement.empty() && scene.state.increment.empty())
-        scene.state = state_at_rest(scene.problem);
-    require(scene.state.displacement.size() == particles, "displacement is not one a particle");
-    require(scene.state.increment.size() == particles, "increment is not one a particle");
+    const auto fits = [&](const std::vector<glm::dvec3>& list) {
+        return list.empty() || list.size() == scene.problem.particle_count();
+    };
+    require(fits(scene.state.displacement), "displacement is not one a particle");
+    require(fits(scene.state.increment), "increment is not one a particle");
     return scene;
 }
 

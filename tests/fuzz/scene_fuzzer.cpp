@@ -31,10 +31,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         require(problem.time_step > 0 && std::isfinite(problem.time_step));
         require(problem.load.empty() || problem.load.size() == particles);
         require(problem.material.empty() || problem.material.size() == particles);
-        require(scene.state.displacement.size() == particles && scene.state.increment.size() == particles);
+        for (const auto* list : {&scene.state.displacement, &scene.state.increment})
+            require(list->empty() || list->size() == particles);
         for (std::size_t i = 0; i < particles; ++i) {
             require(problem.material.empty() || problem.material[i] < problem.materials.size());
-            require(finite(scene.state.displacement[i]) && finite(scene.state.increment[i]));
+            require(finite(scene.state.displacement_of(i)) && finite(scene.state.increment_of(i)));
         }
         for (const voxspring::Material& material : problem.materials)
             require(material.mass > 0 && material.stiffness > 0);
