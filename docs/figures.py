@@ -152,22 +152,24 @@ def tick_rows(rows):
 
 def late_ticks():
     """Of motions of many ticks, what the pauses of the host's thread explain of late ones."""
-    lines, card = [], ""
+    header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us a second (ticks that meet one)", "of 20 us", "missed",
+              "pauses of a whole tick, between ticks"]
+    parts = []
     for found in results.machines("haptic"):
+        lines = []
         for row in found["haptic"]:
             if row.get("waited_seconds", 0) < 10:
                 continue
-            context = found["context"]["voxspring"]
-            card = f"{context['gpu'] or context['cpu']}; commit {context['commit'][:8]}."
             period = 1 / row["hertz"]
             often = {least: sum(count for begin, count in row["pauses"] if begin > 0.99 * least) / row["waited_seconds"]
                      for least in (1e-5, 2e-5, period)}
             met = [f"{often[least]:.0f} ({100 * often[least] * row['median_seconds']:.2f} %)" for least in (1e-5, 2e-5)]
             lines.append([row["scene"], results.contender(row), f"{row['missed'] + row['ticks']:,}", seconds_text(row["median_seconds"]),
                           seconds_text(row["p999_seconds"]), *met, f"{row['missed']:,}", f"{often[period] * row['waited_seconds']:.0f}"])
-    header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us a second (ticks that meet one)", "of 20 us", "missed",
-              "pauses of a whole tick, between ticks"]
-    return results.table(header, lines) + f"\n\n{card}" if lines else "No committed result has it yet."
+        context = found["context"]["voxspring"]
+        if lines:
+            parts.append(results.table(header, lines) + f"\n\n{context['gpu'] or context['cpu']}; commit {context['commit'][:8]}.")
+    return "\n\n".join(parts) or "No committed result has it yet."
 
 
 def drawing():
