@@ -2,10 +2,13 @@
 // backend that fails.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/time.h>
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <cstdint>
+#include <ctime>
 #include <fstream>
 #include <glm/vec4.hpp>
 #include <map>
@@ -84,6 +87,22 @@ private:
     };
 };
 
+/// The same in a process that a signal stops for two milliseconds, fifty times a second.
+class Interrupted final : public Withheld {
+public:
+    Interrupted() {
+        struct sigaction stop {};
+        stop.sa_handler = [](int) {
+            const timespec pause{.tv_sec = 0, .tv_nsec = 2'000'000};
+            nanosleep(&pause, nullptr);
+        };
+        stop.sa_flags = SA_RESTART;
+        sigaction(SIGALRM, &stop, nullptr);
+        const itimerval often{.it_interval = {0, 20'000}, .it_value = {0, 20'000}};
+        setitimer(ITIMER_REAL, &often, nullptr);
+    }
+};
+
 template <class Made>
 BackendEntry entry(const std::string& name) {
     return {.name = name,
@@ -94,7 +113,8 @@ BackendEntry entry(const std::string& name) {
             .make = [](const Options&) { return std::make_unique<Made>(); },
             .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }};
 }
-const Registered withheld(entry<Withheld>("withheld")), brought(entry<Brought>("brought"));
+const Registered withheld(entry<Withheld>("withheld")), brought(entry<Brought>("brought")),
+    stopped(entry<Interrupted>("interrupted"));
 
 // --- Tests -----------------------------------------------------------------------------------------------
 
@@ -175,6 +195,19 @@ TEST_F(Haptic, PlaysTheMotionAndReadsTheForce) {
     Study without = study({"cpu_reference"}, {500});
     without.scenes = {{"box@4", 20, {}}};
     EXPECT_THROW((void)run_study(without, {}), BadInput);
+}
+
+TEST_F(Haptic, CountsThePausesOfItsThread) {
+    // So often that it asks the clock all the time between ticks.
+    const nlohmann::json result = run_study(study({"interrupted"}, {5000}), {});
+    ASSERT_FALSE(result.at("haptic").empty()) << result.at("failed");
+    const nlohmann::json& row = result.at("haptic")[0];
+    std::int64_t long_pauses = 0;
+    for (const auto& [begin, count] : row.at("pauses").get<Histogram>()) {
+        if (begin > 1.5e-3) long_pauses += count;
+    }
+    // Some of the dozen fall into a tick.
+    EXPECT_GE(long_pauses, 3) << row;
 }
 
 /// Why nothing can be drawn here, or nothing.
