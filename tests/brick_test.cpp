@@ -100,8 +100,10 @@ public:
         return shape.both || high - low < 2 * shape.nx();
     }
 
-    Simulation(const Problem& problem, const State& start)
+    /// `by_side`: plain blocks have the masks of such, as on a device; otherwise those of any block.
+    Simulation(const Problem& problem, const State& start, bool by_side = true)
         : problem_(problem),
+          by_side_(by_side),
           state_(pack_march<float>(problem, start, V::formulation)),
           layout_(problem, {.shape = shape, .pollers = 32}) {
         static_cast<MarchStep<float>&>(step_) = make_march_step<float>(problem, V::formulation);
@@ -114,6 +116,8 @@ public:
 
     std::vector<EditedWord> edit(const SpringEdit& edit) { return layout_.edit(edit); }
     const BrickLayout& layout() const { return layout_; }
+    /// Of all launches.
+    std::size_t plain_blocks() const { return plain_blocks_; }
     State download() const { return unpack_march<float>(problem_, state_, V::formulation); }
 
     /// A launch of `count` steps.
@@ -125,13 +129,19 @@ public:
 
 private:
     /// Masks as a thread reads them; each bit is asked for within its words.
+    template <class Tile>
     struct Words {
+        static constexpr bool by_side = false;
         const BrickLayout* layout;
         std::size_t lane;
-        bool has(int bit) const {
-            return (layout->masks().at(std::size_t(bit / 32) * layout->lane_count() + lane) >> bit % 32 &
-                    1U) != 0;
+        std::uint32_t word(int number) const {
+            return layout->masks().at(std::size_t(number) * layout->lane_count() + lane);
         }
+        bool has(int bit) const { return (word(bit / 32) >> bit % 32 & 1U) != 0; }
+        bool spring(int bit, std::uint32_t /*crossed*/) const { return has(bit); }
+        bool moves(int n) const { return has(Tile::moves_bit + n); }
+        bool exists(int n) const { return has(Tile::exists_bit + n); }
+        TileSides sides() const { return {word(Tile::mask_words)}; }
     };
 
     template <std::uint32_t groups, bool equal>
@@ -141,11 +151,25 @@ private:
         const std::size_t blocks = layout_.blocks().size();
         const float nan = std::numeric_limits<float>::quiet_NaN();
         std::vector<std::vector<float>> points(blocks,
-                                               std::vector<float>(std::size_t(shape.shared_words()), 0));
+                                               std::vector<float>(std::size_t(shape.shared_words()), nan));
         std::vector<std::vector<Tile>> tiles(blocks);
         std::map<std::pair<std::size_t, int>, Vector<float>> sent;  // by element and number of the step
         const auto words = [&](std::size_t b, int lane) {
-            return Words{&layout_, b * std::size_t(shape.lanes()) + std::size_t(lane)};
+            return Words<Tile>{&layout_, b * std::size_t(shape.lanes()) + std::size_t(lane)};
+        };
+        std::vector<char> plain(blocks, by_side_ ? 1 : 0);
+        for (std::size_t b = 0; b < blocks; ++b) {
+            for (int lane = 0; lane < shape.threads(); ++lane) {
+                if (!words(b, lane).sides().is_plain()) plain[b] = 0;
+            }
+            plain_blocks_ += std::size_t(plain[b]);
+        }
+        const auto with_words = [&](std::size_t b, int lane, auto visit) {
+            if (plain[b] != 0) {
+                visit(PlainWords(words(b, lane).sides(), words(b, lane), Tile::particles));
+            } else {
+                visit(words(b, lane));
+            }
         };
         const auto axes = [&](const std::vector<float>& from, std::size_t element) {
             return Vector<float>{from.at(element), from.at(element + step_.axis),
@@ -165,7 +189,7 @@ private:
                 Tile& tile = tiles[b].emplace_back(step_, layout_.blocks()[b], lane);
                 Tile::visit_particles([&](int n, int i, int j, int k) {
                     if constexpr (Terms::increments) tile.increment(n) = {0, 0, 0};
-                    if (!words(b, lane).has(Tile::exists_bit + n)) return;
+                    if (!words(b, lane).exists(n)) return;
                     const std::size_t element = tile.element(step_, i, j, k);
                     Tile::store(points[b].data(), tile.slot(i, j, k), axes(state_.current, element));
                     if constexpr (Terms::increments) {
@@ -175,7 +199,7 @@ private:
                                     axes(state_.before, element));
                     }
                 });
-                tile.start(points[b].data(), words(b, lane));
+                with_words(b, lane, [&](const auto& masks) { tile.start(points[b].data(), masks); });
             }
             for_polls(b, [&](const BrickPoll& poll) {
                 Tile::store(points[b].data(), int(poll.slot), axes(state_.current, poll.from));
@@ -185,8 +209,11 @@ private:
         int now = 0, next = shape.half();
         for (int n = 1; n <= count; ++n) {
             for (std::size_t b = 0; b < blocks; ++b) {
-                for (int lane = 0; lane < shape.threads(); ++lane)
-                    tiles[b][std::size_t(lane)].add_early(step_, points[b].data() + now, words(b, lane));
+                for (int lane = 0; lane < shape.threads(); ++lane) {
+                    with_words(b, lane, [&](const auto& masks) {
+                        tiles[b][std::size_t(lane)].add_early(step_, points[b].data() + now, masks);
+                    });
+                }
             }
             for (std::size_t b = 0; b < blocks; ++b) {
                 // What nobody has sent is not there.
@@ -198,13 +225,16 @@ private:
             for (std::size_t b = 0; b < blocks; ++b) {
                 for (int lane = 0; lane < shape.threads(); ++lane) {
                     Tile& tile = tiles[b][std::size_t(lane)];
-                    tile.add_late(step_, points[b].data() + now, words(b, lane));
                     const std::size_t first = tile.element(step_, 0, 0, 0);
-                    tile.integrate(step_, points[b].data() + next, words(b, lane),
-                                   [&](bool here, int i, int j, int k, Vector<float> point) {
-                                       const auto at = first + std::size_t(tile.from_first(step_, i, j, k));
-                                       if (here) sent[{at, n}] = point;
-                                   });
+                    with_words(b, lane, [&](const auto& masks) {
+                        tile.add_late(step_, points[b].data() + now, masks);
+                        tile.integrate(step_, points[b].data() + next, masks,
+                                       [&](bool here, int i, int j, int k, Vector<float> point) {
+                                           const auto at =
+                                               first + std::size_t(tile.from_first(step_, i, j, k));
+                                           if (here) sent[{at, n}] = point;
+                                       });
+                    });
                 }
                 for_polls(b, [&](const BrickPoll& poll) {
                     Tile::store(points[b].data() + now, int(poll.slot), {nan, nan, nan});
@@ -216,7 +246,7 @@ private:
             for (int lane = 0; lane < shape.threads(); ++lane) {
                 Tile& tile = tiles[b][std::size_t(lane)];
                 Tile::visit_particles([&](int m, int i, int j, int k) {
-                    if (!words(b, lane).has(Tile::exists_bit + m)) return;
+                    if (!words(b, lane).exists(m)) return;
                     const std::size_t element = tile.element(step_, i, j, k);
                     const auto write = [&](std::vector<float>& to, Vector<float> v) {
                         to.at(element) = v.x;
@@ -234,6 +264,8 @@ private:
         }
     }
     const Problem& problem_;
+    const bool by_side_;
+    std::size_t plain_blocks_ = 0;
     MarchState<float> state_;
     BrickLayout layout_;
     BrickStep step_{};
@@ -290,6 +322,34 @@ TYPED_TEST(BrickBody, LaunchesChangeNoBit) {
         for (const int count : {2, 1, 2}) several.run(count);
         EXPECT_EQ(one.download().displacement, several.download().displacement);
         EXPECT_EQ(one.download().increment, several.download().increment);
+    }
+}
+
+// To ask by sides rather than by bits skips instructions, and changes no bit. What lies beyond the end of a
+// body is not a number here, where a device has zeros.
+TYPED_TEST(BrickBody, PlainBlocksStepAsMasksSay) {
+    const BrickShape shape = TypeParam::shape;
+    std::map<std::string, Problem> problems = lattices();
+    problems["whole_bricks"] = pinned(lattice(solid({2 * shape.nx(), 2 * shape.ny(), 2 * shape.nz()})));
+    problems["one_brick"] = lattice(solid({shape.nx(), shape.ny(), shape.nz()}));
+    problems["faces_of_bricks"] = lattice(solid({2 * shape.nx(), shape.ny(), 2 * shape.nz()}), FACE_BITS);
+    problems["hole"] = lattice(make_grid({2 * shape.nx(), 2 * shape.ny(), 2 * shape.nz()},
+                                         [](int x, int y, int z) { return x != 3 || y != 2 || z != 1; }));
+    for (const auto& [name, problem] : problems) {
+        if (!Simulation<TypeParam>::fits(problem)) continue;
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        Simulation<TypeParam> by_side(problem, start), by_bit(problem, start, false);
+        by_side.run(5);
+        by_bit.run(5);
+        expect_same_bits(by_side.download(), by_bit.download());
+        EXPECT_EQ(by_bit.plain_blocks(), 0U);
+        EXPECT_EQ(by_side.plain_blocks() == by_side.layout().blocks().size(), by_side.layout().all_plain());
+        const std::map<std::string, std::size_t> expected = {
+            {"whole_bricks", 8}, {"one_brick", 1}, {"faces_of_bricks", 4}, {"hole", 7}, {"sparse", 0}};
+        if (const auto known = expected.find(name); known != expected.end()) {
+            EXPECT_EQ(by_side.plain_blocks(), known->second);
+        }
     }
 }
 

@@ -256,6 +256,7 @@ TEST(Compiler, CompilesBricks) {
              {"POLLERS", "128"},
              {"ROUNDS", "12"},
              {"EQUAL_EDGES", "true"},
+             {"PLAIN_BLOCKS", "1"},
              {"LANE_REGISTERS", std::to_string(registers)},
              {"POLLER_REGISTERS", "80"},
              {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}},

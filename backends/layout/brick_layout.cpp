@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdlib>
 #include <glm/common.hpp>
@@ -297,19 +298,22 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
 
 class BrickLayout::ListSprings {
 public:
-    explicit ListSprings(std::vector<TileSpring>& springs) : springs_(springs) {}
+    ListSprings(const BrickShape& shape, std::vector<TileSpring>& springs)
+        : shape_(shape), springs_(springs) {}
     void both(int bit, int i, int j, int k, int i2, int j2, int k2) { half(bit, i, j, k, i2, j2, k2); }
     void half(int bit, int i, int j, int k, int i2, int j2, int k2) {
-        springs_.push_back({i, j, k, i2 - i, j2 - j, k2 - k, bit});
+        springs_.push_back({i, j, k, i2 - i, j2 - j, k2 - k, bit, shape_.crossed(i2, j2, k2)});
     }
 
 private:
+    const BrickShape& shape_;
     std::vector<TileSpring>& springs_;
 };
 
 BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
     : plan_(plan),
       strides_(march_strides(problem.lattice, sizeof(float))),
+      group_bits_(problem.group_bits),
       dims_(problem.lattice.dims),
       voxel_(problem.lattice.voxel),
       mask_(std::size_t(dims_.x) * std::size_t(dims_.y) * std::size_t(dims_.z)) {
@@ -319,11 +323,11 @@ BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
     low_ = low;
     const glm::ivec3 size = size_of(plan.shape);
     bricks_ = (high - low + size) / size;
-    ListSprings list(springs_);
+    ListSprings list(plan.shape, springs_);
     bits_ = visit_tile(plan.shape, list);
 
     find_blocks();
-    masks_.assign(std::size_t(bits_.words()) * lane_count(), 0);
+    masks_.assign(std::size_t(bits_.words_in_all()) * lane_count(), 0);
 #pragma omp parallel for schedule(dynamic)
     for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n) {
         const auto block = std::size_t(n);
@@ -392,9 +396,42 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         const int bit = bit_of(place.dx * s.dx, place.dy * s.dy, place.dz * s.dz);
         if ((mask >> bit & 1U) != 0) set(s.bit);
     }
+    words[std::size_t(bits_.words())] = sides_of(words).bits;
     const std::size_t at = block * std::size_t(plan_.shape.lanes()) + std::size_t(lane);
-    for (int n = 0; n < bits_.words(); ++n)
+    for (int n = 0; n < bits_.words_in_all(); ++n)
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
+}
+
+TileSides BrickLayout::sides_of(std::span<const std::uint32_t> words) const {
+    const auto has = [&](int bit) { return (words[std::size_t(bit) / 32] >> bit % 32 & 1U) != 0; };
+    std::uint32_t open = 0;  // sides that a spring crosses, and no other side with it
+    for (const TileSpring& s : springs_) {
+        if (std::has_single_bit(s.crossed) && has(s.bit)) open |= s.crossed;
+    }
+    const auto all_open = [&](std::uint32_t crossed) { return (crossed & ~open) == 0; };
+    for (const TileSpring& s : springs_) {
+        const bool in_use = (group_bits_ & (spring_class(s.dx, s.dy, s.dz) < 3 ? FACE_BITS : EDGE_BITS)) != 0;
+        if (in_use && has(s.bit) != all_open(s.crossed)) return {0};
+    }
+    for (int n = 0; n < bits_.particles; ++n) {
+        if (!has(bits_.exists(n))) return {0};
+    }
+    std::uint32_t bits = TileSides::plain;
+    for (std::uint32_t crossed = 1; crossed < 1U << BrickShape::sides; ++crossed) {
+        if (all_open(crossed)) bits |= 1U << crossed;
+    }
+    return {bits};
+}
+
+bool BrickLayout::all_plain() const {
+    const std::uint32_t* const sides = masks_.data() + std::size_t(bits_.words()) * lane_count();
+    for (std::size_t block = 0; block < blocks_.size(); ++block) {
+        const std::uint32_t* const of = sides + block * std::size_t(plan_.shape.lanes());
+        for (int lane = 0; lane < plan_.shape.threads(); ++lane) {
+            if (!TileSides{of[lane]}.is_plain()) return false;
+        }
+    }
+    return true;
 }
 
 std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
@@ -471,7 +508,7 @@ std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {
     std::sort(lanes.begin(), lanes.end());
     lanes.erase(std::unique(lanes.begin(), lanes.end()), lanes.end());
     std::vector<EditedWord> edited;
-    std::vector<std::uint32_t> before(std::size_t(bits_.words()));
+    std::vector<std::uint32_t> before(std::size_t(bits_.words_in_all()));
     for (const auto& [block, lane] : lanes) {
         const std::size_t at = block * std::size_t(shape.lanes()) + std::size_t(lane);
         for (std::size_t w = 0; w < before.size(); ++w) before[w] = masks_[w * lane_count() + at];

@@ -56,6 +56,8 @@ public:
     /// In the order of the kernel: by round, then by block, then by poller.
     const std::vector<BrickPoll>& polls() const { return polls_; }
     int rounds() const { return rounds_; }
+    /// Whether all threads are plain (TileSides).
+    bool all_plain() const;
     std::uint32_t lane_count() const {
         return std::uint32_t(blocks_.size()) * std::uint32_t(plan_.shape.lanes());
     }
@@ -67,17 +69,20 @@ private:
     /// A spring of a tile: its particle, where it leads, and its bit.
     struct TileSpring {
         int i, j, k, dx, dy, dz, bit;
+        std::uint32_t crossed;  ///< BrickShape::crossed()
     };
     class ListSprings;
 
     std::uint32_t mask_at(const glm::ivec3& voxel) const;
     void find_blocks();
     void write_masks(std::size_t block, int lane);
+    TileSides sides_of(std::span<const std::uint32_t> words) const;
     std::vector<BrickPoll> polls_of(const BrickBlock& block) const;
     void collect_polls();
 
     BrickPlan plan_;
     SoaStrides strides_;
+    std::uint32_t group_bits_;
     glm::ivec3 dims_, low_{0}, bricks_{1};  ///< of the lattice; of the body; along each axis
     std::vector<std::uint32_t> voxel_;      ///< one a particle
     std::vector<std::uint32_t> mask_;       ///< one a voxel

@@ -1,6 +1,7 @@
 // SHAPE: a BrickShape, EQUAL_EDGES as in march.cu. POLLERS threads beside those with tiles wait for ROUNDS
 // points of other blocks each. LANE_REGISTERS, POLLER_REGISTERS: what a thread of either kind has, if they
-// are moved from the one to the other; 0: all have the same.
+// are moved from the one to the other; 0: all have the same. PLAIN_BLOCKS: blocks all of whose threads are
+// plain (TileSides) have code of their own, which asks for no spring by itself.
 #include "cuda/kernels/brick.h"
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/wait.h"
@@ -21,9 +22,14 @@ extern __shared__ float points[];
 __device__ void border_is_here() { asm volatile("bar.sync 1, %0;" ::"n"(all_threads) : "memory"); }
 __device__ void step_is_done() { asm volatile("bar.sync 2, %0;" ::"n"(all_threads) : "memory"); }
 
+/// Masks of any thread.
 struct TileWords {
+    static constexpr bool by_side = false;
     std::uint32_t word[mask_words];
     __device__ bool has(int bit) const { return (word[bit / 32] >> (bit % 32) & 1U) != 0; }
+    __device__ bool spring(int bit, std::uint32_t /*crossed*/) const { return has(bit); }
+    __device__ bool moves(int n) const { return has(Tile::moves_bit + n); }
+    __device__ bool exists(int n) const { return has(Tile::exists_bit + n); }
     __device__ void load(const BrickStep& step, std::uint32_t lane) {
 #pragma unroll
         for (int n = 0; n < mask_words; ++n) word[n] = __ldg(step.masks + n * step.lane_count + lane);
@@ -57,14 +63,15 @@ private:
 };
 
 /// Takes the steps of a thread; `idle`: one without a tile, or of a warp without particles.
-__device__ void run_steps(const BrickStep& step, Tile& tile, TileWords& words, bool idle, int thread,
-                          int count, std::uint32_t tag) {
+template <class Words>
+__device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool idle, int thread, int count,
+                          std::uint32_t tag) {
     Turns turns;
     tile.start(points, words);
     TaggedPoint* const first = step.exchange + tile.element(step, 0, 0, 0);
     ROLLED
     for (int n = 1; n <= count; ++n) {
-        if constexpr (!keeps_masks) words.load(step, lane_of(thread));
+        if constexpr (!keeps_masks && !Words::by_side) words.load(step, lane_of(thread));
         if (!idle) tile.add_early(step, turns.now(), words);
         border_is_here();
         if (!idle) {
@@ -141,7 +148,14 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
     const int thread = int(threadIdx.x);
     const BrickBlock block = step.blocks[blockIdx.x];
     for (int n = thread; n < shape.shared_words(); n += all_threads) points[n] = 0;
+#if PLAIN_BLOCKS
+    const TileSides sides{thread < shape.threads()
+                              ? step.masks[mask_words * step.lane_count + lane_of(thread)]
+                              : TileSides::plain};
+    const bool all_plain = __syncthreads_and(sides.is_plain()) != 0;
+#else
     __syncthreads();
+#endif
     if (thread < lanes) {
 #if LANE_REGISTERS > 0
         asm volatile("setmaxnreg.inc.sync.aligned.u32 %0;" ::"n"(LANE_REGISTERS));
@@ -153,7 +167,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         const auto element = [&](int i, int j, int k) { return tile.element(step, i, j, k); };
         Tile::visit_particles([&](int n, int i, int j, int k) {
             Vector<float> previous{0, 0, 0};
-            if (words.has(Tile::exists_bit + n)) {
+            if (words.exists(n)) {
                 const int slot = tile.slot(i, j, k);
                 Tile::store(points, slot, load_axes(current + element(i, j, k), step.axis));
                 previous = load_axes(before + element(i, j, k), step.axis);
@@ -163,13 +177,19 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         });
         __syncthreads();
         const bool idle = __all_sync(0xFFFFFFFFU, words.none()) || !has_tile;
-        run_steps(step, tile, words, idle, thread, count, tag);
+#if PLAIN_BLOCKS
+        if (all_plain) {
+            PlainWords plain(sides, words, Tile::particles);
+            run_steps(step, tile, plain, idle, thread, count, tag);
+        } else
+#endif
+            run_steps(step, tile, words, idle, thread, count, tag);
         wait_until_counted(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
         const float* const last = points + ((count & 1) != 0 ? shape.half() : 0);
         const float* const previous = points + ((count & 1) != 0 ? 0 : shape.half());
         Tile::visit_particles([&](int n, int i, int j, int k) {
-            if (!words.has(Tile::exists_bit + n)) return;
+            if (!words.exists(n)) return;
             const int slot = tile.slot(i, j, k);
             store_axes(current + element(i, j, k), step.axis, Tile::load(last, slot));
             if constexpr (Terms::increments) {

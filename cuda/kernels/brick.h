@@ -24,6 +24,25 @@ VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
             shape.tile()};
 }
 
+/// Masks of a plain thread. What its springs have in common is asked for once.
+struct PlainWords {
+    static constexpr bool by_side = true;
+    TileSides sides;
+    std::uint32_t moving;  ///< a bit a particle
+
+    /// `words`: all that its masks say, of so many particles.
+    template <class Words>
+    VOXSPRING_HOST_DEVICE PlainWords(TileSides of, const Words& words, int particles) : sides(of), moving(0) {
+        UNROLLED
+        for (int n = 0; n < particles; ++n) moving |= std::uint32_t(words.moves(n)) << n;
+    }
+    VOXSPRING_HOST_DEVICE bool spring(int /*bit*/, std::uint32_t crossed) const {
+        return crossed == 0 || sides.has(crossed);
+    }
+    VOXSPRING_HOST_DEVICE bool moves(int n) const { return (moving >> n & 1U) != 0; }
+    static VOXSPRING_HOST_DEVICE bool exists(int /*n*/) { return true; }
+};
+
 /// A thread's particles during a step.
 template <class Terms, BrickShape shape, bool equal_edges>
 class BrickTile {
@@ -59,13 +78,15 @@ public:
     }
 
     /// Before the first step: takes the particles from a half of `points`. Of those at the border of the
-    /// brick the ones that are there will be published. `words`: the masks.
+    /// brick the ones that are there will be published. `words`: the masks, here and below. They say whether
+    /// particle n exists(n) and moves(n), and whether there is a spring(bit, crossed): by its bit or, if
+    /// `by_side`, by the sides that it crosses.
     template <class Words>
     VOXSPRING_HOST_DEVICE void start(const float* points, const Words& words) {
         load_own(points);
         UNROLLED
         for (int n = 0; n < particles; ++n) {
-            if (!words.has(exists_bit + n)) place_.published &= ~(1U << n);
+            if (!words.exists(n)) place_.published &= ~(1U << n);
         }
     }
     /// How far the element of particle (i, j, k) is from that of (0, 0, 0).
@@ -98,7 +119,7 @@ public:
     VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
                                          Publish publish) {
         visit_particles([&](int n, int i, int j, int k) {
-            const bool moves = words.has(moves_bit + n);
+            const bool moves = words.moves(n);
             const int at = slot(i, j, k);
             const Vector<float> before = Terms::increments ? increment_[n] : load(next, at);
             Vector<float> point{
@@ -147,7 +168,7 @@ private:
             if (!has_class<Terms>(c)) return;
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - tile.own_[b], c, i2 - i, j2 - j, k2 - k);
-            const bool is_there = words.has(bit);
+            const bool is_there = words.spring(bit, 0);
             add(spring.offset, spring.density, is_there, tile.force_[a]);
             add(spring.offset, -spring.density, is_there, tile.force_[b]);
         }
@@ -157,13 +178,38 @@ private:
             const Vector<float> other = load(points, tile.slot(i2, j2, k2));
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - other, c, i2 - i, j2 - j, k2 - k);
-            add(spring.offset, spring.density, words.has(bit), tile.force_[a]);
+            const std::uint32_t crossed = shape.crossed(i2, j2, k2);
+            if constexpr (Words::by_side) {
+                if (crossed != 0) {
+                    return add_predicated(spring.offset, spring.density, words.spring(bit, crossed),
+                                          tile.force_[a]);
+                }
+            }
+            add(spring.offset, spring.density, words.spring(bit, crossed), tile.force_[a]);
         }
         /// The sum is selected, not what is added: of a point that is not finite nothing comes through.
         static VOXSPRING_HOST_DEVICE void add(Vector<float> offset, float density, bool is_there,
                                               Vector<float>& force) {
             const Vector<float> sum = fused(offset, density, force);
             if (is_there) force = sum;
+        }
+        /// The same. Where several sums have one condition the compiler selects after each of them; this
+        /// takes no instruction more than the sum.
+        static VOXSPRING_HOST_DEVICE void add_predicated(Vector<float> offset, float density, bool is_there,
+                                                         Vector<float>& force) {
+#ifdef __CUDA_ARCH__
+            asm("{\n"
+                " .reg .pred there;\n"
+                " setp.ne.u32 there, %7, 0;\n"
+                " @there fma.rn.f32 %0, %3, %6, %0;\n"
+                " @there fma.rn.f32 %1, %4, %6, %1;\n"
+                " @there fma.rn.f32 %2, %5, %6, %2;\n"
+                "}"
+                : "+f"(force.x), "+f"(force.y), "+f"(force.z)
+                : "f"(offset.x), "f"(offset.y), "f"(offset.z), "f"(density), "r"(std::uint32_t(is_there)));
+#else
+            add(offset, density, is_there, force);
+#endif
         }
     };
 

@@ -56,6 +56,13 @@ struct BrickShape {
         return slot(X / tx, X % tx, Y, Z);
     }
 
+    /// The sides of a tile that the way to its neighbour (i, j, k) leads across, as bits, of those at which a
+    /// body may end. Beyond j = -1 and k = -1 it goes on: tiles are mirrored there (TilePlace).
+    VOXSPRING_HOST_DEVICE constexpr std::uint32_t crossed(int i, int j, int k) const {
+        return (i < 0 ? 1U : 0U) | (i == tx ? 2U : 0U) | (j == ty ? 4U : 0U) | (k == tz ? 8U : 0U);
+    }
+    static constexpr std::uint32_t sides = 4;  ///< of those
+
     /// Of a tile's particles.
     VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) const { return (k * ty + j) * tx + i; }
     bool operator==(const BrickShape&) const = default;
@@ -145,18 +152,33 @@ struct alignas(8) BrickPoll {
 };
 
 /// What a thread's masks say: a bit for each spring of visit_brick_springs(), early ones first, then one for
-/// each particle of the tile that moves and one for each that exists.
+/// each particle of the tile that moves and one for each that exists. A word of TileSides follows.
 struct BrickMask {
     int early, springs, particles;
     VOXSPRING_HOST_DEVICE constexpr int moves(int n) const { return springs + n; }
     VOXSPRING_HOST_DEVICE constexpr int exists(int n) const { return springs + particles + n; }
+    /// Words of bits, which is also the number of the word of TileSides.
     VOXSPRING_HOST_DEVICE constexpr int words() const { return (springs + 2 * particles + 31) / 32; }
+    VOXSPRING_HOST_DEVICE constexpr int words_in_all() const { return words() + 1; }
+};
+
+/// What a thread's masks come to if its tile is full and has all springs but those across some of its sides:
+/// bit number BrickShape::crossed() says whether there are springs across these. `plain`: it is such a
+/// thread; otherwise there is no bit.
+struct TileSides {
+    static constexpr std::uint32_t plain = 1U << 31U;
+    std::uint32_t bits;
+
+    VOXSPRING_HOST_DEVICE constexpr bool is_plain() const { return (bits & plain) != 0; }
+    VOXSPRING_HOST_DEVICE constexpr bool has(std::uint32_t crossed) const {
+        return (bits >> crossed & 1U) != 0;
+    }
 };
 
 /// Everything that a launch needs besides where the particles are. `items` of its base is not used.
 struct BrickStep : MarchStep<float> {
     const BrickBlock* blocks;
-    const std::uint32_t* masks;     ///< BrickMask::words() a lane, `lane_count` apart
+    const std::uint32_t* masks;     ///< BrickMask::words_in_all() a lane, `lane_count` apart
     std::uint32_t lane_count;       ///< of all blocks
     const BrickPoll* polls;         ///< rounds x blocks x pollers
     TaggedPoint* exchange;          ///< 2 x `axis`, by element
