@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <omp.h>
 
 #include <algorithm>
 #include <chrono>
@@ -241,6 +242,35 @@ private:
 
 const RegisteredStudyKind meeting("meeting", [] { return std::make_unique<Meeting>(); });
 
+// --- The kind `thread_count`: threads of a case's process ------------------------------------------------
+
+class ThreadCountRunner final : public CaseRunner {
+    nlohmann::json answer(Backend&, const nlohmann::json&, const OnEvent&) override {
+        return omp_get_max_threads();
+    }
+};
+const RegisteredCaseRunner thread_count_runner("thread_count", [](const BackendSpec&, const Scene&,
+                                                                  const nlohmann::json&, SharedState*) {
+    return std::make_unique<ThreadCountRunner>();
+});
+
+/// Of cases one by one, at once, and one by one again.
+class ThreadCount final : public StudyKind {
+    void run(StudyBench& bench) override {
+        for (const bool at_once : {false, true, false}) {
+            for (Case& one : bench.enter_all(bench.specs(), {"thread_count"}, {.at_once = at_once})) {
+                const nlohmann::json threads = one.ask({{"do", "count"}}, "counting");
+                bench.add("threads", {{"name", one.spec().entry->name}, {"threads", threads}});
+                one.dismiss();
+            }
+        }
+    }
+    std::vector<std::string> lists() const override { return {"threads"}; }
+    void print(const nlohmann::json&, std::ostream&, TableWidth) const override {}
+};
+
+const RegisteredStudyKind thread_count("thread_count", [] { return std::make_unique<ThreadCount>(); });
+
 // --- Tests -----------------------------------------------------------------------------------------------
 
 class StudyKinds : public ::testing::Test {
@@ -299,6 +329,25 @@ TEST_F(StudyKinds, SuitesOfDevicesGoSideBySide) {
     ASSERT_EQ(result.at("failed").size(), 1u) << "and takes no other along";
     EXPECT_EQ(result.at("failed")[0].at("backend"), "device_killed");
     expect_contains(result.at("failed")[0].at("reason"), "meeting: was killed by signal 9");
+}
+
+TEST_F(StudyKinds, CasesAtOnceShareTheProcessors) {
+    const std::string study = write("threads.json", R"({"kind": "thread_count",
+        "backends": ["device_1", "processor", "cpu_parallel"], "scenes": [{"scene": "box@2"}]})");
+    StudyOptions options;
+    const int processors = omp_get_num_procs();
+    options.side_by_side = processors;
+    const nlohmann::json result = run_study(load_study(study), options);
+    ASSERT_EQ(result.at("failed"), nlohmann::json::array());
+    std::vector<std::pair<std::string, int>> found;
+    for (const auto& row : result.at("threads")) found.emplace_back(row.at("name"), row.at("threads"));
+    const std::vector<std::pair<std::string, int>> alone = {
+        {"device_1", processors}, {"processor", processors}, {"cpu_parallel", processors}};
+    std::vector<std::pair<std::string, int>> expected = alone;
+    // A backend that steps on the processor keeps all of it.
+    expected.insert(expected.end(), {{"device_1", 1}, {"processor", 1}, {"cpu_parallel", processors}});
+    expected.insert(expected.end(), alone.begin(), alone.end());
+    EXPECT_EQ(found, expected);
 }
 
 TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {

@@ -1,5 +1,7 @@
 #include "harness/process/case.h"
 
+#include <omp.h>
+
 #include <utility>
 
 #include "harness/base/bad_input.h"
@@ -19,7 +21,11 @@ public:
     Host(const nlohmann::json& description, const Scene* scene)
         : spec_(BackendSpec::parse(description.at("backend"))),
           scene_(scene),
-          program_(description.at("program")) {}
+          program_(description.at("program")) {
+        // The process may have had another case before.
+        const int threads = program_.at("threads");
+        omp_set_num_threads(threads > 0 ? threads : omp_get_num_procs());
+    }
 
     nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) override {
         if (question.at("do") == "construct") return construct();

@@ -21,7 +21,8 @@ RegisteredCaseRunner::RegisteredCaseRunner(const std::string& name, CaseRunnerFa
 nlohmann::json to_json(const CaseProgram& program) {
     return {{"runner", program.runner},
             {"parameters", program.parameters},
-            {"shared", program.shared != nullptr ? program.shared->description() : nlohmann::json()}};
+            {"shared", program.shared != nullptr ? program.shared->description() : nlohmann::json()},
+            {"threads", program.threads}};
 }
 
 std::unique_ptr<CaseRunner> make_case_runner(const nlohmann::json& program, const BackendSpec& spec,

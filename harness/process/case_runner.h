@@ -39,6 +39,10 @@ struct CaseProgram {
     std::string runner;
     nlohmann::json parameters = nlohmann::json::object();
     SharedState* shared = nullptr;  ///< must outlive the case
+    /// That the case's process has at most of its own; 0: as many as there are processors. Where cases work
+    /// side by side each takes its share: a thread that waits for others of its process keeps a processor
+    /// from those of another.
+    int threads = 0;
 };
 
 /// What the case's process is told of its program.

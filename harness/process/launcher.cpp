@@ -250,9 +250,7 @@ std::unique_ptr<Worker> Workers::take(const std::string& kind, const nlohmann::j
 }
 
 void Workers::keep(const std::string& kind, std::unique_ptr<Worker> worker) {
-    constexpr std::size_t large = std::size_t(1) << 20;
-    const bool is_large = scene_ != nullptr && scene_->problem.particle_count() > large;
-    if (is_large || !worker->can_be_used_again()) return;
+    if ((scene_ != nullptr && is_heavy(*scene_)) || !worker->can_be_used_again()) return;
     worker->begin_leaving();
     kept_.emplace(kind, std::move(worker));
 }

@@ -39,6 +39,13 @@ struct Scene {
     double stable_time_step = 0;
 };
 
+/// Whether a process that has its state on a device takes much memory and many processors: more than a few
+/// such processes get into each other's way.
+inline bool is_heavy(const Scene& scene) {
+    constexpr std::size_t particles = std::size_t(1) << 20;
+    return scene.problem.particle_count() > particles;
+}
+
 /// `argument` is a built-in scene ("box"), a scene file (*.json) or a volume file (volume_endings()), which
 /// is simulated with the parameters of the built-in scene `heart`; where it is one slice thick along the axis
 /// at whose side the heart is pinned, it is pinned along its longest axis. "@N" or "@WxHxD" after a built-in

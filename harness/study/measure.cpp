@@ -54,9 +54,6 @@ struct MeasurementContext {
     }
 };
 
-/// Particles from which on what a process does with a scene is shared by all cores.
-constexpr std::size_t large = std::size_t(1) << 20;
-
 std::string name_of_repetition(int number) { return "repetition " + std::to_string(number); }
 
 /// One case while it is timed. What the journal has is not asked of its process again.
@@ -81,7 +78,7 @@ public:
     /// faster than they make a second backend.
     bool begin_compiling() {
         const bool compiles = capabilities_of(case_.capabilities()).family == ApiFamily::cuda;
-        if (!compiles || known("warm") || context_.scene.problem.particle_count() > large) return false;
+        if (!compiles || known("warm") || is_heavy(context_.scene)) return false;
         attempt([&] {
             case_.begin({{"do", "compile"}});
             compiling_ = true;
@@ -398,9 +395,7 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
         if (!interrupted()) one.measure_launch();
         missing += one.missing();
     }
-    // Of a large scene enough that one computes while others compile or wait for their device.
-    const std::size_t wanted = bench.scene().problem.particle_count() > large ? 3 : bench.side_by_side();
-    const std::size_t most = start_times ? 1 : std::min(wanted, bench.side_by_side());
+    const std::size_t most = start_times ? 1 : bench.uploads_side_by_side();
     at_once(
         cases.size(), most,
         [&](std::size_t n) {

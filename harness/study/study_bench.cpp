@@ -21,6 +21,8 @@ const std::vector<std::string>& patterns_of(const Study& study, const StudyScene
     return item.backends.empty() ? study.backends : item.backends;
 }
 
+bool has_driver(const BackendSpec& spec) { return !spec.entry->name.starts_with("cpu_"); }
+
 /// Empty, or why a backend on the card `uuid` is not for a table of `backends`.
 std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
     for (const auto& [name, backend] : backends.items()) {
@@ -77,10 +79,9 @@ std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
 
 Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program, bool second_hand) {
     // The processor is there for every process, and threads of a case before would only be in its way.
-    const bool has_driver = !spec.entry->name.starts_with("cpu_");
     return Case(spec, workers_, program,
                 JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout,
-                second_hand && has_driver);
+                second_hand && has_driver(spec));
 }
 
 std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, Entering how) {
@@ -120,6 +121,11 @@ std::size_t StudyBench::side_by_side() const {
     return std::size_t(options_.side_by_side.value_or(half));
 }
 
+std::size_t StudyBench::uploads_side_by_side() const {
+    constexpr std::size_t of_heavy = 3;
+    return is_heavy(scene()) ? std::min(of_heavy, side_by_side()) : side_by_side();
+}
+
 /// Before the first of them measures its device's limits.
 void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
     at_once(
@@ -129,8 +135,13 @@ void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
 
 std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                         Entering how) {
+    CaseProgram with_its_share = program;
+    with_its_share.threads =
+        std::max(1, int(std::thread::hardware_concurrency() / unsigned(uploads_side_by_side())));
     std::vector<Case> made, cases;
-    for (const BackendSpec& spec : specs) made.push_back(case_of(spec, program, how.at_once));
+    for (const BackendSpec& spec : specs)
+        made.push_back(
+            case_of(spec, how.at_once && has_driver(spec) ? with_its_share : program, how.at_once));
     if (how.at_once) {
         show("constructing " + std::to_string(made.size()) + " backends", 0, 1);
         introduce_at_once(made);

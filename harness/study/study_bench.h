@@ -68,10 +68,14 @@ public:
     /// The case of a backend, ready to be asked; nothing where it cannot run the scene, which the result then
     /// says.
     std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, Entering how = {});
-    /// Those of `specs` that can run the scene.
+    /// Those of `specs` that can run the scene. Where they construct at once, each has its share of the
+    /// processors from then on, but for backends that step on these.
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program, Entering how);
     /// How many cases do at once what is not timed.
     std::size_t side_by_side() const;
+    /// How many of them upload at once: of a heavy scene enough that one computes while others compile or
+    /// wait for their device.
+    std::size_t uploads_side_by_side() const;
 
     /// Adds a row to a list of the result.
     void add(const std::string& list, nlohmann::json row);
