@@ -10,9 +10,11 @@ namespace voxspring {
 
 namespace {
 
-/// On all cores: one takes most of a second for the state of 16 million particles.
+/// On all cores: one takes most of a second for the state of 16 million particles. For few particles it is
+/// done before others have woken.
 void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
-#pragma omp parallel for schedule(static)
+    constexpr std::size_t few = 65536;
+#pragma omp parallel for schedule(static) if (from.size() > few)
     for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(from.size()); ++i) to[i] = from[std::size_t(i)];
 }
 

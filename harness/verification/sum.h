@@ -12,7 +12,8 @@ template <class Sum, class Add>
 Sum sum_of(std::size_t count, Add add) {
     constexpr std::size_t chunk = 65536;
     std::vector<Sum> parts((count + chunk - 1) / chunk);
-#pragma omp parallel for
+    // One chunk is not worth waking threads for, which then wait for each other.
+#pragma omp parallel for if (parts.size() > 1)
     for (std::ptrdiff_t c = 0; c < std::ptrdiff_t(parts.size()); ++c) {
         const std::size_t begin = std::size_t(c) * chunk;
         for (std::size_t i = begin; i < std::min(begin + chunk, count); ++i) add(parts[std::size_t(c)], i);
