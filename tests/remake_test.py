@@ -56,13 +56,24 @@ class Remake(unittest.TestCase):
     def test_measures_what_suits_the_machine(self):
         done, calls = self.remake(self.out)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertEqual(calls, ["study fastest --backend !gl_* --backend !vulkan_*", "study pareto", "study stability", "study stress"])
+        self.assertEqual(calls, ["study fastest --backend !gl_* --backend !vulkan_*", "study pareto", "study stability", "study stress",
+                                 "study haptic"])
         self.assertEqual({path.name for path in self.out.iterdir()}, {f"{call.split()[1]}.json.gz" for call in calls})
         self.install("aaaaaaaaaaaa", "GPU-1")
         _, calls = self.remake(self.folder / "gpu")
         self.assertIn("study figure8", calls)
-        self.assertEqual(len(calls), 13)
+        self.assertEqual(len(calls), 14)
         self.assertIn("study stress --backend !cpu_*", calls, "the processor has its own folder")
+
+    def test_makes_every_committed_file(self):
+        self.install("aaaaaaaaaaaa", "GPU-1")
+        self.remake(self.folder / "gpu")
+        self.install("aaaaaaaaaaaa", "")
+        self.remake(self.folder / "processor")
+        for machine in filter(pathlib.Path.is_dir, (ROOT / "results").iterdir()):
+            committed = {path.name for path in machine.glob("*.json.gz")}
+            made = self.folder / ("gpu" if "figure8.json.gz" in committed else "processor")
+            self.assertLessEqual(committed, {path.name for path in made.iterdir()}, machine)
 
     def test_leaves_what_is_of_this_commit_and_card(self):
         self.install("aaaaaaaaaaaa", "GPU-1")
@@ -82,11 +93,11 @@ class Remake(unittest.TestCase):
     def test_goes_on_where_it_was_cut_short(self):
         done, calls = self.remake(self.out, FAIL="stability")
         self.assertEqual((done.returncode, calls[-1]), (130, "study stability"))
-        self.assertEqual(self.remake(self.out)[1], ["study stability --resume", "study stress"])
+        self.assertEqual(self.remake(self.out)[1], ["study stability --resume", "study stress", "study haptic"])
 
     def test_a_failed_backend_stops_nothing(self):
         done, calls = self.remake(self.out, CODE="1")
-        self.assertEqual((done.returncode, len(calls)), (1, 4))
+        self.assertEqual((done.returncode, len(calls)), (1, 5))
 
     def test_refuses(self):
         for commit in ("aaaaaaaaaaaa, changed since", "unversioned"):
