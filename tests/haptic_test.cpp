@@ -87,7 +87,7 @@ private:
     };
 };
 
-/// The same in a process that a signal stops for two milliseconds, fifty times a second.
+/// The same in a process that a signal stops for two milliseconds, some fifty times a second.
 class Interrupted final : public Withheld {
 public:
     Interrupted() {
@@ -98,7 +98,8 @@ public:
         };
         stop.sa_flags = SA_RESTART;
         sigaction(SIGALRM, &stop, nullptr);
-        const itimerval often{.it_interval = {0, 20'000}, .it_value = {0, 20'000}};
+        // No multiple of a tick's 200 us: or all of them could meet the step that a tick begins with.
+        const itimerval often{.it_interval = {0, 17'770}, .it_value = {0, 17'770}};
         setitimer(ITIMER_REAL, &often, nullptr);
     }
 };
