@@ -118,6 +118,7 @@ public:
     const BrickLayout& layout() const { return layout_; }
     /// Of all launches.
     std::size_t plain_blocks() const { return plain_blocks_; }
+    std::size_t launches() const { return launches_; }
     State download() const { return unpack_march<float>(problem_, state_, V::formulation); }
 
     /// A launch of `count` steps.
@@ -158,6 +159,7 @@ private:
             return Words<Tile>{&layout_, b * std::size_t(shape.lanes()) + std::size_t(lane)};
         };
         std::vector<char> plain(blocks, by_side_ ? 1 : 0);
+        ++launches_;
         for (std::size_t b = 0; b < blocks; ++b) {
             for (int lane = 0; lane < shape.threads(); ++lane) {
                 if (!words(b, lane).sides().is_plain()) plain[b] = 0;
@@ -265,7 +267,7 @@ private:
     }
     const Problem& problem_;
     const bool by_side_;
-    std::size_t plain_blocks_ = 0;
+    std::size_t plain_blocks_ = 0, launches_ = 0;
     MarchState<float> state_;
     BrickLayout layout_;
     BrickStep step_{};
@@ -356,10 +358,14 @@ TYPED_TEST(BrickBody, PlainBlocksStepAsMasksSay) {
 // Edits one after another leave the tables as they are built for the edited problem, and the words that each
 // names are all that it changed. The steps after it are those of the edited problem, to the bit.
 TYPED_TEST(BrickBody, AnEditLeavesTheTablesAndTheStepsOfTheEditedProblem) {
-    std::size_t changed = 0;
-    for (const double fill : {1.0, 0.95, 0.63}) {
-        SCOPED_TRACE(fill);
-        Problem now = lattice(random_grid({12, 10, 11}, fill, 3)), edited = now;
+    const BrickShape shape = TypeParam::shape;
+    std::size_t changed = 0, cut_blocks = 0;
+    for (const Problem& problem :
+         {lattice(random_grid({12, 10, 11}, 1.0, 3)), lattice(random_grid({12, 10, 11}, 0.95, 3)),
+          lattice(random_grid({12, 10, 11}, 0.63, 3)),
+          lattice(solid({2 * shape.nx(), 2 * shape.ny(), shape.nz()}))}) {
+        SCOPED_TRACE(problem.particle_count());
+        Problem now = problem, edited = now;
         if (!Simulation<TypeParam>::fits(now)) return;
         Simulation<TypeParam> simulation(now, random_state(now, 0.05, 7));
         simulation.run(2);
@@ -382,8 +388,15 @@ TYPED_TEST(BrickBody, AnEditLeavesTheTablesAndTheStepsOfTheEditedProblem) {
             expect_same_bits(simulation.download(), anew.download());
             changed += words.size();
         }
+        if (problem.lattice.dims.x == 2 * shape.nx()) {
+            // Blocks are plain before an edit, and some of them not after it.
+            EXPECT_GT(simulation.plain_blocks(), 0U);
+            cut_blocks +=
+                simulation.launches() * simulation.layout().blocks().size() - simulation.plain_blocks();
+        }
     }
     EXPECT_GT(changed, 50U);
+    EXPECT_GT(cut_blocks, 0U);
 }
 
 // Every particle is one thread's, and every point that a thread may read is stored somewhere of its own.
