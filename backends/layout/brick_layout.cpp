@@ -413,6 +413,7 @@ TileSides BrickLayout::sides_of(std::span<const std::uint32_t> words) const {
         const bool in_use = (group_bits_ & (spring_class(s.dx, s.dy, s.dz) < 3 ? FACE_BITS : EDGE_BITS)) != 0;
         if (in_use && has(s.bit) != all_open(s.crossed)) return {0};
     }
+    // A body without springs says nothing by them.
     for (int n = 0; n < bits_.particles; ++n) {
         if (!has(bits_.exists(n))) return {0};
     }
