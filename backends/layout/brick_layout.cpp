@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cstddef>
 #include <cstdlib>
 #include <glm/common.hpp>
@@ -313,7 +312,6 @@ private:
 BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
     : plan_(plan),
       strides_(march_strides(problem.lattice, sizeof(float))),
-      group_bits_(problem.group_bits),
       dims_(problem.lattice.dims),
       voxel_(problem.lattice.voxel),
       mask_(std::size_t(dims_.x) * std::size_t(dims_.y) * std::size_t(dims_.z)) {
@@ -325,6 +323,7 @@ BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
     bricks_ = (high - low + size) / size;
     ListSprings list(plan.shape, springs_);
     bits_ = visit_tile(plan.shape, list);
+    find_plain_words(problem.group_bits);
 
     find_blocks();
     masks_.assign(std::size_t(bits_.words_in_all()) * lane_count(), 0);
@@ -379,7 +378,7 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
     const auto voxel = [&](int i, int j, int k) {
         return glm::ivec3(place.x + place.dx * i, place.y + place.dy * j, place.z + place.dz * k);
     };
-    std::array<std::uint32_t, 16> words{};
+    TileWords words{};
     const auto set = [&](int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     std::array<std::uint32_t, 32> masks{};
     for (int n = 0; n < plan_.shape.tile(); ++n) {
@@ -402,24 +401,38 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
 }
 
-TileSides BrickLayout::sides_of(std::span<const std::uint32_t> words) const {
-    const auto has = [&](int bit) { return (words[std::size_t(bit) / 32] >> bit % 32 & 1U) != 0; };
-    std::uint32_t open = 0;  // sides that a spring crosses, and no other side with it
+/// What the words of a plain thread are, for each set of sides across which it has springs.
+void BrickLayout::find_plain_words(std::uint32_t group_bits) {
+    const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     for (const TileSpring& s : springs_) {
-        if (std::has_single_bit(s.crossed) && has(s.bit)) open |= s.crossed;
+        if ((group_bits & (spring_class(s.dx, s.dy, s.dz) < 3 ? FACE_BITS : EDGE_BITS)) == 0) continue;
+        for (std::uint32_t open = 0; open < plain_words_.size(); ++open) {
+            if ((s.crossed & ~open) == 0) set(plain_words_[open], s.bit);
+        }
+        for (std::size_t side = 0; side < across_.size(); ++side) {
+            if (s.crossed == 1U << side) set(across_[side], s.bit);
+        }
     }
-    const auto all_open = [&](std::uint32_t crossed) { return (crossed & ~open) == 0; };
-    for (const TileSpring& s : springs_) {
-        const bool in_use = (group_bits_ & (spring_class(s.dx, s.dy, s.dz) < 3 ? FACE_BITS : EDGE_BITS)) != 0;
-        if (in_use && has(s.bit) != all_open(s.crossed)) return {0};
+    for (TileWords& words : plain_words_) {
+        for (int n = 0; n < bits_.particles; ++n) set(words, bits_.exists(n));
     }
-    // A body without springs says nothing by them.
-    for (int n = 0; n < bits_.particles; ++n) {
-        if (!has(bits_.exists(n))) return {0};
+    for (int n = 0; n < bits_.particles; ++n) set(moves_, bits_.moves(n));
+}
+
+TileSides BrickLayout::sides_of(const TileWords& words) const {
+    const auto count = std::size_t(bits_.words());
+    std::uint32_t open = 0;
+    for (std::size_t side = 0; side < across_.size(); ++side) {
+        for (std::size_t n = 0; n < count; ++n) {
+            if ((words[n] & across_[side][n]) != 0) open |= 1U << side;
+        }
+    }
+    for (std::size_t n = 0; n < count; ++n) {
+        if ((words[n] & ~moves_[n]) != plain_words_[open][n]) return {0};
     }
     std::uint32_t bits = TileSides::plain;
-    for (std::uint32_t crossed = 1; crossed < 1U << BrickShape::sides; ++crossed) {
-        if (all_open(crossed)) bits |= 1U << crossed;
+    for (std::uint32_t crossed = 1; crossed < plain_words_.size(); ++crossed) {
+        if ((crossed & ~open) == 0) bits |= 1U << crossed;
     }
     return {bits};
 }

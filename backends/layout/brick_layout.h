@@ -3,6 +3,7 @@
 // the host and without a device.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -72,23 +73,28 @@ private:
         std::uint32_t crossed;  ///< BrickShape::crossed()
     };
     class ListSprings;
+    /// The words of a thread (BrickMask), at most.
+    using TileWords = std::array<std::uint32_t, 16>;
 
     std::uint32_t mask_at(const glm::ivec3& voxel) const;
     void find_blocks();
     void write_masks(std::size_t block, int lane);
-    TileSides sides_of(std::span<const std::uint32_t> words) const;
+    void find_plain_words(std::uint32_t group_bits);
+    TileSides sides_of(const TileWords& words) const;
     std::vector<BrickPoll> polls_of(const BrickBlock& block) const;
     void collect_polls();
 
     BrickPlan plan_;
     SoaStrides strides_;
-    std::uint32_t group_bits_;
     glm::ivec3 dims_, low_{0}, bricks_{1};  ///< of the lattice; of the body; along each axis
     std::vector<std::uint32_t> voxel_;      ///< one a particle
     std::vector<std::uint32_t> mask_;       ///< one a voxel
     std::vector<std::uint32_t> block_at_;   ///< one a brick; resident_none: it has no particle
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
+    std::array<TileWords, 1U << BrickShape::sides> plain_words_{};  ///< by the sides that springs cross
+    std::array<TileWords, BrickShape::sides> across_{};             ///< springs across one side alone
+    TileWords moves_{};                                             ///< of all particles
     std::vector<BrickBlock> blocks_;
     std::vector<std::uint32_t> masks_;
     std::vector<BrickPoll> polls_;
