@@ -97,7 +97,7 @@ const RegisteredStudyKind registered("upload_time", [] { return std::make_unique
 // --- The kind `meeting`: suites that meet each other -----------------------------------------------------
 
 /// cpu_reference as a backend of another API.
-class Disguised final : public CpuBackend {
+class Disguised : public CpuBackend {
 public:
     explicit Disguised(ApiFamily family) : family_(family) {}
     Capabilities capabilities() const override {
@@ -107,7 +107,7 @@ public:
     }
     std::string unsupported(const Problem&) const override { return {}; }
     void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
-    void edit(const Problem&, const SpringEdit&) override {}
+    void edit(const Problem& edited, const SpringEdit& edit) override { inner_->edit(edited, edit); }
     void step(int count) override { inner_->step(count); }
     State download() override { return inner_->download(); }
     StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
@@ -115,6 +115,22 @@ public:
 private:
     const ApiFamily family_;
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
+};
+
+/// One that is edited once in each play: in the first, which is not timed, with a thread, and later with all.
+class EditedWithAll final : public Disguised {
+public:
+    EditedWithAll() : Disguised(ApiFamily::opengl) {}
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        const int threads = omp_get_max_threads(), wanted = ++edits_ == 1 ? 1 : omp_get_num_procs();
+        if (threads != wanted)
+            throw DeviceError("edit " + std::to_string(edits_) + " with " + std::to_string(threads) +
+                              " threads, not " + std::to_string(wanted));
+        Disguised::edit(edited, edit);
+    }
+
+private:
+    int edits_ = 0;
 };
 
 Registered registered_for_test(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
@@ -151,6 +167,8 @@ public:
 private:
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
+const Registered edited_with_all =
+    registered_for_test("edited_with_all", [] { return std::make_unique<EditedWithAll>(); });
 const Registered with_devices =
     registered_for_test("on_devices", [] { return std::make_unique<OnDevices>(); });
 
@@ -348,6 +366,21 @@ TEST_F(StudyKinds, CasesAtOnceShareTheProcessors) {
     expected.insert(expected.end(), {{"device_1", 1}, {"processor", 1}, {"cpu_parallel", processors}});
     expected.insert(expected.end(), alone.begin(), alone.end());
     EXPECT_EQ(found, expected);
+}
+
+TEST_F(StudyKinds, EditsAreTimedWithAllProcessors) {
+    const std::string scene = write("cut.json", R"({"dataset": {"type": "box", "dims": [6, 6, 6]},
+        "time_step": {"fraction_of_stable": 0.5}, "edits": [{"step": 3, "cut": {"triangles":
+        [[[2.5, -1, -1], [2.5, 9, -1], [2.5, 9, 9]], [[2.5, -1, -1], [2.5, 9, 9], [2.5, -1, 9]]]}}]})");
+    const std::string study =
+        write("edits.json", R"({"kind": "timing", "repetitions": 2, "steps": 8, "start_times": false,
+        "backends": ["edited_with_all"], "scenes": [{"scene": ")" +
+                                scene + R"("}]})");
+    StudyOptions options;
+    options.side_by_side = omp_get_num_procs();
+    const nlohmann::json result = run_study(load_study(study), options);
+    EXPECT_EQ(result.at("failed"), nlohmann::json::array());
+    EXPECT_EQ(result.at("verification").size(), 1U) << result.at("skipped");
 }
 
 TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {
