@@ -405,7 +405,7 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
 void BrickLayout::find_plain_words(std::uint32_t group_bits) {
     const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     for (const TileSpring& s : springs_) {
-        if ((group_bits & (spring_class(s.dx, s.dy, s.dz) < 3 ? FACE_BITS : EDGE_BITS)) == 0) continue;
+        if ((group_bits & bits_of_class(spring_class(s.dx, s.dy, s.dz))) == 0) continue;
         for (std::uint32_t open = 0; open < plain_words_.size(); ++open) {
             if ((s.crossed & ~open) == 0) set(plain_words_[open], s.bit);
         }

@@ -47,7 +47,7 @@ struct Sides {
 /// Whether springs of class k are among the groups in use.
 template <class Terms>
 VOXSPRING_HOST_DEVICE constexpr bool has_class(int k) {
-    return (Terms::groups & (k < 3 ? FACE_BITS : EDGE_BITS)) != 0;
+    return (Terms::groups & bits_of_class(k)) != 0;
 }
 
 /// What a spring of class k, whose ends are `relative` = x_i - x_j or u_i - u_j apart, does to particle i. It

@@ -75,6 +75,8 @@ VOXSPRING_HOST_DEVICE constexpr int spring_class(int dx, int dy, int dz) {
     if (dz == 0) return dy == 0 ? 0 : dx == 0 ? 1 : 3;
     return dx != 0 ? 4 : dy != 0 ? 5 : 2;
 }
+/// The mask bits of the group that springs of class k belong to.
+VOXSPRING_HOST_DEVICE constexpr std::uint32_t bits_of_class(int k) { return k < 3 ? FACE_BITS : EDGE_BITS; }
 
 /// Everything that a step needs besides where the particles are.
 template <class Real>
