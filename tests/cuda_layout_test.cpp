@@ -330,17 +330,29 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
             SCOPED_TRACE(shape);
             ImplicitSimulation<TypeParam> plain(*problem, start, BlockShape::parse(shape)),
                 resting(*problem, start, BlockShape::parse(shape)),
+                looking(*problem, start, BlockShape::parse(shape)),
                 flushing(*problem, start, BlockShape::parse(shape));
 
             resting.leave_out_resting(false);
             resting.poison();
+            looking.leave_out_resting(false);
+            looking.look_first();
             std::size_t fewest = resting.blocks();
             for (int n = 0; n < 32; ++n) {
                 plain.step(1);
                 resting.step(1);
-                if (n > 0) fewest = std::min(fewest, resting.blocks_stepped());
-                EXPECT_EQ(resting.download().displacement, plain.download().displacement);
-                EXPECT_EQ(resting.download().increment, plain.download().increment);
+                looking.step(1);
+                fewest = std::min(fewest, resting.blocks_stepped());
+                for (const auto* skipping : {&resting, &looking}) {
+                    EXPECT_EQ(skipping->download().displacement, plain.download().displacement);
+                    EXPECT_EQ(skipping->download().increment, plain.download().increment);
+                }
+                // The corner's block, and those around blocks that it pulls at.
+                if (n > 0) {
+                    EXPECT_EQ(looking.blocks_stepped(), resting.blocks_stepped());
+                } else if (!drifts) {
+                    EXPECT_LE(looking.blocks_stepped(), 27u);
+                }
             }
             EXPECT_EQ(fewest < resting.blocks() / 2, !drifts);
             if constexpr (by_increments(TypeParam::formulation)) {

@@ -177,6 +177,12 @@ protected:
         const auto end = part_ ? begin + std::ptrdiff_t(parts.count_of(*part_)) : all.end();
         std::for_each(begin, end, visit);
     }
+    /// A step that stores nothing. What the first step then leaves out is in both buffers, as uploaded.
+    void launch_look() {
+        if (by_increments(V::formulation)) packed_.previous = packed_.current;
+        if (V::split) next_low_ = packed_.current_low;
+        launch();
+    }
     virtual const NeighbourLists<Real>* lists() const { return nullptr; }
     virtual void step_once(const Current& current, const Output<Real>& output) = 0;
 
@@ -312,6 +318,12 @@ public:
         counts_ = {unsigned(all.size()), 0};
         blocks_ = all.size();
     }
+    /// The first step takes what a look at all blocks lists.
+    void look_first() {
+        step_.active.looks = true;
+        this->launch_look();
+        step_.active.looks = false;
+    }
     /// In the latest step.
     std::size_t blocks_stepped() const { return taken_; }
     std::size_t blocks() const { return blocks_; }
@@ -340,7 +352,8 @@ protected:
                                   marks_[0].data(),
                                   marks_[1].data(),
                                   nullptr,
-                                  nullptr};
+                                  nullptr,
+                                  step_.active.looks};
         taken_ = counts_[0];
         for (std::size_t b = 0; b < taken_; ++b) {
             const BlockOrigin& o = lists_[0][b];

@@ -65,6 +65,27 @@ TEST_P(Resting, SkippingChangesNoBitAndSkips) {
     EXPECT_TRUE(plain->count_work().empty());
 }
 
+// Again and again from the same start: the first step, too, takes what moves alone.
+TEST_P(Resting, ARewoundStartSkipsFromTheFirstStepOn) {
+    const Poked poked;
+    const auto plain = make("rest=step"), resting = make("rest=skip");
+    plain->upload(poked.problem, poked.start);
+    plain->step(20);
+    const State end = plain->download();
+    resting->upload(poked.problem, poked.start);
+    if (!resting->keep_start()) GTEST_SKIP() << "keeps none";
+    for (int turn = 0; turn < 3; ++turn) {
+        SCOPED_TRACE(turn);
+        if (turn > 0) resting->rewind();
+        const WorkCount work = resting->count_work();
+        if (spec.options.formulation != Formulation::paper) {
+            EXPECT_LT(work.at("tiles_stepped"), work.at("tiles") / 2);
+        }
+        resting->step(19);
+        expect_same_bits(end, resting->download());
+    }
+}
+
 TEST_P(Resting, EditsAndUploadsWakeWhatTheyTouch) {
     const Poked poked;
     const auto play = [&](const std::string& how) {

@@ -73,6 +73,11 @@ public:
         if (!by_increments(this->formulation()))
             calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
+        // What a tool pulls at is known from the first step on.
+        if (resting_.checks() && this->held().size() == 0) {
+            launch_resting(resting_.look(), 0);
+            resting_.looked(this->stream());
+        }
     }
 
     void edit(const Problem& edited, const SpringEdit& edit) override {
@@ -149,11 +154,21 @@ private:
             ParticleBackend<Real, ImplicitStep<Real>>::enqueue_step(reading);
             return;
         }
+        launch_resting(resting_.active(reading), reading);
+    }
+    void launch_resting(const ActiveBlocks& active, int reading) const {
         const auto& launch = this->launch();
         ImplicitStep<Real> step = launch.step;
-        step.active = resting_.active(reading);
-        this->launch_kernel(this->stream(), *resting_kernel_, resting_grid_, launch.block,
-                            launch.shared_bytes, step, reading);
+        step.active = active;
+        this->with_arguments(step, reading, [&](const auto&... arguments) {
+            if (this->family().dependent_launch) {
+                resting_kernel_->launch_dependent(this->stream(), resting_grid_, launch.block,
+                                                  launch.shared_bytes, arguments...);
+            } else {
+                resting_kernel_->launch(this->stream(), resting_grid_, launch.block, launch.shared_bytes,
+                                        arguments...);
+            }
+        });
     }
     void enqueue_steps(int count) override {
         while (count > 0) {

@@ -57,17 +57,17 @@ bool Resting::could_check(const Problem& problem, BlockShape shape) const {
 
 std::uint64_t Resting::bytes_needed(const Problem& problem, BlockShape shape) const {
     if (!could_check(problem, shape)) return 0;
-    return BlockGrid(problem.lattice, shape).places() * (4 * sizeof(std::uint32_t) + 3 * sizeof(BlockOrigin));
+    return BlockGrid(problem.lattice, shape).places() * (5 * sizeof(std::uint32_t) + 4 * sizeof(BlockOrigin));
 }
 
 std::uint64_t Resting::bytes_held() const {
     return all_.bytes() + lists_[0].bytes() + lists_[1].bytes() + all_marks_.bytes() + no_marks_.bytes() +
-           marks_[0].bytes() + marks_[1].bytes();
+           marks_[0].bytes() + marks_[1].bytes() + first_list_.bytes() + first_marks_.bytes();
 }
 
 void Resting::upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream) {
     policy_.start(false, false);
-    asked_ = starts_checking_ = false;
+    asked_ = starts_checking_ = has_looked_ = false;
     if (!could_check(problem, shape)) return;
     const BlockGrid grid(problem.lattice, shape);
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
@@ -93,10 +93,36 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     rewind(stream);
 }
 
+ActiveBlocks Resting::look() const {
+    ActiveBlocks blocks = active(0);
+    blocks.looks = true;
+    return blocks;
+}
+
+void Resting::looked(const Stream& stream) {
+    first_list_.resize(lists_[1].size());
+    first_marks_.resize(marks_[1].size());
+    copy(lists_[1], first_list_, stream);
+    copy(marks_[1], first_marks_, stream);
+    const Counts none{};
+    first_counts_.upload(std::span(&none, 1), stream);
+    check(cudaMemcpyAsync(first_counts_.data()->data() + listed_for_0, counts_.data()->data() + listed_for_1,
+                          sizeof(unsigned), cudaMemcpyDeviceToDevice, stream.get()));
+    has_looked_ = true;
+    rewind(stream);
+}
+
 void Resting::rewind(const Stream& stream) {
     policy_.start(starts_checking_, starts_checking_ && rest_ == Rest::choose);
     asked_ = false;
-    wake(0, stream);
+    if (!has_looked_) {
+        wake(0, stream);
+        return;
+    }
+    copy(first_list_, lists_[0], stream);
+    copy(first_marks_, marks_[0], stream);
+    copy(no_marks_, marks_[1], stream);
+    copy(first_counts_, counts_, stream);
 }
 
 void Resting::wake(int reading, const Stream& stream) {
@@ -121,8 +147,9 @@ ActiveBlocks Resting::active(int reading) const {
             count + next,
             marks_[now].data(),
             marks_[next].data(),
-            count + finished,
-            count + taken};
+            count + readers,
+            count + taken,
+            false};
 }
 
 void Resting::stepped(int count, int reading, const Stream& stream) {

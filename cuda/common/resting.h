@@ -28,8 +28,12 @@ public:
     std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;
     std::uint64_t bytes_held() const;
 
-    /// For a run that starts from `state`. Its first step takes all blocks.
+    /// For a run that starts from `state`. Its first step takes all blocks, unless looked() follows.
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
+    /// The blocks for a step that stores nothing, from the start on.
+    ActiveBlocks look() const;
+    /// Such a step was enqueued: first steps take the blocks that it listed.
+    void looked(const Stream& stream);
     /// For a run that starts from the same state as the last.
     void rewind(const Stream& stream);
     /// The next step takes all blocks. It reads buffer `reading` of the particles.
@@ -57,7 +61,7 @@ private:
     static constexpr std::size_t min_blocks = 512;
 
     /// counts_ on the device.
-    enum Count : std::uint8_t { listed_for_0, listed_for_1, finished, taken, counts };
+    enum Count : std::uint8_t { listed_for_0, listed_for_1, readers, taken, counts };
     using Counts = std::array<unsigned, counts>;
 
     /// Whether blocks are checked in some states of `problem`.
@@ -74,6 +78,11 @@ private:
     std::array<Buffer<BlockOrigin>, 2> lists_;
     std::array<Buffer<std::uint32_t>, 2> marks_;
     Buffer<Counts> counts_;
+    // What a look at the start listed.
+    bool has_looked_ = false;
+    Buffer<BlockOrigin> first_list_;
+    Buffer<std::uint32_t> first_marks_;
+    Buffer<Counts> first_counts_;
     Pinned<Counts> seen_;  ///< counts of a while ago
     Event copied_;         ///< to `seen_`
     bool asked_ = false;

@@ -153,7 +153,8 @@ VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
     const Vector<Real> force = all_full_stencils<Terms>(self.bits)
                                    ? implicit_force<Terms, true>(step, self, neighbour, compliance)
                                    : implicit_force<Terms, false>(step, self, neighbour, compliance);
-    return integrate_and_store<Terms>(step.motion, output, index, self, before, force);
+    const bool stores = !Terms::compiled(term_resting) || !step.active.looks;
+    return integrate_and_store<Terms>(step.motion, output, index, self, before, force, stores);
 }
 
 /// A neighbour fetch from memory: `current.point(index, dx)` is that of element index + dx.

@@ -211,17 +211,20 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
 }
 
 /// Moves the particle of word `index` by one step under `force`. Returns whether that changed a bit of its
-/// state.
+/// state. Not `stores`: it stays where it is, and the answer is whether a step would.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE bool integrate_and_store(const Motion<Real>& motion, const Output<Real>& output,
                                                int index, const Self<Real, Terms::split>& self,
-                                               const PreviousOrVelocity<Real>& before, Vector<Real> force) {
+                                               const PreviousOrVelocity<Real>& before, Vector<Real> force,
+                                               bool stores = true) {
     const Integrated<Real, Terms::split> next = integrate<Terms>(motion, index, self, before, force);
-    if constexpr (Terms::increments) store_axes(output.increment + index, output.pitch, next.before.high);
-    store(output.next + index, Particle<Real>{next.point.high, self.bits});
-    if constexpr (Terms::split) {
-        store_axes(output.increment_low + index, output.pitch, next.before.low);
-        store(output.next_low + index, Particle<Real>{next.point.low, 0});
+    if (stores) {
+        if constexpr (Terms::increments) store_axes(output.increment + index, output.pitch, next.before.high);
+        store(output.next + index, Particle<Real>{next.point.high, self.bits});
+        if constexpr (Terms::split) {
+            store_axes(output.increment_low + index, output.pitch, next.before.low);
+            store(output.next_low + index, Particle<Real>{next.point.low, 0});
+        }
     }
     bool same = same_bits(next.before.high, before.high) && same_bits(next.point.high, self.point.high);
     if constexpr (Terms::split)

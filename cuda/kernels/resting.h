@@ -3,7 +3,8 @@
 // A step of a block depends on its particles and on those of the blocks around it. Where the latest step
 // changed no bit of them, the next one would change none either, and is left out (term_resting). x(t) and
 // x(t - dt) of such a block are equal, so that what the step would write is there already. A block in which a
-// step changes something lists itself and its neighbours for the next step, which takes only those.
+// step changes something lists itself and its neighbours for the next step, which takes only those. A look at
+// all blocks before the first step, which stores nothing, finds those that the first step takes.
 #pragma once
 
 #include "backends/layout/records/implicit.h"
@@ -27,24 +28,31 @@ __device__ inline unsigned thread_of_block() {
     return threadIdx.x + blockDim.x * (threadIdx.y + blockDim.y * threadIdx.z);
 }
 
+/// One of the blocks around a block, as the thread of that number sees it.
+struct BlockAround {
+    BlockOrigin origin;
+    bool listed;  ///< for the next step, before this one began; also of threads beyond the last number
+};
+
+__device__ inline BlockAround look_around(const ActiveBlocks& blocks, const BlockOrigin& origin) {
+    const unsigned thread = thread_of_block();
+    if (thread >= blocks_around) return {{}, true};
+    const BlockOrigin other =
+        around(blocks, origin, int(thread), int(blockDim.x), int(blockDim.y), int(blockDim.z));
+    return {other, __ldcg(blocks.next_marks + other.place) != 0};
+}
+
 /// Called by all threads of a block after its step. `changed`: whether the thread's particle did.
 __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin,
-                                          bool changed) {
+                                          const BlockAround& other, bool changed) {
     const unsigned thread = thread_of_block();
     if (__syncthreads_or(int(changed)) != 0 && thread < 32) {
-        BlockOrigin other{};
-        bool is_new = false;
-        if (thread < blocks_around) {
-            other = around(blocks, origin, int(thread), int(blockDim.x), int(blockDim.y), int(blockDim.z));
-            std::uint32_t* const mark = blocks.next_marks + other.place;
-            // Most are marked already: a read is cheaper than an exchange.
-            is_new = __ldcg(mark) == 0 && atomicExch(mark, 1U) == 0;
-        }
+        const bool is_new = !other.listed && atomicExch(blocks.next_marks + other.origin.place, 1U) == 0;
         const unsigned all_new = __ballot_sync(~0U, int(is_new));
         unsigned first = 0;
         if (thread == 0 && all_new != 0) first = atomicAdd(blocks.next_count, unsigned(__popc(all_new)));
         first = __shfl_sync(~0U, first, 0);
-        if (is_new) blocks.next[first + unsigned(__popc(all_new & ((1U << thread) - 1)))] = other;
+        if (is_new) blocks.next[first + unsigned(__popc(all_new & ((1U << thread) - 1)))] = other.origin;
     }
     if (thread == 0) blocks.now_marks[origin.place] = 0;
 }
@@ -54,16 +62,22 @@ __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const Bloc
 /// ends.
 template <class StepBlock>
 __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step_block) {
+    // In flight together, as are marks and particles below: where few blocks move, a step takes as long as
+    // the latencies that one thread waits for in turn. The list has room for each block of threads.
     const unsigned count = *blocks.now_count;
-    for (unsigned b = blockIdx.x; b < count; b += gridDim.x) {
-        const BlockOrigin origin = blocks.now[b];
-        list_for_next_step(blocks, origin, step_block(origin));
-    }
-    // The last block of threads to finish empties the list. A thread of another block may read the count as
-    // late as that: it reads zero, and had no block to step.
-    if (thread_of_block() == 0 && atomicInc(blocks.finished, gridDim.x - 1) == gridDim.x - 1) {
-        *blocks.taken = count;
+    BlockOrigin origin = blocks.now[blockIdx.x];
+    // The last block of threads to have read the count empties the list. All threads of a block have it once
+    // they agree on it.
+    const unsigned taken = __syncthreads_or(int(count != 0)) != 0 ? count : 0;
+    if (thread_of_block() == 0 && atomicInc(blocks.readers, gridDim.x - 1) == gridDim.x - 1) {
+        *blocks.taken = taken;
         *blocks.now_count = 0;
+    }
+    for (unsigned b = blockIdx.x; b < count;) {
+        const BlockAround other = look_around(blocks, origin);
+        list_for_next_step(blocks, origin, other, step_block(origin));
+        b += gridDim.x;
+        if (b < count) origin = blocks.now[b];
     }
 }
 #else

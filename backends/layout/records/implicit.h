@@ -23,8 +23,9 @@ struct ActiveBlocks {
     unsigned* next_count;      ///< zero before
     std::uint32_t* now_marks;  ///< of each place whether it is listed, or has no particles
     std::uint32_t* next_marks;
-    unsigned* finished;  ///< blocks of threads that have no more to do; zero before and after
-    unsigned* taken;     ///< blocks that the latest step took
+    unsigned* readers;  ///< blocks of threads that have read now_count; zero before and after
+    unsigned* taken;    ///< blocks that the latest step took
+    bool looks;         ///< nothing of what the step changes is stored: the next list alone
     bool operator==(const ActiveBlocks&) const = default;
 };
 
