@@ -301,7 +301,8 @@ public:
     virtual DeviceLimits measure_limits() = 0;
 
     /// Measure DeviceLimits::launch_seconds of this very process, where it differs from process to process;
-    /// nothing where it does not. Before the first upload().
+    /// nothing where it does not. Before the first upload(), or after the last call of any other kind: it
+    /// leaves the device as no step expects it.
     virtual std::optional<double> own_launch_seconds() { return std::nullopt; }
 
     /// The least that a step of `problem` takes. Cheap, and touches no device.

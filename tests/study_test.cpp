@@ -61,7 +61,7 @@ public:
         wrong,
         nan,
         departs,            ///< in step 3
-        launches_in_hours,  ///< and by itself in half of the time
+        launches_in_hours,  ///< and by itself in half of the time, in a quarter after all else
         compiles,           ///< as CUDA does: once a process
     };
 
@@ -87,12 +87,14 @@ public:
     }
     CompileTime compile_time() const override { return {compiled_, compiled_}; }
     std::optional<double> own_launch_seconds() override {
-        if (uploads_ != 0) throw DeviceError("a launch is measured before the first upload");
-        return fault_ == Fault::launches_in_hours ? std::optional(1800.0) : std::nullopt;
+        if (uploads_ != 0 && !left_) throw DeviceError("a launch is measured before all else or after it");
+        if (fault_ != Fault::launches_in_hours) return std::nullopt;
+        return left_ ? 900.0 : 1800.0;
     }
     StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
     State download() override {
         State state = sound_->download();
+        left_ = true;
         if (fault_ == Fault::wrong) state.displacement.back().x += 0.1;
         if (fault_ == Fault::nan) state.displacement.front().y = std::numeric_limits<double>::quiet_NaN();
         return state;
@@ -121,6 +123,7 @@ private:
     std::string uuid_;
     std::unique_ptr<Backend> sound_;
     int uploads_ = 0, steps_ = 0;
+    bool left_ = false;    ///< whether its state was asked for
     double compiled_ = 0;  ///< seconds
 };
 
@@ -486,7 +489,7 @@ TEST(Study, ARowThatWaitsForLaunchesIsHeldAgainstThoseOfItsOwnProcess) {
     ASSERT_FALSE(result.at("benchmarks").empty());
     for (const auto& row : result.at("benchmarks")) {
         EXPECT_EQ(row.at("limited_by"), "launch");
-        EXPECT_EQ(row.at("limit_seconds"), 1800);
+        EXPECT_EQ(row.at("limit_seconds"), 900) << "the best of before and after";
     }
 }
 

@@ -16,6 +16,8 @@ namespace {
 constexpr int row = 2048;  // texels: footprints are whole rows of two or three arrays
 constexpr glm::ivec2 arithmetic_size{glsl::arithmetic_side, glsl::arithmetic_side};
 using glsl::rounds;
+/// Of a launch, which takes the host's time: what else runs on its cores slows many batches in a row.
+constexpr Patience launch_patience{.in_all = 0.15};
 
 /// On the host's clock: batches are long, and a clock of the device need not wait for compute shaders.
 template <class Enqueue>
@@ -147,14 +149,16 @@ Defines copy_defines(const glsl::CopyPass& pass) {
 double measure_draw(const Context& context) {
     const Program nothing = fragment_program(context, "limits_launch.frag", {});
     const Frames fragments(context, {1, 1});
-    return min_seconds([&](int count) { return seconds([&] { fragments.step(nothing, count); }); });
+    return min_seconds([&](int count) { return seconds([&] { fragments.step(nothing, count); }); },
+                       launch_patience);
 }
 
 double measure_dispatch(const Context& context) {
     constexpr std::size_t launch_group = 32;
     const Program nothing(context, load_source("limits_launch.comp", {}));
     const StorageBuffers buffers(context, launch_group);
-    return min_seconds([&](int count) { return seconds([&] { buffers.step(nothing, 1, count); }); });
+    return min_seconds([&](int count) { return seconds([&] { buffers.step(nothing, 1, count); }); },
+                       launch_patience);
 }
 
 DeviceLimits measure_limits(const Context& context) {

@@ -54,6 +54,8 @@ struct MeasurementContext {
     }
 };
 
+constexpr const char* launch_before = "launch";
+constexpr const char* launch_after = "launch afterwards";
 std::string name_of_repetition(int number) { return "repetition " + std::to_string(number); }
 
 /// One case while it is timed. What the journal has is not asked of its process again.
@@ -102,10 +104,11 @@ public:
         if (!std::exchange(counting_, false)) return;
         attempt([&] { case_.scope().keep("step work", case_.finish("counting its work")); });
     }
-    /// What a launch takes in its process, where a step waits for one.
-    void measure_launch() {
-        if (finished() || known("launch") || limit().limited_by != "launch") return;
-        attempt([&] { case_.scope().keep("launch", case_.ask({{"do", "launch"}}, "measuring a launch")); });
+    /// What a launch takes in its process, where a step waits for one: before its repetitions and after them,
+    /// as what else the processor does for seconds must not slow all of the limit down.
+    void measure_launch(const char* when) {
+        if (!failure_.empty() || !case_.process() || known(when) || limit().limited_by != "launch") return;
+        attempt([&] { case_.scope().keep(when, case_.ask({{"do", "launch"}}, "measuring a launch")); });
     }
     /// Has its process warm up; returns before it has.
     void begin_warming_up() {
@@ -287,8 +290,10 @@ bool TimedCase::leaves_out_tiles() const {
 StepLimit TimedCase::limit() const {
     if (!case_.limits) return {};
     DeviceLimits limits = *case_.limits;
-    if (known("launch") && kept("launch").is_number())
-        limits.launch_seconds = std::min(limits.launch_seconds, kept("launch").get<double>());
+    for (const char* when : {launch_before, launch_after}) {
+        if (known(when) && kept(when).is_number())
+            limits.launch_seconds = std::min(limits.launch_seconds, kept(when).get<double>());
+    }
     return limit_of(step_work_of(kept("step work")), limits, case_.spec().options.precision);
 }
 
@@ -392,7 +397,7 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
         [&](std::size_t n) { cases[n].finish_counting(); });
     int missing = 0;
     for (TimedCase& one : cases) {
-        if (!interrupted()) one.measure_launch();
+        if (!interrupted()) one.measure_launch(launch_before);
         missing += one.missing();
     }
     const std::size_t most = start_times ? 1 : bench.uploads_side_by_side();
@@ -518,6 +523,7 @@ void measure(StudyBench& bench, const Batch& batch) {
         judge_states(bench, cases, total);
         for (TimedCase& one : cases) {
             if (!interrupted()) one.measure_edits();
+            if (!interrupted()) one.measure_launch(launch_after);
         }
         for (Case& one : entered) one.dismiss();
         for (TimedCase& one : cases) {
