@@ -14,11 +14,13 @@ Exit code: 0 done; 1 a study failed, or with --check a file is stale; 2 bad inpu
 """
 
 import argparse
+import contextlib
 import json
 import pathlib
 import re
 import subprocess
 import sys
+import tempfile
 import time
 
 import compact
@@ -36,6 +38,8 @@ CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
 # Of a processor this leaves out graphics in software: its threads wait for each other and for a processor, so that a quarter of
 # its rows are noisy, and it takes sixteen of seventeen minutes.
 WITHOUT_SOFTWARE = ("fastest",)
+# These tell no times, so that on a GPU server, which has cores enough, one runs beside the other.
+UNTIMED = ("stability", "stress")
 # What all of a GPU server's studies may take together; a longer run says so.
 BUDGET_SECONDS = 25 * 60
 
@@ -89,9 +93,8 @@ def reason_stale(path, machine):
     return ""
 
 
-def measure(study, out, machine):
-    """Runs a study to the end, or on from where it was cut short; the result is compressed then. Its exit code."""
-    plain = out / f"{study}.json"
+def arguments_of(study, plain, machine):
+    """What runs a study, or goes on where it was cut short."""
     arguments = [machine.program, "study", study, "--out", plain]
     if machine.has_gpu and study in WITHOUT_PROCESSOR:
         arguments += ["--backend", "!cpu_*"]
@@ -99,12 +102,38 @@ def measure(study, out, machine):
         arguments += ["--backend", "!gl_*", "--backend", "!vulkan_*"]
     if plain.with_name(plain.name + ".journal").exists():
         arguments.append("--resume")
-    code = subprocess.run(arguments, check=False).returncode
-    # 1 is a backend that failed, with its reason in the result.
-    if code in (0, 1) and plain.exists():
-        plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
-        compact.compact(plain)
-    return code
+    return arguments
+
+
+def measure(studies, out, machine):
+    """Runs studies side by side to the end; their results are compressed then. What the last one says is shown as it comes, what
+    others say when all are over. Their exit codes."""
+    with contextlib.ExitStack() as stack:
+        running = []
+        for study in studies:
+            plain = out / f"{study}.json"
+            said = stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) if study != studies[-1] else None
+            process = stack.enter_context(subprocess.Popen(arguments_of(study, plain, machine), stdout=said, stderr=said))
+            running.append((plain, process, said))
+        for _, process, _ in running:
+            process.wait()
+        for plain, process, said in running:
+            if said:
+                said.seek(0)
+                print(said.read(), end="", flush=True)
+            # 1 is a backend that failed, with its reason in the result.
+            if process.returncode in (0, 1) and plain.exists():
+                plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
+                compact.compact(plain)
+        return [process.returncode for _, process, _ in running]
+
+
+def groups_of(studies, machine):
+    """Studies in their order; those that run side by side are together."""
+    if not machine.has_gpu:
+        return [[study] for study in studies]
+    untimed = [study for study in studies if study in UNTIMED]
+    return [untimed if study in untimed else [study] for study in studies if study not in untimed[1:]]
 
 
 def remake(studies, out, machine, check):
@@ -117,13 +146,15 @@ def remake(studies, out, machine, check):
     if check:
         return 1 if stale else 0
     out.mkdir(parents=True, exist_ok=True)
-    begin, worst = time.monotonic(), 0
-    for number, study in enumerate(stale, 1):
-        print(f"\n{study}: study {number} of {len(stale)}, {time.monotonic() - begin:.0f} s so far", flush=True)
-        code = measure(study, out, machine)
-        if code not in (0, 1):
-            return code
-        worst = max(worst, code)
+    begin, worst, number = time.monotonic(), 0, 1
+    for group in groups_of(stale, machine):
+        for study in group:
+            print(f"\n{study}: study {number} of {len(stale)}, {time.monotonic() - begin:.0f} s so far", flush=True)
+            number += 1
+        codes = measure(group, out, machine)
+        if cut_short := [code for code in codes if code not in (0, 1)]:
+            return cut_short[0]
+        worst = max(worst, *codes)
     seconds = time.monotonic() - begin
     print(f"\n{len(stale)} of {len(studies)} studies measured in {seconds:.0f} s: {out}")
     if machine.has_gpu and seconds > BUDGET_SECONDS:

@@ -10,9 +10,10 @@ import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
-# A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL.
+# A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL. Those of
+# $MEET, separated by commas, wait for each other.
 PROGRAM = """#!/usr/bin/python3
-import json, os, pathlib, sys
+import json, os, pathlib, sys, time
 commit, uuid = "{commit}", "{uuid}"
 if sys.argv[1] == "--version":
     print(f"voxspring 0.2.0 (commit {{commit}})")
@@ -23,6 +24,13 @@ else:
     out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
     with open(os.environ["CALLS"], "a") as calls:
         print(*sys.argv[1:3], *sys.argv[5:], file=calls)
+    print("this is", sys.argv[2])
+    meet = os.environ.get("MEET", "").split(",")
+    end = time.monotonic() + 20
+    while sys.argv[2] in meet and not all(f"study {{one}}" in pathlib.Path(os.environ["CALLS"]).read_text() for one in meet):
+        if time.monotonic() > end:
+            sys.exit(3)
+        time.sleep(0.01)
     used = {{"a": {{"uuid": uuid}}, "b": {{"uuid": ""}}}}
     out.write_text(json.dumps({{"benchmarks": [], "context": {{"voxspring": {{
         "commit": commit, "clean": True, "backends": used}}}}}}))
@@ -94,6 +102,20 @@ class Remake(unittest.TestCase):
         done, calls = self.remake(self.out, FAIL="stability")
         self.assertEqual((done.returncode, calls[-1]), (130, "study stability"))
         self.assertEqual(self.remake(self.out)[1], ["study stability --resume", "study stress", "study haptic"])
+
+    def test_what_tells_no_times_runs_side_by_side_on_a_gpu_server(self):
+        self.install("aaaaaaaaaaaa", "GPU-1")
+        done, calls = self.remake(self.out, MEET="stability,stress")
+        self.assertEqual((done.returncode, len(calls)), (0, 14), done.stdout)
+        said = [line for line in done.stdout.splitlines() if line.startswith("this is ")]
+        self.assertEqual(said[9:12], ["this is stress", "this is stability", "this is overhead"])
+        self.assertIn("stress: study 11 of 14", done.stdout)
+        done, calls = self.remake(self.folder / "cut", FAIL="stability")
+        self.assertEqual((done.returncode, sorted(calls[-2:]), len(calls)),
+                         (130, ["study stability --backend !cpu_*", "study stress --backend !cpu_*"], 11))
+        _, calls = self.remake(self.folder / "cut")
+        self.assertEqual(calls, ["study stability --backend !cpu_* --resume", "study overhead", "study energy --backend !cpu_*",
+                                 "study haptic"])
 
     def test_a_failed_backend_stops_nothing(self):
         done, calls = self.remake(self.out, CODE="1")
