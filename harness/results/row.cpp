@@ -118,6 +118,8 @@ void verdict_fields(Self& part, Fields& fields) {
 template <class Self, class Fields>
 void common_fields(Self& row, Fields& fields) {
     fields.list("noisy", row.noisy);
+    fields.optional("min_card_mhz", row.min_card_mhz);
+    fields.optional("max_card_mhz", row.max_card_mhz);
     fields.optional("resumed", row.resumed);
     fields.optional("reason", row.reason);
     fields.optional("pattern", row.pattern);

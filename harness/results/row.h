@@ -107,7 +107,9 @@ struct Row {
     std::optional<EditPart> edits = {};
     std::optional<ReferencePart> reference = {};
     std::optional<VerdictPart> verdict = {};
-    std::vector<std::string> noisy = {};      ///< why its time is not to be trusted
+    std::vector<std::string> noisy = {};  ///< why its time is not to be trusted
+    /// The card's clock, asked after each repetition.
+    std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};
     std::optional<bool> resumed = {};         ///< true, or absent
     std::optional<std::string> reason = {};   ///< why it was skipped, failed or chosen
     std::optional<std::string> pattern = {};  ///< of a choice: what asked for it

@@ -202,7 +202,7 @@ private:
     bool leaves_out_tiles() const;
     StepLimit limit() const;
     LimitPart limit_part() const;
-    std::vector<std::string> noise() const;
+    Observed observed() const;
     Row common_row() const;
 
     Case& case_;
@@ -312,8 +312,7 @@ LimitPart TimedCase::limit_part() const {
     return part;
 }
 
-/// Why its time is not to be trusted.
-std::vector<std::string> TimedCase::noise() const {
+Observed TimedCase::observed() const {
     // What the processor does says nothing of a card.
     const bool on_card = !capabilities_of(case_.capabilities()).uuid.empty();
     Observed observed;
@@ -326,7 +325,7 @@ std::vector<std::string> TimedCase::noise() const {
         if (one.contains("card_mhz")) observed.card_mhz.push_back(one.at("card_mhz"));
         if (one.contains("other_users")) observed.other_users.push_back(one.at("other_users"));
     });
-    return reasons_of_noise(observed);
+    return observed;
 }
 
 Row TimedCase::common_row() const {
@@ -368,7 +367,13 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
         row.choice = ChoicePart{warm.at("chosen"), warm.at("predicted_seconds")};
     if (context_.edits > 0) row.edits = edit_part();
     if (resumed()) row.resumed = true;
-    row.noisy = noise();
+    const Observed seen = observed();
+    row.noisy = reasons_of_noise(seen);
+    if (!seen.card_mhz.empty()) {
+        const auto [least, most] = std::minmax_element(seen.card_mhz.begin(), seen.card_mhz.end());
+        row.min_card_mhz = *least;
+        row.max_card_mhz = *most;
+    }
     std::vector<Repetition> repetitions;
     each_repetition([&](const nlohmann::json& one) {
         repetitions.push_back({one.at("device_seconds"), one.at("host_seconds"), one.at("cpu_seconds")});

@@ -21,6 +21,7 @@ void pareto_fields(Self& row, Fields& fields) {
     fields.required("fraction_of_stable", row.fraction_of_stable);
     fields.required("end_time", row.end_time);
     fields.nullable("seconds", row.seconds);
+    fields.optional("repetitions", row.repetitions);
     fields.required("diverged", row.diverged);
     fields.required("on_front", row.on_front);
 }

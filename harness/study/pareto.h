@@ -19,6 +19,7 @@ struct ParetoRow {
     std::string device = {};  ///< one name a card, whatever the API
     double time_step = 0, fraction_of_stable = 0, end_time = 0;
     std::optional<double> seconds = {};  ///< median of the repetitions; nothing where it diverged
+    std::optional<int> repetitions = {};
     bool diverged = false, on_front = false;
 };
 nlohmann::json to_json(const ParetoRow& row);

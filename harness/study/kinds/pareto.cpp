@@ -189,6 +189,7 @@ ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& de
     } else {
         const std::vector<double> seconds = timed.at("seconds");
         one.seconds = median(seconds);
+        one.repetitions = int(seconds.size());
         one.row.noisy = reasons_of_noise({.seconds = seconds});
         one.row.errors = errors_of(step.solution, last, comparison, benchmark_case.spec());
     }
