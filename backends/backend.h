@@ -276,8 +276,8 @@ public:
     /// Enqueue `count` steps; may return before they have run.
     virtual void step(int count) = 0;
 
-    /// From the next upload() on, check the state on the device while it steps. A check changes no bit of
-    /// it. Until the first call: never.
+    /// From the next upload() or rewind() on, check the state on the device while it steps. A check changes
+    /// no bit of it. Until the first call: never.
     virtual void monitor(const DivergenceMonitor&) {}
     /// Where the run since upload() left its bounds, if it has. Synchronizes.
     virtual std::optional<Divergence> divergence() { return std::nullopt; }

@@ -63,6 +63,7 @@ public:
         departs,            ///< in step 3
         launches_in_hours,  ///< and by itself in half of the time, in a quarter after all else
         compiles,           ///< as CUDA does: once a process
+        checked_late,       ///< fails where its state is checked after its second start
     };
 
     explicit Faulty(Fault fault, std::string uuid = "")
@@ -117,7 +118,10 @@ private:
         ++uploads_;
         steps_ = 0;
     }
-    bool within(double) override { return fault_ != Fault::departs || steps_ < 3; }
+    bool within(double) override {
+        if (fault_ == Fault::checked_late && uploads_ > 1) throw DeviceError("checked while it is timed");
+        return fault_ != Fault::departs || steps_ < 3;
+    }
 
     Fault fault_;
     std::string uuid_;
@@ -217,6 +221,7 @@ const Registered test_backends[] = {
     faulty("test_wrong", Faulty::Fault::wrong),
     faulty("test_nan", Faulty::Fault::nan),
     faulty("departs", Faulty::Fault::departs),
+    faulty("checked", Faulty::Fault::checked_late),
     on_card("card_a", "GPU-a"),
     on_card("card_b", "GPU-b"),
     on_card("card_c", "GPU-a"),
@@ -392,6 +397,21 @@ TEST(Study, ARunThatDivergesIsNotTimed) {
     // Fewer steps than a look takes: the backend alone can tell, and did not look.
     study.scenes = {{"box@5", 4, {}}};
     EXPECT_TRUE(run_study(study, {}).at("failed").empty());
+}
+
+// Checks come more often in one API than in another.
+TEST(Study, NoCheckForDivergenceIsTimed) {
+    Study study = study_of({"checked"});
+    study.scenes = {{"box@5", 70, {}}};
+    const nlohmann::json result = run_study(study, {});
+    EXPECT_TRUE(result.at("failed").empty()) << result.at("failed");
+    EXPECT_FALSE(result.at("benchmarks").empty());
+    study.kind = "pareto";
+    study.settings = {{"time_steps", {0.5}}};
+    const nlohmann::json runs = run_study(study, {});
+    EXPECT_TRUE(runs.at("failed").empty()) << runs.at("failed");
+    ASSERT_EQ(runs.at("pareto").size(), 1u);
+    EXPECT_EQ(runs.at("pareto")[0].at("repetitions"), study.repetitions);
 }
 
 TEST(Study, EveryRowHasItsErrors) {

@@ -84,6 +84,7 @@ public:
         runner_.rewind(backend);
         runner_.keep_start(backend);
         run_batch(backend);
+        backend.monitor({});  // what was checked now is repeated, and a check takes energy
         const EnergyUse idle = measure_energy(*meter, lead_seconds, idle_seconds, [] {
             std::this_thread::sleep_for(std::chrono::milliseconds(10));
         });
