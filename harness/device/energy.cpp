@@ -99,6 +99,8 @@ public:
     Sampling& operator=(const Sampling&) = delete;
     ~Sampling() { stop(); }
 
+    /// Between the first leap and the last so far.
+    double measured_seconds() const { return measured_; }
     /// What was seen. Throws what the meter did.
     EnergyUse end() {
         stop();
@@ -129,7 +131,10 @@ private:
             while (!stopped_) {
                 std::this_thread::sleep_for(interval);
                 const double joules = meter_.joules();
-                if (joules != last) leaps_.push_back({seconds_since(begin_), joules});
+                if (joules != last) {
+                    leaps_.push_back({seconds_since(begin_), joules});
+                    measured_ = leaps_.back().seconds - leaps_.front().seconds;
+                }
                 last = joules;
                 if (const auto watts = meter_.watts()) watts_.push_back(*watts);
                 if (const auto mhz = meter_.clock_mhz()) mhz_.insert(*mhz);
@@ -147,6 +152,7 @@ private:
     EnergyMeter& meter_;
     const Clock::time_point begin_;
     std::atomic<bool> stopped_ = false;
+    std::atomic<double> measured_ = 0;
     std::vector<Leap> leaps_;
     std::vector<double> watts_;
     std::set<unsigned> mhz_;
@@ -174,6 +180,10 @@ EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds
     work_for(lead_seconds);
     Sampling sampling(meter);
     work_for(seconds);
+    // Up to a leap before the first one that was seen, and up to one after the last, is not measured yet.
+    for (const auto begin = Clock::now();
+         sampling.measured_seconds() < seconds && seconds_since(begin) < max_leap_seconds;)
+        work();
     return sampling.end();
 }
 

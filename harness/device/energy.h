@@ -46,10 +46,12 @@ struct EnergyUse {
     std::vector<std::string> throttled = {};  ///< why its clock was held down at any moment of it
 };
 
+constexpr double max_leap_seconds = 0.5;
+
 /// Calls `work` again and again, for `lead_seconds` first, so that clocks and averages settle, and then until
-/// `seconds` have passed, which are measured. The counter moves in leaps, some tens of milliseconds apart:
-/// power is taken from the first leap to the last. Throws std::runtime_error if it moved fewer than two
-/// times.
+/// `seconds` are measured. The counter moves in leaps, some tens of milliseconds apart: power is taken from
+/// the first leap to the last. Where two are farther apart than max_leap_seconds, less is measured. Throws
+/// std::runtime_error if it moved fewer than two times.
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
                          const std::function<void()>& work);
 
