@@ -174,6 +174,7 @@ TEST(Fastest, StudySaysWhatItIsMadeOf) {
     }
     std::size_t judged = 0;
     for (const auto& block : result.at("fastest")) {
+        EXPECT_LE(block.at("warm_ready_seconds"), block.at("ready_seconds"));
         judged += block.at("targets").size();
         for (const auto& target : block.at("targets")) EXPECT_EQ(target.at("met"), true);
     }

@@ -16,6 +16,7 @@
 #include "harness/base/histogram.h"
 #include "harness/base/progress.h"
 #include "harness/base/statistics.h"
+#include "harness/base/text.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/results/result.h"
 #include "harness/results/row.h"
@@ -33,6 +34,9 @@ TEST(Statistics, AreThoseOfASample) {
     EXPECT_DOUBLE_EQ(mean({1, 2, 6}), 3);
     EXPECT_DOUBLE_EQ(standard_deviation({1, 2, 3, 4}), std::sqrt(5.0 / 3));
     EXPECT_DOUBLE_EQ(standard_deviation({7}), 0);
+    EXPECT_DOUBLE_EQ(quantile({5, 1, 2, 4, 3}, 0.25), 2);
+    EXPECT_DOUBLE_EQ(quantile({1, 2}, 0.75), 1.75) << "between two of them";
+    EXPECT_DOUBLE_EQ(relative_spread({8, 9, 10, 11, 12}), 0.1);
 }
 
 TEST(Histograms, PercentilesAreValuesOfTheirRank) {
@@ -165,6 +169,8 @@ TEST(Row, IsReadAsItWasWritten) {
     row.reference = ReferencePart{.voxels = 64, .error_steps = 10, .reference = "cpu_reference"};
     row.verdict = VerdictPart{.passed = true, .finite = true, .error_rms = 1e-9, .tolerance = INFINITY};
     row.noisy = {"it rained (twice)"};
+    row.min_card_mhz = 1905;
+    row.max_card_mhz = 1980;
     row.resumed = true;
     row.reason = "why";
     const nlohmann::json json = to_json(row);
@@ -174,6 +180,21 @@ TEST(Row, IsReadAsItWasWritten) {
     const nlohmann::json bare = to_json(row_of("box@4", BackendSpec::parse("cpu_reference")));
     EXPECT_EQ(bare.size(), 6u) << "its identity alone: " << bare;
     EXPECT_EQ(to_json(row_from_json(bare)), bare);
+}
+
+TEST(Table, AQuietTimeStandsAloneAndASpreadIsGivenFromThreePercentOn) {
+    const std::vector<Row> rows = google_benchmark_rows(
+        timed_row(), {{1.8e-5, 0, 0}, {1.9e-5, 0, 0}, {2e-5, 0, 0}, {2.1e-5, 0, 0}, {2.2e-5, 0, 0}}, 0);
+    Row row = rows.front();
+    const double seconds = row.step_seconds();
+    StepTimes times = step_times_of(rows);
+    ASSERT_EQ(times.at(row.case_name()).size(), 5u);
+    EXPECT_EQ(time_text(row, seconds, times), si(seconds, "s") + " +-5%");
+    row.noisy = {"it rained"};
+    EXPECT_EQ(time_text(row, seconds, times), "~" + si(seconds, "s") + " +-5%");
+    times.begin()->second = {10, 10.1, 10.2, 10.3, 10.4};
+    EXPECT_EQ(time_text(row, seconds, times), "~" + si(seconds, "s"));
+    EXPECT_EQ(time_text(row, seconds, {}), "~" + si(seconds, "s"));
 }
 
 TEST(Table, DropsColumnsAndShortensNamesWhereThereIsNoRoom) {

@@ -17,6 +17,18 @@ double median(std::vector<double> values) {
     return values.size() % 2 == 1 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
 }
 
+double quantile(std::vector<double> values, double fraction) {
+    std::sort(values.begin(), values.end());
+    const double place = fraction * double(values.size() - 1);
+    const auto below = std::size_t(place);
+    const auto above = std::min(below + 1, values.size() - 1);
+    return values[below] + (place - double(below)) * (values[above] - values[below]);
+}
+
+double relative_spread(const std::vector<double>& values) {
+    return (quantile(values, 0.75) - quantile(values, 0.25)) / 2 / median(values);
+}
+
 double standard_deviation(const std::vector<double>& values) {
     if (values.size() < 2) return 0;
     const double centre = mean(values);

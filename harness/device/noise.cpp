@@ -13,15 +13,6 @@
 namespace voxspring {
 namespace {
 
-/// Of at least one value, between two of them linearly.
-double quantile(std::vector<double> values, double fraction) {
-    std::sort(values.begin(), values.end());
-    const double place = fraction * double(values.size() - 1);
-    const auto below = std::size_t(place);
-    const auto above = std::min(below + 1, values.size() - 1);
-    return values[below] + (place - double(below)) * (values[above] - values[below]);
-}
-
 /// By what share of their median values part into two groups of a quarter of them each or more, with nothing
 /// between: the widest gap inside, if it is several times as wide as either group. Otherwise 0.
 double parting(std::vector<double> values) {
@@ -34,7 +25,7 @@ double parting(std::vector<double> values) {
         constexpr double times_as_wide = 3;
         if (gap > times_as_wide * wider) widest = std::max(widest, gap);
     }
-    return widest / values[values.size() / 2];
+    return widest / median(values);
 }
 
 std::string percent(double fraction) { return std::to_string(std::lround(100 * fraction)) + "%"; }

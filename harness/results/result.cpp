@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "backends/cpu/cpu_backend.h"
+#include "harness/base/statistics.h"
 #include "harness/base/text.h"
 #include "harness/device/limits.h"
 #include "version.h"  // generated
@@ -54,12 +55,12 @@ std::string slow_down(const Row& row) {
     return fmt::format("{:+.1f} %", 100 * (row.step_seconds() / row.edits->seconds_per_step_without - 1));
 }
 
-std::vector<std::string> cells_of(const Row& row, const Row& fastest) {
+std::vector<std::string> cells_of(const Row& row, const StepTimes& repetitions, const Row& fastest) {
     const BenchmarkPart& benchmark = *row.benchmark;
     const Errors errors = row.errors.value_or(Errors());
     return {row.identity.scene,
             row.label(),
-            row.noise_mark() + si(row.step_seconds(), "s"),
+            time_text(row, row.step_seconds(), repetitions),
             si(benchmark.particle_updates_per_second, "/s"),
             si(benchmark.spring_updates_per_second, "/s"),
             error_cell(errors.relative_l2),
@@ -86,10 +87,10 @@ void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth wid
 }
 
 /// The medians of a result, by scene in the order of the study, fastest first within one.
-std::vector<std::vector<Row>> medians_by_scene(const nlohmann::json& result) {
+std::vector<std::vector<Row>> medians_by_scene(std::vector<Row> rows_of_result) {
     std::vector<std::vector<Row>> scenes;
     std::map<std::string, std::size_t> places;
-    for (Row& row : rows_from_json(result.at("benchmarks"))) {
+    for (Row& row : rows_of_result) {
         if (!row.benchmark->is_median()) continue;
         const auto [place, added] = places.emplace(row.identity.scene, scenes.size());
         if (added) scenes.emplace_back();
@@ -119,6 +120,24 @@ std::string os_name() {
 }
 
 }  // namespace
+
+StepTimes step_times_of(const std::vector<Row>& rows) {
+    StepTimes repetitions;
+    for (const Row& row : rows) {
+        if (row.benchmark->repetition_index)
+            repetitions[row.case_name()].push_back(row.benchmark->real_microseconds);
+    }
+    return repetitions;
+}
+
+std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
+    constexpr double min_spread = 0.03;  // medians of two runs differ by as much
+    const std::string text = row.noise_mark() + si(seconds, "s");
+    const auto found = repetitions.find(row.case_name());
+    if (found == repetitions.end() || found->second.size() < 3) return text;
+    const double spread = relative_spread(found->second);
+    return spread < min_spread ? text : text + fmt::format(" +-{:.0f}%", 100 * spread);
+}
 
 std::string names_in_short(const std::vector<std::string>& names) {
     if (names.size() <= 3) return joined(names);
@@ -200,10 +219,12 @@ void print_table(const nlohmann::json& result, std::ostream& out, TableWidth wid
     std::vector<std::vector<std::string>> table;
     std::vector<Row> all;
     std::set<std::string> chaotic;
-    for (const std::vector<Row>& rows : medians_by_scene(result)) {
+    std::vector<Row> measured = rows_from_json(result.at("benchmarks"));
+    const StepTimes repetitions = step_times_of(measured);
+    for (const std::vector<Row>& rows : medians_by_scene(std::move(measured))) {
         const Row& fastest = rows.front();
         for (const Row& row : rows) {
-            table.push_back(cells_of(row, fastest));
+            table.push_back(cells_of(row, repetitions, fastest));
             if (!row.errors || !row.errors->chaotic) continue;
             chaotic.insert(row.identity.scene + " in " + row.identity.formulation + " " +
                            row.identity.precision + ": rounding alone carries it by " +

@@ -1,6 +1,7 @@
 // The result: Google Benchmark's schema with our fields, and the table for people.
 #pragma once
 
+#include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
@@ -14,6 +15,14 @@ namespace voxspring {
 /// `context.voxspring`: what was built (commit, whether the tree was clean, compilers, their flags) and
 /// the processor it runs on. The study adds the GPU.
 nlohmann::json build_context();
+
+/// By the name of a case, what a step took in each of its repetitions, in us.
+using StepTimes = std::map<std::string, std::vector<double>>;
+StepTimes step_times_of(const std::vector<Row>& rows);
+
+/// "~1.25 us +-6%": the time of a step, with the mark of a row that is not to be trusted, and
+/// relative_spread() of its repetitions from 3% on.
+std::string time_text(const Row& row, double seconds, const StepTimes& repetitions);
 
 /// A line a reason for which rows are not to be trusted, with the cases that it holds for.
 void print_noise(const std::vector<Row>& rows, std::ostream& out);

@@ -219,7 +219,10 @@ nlohmann::json block_of(const nlohmann::json& result, const Contenders& rows) {
           "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "reference"}) {
         block[field] = fields.at(field);
     }
-    if (best.start) block["ready_seconds"] = best.start->ready_seconds;
+    if (best.start) {
+        block["ready_seconds"] = best.start->ready_seconds;
+        if (const auto warm = best.start->warm_ready_seconds) block["warm_ready_seconds"] = *warm;
+    }
     block["device"] =
         result.at("context").at("voxspring").at("backends").at(best.identity.backend).at("device");
     if (!best.noisy.empty()) block["noisy"] = best.noisy;
@@ -241,12 +244,8 @@ nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target
     using Key = std::tuple<std::string, std::string, std::string>;
     std::vector<Key> order;
     std::map<Key, Contenders> groups;
-    std::map<std::string, std::vector<double>> repetitions;  // of a case, in us a step
     std::vector<Row> rows = rows_from_json(result.at("benchmarks"));
-    for (const Row& row : rows) {
-        if (row.benchmark->repetition_index)
-            repetitions[row.case_name()].push_back(row.benchmark->real_microseconds);
-    }
+    StepTimes repetitions = step_times_of(rows);
     for (Row& row : rows) {
         if (!row.benchmark->is_median()) continue;
         const Key key{row.identity.scene, row.identity.formulation, row.identity.precision};
@@ -268,24 +267,26 @@ nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target
 }
 
 void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth width) {
-    const std::vector<Column> columns = {
-        {"scene", 0, true}, {"fastest", 0, true},     {"time a step"},      {"particles/s", 5},
-        {"springs/s", 6},   {"rounding error", 3},    {"% of roofline", 2}, {"x paper's", 1},
-        {"x auto", 1},      {"time to first step", 4}};
+    const std::vector<Column> columns = {{"scene", 0, true},   {"fastest", 0, true}, {"time a step"},
+                                         {"particles/s", 5},   {"springs/s", 6},     {"rounding error", 3},
+                                         {"% of roofline", 2}, {"x paper's", 1},     {"x auto", 1},
+                                         {"cold start", 4},    {"warm start", 7}};
     std::vector<std::vector<std::string>> table;
     std::vector<Row> rows = rows_from_json(result.at("fastest"));
+    const StepTimes repetitions = step_times_of(rows_from_json(result.at("benchmarks")));
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Row& row = rows[i];
         const nlohmann::json& block = result.at("fastest")[i];
         const auto& paper = block.at("paper");
         table.push_back(
-            {row.identity.scene, row.label(), row.noise_mark() + si(block.at("seconds_per_step"), "s"),
+            {row.identity.scene, row.label(), time_text(row, block.at("seconds_per_step"), repetitions),
              si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"), error_text(block.at("error_relative_l2")),
              percent_of(block.at("fraction_of_limit")) + row.limit_mark(),
              paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
              ratio_text(block.at("auto").at("times_fastest")),
-             row.start ? si(row.start->ready_seconds, "s") : "-"});
+             row.start ? si(row.start->ready_seconds, "s") : "-",
+             row.start && row.start->warm_ready_seconds ? si(*row.start->warm_ready_seconds, "s") : "-"});
     }
     print_columns(columns, table, width, out);
     print_noise(rows, out);
