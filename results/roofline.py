@@ -5,7 +5,8 @@ Usage: roofline.py RESULT.json --out FIGURE.svg [--out FIGURE.png] [--scene SCEN
 
 A panel a scene: every float32 row as a point, the operations of a step for each byte that it has to move against operations a
 second, colour by backend, below the roofs that were measured in the same run: memory, only read or half written, cache, and
-arithmetic. Of a result that does not say what its steps move, as older ones, nothing is drawn.
+arithmetic. A strategy whose state stays on the chip moves no bytes: its points stand at the right edge, in a strip of their own. Of
+a result that does not say what its steps move, as older ones, nothing is drawn.
 """
 
 import argparse
@@ -23,12 +24,20 @@ plt.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "axes
 MARKERS = {"CUDA": "o", "Vulkan": ">", "OpenGL": "s", "CPU": "^", "another API": "D"}
 DASHES = {"memory": "-", "memory, half written": "--", "cache": ":"}
 SCENES = ("box@32", "box@256")
+# How far right of the last roof's bend the strategies stand that move no bytes.
+ON_CHIP = 1.9
 
 
 def read_rows(result, scenes):
     """The float32 rows on the scenes that have their work."""
     return [row for row in reading.measured([result])
-            if row["scene"] in scenes and row["precision"] == "float32" and row["operations_a_byte"]]
+            if row["scene"] in scenes and row["precision"] == "float32" and row["operation_rate"]]
+
+
+def ends_of(rows):
+    """The axis of operations a byte: from half the least to twice the most."""
+    known = [row["operations_a_byte"] for row in rows if row["operations_a_byte"]]
+    return (min(known) / 2, 2 * max(known)) if known else (1, 100)
 
 
 def draw_roofs(axes, rooflines, left, right):
@@ -46,11 +55,20 @@ def draw_roofs(axes, rooflines, left, right):
 
 
 def draw_scene(axes, rows, limits, colours):
-    left = min(row["operations_a_byte"] for row in rows) / 2
-    right = 2 * max(row["operations_a_byte"] for row in rows)
-    draw_roofs(axes, reading.rooflines(limits, rows), left, right)
+    left, right = ends_of(rows)
+    roofs = reading.rooflines(limits, rows)
+    draw_roofs(axes, roofs, left, right)
+    bends = [operations / rate for bandwidths, operations in roofs.values() for rate in bandwidths.values()]
+    # Beyond the roofs' end, where no number of operations a byte stands.
+    edge = max(right, *bends, left)
+    on_chip = edge * ON_CHIP
+    if any(not row["operations_a_byte"] for row in rows):
+        axes.axvspan(edge * ON_CHIP**0.5, edge * ON_CHIP**1.5, color="#f1f1f1", zorder=0)
+        axes.annotate("on chip", (on_chip, 0), xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",
+                      fontsize=6, ha="center")
+        axes.set_xlim(left / 1.2, edge * ON_CHIP**1.5)
     for backend, colour in colours.items():
-        points = [(row["operations_a_byte"], row["operation_rate"]) for row in rows if row["backend"] == backend]
+        points = [(row["operations_a_byte"] or on_chip, row["operation_rate"]) for row in rows if row["backend"] == backend]
         if points:
             axes.plot(*zip(*points), marker=MARKERS[reading.family(backend)], color=colour, markersize=4.5,
                       markeredgewidth=0, alpha=0.9, linestyle="none", zorder=3, label=backend)

@@ -285,12 +285,31 @@ class Figures(InTemporaryFolder):
         for text in ("box@32", "box@256", "operations a byte", "operations a second (Gop/s)", "cpu_parallel",
                      "CUDA: memory (dashed: half written)", "CUDA: cache", "CPU: float32 arithmetic"):
             self.assertIn(f">{text}<", drawn)
+        self.assertNotIn(">on chip<", drawn, "every step moves something")
         said = self.draw("roofline", self.folder / "new.json", "--scene", "box@9")
         self.assertEqual(said.returncode, 2)
         self.assertIn("--scene: box@9: not in", said.stderr)
         result["context"]["voxspring"]["limits"]["CPU"]["bandwidth"][1]["bytes_per_second"] = 0
         self.assertIn("context.voxspring.limits.CPU.bandwidth[1].bytes_per_second: 0; expected a number above 0",
                       self.refused("roofline", self.write("bad.json", result)))
+
+    def test_strategies_on_chip_stand_beside_the_roofs(self):
+        committed = result_files.load(RESULTS / "nvidia-h200/fastest.json.gz")
+        still = {row["backend"] for row in committed["benchmarks"] if row["scene"] == "box@32" and row["step_bytes"] == 0}
+        self.assertEqual(still, {"cuda_resident", "cuda_bricks"})
+        for scenes in (["box@32", "box@256"], ["box@32"]):
+            said = self.draw("roofline", RESULTS / "nvidia-h200/fastest.json.gz", *(f"--scene={scene}" for scene in scenes))
+            self.assertEqual((said.returncode, said.stdout, said.stderr), (0, "", ""))
+            drawn = (self.folder / "a.svg").read_text()
+            self.assertEqual(drawn.count(">on chip<"), 1)
+            for backend in still:
+                self.assertIn(f">{backend}<", drawn)
+        self.assertIn(">on chip<", (RESULTS / "nvidia-h200/roofline.svg").read_text())
+        # A file in which nothing moves a byte still has a figure.
+        committed["benchmarks"] = [row for row in committed["benchmarks"] if row["backend"] in still]
+        said = self.draw("roofline", self.write("still.json", committed), "--scene", "box@32")
+        self.assertEqual((said.returncode, said.stderr), (0, ""))
+        self.assertIn(">on chip<", (self.folder / "a.svg").read_text())
 
     def test_no_roofline_of_a_result_without_work(self):
         result = with_work(result_files.load(RESULTS / "nvidia-h200/fastest.json.gz"))

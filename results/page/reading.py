@@ -265,12 +265,14 @@ def family(backend):
 
 
 def moved_and_computed(row):
-    """What a step moves and computes; nothing where the file does not say, or a step moves nothing."""
+    """What a step moves and computes; nothing where the file does not say. A step that moves nothing, whose state stays on the
+    chip, has a rate of operations and no operations a byte."""
     moved, footprint, operations = (row.get(f"step_{what}") or 0 for what in ("bytes", "footprint_bytes", "operations"))
-    if min(moved, footprint, operations) <= 0:
+    on_chip = row.get("step_bytes") == 0 and operations > 0
+    if not on_chip and min(moved, footprint, operations) <= 0:
         return {"operations_a_byte": None, "operation_rate": None, "footprint": None}
-    return {"operations_a_byte": operations / moved, "operation_rate": operations / row["real_time"] * 1e-3,
-            "footprint": footprint / 2**20}
+    return {"operations_a_byte": None if on_chip else operations / moved, "operation_rate": operations / row["real_time"] * 1e-3,
+            "footprint": footprint / 2**20 or None}
 
 
 def measured(results):
