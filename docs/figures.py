@@ -18,7 +18,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(ROOT / "results"), str(ROOT / "tests")]
 
 import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
-from readme import rows as results  # noqa: E402  # pylint: disable=wrong-import-position
+from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
 
 # The strategies of the table: of each kind the one that says most.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
@@ -36,7 +36,7 @@ def heart():
     for row in results.medians("fastest"):
         if (row["scene"], row["formulation"], row["precision"]) == ("heart", "position", "float32") and row["backend"] in SHOWN:
             tried.setdefault(row["backend"], []).append(row)
-    rows = sorted((min(alike, key=lambda row: row["real_time"]) for alike in tried.values()), key=lambda row: row["real_time"])
+    rows = sorted(map(results.fastest_of, tried.values()), key=lambda row: row["real_time"])
     lines = [[f"`{row['backend']}`", results.time_of(row), f"{row['real_time'] / rows[0]['real_time']:.2f}",
               results.three_digits(row["particle_updates_per_second"] * 1e-9), results.percent(row["fraction_of_limit"]),
               f"{row['error_max']:.1e}", str(len(tried[row["backend"]]))] for row in rows]
@@ -81,6 +81,22 @@ def gates():
                         "least wrong error / threshold"], lines)
 
 
+# Whose float64 is held against its float32.
+PRECISE = {results.CPU: "cpu_parallel", results.GPU: "cuda_implicit_cached"}
+
+
+def float64():
+    """What float64 costs on a processor and on a card."""
+    lines, origins = [], []
+    for machine, backend in PRECISE.items():
+        context = results.result("pareto", machine)["context"]["voxspring"]
+        device = context["gpu"] or context["cpu"]
+        origins.append(f"{device}: commit {context['commit'][:8]}")
+        for scene, ratios in facts.float64_ratios(machine, backend).items():
+            lines.append([f"`{backend}`, {scene}", *(f"{of(ratios):.2f}" for of in (min, statistics.median, max)), str(len(ratios))])
+    return results.table(["float64 over float32", "least", "median", "most", "pairs of runs"], lines) + f"\n\n{'; '.join(origins)}."
+
+
 # What apis.md compares: a step of implicit addressing in each API, and CUDA's resident kernel.
 APIS = {"cuda_implicit_cached": "CUDA", "vulkan_implicit": "Vulkan", "gl_compute_implicit": "OpenGL, compute",
         "gl_fragment_implicit": "OpenGL, fragments", "cuda_resident": "CUDA, resident"}
@@ -115,12 +131,11 @@ def empty_steps():
 
 def sizes():
     """The fastest row of each API's implicit strategies by scene, `position` in float32."""
-    best = {}
+    tried = {}
     for row in results.medians("fastest"):
         if (row["formulation"], row["precision"]) == ("position", "float32") and row["backend"] in APIS:
-            known = best.setdefault(row["scene"], {}).setdefault(row["backend"], row)
-            if row["real_time"] < known["real_time"]:
-                best[row["scene"]][row["backend"]] = row
+            tried.setdefault(row["scene"], {}).setdefault(row["backend"], []).append(row)
+    best = {scene: {backend: results.fastest_of(rows) for backend, rows in by_backend.items()} for scene, by_backend in tried.items()}
     lines = []
     for scene, rows in sorted(best.items(), key=lambda item: next(iter(item[1].values()))["particles"]):
         cuda = rows.get("cuda_implicit_cached")
@@ -210,7 +225,7 @@ def ticks():
 
 
 PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture},
-         HERE / "accuracy.md": {"gates": gates},
+         HERE / "accuracy.md": {"float64": float64, "gates": gates},
          HERE / "apis.md": {"launches": launches, "empty_steps": empty_steps, "sizes": sizes},
          HERE / "simulator.md": {"ticks": ticks, "late_ticks": late_ticks, "drawing": drawing}}
 

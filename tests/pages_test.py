@@ -6,6 +6,7 @@ The current directory is the source tree.
 import pathlib
 import re
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -228,9 +229,12 @@ class Accuracy(unittest.TestCase):
         self.on_both("`compensated` keeps low parts as well. It serves small time steps", better)
 
     def test_float64_on_a_processor(self):
-        # "About": a fifth.
-        self.on_both("On a processor float64 takes at most about twice the time of float32",
-                     lambda machine: 1 < facts.float64_cost(machine) < 2.4, [rows.CPU])
+        # "About": a tenth.
+        def about_twice(machine):
+            medians = [statistics.median(ratios) for ratios in facts.float64_ratios(machine).values()]
+            return len(medians) >= 3 and 1.8 < max(medians) < 2.2
+        self.on_both("On a processor float64 takes up to about twice the time of float32, in the median of a scene", about_twice,
+                     [rows.CPU])
 
 
 class Tables(unittest.TestCase):
@@ -251,6 +255,63 @@ class Tables(unittest.TestCase):
         of = [row for row in rows.medians("fastest", "amd-epyc") if row["scene"] == block["scene"]
               and row["formulation"] == block["formulation"] and row["precision"] == block["precision"]]
         self.assertEqual(line.split("|")[header.index("of so many")].strip(), str(len(of)))
+
+    def test_one_half_of_the_repetitions_chooses_and_the_other_is_reported(self):
+        def row(backend, *times):
+            return case("a", backend, statistics.median(times), times=list(times), particle_updates_per_second=1000.0,
+                        fraction_of_limit=0.5, limited_by="bandwidth")
+        # Repetitions 0, 2, ... choose: lucky there is chosen, and 1, 3, ... tell its time.
+        lucky, steady = row("lucky", 1, 9, 1, 9, 1, 9, 5), row("steady", 4, 4, 4, 4, 4, 4, 4)
+        found = rows.fastest_of([steady, lucky])
+        self.assertEqual((found["backend"], found["real_time"]), ("lucky", 9))
+        self.assertEqual(found["particle_updates_per_second"] * found["real_time"], 1000 * lucky["real_time"])
+        self.assertEqual(found["fraction_of_limit"] * found["real_time"], 0.5 * lucky["real_time"])
+        self.assertIs(rows.fastest_of([lucky]), lucky, "one alone is not chosen")
+        few = [row("a", 3, 9, 3), row("b", 2, 9, 9)]
+        self.assertEqual(rows.fastest_of(few)["real_time"], 3, "three are not divided")
+
+    def test_best_of_rows_are_those_that_the_program_chose(self):
+        """The list `fastest` of each file, by harness/study/fastest.cpp, and every column of the table of it."""
+        text = tables.fastest()
+        for machine in (rows.GPU, rows.CPU):
+            found = rows.medians("fastest", machine)
+            for block in rows.result("fastest", machine)["fastest"]:
+                tried = rows.alike(found, block)
+                best = rows.fastest_of(tried) if len(tried) > 1 else rows.held_out(*tried)
+                self.assertEqual(rows.name_of(best), block["name"])
+                self.assertAlmostEqual(best["real_time"] / (block["seconds_per_step"] * 1e6), 1, 6)
+                for key in ("particle_updates_per_second", "spring_updates_per_second", "fraction_of_limit"):
+                    self.assertAlmostEqual(best[key] / block[key], 1, 6)
+                line = f"| {block['scene']} {block['formulation']} {block['precision']} | {rows.contender(block)} |"
+                cells = [[cell.strip() for cell in one.split("|")] for one in text.split("\n") if one.startswith(line)]
+                self.assertIn(rows.time_of(best), [one[4] for one in cells])
+                if block["paper"] is not None:
+                    papers = [row for row in tried if row["backend"] in rows.PAPER]
+                    paper = rows.fastest_of(papers) if len(papers) > 1 else rows.held_out(*papers)
+                    self.assertAlmostEqual(block["paper"]["ratio"] * best["real_time"] / paper["real_time"], 1, 6)
+
+    def test_cold_and_warm_starts_of_every_strategy(self):
+        self.assertEqual(tables.starts_of({"ready_seconds": 0.3, "compile_seconds": 0.1, "warm_ready_seconds": 0.2}), ["300 (100)", "200"])
+        self.assertEqual(tables.starts_of({}), ["-", "-"])
+        lines = tables.starts().split("\n")[2:]
+        self.assertEqual({line.split("`")[1] for line in lines}, {row["backend"] for row in rows.medians("table1")})
+        self.assertNotIn(" - ", "".join(lines), "all are measured")
+        for row in rows.medians("table1"):
+            self.assertLessEqual(row["warm_ready_seconds"], row["ready_seconds"], row["name"])
+
+    def test_energy(self):
+        self.assertEqual(tables.cross_check({"watts": 200, "sampled_watts": 199}), "yes, 0.5 %")
+        self.assertEqual(tables.cross_check({"watts": 200}), "no")
+        self.assertEqual(tables.cross_check({"watts": 200, "sampled_watts": None}), "no")
+        found = rows.result("energy")["energy"]
+        lines = [line.split("|") for line in tables.energy().split("\n") if line.startswith("| box")]
+        self.assertEqual(len(lines), len(found))
+        for line, row in zip(lines, found):
+            self.assertAlmostEqual(float(line[2]) / 1e3 / row["joules_per_step"], 1, 2)
+            self.assertAlmostEqual(float(line[2]) * float(line[3]) * 1e6 / row["springs"], 1, 1)
+        self.assertEqual(facts.joules(found[0]["scene"], found[0]["backend"]), found[0]["joules_per_step"])
+        with self.assertRaises(rows.Missing):
+            facts.joules("box@32", "cuda_none")
 
     def test_the_papers_strategies_are_marked(self):
         lines = [[cell.strip() for cell in line.split("|")] for line in tables.steps("figure7").split("\n")]

@@ -8,8 +8,8 @@ namespace voxspring {
 /// Nothing stands above this share of the motion: a bound beyond it would let a backend pass that does
 /// something else.
 constexpr double max_share_of_motion = 0.1;
-/// The gate, in spreads. Of a few runs the largest is about what honest arithmetic is off by: 0.2 to 1.4 of
-/// it was measured (docs/accuracy.md).
+/// The gate, in spreads. Of a few runs the largest is about what honest arithmetic is off by;
+/// docs/accuracy.md has what was measured.
 constexpr double gate_in_spreads = 4;
 /// A bound this near to the spread cannot tell a wrong backend from rounding, and is not applied.
 constexpr double min_gate_in_spreads = 2;

@@ -1,6 +1,6 @@
 """Explicit against implicit addressing, by size and by sparsity: the paper's first question."""
 
-from readme.rows import PAPER, contender, marked, medians, microseconds, percent, scenes_of, spread_text, table
+from readme.rows import PAPER, contender, fastest_of, medians, microseconds, percent, scenes_of, table, time_of
 
 # Beyond so many particles positions (48 bytes) and lists (72 bytes) are more than the 60 MB of an H200's L2.
 LARGE = 500_000
@@ -27,15 +27,11 @@ class Dataset:
     @property
     def ratio(self):
         """The best explicit time over the best implicit one."""
-        return best(self.explicit)["real_time"] / best(self.implicit)["real_time"]
+        return fastest_of(self.explicit)["real_time"] / fastest_of(self.implicit)["real_time"]
 
     @property
     def kind(self):
         return ("large" if self.particles > LARGE else "small") + (" sparse" if self.active < SPARSE else " full")
-
-
-def best(rows):
-    return min(rows, key=lambda row: row["real_time"])
 
 
 def datasets(formulation="position"):
@@ -76,17 +72,18 @@ def verdict():
 
 
 def best_cell(rows):
-    row = best(rows)
-    text = f"{microseconds(row['real_time'])}{spread_text(row)} ({contender(row).replace('`', '')}, of {len(rows)})"
-    return marked(row, text) if rows else "-"
+    row = fastest_of(rows)
+    return f"{time_of(row)} ({contender(row).replace('`', '')}, of {len(rows)})"
 
 
 def table_of_datasets():
     """The paper's best lists against its best implicit kernel on each dataset, and what later lists make of it."""
     lines = []
     for one in datasets():
-        later = (f"{microseconds(best(one.later)['real_time'])} "
-                 f"({best(one.later)['real_time'] / best(one.implicit)['real_time']:.2f})") if one.later else "-"
+        later = "-"
+        if one.later:
+            time = fastest_of(one.later)["real_time"]
+            later = f"{microseconds(time)} ({time / fastest_of(one.implicit)['real_time']:.2f})"
         lines.append([one.scene, one.kind, str(one.particles), percent(one.active), best_cell(one.implicit),
                       best_cell(one.explicit), f"{one.ratio:.2f}", later])
     return table(["dataset", "kind", "particles", "active", "best implicit (us, of so many)", "best explicit (us, of so many)",

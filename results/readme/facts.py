@@ -9,7 +9,7 @@ import statistics
 
 from readme import addressing, tables
 from readme.addressing import joined
-from readme.rows import (CPU, GPU, Missing, by_name, figure, is_papers, medians, result, three_digits)
+from readme.rows import (CPU, GPU, Missing, by_name, fastest_of, figure, is_papers, medians, result, three_digits)
 from readme.tables import slow_down
 
 # A time a particle that stays within this share of that of the largest box grows linearly.
@@ -227,8 +227,8 @@ def linear_verdict():
 
 
 def best_of_paper(study, scene):
-    return min(one["real_time"] for one in medians(study)
-               if one["scene"] == scene and papers_cuda(one) and one["formulation"] == "position")
+    return fastest_of([one for one in medians(study)
+                       if one["scene"] == scene and papers_cuda(one) and one["formulation"] == "position"])["real_time"]
 
 
 def times_as_long(study, scene, case):
@@ -291,12 +291,18 @@ def runs(machine, backend="cpu_parallel"):
             for one in result("pareto", machine)["pareto"] if one["backend"] == backend}
 
 
+def float64_ratios(machine=CPU, backend="cpu_parallel"):
+    """How many times as long float64 takes as float32, of each formulation and time step of the study pareto, by scene."""
+    found, ratios = runs(machine, backend), {}
+    for (scene, formulation, precision, fraction), one in found.items():
+        if precision == "float64" and (scene, formulation, "float32", fraction) in found:
+            ratios.setdefault(scene, []).append(one["seconds"] / found[scene, formulation, "float32", fraction]["seconds"])
+    return ratios
+
+
 def float64_cost(machine=CPU, backend="cpu_parallel"):
-    """How many times as long float64 takes as float32, the median over the study pareto."""
-    found = runs(machine, backend)
-    return statistics.median(one["seconds"] / found[scene, formulation, "float32", fraction]["seconds"]
-                             for (scene, formulation, precision, fraction), one in found.items()
-                             if precision == "float64" and (scene, formulation, "float32", fraction) in found)
+    """The median of all of them."""
+    return statistics.median(ratio for ratios in float64_ratios(machine, backend).values() for ratio in ratios)
 
 
 def stress_verdict(machine=GPU):
@@ -323,6 +329,22 @@ def resting_ratios(scene, cases=addressing.IMPLICIT, formulations=("position", "
     return [resting_ratio(scene, case, formulation) for case in cases for formulation in formulations]
 
 
+def launching_all(scene, formulation="increment"):
+    """What launching every block, as the paper did, takes over launching those that hold a particle, of each implicit kernel."""
+    return [ratio("skips", scene, f"{case} launched=all", case, formulation=formulation)
+            for case in addressing.IMPLICIT]
+
+
+def joules(scene, case):
+    """Of a step, in the study energy."""
+    backend, *tuning = case.split()
+    name = "/".join([scene, backend, "position", "float32", *tuning])
+    found = [one["joules_per_step"] for one in result("energy")["energy"] if one["name"] == name]
+    if not found:
+        raise Missing(f"energy has no row {name}")
+    return found[0]
+
+
 def noisy(study, machine=GPU):
     """How many rows of a study its run marked, of how many."""
     rows = medians(study, machine)
@@ -331,8 +353,11 @@ def noisy(study, machine=GPU):
 
 def best_of(study, scene, backend, formulation="position"):
     """Microseconds of a backend with the tuning that suits it best."""
-    return min(one["real_time"] for one in medians(study)
-               if (one["scene"], one["backend"], one["formulation"], one["precision"]) == (scene, backend, formulation, "float32"))
+    rows = [one for one in medians(study)
+            if (one["scene"], one["backend"], one["formulation"], one["precision"]) == (scene, backend, formulation, "float32")]
+    if not rows:
+        raise Missing(f"{study} has no row of {backend} on {scene}")
+    return fastest_of(rows)["real_time"]
 
 
 # What a template may name.

@@ -2,6 +2,7 @@
 
 import functools
 import pathlib
+import statistics
 
 import result_files
 
@@ -36,13 +37,17 @@ def name_of(row):
 
 
 def medians_of(one):
-    """The median row of each case of a result, in the order of the file, with `spread`."""
+    """The median row of each case of a result, in the order of the file, with its `times` (us a step) and their `spread`."""
     times = {}
     for row in one["benchmarks"]:
         if row["run_type"] == "iteration":
             times.setdefault((row["run_name"], row["steps"]), []).append(row["real_time"])
-    return [row | {"spread": result_files.spread_of(times.get((row["run_name"], row["steps"]), []))}
-            for row in one["benchmarks"] if row.get("aggregate_name") == "median"]
+    found = []
+    for row in one["benchmarks"]:
+        if row.get("aggregate_name") == "median":
+            of_row = times.get((row["run_name"], row["steps"]), [])
+            found.append(row | {"times": of_row, "spread": result_files.spread_of(of_row)})
+    return found
 
 
 def medians(study, machine=GPU):
@@ -76,6 +81,37 @@ def is_papers(row):
 def alike(rows, row):
     """The rows of a row's dataset, formulation and precision: what a best-of row was chosen from."""
     return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision"))]
+
+
+# Fewer repetitions are not divided, as in harness/study/fastest.cpp.
+FEWEST_TO_DIVIDE = 4
+
+
+def divided(row):
+    """The median of the repetitions that a row is chosen by, every other from the first on, and that of the others, its time."""
+    times = row.get("times", ())
+    if len(times) < FEWEST_TO_DIVIDE:
+        return row["real_time"], row["real_time"]
+    return statistics.median(times[0::2]), statistics.median(times[1::2])
+
+
+def held_out(row):
+    """A row with the time of the repetitions that it is not chosen by, and the rates and the share of the limit that follow."""
+    time = divided(row)[1]
+    rates = {key: row[key] * row["real_time"] / time
+             for key in ("particle_updates_per_second", "spring_updates_per_second", "fraction_of_limit") if row.get(key)}
+    return row | rates | {"real_time": time}
+
+
+def fastest_of(rows):
+    """The fastest of several rows, as the study `fastest` has it: one half of the repetitions chooses, the other half is reported.
+
+    The least of many medians is as short as it is by luck as well, which the other half did not have. One row alone is not chosen
+    and keeps all its repetitions.
+    """
+    if len(rows) == 1:
+        return rows[0]
+    return held_out(min(rows, key=lambda row: divided(row)[0]))
 
 
 def three_digits(value):

@@ -5,8 +5,8 @@ import collections
 import result_files
 from readme import addressing
 from readme.rows import (
-    GPU, PAPER, RESULTS, alike, by_name, contender, is_papers, loaded, machines, marked, medians, medians_of, microseconds,
-    name_of, percent, result, scenes_of, spread_text, table, three_digits, time_of, tuning_of,
+    GPU, PAPER, RESULTS, alike, by_name, contender, fastest_of, held_out, is_papers, loaded, machines, marked, medians, medians_of,
+    microseconds, name_of, percent, result, scenes_of, spread_text, table, three_digits, time_of, tuning_of,
 )
 
 FORMULATIONS = ["paper", "position", "displacement", "increment", "compensated"]
@@ -102,7 +102,9 @@ def tuning():
     lines = []
     for (backend, scene), rows in sorted(best.items()):
         default = next((row for row in rows if not tuning_of(row)), None)
-        row = min(rows, key=lambda row: row["real_time"])
+        if default and len(rows) > 1:
+            default = held_out(default)
+        row = fastest_of(rows)
         lines.append([f"`{backend}`", scene, time_of(default) if default else "-", time_of(row), str(len(rows)),
                       " ".join(tuning_of(row)) or "the default"])
     return table(["strategy", "scene", "default (us)", "best (us)", "of so many", "with"], lines)
@@ -198,12 +200,26 @@ def targets():
     return "\n\n".join(parts)
 
 
-def ready(row):
-    """Milliseconds to the first step, and in parentheses those of compiling; where a study left them out, a dash."""
-    if "ready_seconds" not in row:
-        return "-"
-    compiling = row.get("compile_seconds")
-    return three_digits(row["ready_seconds"] * 1e3) + (f" ({three_digits(compiling * 1e3)})" if compiling else "")
+def milliseconds(row, key):
+    return three_digits(row[key] * 1e3) if row.get(key) is not None else "-"
+
+
+def starts_of(row):
+    """Milliseconds from nothing to the first step: with no kernel on disk, what compiling takes of them, and with all kernels there.
+
+    Where a study left them out, a dash.
+    """
+    compiling = f" ({milliseconds(row, 'compile_seconds')})" if row.get("compile_seconds") else ""
+    return [milliseconds(row, "ready_seconds") + compiling, milliseconds(row, "warm_ready_seconds")]
+
+
+def starts():
+    """The cold and the warm start of every strategy."""
+    rows = medians("table1")
+    scenes = scenes_of(rows)
+    cells = by_scene(rows, starts_of)
+    header = ["start (ms)"] + [f"{scene}: {what}" for scene in scenes for what in ("cold (compiling)", "warm")]
+    return table(header, [[name] + [cell for scene in scenes for cell in cells[name].get(scene, ["-"] * 2)] for name in sorted(cells)])
 
 
 def fastest():
@@ -213,16 +229,16 @@ def fastest():
         lines, rows = [], medians_of(one)
         known = {name_of(row): row for row in rows}
         for block in one["fastest"]:
-            paper, times, row = block["paper"], block["auto"]["times_fastest"], known[block["name"]]
+            paper, times, row = block["paper"], block["auto"]["times_fastest"], held_out(known[block["name"]])
             tried = alike(rows, row)
             lines.append([f"{block['scene']} {block['formulation']} {block['precision']}", contender(row), str(len(tried)),
-                          time_of(row), three_digits(block["particle_updates_per_second"] * 1e-9),
-                          three_digits(block["spring_updates_per_second"] * 1e-9),
-                          limit_of(block), f"{block['error_max']:.1e}",
+                          time_of(row), three_digits(row["particle_updates_per_second"] * 1e-9),
+                          three_digits(row["spring_updates_per_second"] * 1e-9),
+                          limit_of(row), f"{row['error_max']:.1e}",
                           f"{paper['ratio']:.2f} ({contender(paper)}, of {sum(other['backend'] in PAPER for other in tried)})"
-                          if paper else "-", f"{times:.2f}" if times else "not measured", ready(row)])
+                          if paper else "-", f"{times:.2f}" if times else "not measured", *starts_of(row)])
         header = ["dataset", "fastest", "of so many", "us a step", "G particles/s", "G springs/s", "of limit", "error",
-                  "x the paper's best", "x auto", "ready (compiling) (ms)"]
+                  "x the paper's best", "x auto", "cold start (compiling) (ms)", "warm start (ms)"]
         parts.append(titled(one, table(header, lines)))
     return "\n\n".join(parts)
 
@@ -244,6 +260,24 @@ def resting():
     return table(["us a step of all / of what moves (tiles stepped)"] + scenes,
                  [[f"`{backend}` {formulation}" + ", flush" * (way == "flush")] + [cells.get(scene, "-") for scene in scenes]
                   for (backend, formulation, way), cells in sorted(lines.items())])
+
+
+def cross_check(row):
+    """How far samples of the power are from the energy counter, where the device gives any."""
+    if row.get("sampled_watts") is None:
+        return "no"
+    return f"yes, {100 * abs(row['sampled_watts'] / row['watts'] - 1):.1f} %"
+
+
+def energy():
+    """What a step takes of the device's energy, and what the device draws meanwhile and idle."""
+    found = result("energy")
+    lines = [[f"{row['scene']}, {contender(row)}", f"{three_digits(row['joules_per_step'] * 1e3)}",
+              three_digits(row["springs_per_joule"] * 1e-9), three_digits(row["watts"]), three_digits(row["idle_watts"]),
+              ", ".join(row.get("throttled", [])) or "-", row["meter"], cross_check(row), f"{row['seconds']:.1f}"]
+             for row in found["energy"]]
+    return titled(found, table(["case", "mJ a step", "G springs/J", "power (W)", "idle (W)", "clocks held down by", "counter",
+                                "cross-checked by samples", "measured (s)"], lines))
 
 
 def results_of(machine=GPU):
@@ -275,6 +309,6 @@ def files():
 
 
 TABLES = {"fastest": fastest, "targets": targets, "limits": lambda: limits("table1"), "table1": lambda: steps("table1"),
-          "figure7": lambda: steps("figure7"), "figure8": scaling, "edits": edits, "tuning": tuning,
-          "formulations": formulations, "stress": stress, "stability": stability, "resting": resting, "files": files,
+          "starts": starts, "figure7": lambda: steps("figure7"), "figure8": scaling, "edits": edits, "tuning": tuning,
+          "formulations": formulations, "stress": stress, "stability": stability, "resting": resting, "energy": energy, "files": files,
           "addressing": addressing.table_of_datasets}
