@@ -63,6 +63,7 @@ TEST(Scene, BuiltinScenesHaveTheirCounts) {
           Expected{"heart@120x102x92", 1126080, 236609, 1949461, 68965},
           Expected{"beam", 8192, 8192, 63456, 64}, Expected{"free", 13824, 13824, 115920, 0},
           Expected{"poke", 262144, 262144, 2298240, 0}, Expected{"poke@1x2x3", 6, 6, 11, 0},
+          Expected{"porous", 32768, 31124, 252327, 966}, Expected{"porous@48", 110592, 105070, 867620, 2184},
           Expected{"box@5", 125, 125, 780, 25}}) {
         SCOPED_TRACE(expected.argument);
         const Scene scene = load_scene(expected.argument);
@@ -83,7 +84,7 @@ TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
         EXPECT_EQ(load_scene(scene.name).description, scene.description);
     }
     EXPECT_EQ(names, (std::vector<std::string>{"beam", "box", "free", "grasp", "heart", "incision", "poke",
-                                               "press", "scalpel_1", "scalpel_10", "scalpel_100"}));
+                                               "porous", "press", "scalpel_1", "scalpel_10", "scalpel_100"}));
 }
 
 TEST(Scene, PokeMovesOnlyTheCorner) {
@@ -563,7 +564,7 @@ TEST(Scene, BadArgumentsAreRefused) {
     EXPECT_EQ(
         refused("bax"),
         "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, grasp, heart, "
-        "incision, poke, press, "
+        "incision, poke, porous, press, "
         "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .hdr, "
         ".hdr.gz, .img, .img.gz, .nrrd, .nhdr, .mha or .mhd); did you mean box?");
     for (const std::string suffix :

@@ -39,7 +39,10 @@ LabelledGrid load_dataset(const SceneFile& scene, const std::string& file, const
     const DatasetSpec& dataset = scene.dataset;
     if (dataset.type != DatasetType::volume) {
         checked_voxel_count(dataset.dims, limits, file, "dataset.dims");
-        return {dataset.type == DatasetType::box ? make_box(dataset.dims) : make_heart(dataset.dims), {1}};
+        LabelledGrid labelled{
+            dataset.type == DatasetType::box ? make_box(dataset.dims) : make_heart(dataset.dims), {1}};
+        if (dataset.missing > 0) remove_at_random(labelled.grid, dataset.missing, dataset.seed);
+        return labelled;
     }
     const std::filesystem::path path = std::filesystem::path(file).parent_path() / dataset.file;
     if (dataset.file_source) {

@@ -34,6 +34,10 @@ glm::ivec3 voxel_triple(const JsonValue& value, int low, int high) {
             int(list[2].integer(low, high))};
 }
 
+std::uint64_t required_seed(JsonObject& object) {
+    return std::uint64_t(object.require("seed", "a whole number").integer(0, (std::int64_t{1} << 53) - 1));
+}
+
 DatasetSpec read_dataset(JsonObject object) {
     DatasetSpec dataset;
     const std::string type =
@@ -60,6 +64,13 @@ DatasetSpec read_dataset(JsonObject object) {
     } else {
         dataset.type = type == "box" ? DatasetType::box : DatasetType::heart;
         dataset.dims = voxel_triple(object.require("dims", "voxels along x, y and z"), 1, max_side);
+        if (const auto missing = object.find("missing")) {
+            JsonObject holes = missing->object();
+            constexpr double max_share = 0.99;
+            dataset.missing = holes.require("fraction", "a share of the voxels").number(0, max_share);
+            dataset.seed = required_seed(holes);
+            holes.finish();
+        }
     }
     object.finish();
     return dataset;
@@ -174,8 +185,7 @@ InitialField read_initial_field(const JsonValue& value) {
         field.vector = vector(*same);
     } else {
         field.amplitude = positive(*amplitude);
-        field.seed =
-            std::uint64_t(object.require("seed", "a whole number").integer(0, (std::int64_t{1} << 53) - 1));
+        field.seed = required_seed(object);
     }
     field.region = find_region(object);
     object.finish();

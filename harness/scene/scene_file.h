@@ -21,6 +21,8 @@ enum class DatasetType : std::uint8_t { box, heart, volume };
 struct DatasetSpec {
     DatasetType type = DatasetType::box;
     glm::ivec3 dims{0};                               ///< of a box or heart
+    double missing = 0;                               ///< share of its voxels, at random
+    std::uint64_t seed = 0;                           ///< of those
     std::string file;                                 ///< of a volume, relative to the scene file
     std::optional<JsonValue> file_source;             ///< for messages; absent for a volume by itself
     std::optional<double> threshold;                  ///< of a volume; never together with labels

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <limits>
+#include <random>
 #include <string>
 
 #include "harness/base/bad_input.h"
@@ -139,6 +141,15 @@ VoxelGrid make_heart(glm::ivec3 dims) {
         }
     }
     return grid;
+}
+
+void remove_at_random(VoxelGrid& grid, double fraction, std::uint64_t seed) {
+    std::mt19937_64 generator(seed);
+    // The standard leaves the values of its distributions to the library.
+    const auto limit = std::uint64_t(std::ldexp(fraction, 53));
+    for (std::uint8_t& label : grid.label) {
+        if (generator() >> 11 < limit) label = 0;
+    }
 }
 
 }  // namespace voxspring

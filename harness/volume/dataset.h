@@ -56,4 +56,7 @@ VoxelGrid make_box(glm::ivec3 dims);
 /// paper's MRI heart: 140760 voxels, 29449 of them active. Spacing 1.
 VoxelGrid make_heart(glm::ivec3 dims);
 
+/// Makes each voxel inactive with the probability `fraction`; the same ones for a seed on every machine.
+void remove_at_random(VoxelGrid& grid, double fraction, std::uint64_t seed);
+
 }  // namespace voxspring
