@@ -132,11 +132,12 @@ StepTimes step_times_of(const std::vector<Row>& rows) {
 
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
     constexpr double min_spread = 0.03;  // medians of two runs differ by as much
-    const std::string text = row.noise_mark() + si(seconds, "s");
+    std::string text = row.noise_mark() + si(seconds, "s");
     const auto found = repetitions.find(row.case_name());
     if (found == repetitions.end() || found->second.size() < 3) return text;
     const double spread = relative_spread(found->second);
-    return spread < min_spread ? text : text + fmt::format(" +-{:.0f}%", 100 * spread);
+    if (spread >= min_spread) text += fmt::format(" +-{:.0f}%", 100 * spread);
+    return text;
 }
 
 std::string names_in_short(const std::vector<std::string>& names) {
