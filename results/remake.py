@@ -114,6 +114,7 @@ def measure(studies, out, machine):
             plain = out / f"{study}.json"
             said = stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) if study != studies[-1] else None
             process = stack.enter_context(subprocess.Popen(arguments_of(study, plain, machine), stdout=said, stderr=said))
+            stack.callback(process.kill)  # of one that an interrupt did not end
             running.append((plain, process, said))
         for _, process, _ in running:
             process.wait()

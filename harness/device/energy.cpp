@@ -180,7 +180,7 @@ EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds
     work_for(lead_seconds);
     Sampling sampling(meter);
     work_for(seconds);
-    // Up to a leap before the first one that was seen, and up to one after the last, is not measured yet.
+    // What lies before the first leap and after the last is not measured, so that some is still missing.
     for (const auto begin = Clock::now();
          sampling.measured_seconds() < seconds && seconds_since(begin) < max_leap_seconds;)
         work();

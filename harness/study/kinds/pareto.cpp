@@ -61,7 +61,7 @@ TimedRuns time_runs(Backend& backend, const Scene& scene, const DivergenceMonito
                     int repetitions) {
     SceneRunner runner(scene);
     TimedRuns timed;
-    backend.monitor({});  // which find_divergence() set where an earlier run diverged
+    backend.monitor({});  // find_divergence() leaves one set where an earlier run diverged
     const auto once = [&] {
         runner.rewind(backend);
         return backend.timed([&] { runner.run(backend, steps); }).device_seconds;
