@@ -58,6 +58,9 @@ struct Capabilities {
     bool deterministic = true;  ///< two runs give the same bits
     /// The device's highest clocks by what they drive ("sm", "memory"), where its driver tells.
     std::map<std::string, int> highest_mhz = {};
+    /// What compiles kernels when a scene is uploaded, and its options but for the scene's macros. Empty: the
+    /// driver, or nothing.
+    std::string kernel_compiler = {};
     ApiFamily family = ApiFamily::cpu;
     bool is_software = false;  ///< a graphics API that the processor computes
     /// What measure_limits() is of, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".

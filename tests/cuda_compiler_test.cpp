@@ -104,6 +104,12 @@ TEST_P(Compiler, CompilesEveryKernel) {
     }
 }
 
+TEST(Compiler, SaysWhatItCompilesWith) {
+    const std::string said = compiler_and_options(90);
+    EXPECT_TRUE(said.starts_with("NVRTC " + compiler_build())) << said;
+    EXPECT_NE(said.find(" --gpu-architecture=sm_90 --std=c++20 --fmad=false"), std::string::npos) << said;
+}
+
 KernelSource resident_source(
     const char* tool, const char* part = "0", const char* slots = "768", int borders = 1 << mixed_border,
     const char* masked = "0",

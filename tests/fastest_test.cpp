@@ -284,6 +284,7 @@ TEST(Capabilities, AreReadAsTheyWereWrittenByAnyVersion) {
                                .clock = "GL_TIMESTAMP",
                                .deterministic = false,
                                .highest_mhz = {{"sm", 7}},
+                               .kernel_compiler = "a compiler -x",
                                .family = ApiFamily::opengl,
                                .is_software = true,
                                .limits_of = "OpenGL"};

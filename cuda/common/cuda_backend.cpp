@@ -7,6 +7,7 @@
 #include <span>
 
 #include "cuda/common/device_borders.h"
+#include "cuda/device/compiler.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -29,6 +30,7 @@ Capabilities CudaBackend::capabilities() const {
             .clock = "CUDA event",
             .deterministic = true,
             .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}},
+            .kernel_compiler = compiler_and_options(device_.architecture()),
             .family = ApiFamily::cuda,
             .limits_of = "CUDA",
             .has_borders = gives_borders(),

@@ -130,6 +130,15 @@ std::string build_id(const dl_phdr_info& file) {
     return {};
 }
 
+/// No contraction: what fused multiply-adds there are stand in the source, so that bits depend on nothing
+/// else.
+std::vector<std::string> options_for(int architecture, bool moves_registers) {
+    const auto [target, exact] = nearest(architecture);
+    return {std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") + std::to_string(target) +
+                (moves_registers ? "a" : ""),
+            "--std=c++20", "--fmad=false", "--extra-device-vectorization"};
+}
+
 }  // namespace
 
 const std::string& compiler_build() {
@@ -159,14 +168,16 @@ const std::string& compiler_build() {
 
 bool moves_registers(int architecture) { return architecture >= 90 && nearest(architecture).second; }
 
+std::string compiler_and_options(int architecture) {
+    std::string text = "NVRTC " + compiler_build();
+    for (const std::string& option : options_for(architecture, false)) text += " " + option;
+    return text;
+}
+
 CompiledKernel compile(const KernelSource& source, int architecture) {
-    const auto [target, exact] = nearest(architecture);
+    const bool exact = nearest(architecture).second;
     const std::string name = "cuda/kernels/" + source.file;
-    // No contraction: what fused multiply-adds there are stand in the source, so that bits depend on nothing
-    // else.
-    std::vector<std::string> options = {std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") +
-                                            std::to_string(target) + (source.moves_registers ? "a" : ""),
-                                        "--std=c++20", "--fmad=false", "--extra-device-vectorization"};
+    std::vector<std::string> options = options_for(architecture, source.moves_registers);
     for (const auto& [macro, value] : source.macros)
         options.push_back("--define-macro=" + macro + "=" + value);
 

@@ -28,6 +28,10 @@ CompiledKernel compile(const KernelSource& source, int architecture);
 /// Whether threads of a block may have more registers than others.
 bool moves_registers(int architecture);
 
+/// What compile() does for a card whatever the scene: "NVRTC 13.0 <build id>
+/// --gpu-architecture=sm_90 --std=c++20 ...".
+std::string compiler_and_options(int architecture);
+
 /// The version of NVRTC and the build id of its library: what code depends on besides its source.
 const std::string& compiler_build();
 
