@@ -2,6 +2,7 @@
 
 #include <dlfcn.h>
 #include <elf.h>
+#include <fmt/format.h>
 #include <link.h>
 #include <nvrtc.h>
 
@@ -109,7 +110,7 @@ std::pair<int, bool> nearest(int architecture) {
     return {best, false};
 }
 
-/// The build id of an ELF file that is loaded, as its bytes; empty if it has none.
+/// The build id of an ELF file that is loaded, in hexadecimal digits; empty if it has none.
 std::string build_id(const dl_phdr_info& file) {
     for (int n = 0; n < file.dlpi_phnum; ++n) {
         const auto& part = file.dlpi_phdr[n];
@@ -122,8 +123,12 @@ std::string build_id(const dl_phdr_info& file) {
             const auto aligned = [](std::size_t size) { return (size + 3) / 4 * 4; };
             const char* const name = at + sizeof note;
             const char* const content = name + aligned(note.n_namesz);
-            if (note.n_type == NT_GNU_BUILD_ID && std::string_view(name, note.n_namesz) == "GNU\0"sv)
-                return {content, note.n_descsz};
+            if (note.n_type == NT_GNU_BUILD_ID && std::string_view(name, note.n_namesz) == "GNU\0"sv) {
+                std::string digits;
+                for (const char byte : std::string_view(content, note.n_descsz))
+                    digits += fmt::format("{:02x}", static_cast<unsigned char>(byte));
+                return digits;
+            }
             at = content + aligned(note.n_descsz);
         }
     }
