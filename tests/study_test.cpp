@@ -834,12 +834,12 @@ TEST(AWorkerThatIsKept, TakesUpTheNextWorkOfItsKindOnTheSceneOfThatTime) {
     auto worker = workers.take("test", description_of("test_sound"), minute);
     const pid_t process = worker->process();
     const std::uint64_t bytes = bytes_said_by(*worker);
-    workers.keep("test", std::move(worker));
+    workers.keep_or_dismiss("test", worker);
 
     worker = workers.take("test", description_of("given_once"), minute);
     EXPECT_EQ(worker->process(), process);
     EXPECT_EQ(bytes_said_by(*worker), bytes);
-    workers.keep("test", std::move(worker));
+    workers.keep_or_dismiss("test", worker);
 
     workers.turn_to(&small);
     worker = workers.take("test", description_of("test_sound"), minute);
@@ -855,7 +855,7 @@ TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene)
         auto worker = workers.take(kind, description_of("test_sound"), minute);
         (void)worker->ask({{"do", "construct"}}, "constructing");
         const pid_t process = worker->process();
-        workers.keep(kind, std::move(worker));
+        workers.keep_or_dismiss(kind, worker);
         return process;
     };
     processes.insert(construct_and_keep("one"));
@@ -866,7 +866,7 @@ TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene)
     auto refused = workers.take("one", description_of("test_unavailable"), minute);
     EXPECT_TRUE(processes.contains(refused->process()));
     EXPECT_THROW((void)refused->ask({{"do", "construct"}}, "constructing"), Unavailable);
-    workers.keep("one", std::move(refused));
+    workers.keep_or_dismiss("one", refused);
     EXPECT_FALSE(processes.contains(construct_and_keep("one")));
 
     workers.end_kept();
@@ -877,6 +877,10 @@ TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene)
     workers.turn_to(&large);
     processes = {construct_and_keep("large")};
     EXPECT_FALSE(processes.contains(construct_and_keep("large")));
+    // Whoever dismisses several does not wait for one after the other.
+    auto dismissed = workers.take("large", description_of("test_sound"), minute);
+    workers.keep_or_dismiss("large", dismissed);
+    EXPECT_NE(dismissed, nullptr);
 }
 
 TEST(AWorkerThatIsKept, IsLeftWhereItsDriverHangs) {
@@ -885,7 +889,7 @@ TEST(AWorkerThatIsKept, IsLeftWhereItsDriverHangs) {
     auto worker = workers.take("one", description_of("never_given_back"), std::chrono::seconds(2));
     (void)worker->ask({{"do", "construct"}}, "constructing");
     const pid_t process = worker->process();
-    workers.keep("one", std::move(worker));
+    workers.keep_or_dismiss("one", worker);
     worker = workers.take("one", description_of("test_sound"), minute);
     EXPECT_NE(worker->process(), process);
     EXPECT_EQ(worker->ask({{"do", "construct"}}, "constructing").at("unsupported"), "");

@@ -143,8 +143,8 @@ void Case::take_introduction(const nlohmann::json& introduction) {
 
 void Case::dismiss() {
     if (process_ == nullptr) return;
-    if (second_hand_ && process_->can_be_used_again()) {
-        workers_->keep(api_of(spec_), std::move(process_));
+    if (second_hand_) {
+        workers_->keep_or_dismiss(api_of(spec_), process_);
     } else {
         process_->dismiss();
     }

@@ -249,8 +249,11 @@ std::unique_ptr<Worker> Workers::take(const std::string& kind, const nlohmann::j
     }
 }
 
-void Workers::keep(const std::string& kind, std::unique_ptr<Worker> worker) {
-    if ((scene_ != nullptr && is_heavy(*scene_)) || !worker->can_be_used_again()) return;
+void Workers::keep_or_dismiss(const std::string& kind, std::unique_ptr<Worker>& worker) {
+    if ((scene_ != nullptr && is_heavy(*scene_)) || !worker->can_be_used_again()) {
+        worker->dismiss();
+        return;
+    }
     worker->begin_leaving();
     kept_.emplace(kind, std::move(worker));
 }

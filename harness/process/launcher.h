@@ -80,8 +80,9 @@ public:
     std::unique_ptr<Worker> take(const std::string& kind, const nlohmann::json& description,
                                  std::chrono::duration<double> timeout);
     /// Has `worker` give back what it has, and keeps it for the next work of `kind`. One that cannot be used
-    /// again ends, and those of a large scene do: they would hold on to memory.
-    void keep(const std::string& kind, std::unique_ptr<Worker> worker);
+    /// again is dismissed and left where it is, and so are those of a large scene: they would hold on to
+    /// memory.
+    void keep_or_dismiss(const std::string& kind, std::unique_ptr<Worker>& worker);
     /// Ends those that are kept. They are strangers to what is timed on their device.
     void end_kept();
 
