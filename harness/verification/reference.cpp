@@ -346,9 +346,7 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
                                    const RoundingModel& model, std::uint64_t seed,
                                    PerturbedRuns& runs) const {
     Spread spread;
-    const Comparison motion = scene.state.displacement.empty()
-                                  ? differences(expected, state_at_rest(scene.problem))
-                                  : differences(expected, scene.state);
+    const Comparison motion = differences(expected, scene.state);
     spread.motion_max = motion.max;
     spread.motion_rms = motion.rms;
     const int random = random_runs(scene.problem.particle_count());

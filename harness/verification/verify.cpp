@@ -121,16 +121,16 @@ Comparison differences(const State& state, const State& reference) {
         return result;
     }
     result.finite = true;
-    if (state.displacement.size() != reference.displacement.size()) {
+    if (!reference.displacement.empty() && state.displacement.size() != reference.displacement.size()) {
         reason << state.displacement.size() << " particles instead of " << reference.displacement.size();
         result.reason = reason.str();
         return result;
     }
 
     const auto apart = sum_of<Apart>(state.displacement.size(), [&](Apart& part, std::size_t i) {
-        const glm::dvec3 difference = state.displacement[i] - reference.displacement[i];
-        const double error = glm::length(difference);
-        part += {error * error, glm::dot(reference.displacement[i], reference.displacement[i]), error, i};
+        const glm::dvec3 expected = reference.displacement_of(i);
+        const double error = glm::length(state.displacement[i] - expected);
+        part += {error * error, glm::dot(expected, expected), error, i};
     });
     result.max = apart.max;
     result.worst = apart.worst;

@@ -69,7 +69,8 @@ double forced_acceleration(const Problem& problem);
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position);
 
-/// Finiteness first, then sizes, then every component; against no tolerance.
+/// Finiteness first, then sizes, then every component; against no tolerance. A reference without
+/// displacements is one at rest.
 Comparison differences(const State& state, const State& reference);
 
 /// The same against rounding_tolerance().
