@@ -332,10 +332,10 @@ private:
 
     /// The most that are taken within the period, with the tool's way in and the force's way out: of ticks
     /// one after another, drawn or not as the motion was. Their median says where to look; their mean counts,
-    /// over so long that some pictures fall into it.
+    /// over so long that some pictures, if any are drawn, fall into it.
     int steps_that_fit(Backend& backend, double period) {
         constexpr int most = 1 << 16, least_ticks = 9;
-        constexpr double long_enough = 0.1;
+        const double long_enough = drawing_ ? 0.1 : 0.03;
         const auto ticks = [&](int steps, double seconds) {
             std::vector<double> times;
             // The first may have to capture or record so many steps.
