@@ -35,11 +35,13 @@ std::uint64_t exchange_bytes(const Lattice& lattice) {
 }
 
 /// Device memory, at most: beside state and exchange, masks of 18 springs and two bits a particle and a word
-/// a tile, in tiles half empty, and as many polls as particles.
+/// a tile, in tiles half empty, as many polls as particles, and increments that registers have no room for.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
+    const std::uint64_t increments = by_increments(options.formulation) ? 2 * 3 * sizeof(float) : 0;
     return AxesBackend<float>::state_bytes(problem.lattice, options.formulation) +
-           exchange_bytes(problem.lattice) + problem.particle_count() * tables + (std::uint64_t(1) << 20);
+           exchange_bytes(problem.lattice) + problem.particle_count() * (tables + increments) +
+           (std::uint64_t(1) << 20);
 }
 
 class BricksBackend final : public AxesBackend<float> {
@@ -115,6 +117,7 @@ private:
         // slowest.
         const bool has_plain_code = s.tile() <= 4 && layout_->all_plain();
         source.macros["PLAIN_BLOCKS"] = has_plain_code ? "1" : "0";
+        source.macros["INCREMENTS_IN_MEMORY"] = plan_.increments_in_memory ? "true" : "false";
         source.macros["LANE_REGISTERS"] = std::to_string(plan_.lane_registers);
         source.macros["POLLER_REGISTERS"] = std::to_string(plan_.poller_registers);
         return source;
@@ -126,12 +129,16 @@ private:
         blocks_.upload(layout_->blocks(), stream());
         exchange_.resize(exchange_bytes(problem.lattice) / sizeof(TaggedPoint));
         exchange_.fill_with_zeros(stream());
+        increments_.resize(plan_.increments_in_memory
+                               ? std::size_t(layout_->lane_count()) * 3 * std::size_t(plan_.shape.tile())
+                               : 0);
         joint_.start_anew(stream());
         step_.blocks = blocks_.data();
         step_.masks = masks_.data();
         step_.lane_count = layout_->lane_count();
         step_.polls = polls_.data();
         step_.exchange = exchange_.data();
+        step_.increments = increments_.data();
         step_.started_blocks = joint_.started_blocks();
         step_.stall = joint_.stall();
     }
@@ -161,7 +168,7 @@ private:
     }
     std::uint64_t bytes_held() const override {
         return state_bytes_held() + masks_.bytes() + polls_.bytes() + blocks_.bytes() + exchange_.bytes() +
-               joint_.bytes() + staging_.bytes();
+               increments_.bytes() + joint_.bytes() + staging_.bytes();
     }
     std::string failure_note() const override { return joint_.failure_note("brick"); }
 
@@ -175,6 +182,7 @@ private:
     Buffer<std::uint32_t> masks_;
     Buffer<BrickPoll> polls_;
     Buffer<TaggedPoint> exchange_;
+    Buffer<float> increments_;
     Staging<EditedWord> staging_;
     JointLaunch joint_;
     /// The latest plan and the body that it is for: refused() and the upload after it ask for the same.

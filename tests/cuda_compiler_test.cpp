@@ -244,13 +244,15 @@ TEST(Compiler, CompilesBricks) {
         const char *shape, *formulation;
         int registers;
         int architecture;
+        const char* in_memory = "false";
     };
-    for (const auto& [shape, formulation, registers, architecture] :
+    for (const auto& [shape, formulation, registers, architecture, in_memory] :
          {Variant{"3,1,1,8,6,6,true,1,2", "position", 0, 75},
           Variant{"2,1,2,16,6,4,false,0,0", "displacement", 0, 90},
           Variant{"2,2,2,16,4,4,false,0,0", "increment", 0, 90},
           Variant{"3,2,2,16,4,4,false,0,0", "position", 0, 120},
-          Variant{"3,2,3,16,6,4,false,0,0", "position", 144, 90}}) {
+          Variant{"3,2,3,16,6,4,false,0,0", "position", 144, 90},
+          Variant{"3,2,3,16,6,4,false,0,0", "increment", 144, 90, "true"}}) {
         SCOPED_TRACE(shape);
         const KernelSource source{
             "brick.cu",
@@ -263,6 +265,7 @@ TEST(Compiler, CompilesBricks) {
              {"ROUNDS", "12"},
              {"EQUAL_EDGES", "true"},
              {"PLAIN_BLOCKS", "1"},
+             {"INCREMENTS_IN_MEMORY", in_memory},
              {"LANE_REGISTERS", std::to_string(registers)},
              {"POLLER_REGISTERS", "80"},
              {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}},

@@ -160,14 +160,14 @@ double pad(BrickShape& shape, std::size_t bytes) {
 
 /// Registers of a thread with a tile, as NVRTC 13.0 has them without spilling, or next to that for the
 /// largest.
-int registers_of(const BrickShape& shape, Formulation formulation) {
+int registers_of(const BrickShape& shape, bool with_increments) {
     const int particles = shape.tile();
     const int points = particles <= 3    ? 88
                        : particles <= 4  ? 104
                        : particles <= 8  ? 128
                        : particles <= 12 ? 136
                                          : 144;
-    return points + (by_increments(formulation) ? rounded_up(4 * particles, 8) : 0);
+    return points + (with_increments ? rounded_up(4 * particles, 8) : 0);
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
@@ -180,9 +180,9 @@ int registers_at_launch(int threads) {
     return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
 }
 
-/// Gives `plan` pollers and registers. False: there are too few.
-bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool moves_registers) {
-    const int lanes = plan.shape.lanes(), needed = registers_of(plan.shape, formulation);
+/// Gives `plan` pollers and registers, of which a thread with a tile needs so many. False: there are too few.
+bool dress(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers) {
+    const int lanes = plan.shape.lanes();
     constexpr int alike = warps_that_move_registers * warp;
     for (const int pollers : {256, 128}) {
         // Beyond five points each, pollers ask for more than what a round trip hides.
@@ -204,6 +204,14 @@ bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool mov
         return true;
     }
     return false;
+}
+
+/// The same, with the increments in memory where registers have no room for them.
+bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool moves_registers) {
+    if (dress(plan, polls, registers_of(plan.shape, by_increments(formulation)), moves_registers))
+        return true;
+    plan.increments_in_memory = by_increments(formulation);
+    return plan.increments_in_memory && dress(plan, polls, registers_of(plan.shape, false), moves_registers);
 }
 
 /// Points in the frame of a brick, at most.
@@ -231,7 +239,11 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     constexpr double barriers = 0.15e-6, trip = 0.75e-6;
     const int rounds = units_of(int(frame_of(shape)), plan.pollers);
     const double travel = trip * (rounds < kept_polls ? 1 : units_of(rounds, polls_in_turn));
-    return work + barriers + std::max(0.0, travel - work * mask.early / mask.springs);
+    // Increments in memory: each of a few loads in flight takes a round trip to L2.
+    constexpr int in_flight = 3;
+    constexpr double load = 0.4e-6;
+    const double increments = plan.increments_in_memory ? load * units_of(shape.tile(), in_flight) : 0;
+    return work + barriers + increments + std::max(0.0, travel - work * mask.early / mask.springs);
 }
 
 }  // namespace

@@ -36,7 +36,8 @@ struct BrickPlan {
     /// Of a thread with a tile and of one that polls, if they are moved from the one to the other; 0: all
     /// have the same.
     int lane_registers = 0, poller_registers = 0;
-    double seconds = 0;  ///< of a step, as predicted
+    bool increments_in_memory = false;  ///< registers have no room for them
+    double seconds = 0;                 ///< of a step, as predicted
     bool operator==(const BrickPlan&) const = default;
 };
 /// The plan with the shortest step as predicted, of those with tiles of `size`, or of all sizes; none if the

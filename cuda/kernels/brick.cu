@@ -1,7 +1,8 @@
 // SHAPE: a BrickShape, EQUAL_EDGES as in march.cu. POLLERS threads beside those with tiles wait for ROUNDS
 // points of other blocks each. LANE_REGISTERS, POLLER_REGISTERS: what a thread of either kind has, if they
 // are moved from the one to the other; 0: all have the same. PLAIN_BLOCKS: blocks all of whose threads are
-// plain (TileSides) have code of their own, which asks for no spring by itself.
+// plain (TileSides) have code of their own, which asks for no spring by itself. INCREMENTS_IN_MEMORY: true or
+// false, whether registers have no room for increments.
 #include "cuda/kernels/brick.h"
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/wait.h"
@@ -11,7 +12,7 @@ namespace voxspring::cuda {
 inline constexpr BrickShape shape = SHAPE;
 constexpr int lanes = shape.lanes();
 constexpr int all_threads = lanes + POLLERS;
-using Tile = BrickTile<Terms, shape, EQUAL_EDGES>;
+using Tile = BrickTile<Terms, shape, EQUAL_EDGES, INCREMENTS_IN_MEMORY>;
 constexpr int mask_words = Tile::mask_words;
 /// Masks of larger tiles are read anew in each step.
 constexpr bool keeps_masks = mask_words <= 6;
@@ -161,7 +162,8 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         asm volatile("setmaxnreg.inc.sync.aligned.u32 %0;" ::"n"(LANE_REGISTERS));
 #endif
         const bool has_tile = thread < shape.threads();
-        Tile tile(step, block, has_tile ? thread : 0);
+        Tile tile(step, block, has_tile ? thread : 0,
+                  step.increments + std::size_t(blockIdx.x) * Tile::increment_words + thread);
         TileWords words;
         words.load(step, lane_of(thread));
         const auto element = [&](int i, int j, int k) { return tile.element(step, i, j, k); };
@@ -173,7 +175,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
                 previous = load_axes(before + element(i, j, k), step.axis);
                 if (!Terms::increments) Tile::store(points + shape.half(), slot, previous);
             }
-            if constexpr (Terms::increments) tile.increment(n) = previous;
+            if constexpr (Terms::increments) tile.set_increment(n, previous);
         });
         __syncthreads();
         const bool idle = __all_sync(0xFFFFFFFFU, words.none()) || !has_tile;

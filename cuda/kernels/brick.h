@@ -43,8 +43,9 @@ struct PlainWords {
     static VOXSPRING_HOST_DEVICE bool exists(int /*n*/) { return true; }
 };
 
-/// A thread's particles during a step.
-template <class Terms, BrickShape shape, bool equal_edges>
+/// A thread's particles during a step. `increments_in_memory`: registers have no room for v, which is read
+/// and written when a step moves its particle on.
+template <class Terms, BrickShape shape, bool equal_edges, bool increments_in_memory = false>
 class BrickTile {
 public:
     static constexpr int particles = shape.tile();
@@ -52,8 +53,12 @@ public:
     static constexpr int late_bit = brick_mask<shape>().early, moves_bit = brick_mask<shape>().moves(0),
                          exists_bit = brick_mask<shape>().exists(0), mask_words = brick_mask<shape>().words();
 
-    VOXSPRING_HOST_DEVICE BrickTile(const BrickStep& step, const BrickBlock& block, int thread)
-        : place_(shape, block, thread),
+    /// `increments`: where v of the thread's particles are, if in memory. Those of a block's threads take
+    /// turns there, so that a warp's are side by side.
+    VOXSPRING_HOST_DEVICE BrickTile(const BrickStep& step, const BrickBlock& block, int thread,
+                                    float* increments = nullptr)
+        : increments_(increments),
+          place_(shape, block, thread),
           spacing_{float(place_.dx) * step.spacing.x, float(place_.dy) * step.spacing.y,
                    float(place_.dz) * step.spacing.z} {}
 
@@ -95,7 +100,19 @@ public:
     }
 
     /// What the step overwrites besides points: v, by increments.
-    VOXSPRING_HOST_DEVICE Vector<float>& increment(int number) { return increment_[number]; }
+    VOXSPRING_HOST_DEVICE Vector<float> increment(int number) const {
+        if constexpr (!increments_in_memory) return increment_[number];
+        return load_axes(increments_ + 3 * number * shape.lanes(), std::size_t(shape.lanes()));
+    }
+    VOXSPRING_HOST_DEVICE void set_increment(int number, Vector<float> v) {
+        if constexpr (increments_in_memory) {
+            store_axes(increments_ + 3 * number * shape.lanes(), std::size_t(shape.lanes()), v);
+        } else {
+            increment_[number] = v;
+        }
+    }
+    /// Words of memory that the increments of a block take.
+    static constexpr int increment_words = 3 * particles * shape.lanes();
 
     /// Forces of springs that end in the tile or near it, from a half of `points`.
     template <class Words>
@@ -121,14 +138,14 @@ public:
         visit_particles([&](int n, int i, int j, int k) {
             const bool moves = words.moves(n);
             const int at = slot(i, j, k);
-            const Vector<float> before = Terms::increments ? increment_[n] : load(next, at);
+            const Vector<float> before = Terms::increments ? increment(n) : load(next, at);
             Vector<float> point{
                 integrate_component<Terms>(step, own_[n].x, before.x, force_[n].x, step.gravity.x),
                 integrate_component<Terms>(step, own_[n].y, before.y, force_[n].y, step.gravity.y),
                 integrate_component<Terms>(step, own_[n].z, before.z, force_[n].z, step.gravity.z)};
             if constexpr (Terms::increments) {
                 if (!moves) point = {0, 0, 0};
-                increment_[n] = point;
+                set_increment(n, point);
                 point = own_[n] + point;
             } else {
                 if (!moves) point = own_[n];
@@ -213,10 +230,11 @@ private:
         }
     };
 
+    float* increments_;
     TilePlace place_;
     Vector<float> spacing_;
     Vector<float> own_[particles], force_[particles];
-    Vector<float> increment_[Terms::increments ? particles : 1];
+    Vector<float> increment_[Terms::increments && !increments_in_memory ? particles : 1];
 };
 
 }  // namespace voxspring::cuda

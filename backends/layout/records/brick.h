@@ -182,6 +182,7 @@ struct BrickStep : MarchStep<float> {
     std::uint32_t lane_count;       ///< of all blocks
     const BrickPoll* polls;         ///< rounds x blocks x pollers
     TaggedPoint* exchange;          ///< 2 x `axis`, by element
+    float* increments;              ///< BrickTile::increment_words a block, if they are not in registers
     std::uint32_t* started_blocks;  ///< that have read their start, of all launches
     std::uint64_t* stall;           ///< on the host: a ResidentStall, or 0
     bool operator==(const BrickStep&) const = default;
