@@ -38,7 +38,7 @@ std::uint64_t exchange_bytes(const Lattice& lattice) {
 /// a tile, in tiles half empty, as many polls as particles, and increments that registers have no room for.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
-    const std::uint64_t increments = by_increments(options.formulation) ? 2 * 3 * sizeof(float) : 0;
+    const std::uint64_t increments = by_increments(options.formulation) ? 2 * sizeof(Vector<float>) : 0;
     return AxesBackend<float>::state_bytes(problem.lattice, options.formulation) +
            exchange_bytes(problem.lattice) + problem.particle_count() * (tables + increments) +
            (std::uint64_t(1) << 20);
