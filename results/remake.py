@@ -10,6 +10,8 @@ files are stale, and why.
 The machine is the GPU if CUDA has one, else the processor; its studies are in the table below. It refuses a program that
 was built from a tree with changes, since no commit has what it would measure.
 
+A study that ends before its result is whole ends the run, and keeps its journal.
+
 Exit code: 0 done; 1 a study failed, or with --check a file is stale; 2 bad input; 130 interrupted.
 """
 
@@ -105,9 +107,14 @@ def arguments_of(study, plain, machine):
     return arguments
 
 
+def is_whole(plain):
+    """Whether a study has written its result, to the last row."""
+    return plain.exists() and not result_files.load(plain).get("context", {}).get("voxspring", {}).get("unfinished", False)
+
+
 def measure(studies, out, machine):
-    """Runs studies side by side to the end; their results are compressed then. What the last one says is shown as it comes, what
-    others say when all are over. Their exit codes."""
+    """Runs studies side by side to the end; results that are whole are compressed then. What the last one says is shown as it comes,
+    what others say when all are over. Their exit codes, and whether their results are whole."""
     with contextlib.ExitStack() as stack:
         running = []
         for study in studies:
@@ -122,11 +129,13 @@ def measure(studies, out, machine):
             if said:
                 said.seek(0)
                 print(said.read(), end="", flush=True)
-            # 1 is a backend that failed, with its reason in the result.
-            if process.returncode in (0, 1) and plain.exists():
+        # 1 is a backend that failed, with its reason in the result, or a study that could not go on.
+        ended = [(process.returncode, process.returncode in (0, 1) and is_whole(plain)) for plain, process, _ in running]
+        for (plain, _, _), (_, whole) in zip(running, ended):
+            if whole:
                 plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
                 compact.compact(plain)
-        return [process.returncode for _, process, _ in running]
+        return ended
 
 
 def groups_of(studies, machine):
@@ -152,10 +161,11 @@ def remake(studies, out, machine, check):
         for study in group:
             print(f"\n{study}: study {number} of {len(stale)}, {time.monotonic() - begin:.0f} s so far", flush=True)
             number += 1
-        codes = measure(group, out, machine)
-        if cut_short := [code for code in codes if code not in (0, 1)]:
-            return cut_short[0]
-        worst = max(worst, *codes)
+        ended = measure(group, out, machine)
+        if cut_short := [code for code, whole in ended if not whole]:
+            print(f"\n{' and '.join(group)} ended before the result was whole: what comes after is not measured")
+            return max(cut_short) or 1
+        worst = max(worst, *(code for code, _ in ended))
     seconds = time.monotonic() - begin
     print(f"\n{len(stale)} of {len(studies)} studies measured in {seconds:.0f} s: {out}")
     if machine.has_gpu and seconds > BUDGET_SECONDS:

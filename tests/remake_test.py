@@ -10,8 +10,8 @@ import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
-# A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL. Those of
-# $MEET, separated by commas, wait for each other.
+# A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL, and $BREAK
+# ends after its first row. Those of $MEET, separated by commas, wait for each other.
 PROGRAM = """#!/usr/bin/python3
 import json, os, pathlib, sys, time
 commit, uuid = "{commit}", "{uuid}"
@@ -32,8 +32,14 @@ else:
             sys.exit(3)
         time.sleep(0.01)
     used = {{"a": {{"uuid": uuid}}, "b": {{"uuid": ""}}}}
-    out.write_text(json.dumps({{"benchmarks": [], "context": {{"voxspring": {{
-        "commit": commit, "clean": True, "backends": used}}}}}}))
+    broken = sys.argv[2] == os.environ.get("BREAK")
+    if broken:
+        pathlib.Path(f"{{out}}.journal").touch()
+    if not broken or "WRITES" in os.environ:
+        out.write_text(json.dumps({{"benchmarks": [], "context": {{"voxspring": {{
+            "commit": commit, "clean": True, "backends": used, **({{"unfinished": True}} if broken else {{}})}}}}}}))
+    if broken:
+        sys.exit(1)
     if sys.argv[2] == os.environ.get("FAIL"):  # what is cut short is written as far as it came
         pathlib.Path(f"{{out}}.journal").touch()
         sys.exit(130)
@@ -120,6 +126,16 @@ class Remake(unittest.TestCase):
     def test_a_failed_backend_stops_nothing(self):
         done, calls = self.remake(self.out, CODE="1")
         self.assertEqual((done.returncode, len(calls)), (1, 5))
+
+    def test_a_study_that_cannot_go_on_stops_all_and_keeps_its_journal(self):
+        for written in ({}, {"WRITES": "1"}):
+            with self.subTest(written):
+                out = self.folder / f"broken{len(written)}"
+                done, calls = self.remake(out, BREAK="pareto", **written)
+                self.assertEqual((done.returncode, calls[-1]), (1, "study pareto"))
+                self.assertIn("pareto ended before the result was whole", done.stdout)
+                self.assertFalse((out / "pareto.json.gz").exists())
+                self.assertEqual(self.remake(out)[1][0], "study pareto --resume")
 
     def test_refuses(self):
         for commit in ("aaaaaaaaaaaa, changed since", "unversioned"):
