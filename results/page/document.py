@@ -84,7 +84,7 @@ def spread(row):
 def winners(rows):
     """By machine, the fastest row of each dataset beside all of its rows, small datasets first."""
     found = {}
-    rows = reading.latest([row for row in rows if not row["edits"]], "machine", "scene", "contender")
+    rows = reading.strategies([row for row in rows if not row["edits"]])
     for (machine, scene), group in figures.groups(rows, "machine", "scene").items():
         found.setdefault(machine, []).append((figures.fastest(group), group))
     for entries in found.values():

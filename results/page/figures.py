@@ -216,8 +216,7 @@ def used(results, study=None, having=None):
 def datasets(charts, results, rows):
     """Every backend at its best on every dataset."""
     rows = [row for row in rows if not row["edits"]]
-    best = [fastest(group) for group in groups(reading.latest(rows, "machine", "scene", "contender"), "machine", "scene",
-                                               "backend").values()]
+    best = [fastest(group) for group in groups(reading.strategies(rows), "machine", "scene", "backend").values()]
     if not best:
         return None
     wins = {}
@@ -493,7 +492,7 @@ def stability(charts, results):
 
 
 def roofline(charts, results, rows):
-    rows = [row for row in reading.latest(rows, "machine", "scene", "contender")
+    rows = [row for row in reading.strategies(rows)
             if row["limit_microseconds"] and row["of_limit"]]
     if not rows:
         return None
@@ -548,7 +547,7 @@ def roof_name(at, text, **style):
 
 
 def intensity(charts, results, rows):
-    rows = [row for row in reading.latest(rows, "machine", "scene", "contender")
+    rows = [row for row in reading.strategies(rows)
             if row["scene"] in INTENSITY_SCENES and row["precision"] == "float32" and row["operations_a_byte"]]
     if not rows:
         return None
@@ -597,7 +596,7 @@ EDIT = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "b
 
 
 def edits(charts, results, rows):
-    rows = [row for row in reading.latest(rows, "machine", "scene", "contender") if row["edits"] and row["without_edits"]]
+    rows = [row for row in reading.strategies(rows) if row["edits"] and row["without_edits"]]
     if not rows:
         return None
     rows = [{**row, "base": row["without_edits"] * 1e6,

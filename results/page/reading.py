@@ -315,6 +315,13 @@ def latest(rows, *keys):
     return list({tuple(row[key] for key in keys): row for row in rows}.values())
 
 
+def strategies(rows):
+    """Of measured rows one a contender and scene: the latest of each study, and of these the one of most steps, among whose steps
+    what a launch costs is spread the most."""
+    rows = latest(rows, "machine", "scene", "contender", "study")
+    return latest(sorted(rows, key=lambda row: row["steps"]), "machine", "scene", "contender")
+
+
 def pareto(results):
     """A row a run to a scene's end time that has a time and a total error."""
     return [{"machine": result.machine, "device": row["device"], "scene": row["scene"], "backend": row["backend"],
