@@ -710,8 +710,8 @@ class Page(unittest.TestCase):
         self.browser.open(self.path)
         shown = self.script("return [...document.querySelectorAll('#pictures .pair')].map((pair) => [pair.dataset.scene, "
                             "[...pair.querySelectorAll('img')].map((image) => [image.alt, image.naturalWidth])])")
-        # Of the ten sizes of the box one, and the heart first.
-        self.assertEqual([scene for scene, _ in shown], ["heart", "beam", "box@32", "poke"])
+        # Of the sizes of a dataset one, and the heart first.
+        self.assertEqual([scene for scene, _ in shown], ["heart@80x68x61", "beam", "box@32", "poke", "porous@48"])
         for scene, images in shown:
             alternatives, widths = zip(*images)
             self.assertEqual(widths, (56, 56))
@@ -719,7 +719,9 @@ class Page(unittest.TestCase):
                                               "at most 6.74$")
             self.assertRegex(alternatives[1], "coloured by the error against float64: at most 3.4e-5$")
         text = self.script("return document.querySelector('#pictures').innerText")
-        for words in ("drawn by a test", "Without a picture: box@8, box@16, box@48, box@64, box@96, box@128 and heart@240x204x184 (as those shown",
+        for words in ("drawn by a test",
+                      "Without a picture: box@8, box@16, box@48, box@64, box@96, box@128, heart, heart@120x102x92, heart@240x204x184, "
+                      "porous@96 and porous@128 (as those shown",
                       "(more than 4 million particles)",
                       "scalpel_1, scalpel_10 and scalpel_100 (no blade)"):
             self.assertIn(words, text)
