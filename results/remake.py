@@ -16,13 +16,11 @@ Exit code: 0 done; 1 a study failed, or with --check a file is stale; 2 bad inpu
 """
 
 import argparse
-import contextlib
 import json
 import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 import time
 
 import compact
@@ -40,8 +38,6 @@ CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
 # Of a processor this leaves out graphics in software: its threads wait for each other and for a processor, so that a quarter of
 # its rows are noisy, and it takes sixteen of seventeen minutes.
 WITHOUT_SOFTWARE = ("fastest",)
-# These tell no times, so that on a GPU server, which has cores enough, one runs beside the other.
-UNTIMED = ("stability", "stress")
 # What all of a GPU server's studies may take together; a longer run says so.
 BUDGET_SECONDS = 25 * 60
 
@@ -112,38 +108,17 @@ def is_whole(plain):
     return plain.exists() and not result_files.load(plain).get("context", {}).get("voxspring", {}).get("unfinished", False)
 
 
-def measure(studies, out, machine):
-    """Runs studies side by side to the end; results that are whole are compressed then. What the last one says is shown as it comes,
-    what others say when all are over. Their exit codes, and whether their results are whole."""
-    with contextlib.ExitStack() as stack:
-        running = []
-        for study in studies:
-            plain = out / f"{study}.json"
-            said = stack.enter_context(tempfile.TemporaryFile("w+", encoding="utf-8")) if study != studies[-1] else None
-            process = stack.enter_context(subprocess.Popen(arguments_of(study, plain, machine), stdout=said, stderr=said))
-            stack.callback(process.kill)  # of one that an interrupt did not end
-            running.append((plain, process, said))
-        for _, process, _ in running:
-            process.wait()
-        for plain, process, said in running:
-            if said:
-                said.seek(0)
-                print(said.read(), end="", flush=True)
-        # 1 is a backend that failed, with its reason in the result, or a study that could not go on.
-        ended = [(process.returncode, process.returncode in (0, 1) and is_whole(plain)) for plain, process, _ in running]
-        for (plain, _, _), (_, whole) in zip(running, ended):
-            if whole:
-                plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
-                compact.compact(plain)
-        return ended
-
-
-def groups_of(studies, machine):
-    """Studies in their order; those that run side by side are together."""
-    if not machine.has_gpu:
-        return [[study] for study in studies]
-    untimed = [study for study in studies if study in UNTIMED]
-    return [untimed if study in untimed else [study] for study in studies if study not in untimed[1:]]
+def measure(study, out, machine):
+    """Runs a study to the end, or on from where it was cut short; a result that is whole is compressed then. The exit code, and
+    whether the result is whole."""
+    plain = out / f"{study}.json"
+    code = subprocess.run(arguments_of(study, plain, machine), check=False).returncode
+    # 1 is a backend that failed, with its reason in the result, or a study that could not go on.
+    whole = code in (0, 1) and is_whole(plain)
+    if whole:
+        plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
+        compact.compact(plain)
+    return code, whole
 
 
 def remake(studies, out, machine, check):
@@ -156,16 +131,14 @@ def remake(studies, out, machine, check):
     if check:
         return 1 if stale else 0
     out.mkdir(parents=True, exist_ok=True)
-    begin, worst, number = time.monotonic(), 0, 1
-    for group in groups_of(stale, machine):
-        for study in group:
-            print(f"\n{study}: study {number} of {len(stale)}, {time.monotonic() - begin:.0f} s so far", flush=True)
-            number += 1
-        ended = measure(group, out, machine)
-        if cut_short := [code for code, whole in ended if not whole]:
-            print(f"\n{' and '.join(group)} ended before the result was whole: what comes after is not measured")
-            return max(cut_short) or 1
-        worst = max(worst, *(code for code, _ in ended))
+    begin, worst = time.monotonic(), 0
+    for number, study in enumerate(stale, 1):
+        print(f"\n{study}: study {number} of {len(stale)}, {time.monotonic() - begin:.0f} s so far", flush=True)
+        code, whole = measure(study, out, machine)
+        if not whole:
+            print(f"\n{study} ended before its result was whole: what comes after is not measured")
+            return code or 1
+        worst = max(worst, code)
     seconds = time.monotonic() - begin
     print(f"\n{len(stale)} of {len(studies)} studies measured in {seconds:.0f} s: {out}")
     if machine.has_gpu and seconds > BUDGET_SECONDS:

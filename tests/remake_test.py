@@ -11,9 +11,9 @@ import unittest
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 # A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL, and $BREAK
-# ends after its first row. Those of $MEET, separated by commas, wait for each other.
+# ends after its first row.
 PROGRAM = """#!/usr/bin/python3
-import json, os, pathlib, sys, time
+import json, os, pathlib, sys
 commit, uuid = "{commit}", "{uuid}"
 if sys.argv[1] == "--version":
     print(f"voxspring 0.2.0 (commit {{commit}})")
@@ -24,13 +24,6 @@ else:
     out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
     with open(os.environ["CALLS"], "a") as calls:
         print(*sys.argv[1:3], *sys.argv[5:], file=calls)
-    print("this is", sys.argv[2])
-    meet = os.environ.get("MEET", "").split(",")
-    end = time.monotonic() + 20
-    while sys.argv[2] in meet and not all(f"study {{one}}" in pathlib.Path(os.environ["CALLS"]).read_text() for one in meet):
-        if time.monotonic() > end:
-            sys.exit(3)
-        time.sleep(0.01)
     used = {{"a": {{"uuid": uuid}}, "b": {{"uuid": ""}}}}
     broken = sys.argv[2] == os.environ.get("BREAK")
     if broken:
@@ -109,20 +102,6 @@ class Remake(unittest.TestCase):
         self.assertEqual((done.returncode, calls[-1]), (130, "study stability"))
         self.assertEqual(self.remake(self.out)[1], ["study stability --resume", "study stress", "study haptic"])
 
-    def test_what_tells_no_times_runs_side_by_side_on_a_gpu_server(self):
-        self.install("aaaaaaaaaaaa", "GPU-1")
-        done, calls = self.remake(self.out, MEET="stability,stress")
-        self.assertEqual((done.returncode, len(calls)), (0, 14), done.stdout)
-        said = [line for line in done.stdout.splitlines() if line.startswith("this is ")]
-        self.assertEqual(said[9:12], ["this is stress", "this is stability", "this is overhead"])
-        self.assertIn("stress: study 11 of 14", done.stdout)
-        done, calls = self.remake(self.folder / "cut", FAIL="stability")
-        self.assertEqual((done.returncode, sorted(calls[-2:]), len(calls)),
-                         (130, ["study stability --backend !cpu_*", "study stress --backend !cpu_*"], 11))
-        _, calls = self.remake(self.folder / "cut")
-        self.assertEqual(calls, ["study stability --backend !cpu_* --resume", "study overhead", "study energy --backend !cpu_*",
-                                 "study haptic"])
-
     def test_a_failed_backend_stops_nothing(self):
         done, calls = self.remake(self.out, CODE="1")
         self.assertEqual((done.returncode, len(calls)), (1, 5))
@@ -133,7 +112,7 @@ class Remake(unittest.TestCase):
                 out = self.folder / f"broken{len(written)}"
                 done, calls = self.remake(out, BREAK="pareto", **written)
                 self.assertEqual((done.returncode, calls[-1]), (1, "study pareto"))
-                self.assertIn("pareto ended before the result was whole", done.stdout)
+                self.assertIn("pareto ended before its result was whole", done.stdout)
                 self.assertFalse((out / "pareto.json.gz").exists())
                 self.assertEqual(self.remake(out)[1][0], "study pareto --resume")
 
