@@ -492,8 +492,7 @@ def stability(charts, results):
 
 
 def roofline(charts, results, rows):
-    rows = [row for row in reading.strategies(rows)
-            if row["limit_microseconds"] and row["of_limit"]]
+    rows = [row for row in reading.strategies(rows) if row["limit_microseconds"] and row["of_limit"]]
     if not rows:
         return None
     findings, panels = [], []

@@ -77,21 +77,23 @@ def provenance(machine=GPU):
     return f"{of_commits} and of {'one card' if len(cards) == 1 else f'{len(cards)} cards'}"
 
 
-def above_limit():
-    """Which rows of a card are faster than their own measured limit, and how many single repetitions."""
-    rows = [one for study in tables.results_of() for one in medians_of(study) if (one["fraction_of_limit"] or 0) > 1]
-    if rows:
-        top = max(rows, key=lambda one: one["fraction_of_limit"])
-        return (f"{len(rows)} row{'s are' if len(rows) > 1 else ' is'} above it, at most {tables.contender(top)} on "
-                f"{top['scene']} with {whole_percent(top['fraction_of_limit'])}: the limit is wrong")
+def above_limit(rows):
+    """Of rows, those that are faster than their own measured limit."""
+    return [one for one in rows if (one["fraction_of_limit"] or 0) > 1]
+
+
+def rows_above_limit():
+    return [one for study in tables.results_of() for one in above_limit(medians_of(study))]
+
+
+def repetitions_above_limit():
+    """How many single repetitions, of how many, and of which rows."""
     repetitions = [one for study in tables.results_of() for one in study["benchmarks"] if one["run_type"] == "iteration"]
-    above = [one for one in repetitions if (one["fraction_of_limit"] or 0) > 1]
-    if not above:
-        return "no row of any study is above it, nor is a single repetition"
+    above = above_limit(repetitions)
     names = joined(sorted({f"{tables.contender(one)} on {one['scene']}" for one in above}))
     marked = all(one.get("noisy") and one["limited_by"] == "launch" for one in above)
     reason = ", marked `~`: its time and that of an empty launch moved" if marked else ""
-    return f"no row of any study is above it, and of {len(repetitions):,} repetitions {len(above)} ({names}{reason})"
+    return f"{len(above)} of {len(repetitions):,} repetitions" + (f" ({names}{reason})" if above else "")
 
 
 def fragment_share():
