@@ -27,9 +27,7 @@ import collections
 import dataclasses
 import json
 import math
-
-import numpy
-import scipy.stats
+import statistics
 
 import result_files
 from result_files import BadInput
@@ -229,6 +227,9 @@ def rename(old, new):
 
 def compare_times(old, new):
     """Medians and their ratio; as far as there are repetitions for them its interval, the spread, and U's p."""
+    # Where it is used: diff.py and report.py explain themselves without these packages.
+    import numpy  # pylint: disable=import-outside-toplevel
+    import scipy.stats  # pylint: disable=import-outside-toplevel
     samples = [numpy.asarray(old), numpy.asarray(new)]
     medians = [float(numpy.median(sample)) for sample in samples]
     found = {"old": medians[0], "new": medians[1], "ratio": medians[1] / medians[0], "interval": [None, None],
@@ -260,6 +261,9 @@ def complete_times(rows, device, marked):
     """What takes all rows: the noise of the device that `device` says each ran on, and Benjamini and Hochberg's q."""
     spreads = collections.defaultdict(list)
     rows = [row for row in rows if row["time"] and row["time"]["spread"] is not None]
+    if not rows:
+        return
+    import numpy  # pylint: disable=import-outside-toplevel
     for row in rows:
         if not marked(row):
             spreads[device(row)].append(row["time"]["spread"])
@@ -419,10 +423,10 @@ def common_shift(rows, result, threshold):
     for row in rows:
         if row["time"]:
             ratios[result.device(row["backend"])[0]].append(row["time"]["ratio"])
-    return [f"all {len(of)} rows on {device} moved together, x {numpy.median(of):.3f} ({min(of):.3f} to {max(of):.3f}):"
+    return [f"all {len(of)} rows on {device} moved together, x {statistics.median(of):.3f} ({min(of):.3f} to {max(of):.3f}):"
             " clocks, load, driver or shared code rather than one kernel"
             for device, of in ratios.items() if len(of) >= 4 and (min(of) > 1 or max(of) < 1)
-            and abs(math.log(numpy.median(of))) > math.log1p(threshold) / 2]
+            and abs(math.log(statistics.median(of))) > math.log1p(threshold) / 2]
 
 
 def document(old_path, new_path, options):

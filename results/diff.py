@@ -12,10 +12,20 @@ The rule, which the page of results follows as well:
 import argparse
 import json
 import math
+import os
 import pathlib
+import shutil
 import sys
+import textwrap
 
+import comparison
 import result_files
+
+# As a terminal has them: bold red, red, green, dim.
+COLOURS = {"now fails": "1;31", "error grew": "1;31", "slower": "31", "faster": "32", "same": "2"}
+# What a pipe gets, and the least that the columns of a row take.
+WIDTH, LEAST_WIDTH = 80, 60
+LIMIT = " x limit"
 
 
 def refuse(message):
@@ -23,25 +33,15 @@ def refuse(message):
     sys.exit(2)
 
 
-try:
-    import comparison
-except ImportError as absent:
-    refuse(f"{absent}: install Debian's python3-scipy, or with pip scipy")
-
-COLOURS = {"now fails": "bold red", "error grew": "bold red", "slower": "red", "faster": "green", "same": "dim"}
-
-
 def time_text(value, unit):
     if unit == "times_limit":
-        return f"{value:.3g} x limit"
+        return f"{value:.3g}{LIMIT}"
     scale, unit = next((pair for pair in ((1, "s"), (1e-3, "ms")) if value >= pair[0]), (1e-6, "us"))
     return f"{value / scale:.{3 if value < 1e-3 else 4}g} {unit}"
 
 
 def cells(row, unit):
     time = row["time"]
-    where = ", ".join(f"{key} {value if not isinstance(value, dict) else ' '.join(map(str, value.values()))}"
-                      for key, value in row["place"].items() if value != "")
     texts = [row["verdict"], row["scene"], row["contender"]] + ["-"] * 5
     if time:
         low, high = time["interval"]
@@ -49,7 +49,7 @@ def cells(row, unit):
         texts[3:] = [time_text(time["old"], unit), time_text(time["new"], unit), f"{time['ratio']:.3f}{interval}",
                      ", ".join(str(count or "-") for count in dict.fromkeys(row["repetitions"])),
                      "-" if time["spread"] is None else f"{100 * time['spread']:.1f} %"]
-    return texts + ["; ".join(filter(None, [where, row["detail"]]))]
+    return texts + ["; ".join(filter(None, [place_of(row), row["detail"]]))]
 
 
 HEADER = ["verdict", "scene", "contender", "old", "new", "ratio (95% interval)", "repetitions", "spread", ""]
@@ -77,27 +77,54 @@ def markdown(found, shown):
     print("\n".join(lines + [f"- {note}" for note in found["notes"]]).rstrip())
 
 
+def place_of(row):
+    """What tells a row apart beside its name."""
+    def words(key, value):
+        if isinstance(value, bool):
+            return key if value else f"not {key}"
+        if isinstance(value, dict):
+            value = " ".join(map(str, value.values()))
+        return f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}"
+    return ", ".join(words(key, value) for key, value in row["place"].items() if value != "")
+
+
+def times_line(row, unit):
+    """Times and what they say, in columns that all rows share."""
+    time = row["time"]
+    low, high = time["interval"]
+    interval = "" if low is None else f"(95%: {low:.3f} to {high:.3f})"
+    counts = f"n = {', '.join(map(str, dict.fromkeys(row['repetitions'])))}" if any(row["repetitions"]) else ""
+    spread = "" if time["spread"] is None else f", spread {100 * time['spread']:.1f} %"
+    old, new = (time_text(time[side], unit) for side in ("old", "new"))
+    return f"{old.removesuffix(LIMIT):>8} -> {new:<8} x {time['ratio']:.3f} {interval:<22} {counts}{spread}".rstrip()
+
+
 def terminal(found, shown):
-    try:
-        import rich.box
-        import rich.console
-        import rich.table
-        import rich.text
-    except ImportError as missing:
-        refuse(f"{missing}: install Debian's python3-rich, or with pip rich; --markdown and --json do without it")
-    # In a pipe a line is as long as it needs to be.
-    console = rich.console.Console(markup=False, highlight=False, width=None if sys.stdout.isatty() else 400)
-    console.print(heading(found))
-    if shown:
-        table = rich.table.Table(*HEADER, box=rich.box.SIMPLE)
-        for column in table.columns[3:8]:
-            column.justify = "right"
-        for row in shown:
-            table.add_row(*map(rich.text.Text, cells(row, found["time"])), style=COLOURS.get(row["verdict"]))
-        console.print(table)
+    """A row is its name, its times and its notes, each on lines of its own, so that none of them is cut."""
+    on_terminal = sys.stdout.isatty()
+    width = max(shutil.get_terminal_size((WIDTH, 0)).columns, LEAST_WIDTH) if on_terminal else WIDTH
+    coloured = on_terminal and "NO_COLOR" not in os.environ
+
+    def show(text, indent, colour=""):
+        lines = textwrap.wrap(text, width, initial_indent=" " * indent, subsequent_indent=" " * (indent + 2), break_on_hyphens=False)
+        text = "\n".join(lines)
+        print(f"\033[{colour}m{text}\033[0m" if coloured and colour and text else text)
+
+    show(heading(found), 0)
+    for verdict, count in found["counts"].items():
+        rows = [row for row in shown if row["verdict"] == verdict]
+        if rows:
+            print(f"\n{verdict}: {count}")
+        for row in rows:
+            show(", ".join(filter(None, (f"{row['scene']} {row['contender']}", place_of(row)))), 2, COLOURS.get(verdict, ""))
+            if row["time"]:
+                print(" " * 4 + times_line(row, found["time"]))
+            for line in filter(None, row["detail"].split("\n")):
+                show(line, 4)
+    print()
     for note in found["notes"]:
-        console.print(f"note: {note}")
-    console.print(summary(found))
+        show(f"note: {note}", 0)
+    show(summary(found), 0)
 
 
 def number_above(least):
@@ -133,6 +160,8 @@ def main():
             options.threshold, options.error_factor, options.across_devices))
     except result_files.BadInput as error:
         refuse(error)
+    except ImportError as absent:
+        refuse(f"{absent}: install Debian's python3-scipy, or with pip scipy")
     shown = [row for row in found["rows"] if options.all or row["verdict"] != "same"]
     if options.json:
         print(json.dumps(found, indent=2))

@@ -26,13 +26,6 @@ def refuse(message):
     sys.exit(2)
 
 
-try:
-    from page import document, pictures, reading
-except ModuleNotFoundError as error:
-    in_tree = "`./run report` installs it, or " if (HERE.parent / "CMakeLists.txt").exists() else ""
-    refuse(f"the Python package {error.name} is missing: {in_tree}pip install -r {HERE / 'requirements.txt'}")
-
-
 def write_whole(path, text):
     """Writes a file so that it is either all there or as it was."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -58,6 +51,12 @@ def main(arguments=None):
     options = parser.parse_args(arguments)
     if options.program and not options.pictures:
         parser.error("--program needs --pictures, the folder that it draws into")
+    # Here, so that --help needs no package.
+    try:
+        from page import document, pictures, reading  # pylint: disable=import-outside-toplevel
+    except ModuleNotFoundError as error:
+        in_tree = "`./run report` installs it, or " if (HERE.parent / "CMakeLists.txt").exists() else ""
+        refuse(f"the Python package {error.name} is missing: {in_tree}pip install -r {HERE / 'requirements.txt'}")
     try:
         results = reading.read_all(options.results)
         shown = pictures.gather(results, options.pictures, options.program) if options.pictures else ({}, [])

@@ -10,10 +10,12 @@ import io
 import json
 import os
 import pathlib
+import pty
 import random
 import subprocess
 import sys
 import tempfile
+import termios
 import unittest
 from unittest import mock
 
@@ -133,7 +135,7 @@ class Diff(unittest.TestCase):
         self.assertAlmostEqual(row["time"]["ratio"], 2, delta=0.1)
         code, text, _ = self.run_diff(result(PLAIN), changed(time=20, count=1))
         self.assertEqual(code, 0)
-        self.assertRegex(text, r" [12]\.\d+ +9, 1 +- +9 and 1, of which p is 0\.2 at best")
+        self.assertRegex(text, r" x [12]\.\d+ +n = 9, 1\n    9 and 1, of which p is 0\.2 at best")
         # Eight can tell what is beyond thrice the noise of what is not known, and five if all rows say so.
         self.assert_first("slower", result(PLAIN), changed(time=20, count=8))
         self.assert_first("too few repetitions", result(PLAIN), changed(time=11, count=8))
@@ -407,17 +409,68 @@ class Diff(unittest.TestCase):
                 tried += len(quiet)
         print(f"{tried} quiet rows of committed results with a tenth added")
 
+    def test_rows_are_whole_on_80_columns(self):
+        """However long their names: two that differ at their ends do not look alike, and no word stands in a column by itself."""
+        tunings = [f"block=16x4x4,dependent_launch=on,fetch=l1,interior=mask,rest={rest}" for rest in ("skip", "flush")]
+        old, new = result(PLAIN), result(PLAIN, seed=2)
+        for one, factor in ((old, 1), (new, 1.3)):
+            rows = [row for row in one["benchmarks"] if row["backend"] in "ab"]
+            for row in rows:
+                tuning = tunings["ab".index(row["backend"])]
+                scene = "heart@480x408x368"
+                row.update(scene=scene, tuning=tuning, name=f"{scene}/cuda_implicit_cached/compensated/float64/{tuning.replace(',', '/')}",
+                           noisy=["the card's clock moved (between 1200 and 1980 MHz, of which the highest is 1980 MHz)"])
+                row["real_time"] *= factor
+        text = self.run_diff(old, new)[1]
+        lines = text.split("\n")
+        self.assertLessEqual(max(map(len, lines)), 80)
+        self.assertEqual(text.count("\033"), 0, "a pipe has no colours")
+        flat = " ".join(text.split())
+        for tuning in tunings:
+            self.assertIn("heart@480x408x368 cuda_implicit_cached compensated float64 " + tuning.replace(",", " "), flat)
+        self.assertEqual(flat.count("the card's clock moved (between 1200 and 1980 MHz, of which the highest is 1980 MHz)"), 2)
+        # The times of all rows begin in one column, and a row takes no more than six lines.
+        self.assertEqual(len({line.index("->") for line in lines if " us -> " in line}), 1)
+        self.assertLessEqual(len(lines), 4 + 2 * 6 + 4)
+
+    def test_a_terminal_has_colours_and_its_own_width(self):
+        paths = []
+        for name, one in (("old.json", result(PLAIN)), ("new.json", changed(time=11))):
+            paths.append(self.folder / name)
+            paths[-1].write_text(json.dumps(one))
+
+        def shown(columns, **more):
+            own, other = pty.openpty()
+            termios.tcsetwinsize(own, (24, columns))
+            environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "NO_COLOR")} | more
+            with subprocess.Popen([sys.executable, "results/diff.py", *paths], stdout=other, env=environment) as process:
+                os.close(other)
+                said = b""
+                with contextlib.suppress(OSError):  # which is how the end of a terminal is told
+                    while part := os.read(own, 4096):
+                        said += part
+                self.assertEqual(process.wait(), 1)
+            os.close(own)
+            return said.decode().replace("\r\n", "\n")
+        self.assertIn("\033[31m  box@8 a increment float32\033[0m", shown(80))
+        self.assertNotIn("\033", shown(80, NO_COLOR="1"))
+        self.assertIn("old.json (s, commit 1) -> new.json (s, commit 1)", shown(80))
+        self.assertIn("old.json (s, commit 1) -> new.json (s,", shown(40).replace("\n  ", " "))
+
     def test_missing_packages(self):
-        for package, refused in (("scipy", True), ("rich", False)):
-            (self.folder / f"{package}.py").write_text(f"raise ImportError('No module named {package}')")
-            command = [sys.executable, "results/diff.py", COMMITTED[0], COMMITTED[0]]
-            environment = os.environ | {"PYTHONPATH": str(self.folder)}
-            said = subprocess.run(command, env=environment, capture_output=True, text=True)
-            self.assertEqual(said.returncode, 2, said.stderr)
-            self.assertIn(f"install Debian's python3-{package}, or with pip {package}", said.stderr)
-            code = subprocess.run(command + ["--markdown"], env=environment, capture_output=True).returncode
-            self.assertEqual(code, 2 if refused else 0)
-            (self.folder / f"{package}.py").unlink()
+        (self.folder / "scipy.py").write_text("raise ImportError('No module named scipy')")
+        command = [sys.executable, "results/diff.py", COMMITTED[0], COMMITTED[0]]
+        environment = os.environ | {"PYTHONPATH": str(self.folder)}
+        said = subprocess.run(command, env=environment, capture_output=True, text=True)
+        self.assertEqual(said.returncode, 2, said.stderr)
+        self.assertIn("install Debian's python3-scipy, or with pip scipy", said.stderr)
+
+    def test_help_needs_no_package(self):
+        for script in ("diff", "report"):
+            # Without the folders that packages are installed to.
+            said = subprocess.run([sys.executable, "-E", "-S", f"results/{script}.py", "--help"], capture_output=True, text=True)
+            self.assertEqual((said.returncode, said.stderr), (0, ""))
+            self.assertIn(f"Usage: {script}.py", said.stdout)
 
 
 class FalseAlarms(unittest.TestCase):
