@@ -301,16 +301,48 @@ class Scripts(InTemporaryFolder):
             called = self.call(program, command)
             self.assert_refused(called, f"{command}.py", str(program.parent))
 
-    def test_say_which_python_they_need(self):
-        program = self.place("prefix/bin/voxspring", "prefix/share/voxspring/results")
-        called = self.call(program, "diff", "a.json", "b.json", env={"PATH": str(self.folder)})
-        self.assert_refused(called, "python3", "scipy")
-        # A Python without the packages.
-        python = self.folder / "python3"
-        python.write_text(f'#!/bin/sh\nexec {sys.executable} -I -S "$@"\n')
-        python.chmod(0o755)
-        called = self.call(program, "report", "--out", "a.html", env={"PATH": f"{self.folder}:/usr/bin:/bin"})
-        self.assert_refused(called, "missing", "requirements.txt")
+    def python(self, folder, *options):
+        """A Python of other options than the system's, in a folder of its own."""
+        path = self.folder / folder
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f'#!/bin/sh\necho "$0" >> {self.folder}/started\nexec /usr/bin/python3 {" ".join(options)} "$@"\n')
+        path.chmod(0o755)
+        return path
+
+    def test_find_a_python_that_works(self):
+        """That of `./run report`, the system's, or the PATH's: the first that has the packages, whichever stands first on the PATH."""
+        program = self.place("tree/build/release/voxspring", "tree/results")
+        bare = self.python("path/python3", "-I", "-S")
+        called = self.call(program, "diff", "none.json", "none.json", env={"PATH": f"{bare.parent}:/usr/bin:/bin"})
+        self.assert_refused(called, "diff.py: none.json")
+        own = self.python("tree/build/report-venv/bin/python", "-I", "-S")
+        called = self.call(program, "diff", "none.json", "none.json", env={"PATH": "/usr/bin:/bin"})
+        self.assert_refused(called, "diff.py: none.json")
+        started = (self.folder / "started").read_text().splitlines()
+        self.assertEqual(started, [str(own)], "it was asked, and has no scipy")
+        self.python("tree/build/report-venv/bin/python")
+        self.assert_refused(self.call(program, "diff", "none.json", "none.json"), "diff.py: none.json")
+        self.assertEqual((self.folder / "started").read_text().splitlines()[1:], 2 * [str(own)], "asked, and taken")
+
+    def test_say_what_each_python_lacks(self):
+        program = self.place("tree/build/release/voxspring", "tree/results")
+        own, bare = self.python("tree/build/report-venv/bin/python"), self.python("path/python3")
+        modules = self.folder / "modules"
+        modules.mkdir()
+        for name in ("scipy", "altair"):
+            (modules / f"{name}.py").write_text("raise ImportError('no compiler for it')")
+        environment = {"PATH": str(bare.parent), "PYTHONPATH": str(modules)}
+        self.python("path/python3", "-I", "-S")
+        called = self.call(program, "diff", "a.json", "b.json", env=environment)
+        self.assert_refused(called, f"{own}: ImportError: no compiler for it", "/usr/bin/python3: ImportError: no compiler for it",
+                            "python3 of the PATH: ModuleNotFoundError: No module named 'scipy'", "install Debian's python3-scipy",
+                            "requirements.txt")
+        called = self.call(program, "report", "--out", "a.html", env=environment)
+        self.assert_refused(called, "altair, scipy.stats, vl_convert", f"{own}: ImportError", "requirements.txt")
+        for command in ("diff", "report"):
+            called = self.call(program, command, "--help", env=environment)
+            self.assertEqual((called.returncode, called.stderr), (0, ""))
+            self.assertIn(f"Usage: {command}.py", called.stdout)
 
     def test_give_the_scripts_exit_code(self):
         program = self.place("prefix/bin/voxspring", "prefix/share/voxspring/results")

@@ -1,8 +1,12 @@
 #include "harness/cli/scripts.h"
 
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -33,10 +37,78 @@ std::filesystem::path find_scripts(const std::string& name) {
                        first.string() + ", where the program is");
 }
 
-/// That of the environment which `./run report` makes in a source tree, if it is there; the PATH's otherwise.
-std::string python_for(const std::string& command, const std::filesystem::path& folder) {
-    const std::filesystem::path own = folder.parent_path() / "build" / (command + "-venv") / "bin/python";
-    return access(own.c_str(), X_OK) == 0 ? own.string() : "python3";
+/// What a script is, and the Python packages that it needs: as modules, and as Debian names them, if Debian
+/// has all.
+struct Script {
+    std::string description, modules, packages;
+};
+
+const std::map<std::string, Script>& all_scripts() {
+    static const std::map<std::string, Script> all = {
+        {"diff",
+         {"Compare two results: what got slower, or less accurate (needs Python 3 with scipy)", "scipy.stats",
+          "python3-scipy"}},
+        {"report",
+         {"A page of results as one HTML file (needs Python 3 with altair, scipy and vl-convert-python)",
+          "altair, scipy.stats, vl_convert", ""}},
+    };
+    return all;
+}
+
+/// Starts `python` with a line of code and returns why that failed: the last line of what it said, or
+/// nothing.
+std::string failure_of(std::string python, std::string code) {
+    std::array<int, 2> ends{};
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) return std::strerror(errno);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+    posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+    posix_spawn_file_actions_adddup2(&actions, ends[1], STDERR_FILENO);
+    std::string option = "-c";
+    const std::array words = {python.data(), option.data(), code.data(), static_cast<char*>(nullptr)};
+    pid_t process = -1;
+    const int error = posix_spawnp(&process, python.c_str(), &actions, nullptr, words.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
+    close(ends[1]);
+    std::string said;
+    std::array<char, 4096> part{};
+    for (ssize_t count = 0; error == 0 && (count = read(ends[0], part.data(), part.size())) > 0;)
+        said.append(part.data(), static_cast<std::size_t>(count));
+    close(ends[0]);
+    if (error != 0) return std::strerror(error);
+    int status = 0;
+    while (waitpid(process, &status, 0) < 0 && errno == EINTR) {
+    }
+    if (status == 0) return "";
+    said.erase(said.find_last_not_of('\n') + 1);
+    said.erase(0, said.find_last_of('\n') + 1);
+    return said.empty() ? "it fails without a word" : said;
+}
+
+/// The first of these that can import the modules: the environment which `./run report` makes in a source
+/// tree, the system's Python, the PATH's. Throws BadInput, which says what each lacks.
+std::string find_python(const std::string& command, const std::filesystem::path& folder,
+                        const std::string& modules) {
+    const Script& script = all_scripts().at(command);
+    const std::filesystem::path own = folder.parent_path() / "build/report-venv/bin/python";
+    const std::string code =
+        "import sys; sys.version_info >= (3, 9) or sys.exit('it is older than Python 3.9')" +
+        (modules.empty() ? "" : "; import " + modules);
+    std::string asked;
+    for (const std::string& python :
+         {own.string(), std::string("/usr/bin/python3"), std::string("python3")}) {
+        if (python == own && access(own.c_str(), X_OK) != 0) continue;
+        const std::string failure = failure_of(python, code);
+        if (failure.empty()) return python;
+        asked +=
+            (asked.empty() ? "" : "; ") + python + (python == "python3" ? " of the PATH: " : ": ") + failure;
+    }
+    const std::string install = "pip install -r " + (folder / "requirements.txt").string();
+    throw BadInput("command line", command, "python3",
+                   "a Python 3 that can import " + script.modules + " (" + asked + "); " +
+                       (script.packages.empty() ? "" : "install Debian's " + script.packages + ", or ") +
+                       install);
 }
 
 bool has(const std::vector<std::string>& arguments, const std::string& option) {
@@ -48,20 +120,23 @@ bool has(const std::vector<std::string>& arguments, const std::string& option) {
 }  // namespace
 
 const std::map<std::string, std::string>& scripts() {
-    static const std::map<std::string, std::string> all = {
-        {"diff", "Compare two results: what got slower, or less accurate (needs Python 3 with scipy)"},
-        {"report",
-         "A page of results as one HTML file (needs Python 3 with altair, scipy and vl-convert-python)"},
-    };
-    return all;
+    static const std::map<std::string, std::string> descriptions = [] {
+        std::map<std::string, std::string> found;
+        for (const auto& [name, script] : all_scripts()) found[name] = script.description;
+        return found;
+    }();
+    return descriptions;
 }
 
-bool is_script(const std::string& command) { return scripts().contains(command); }
+bool is_script(const std::string& command) { return all_scripts().contains(command); }
 
 int run_script(const std::string& command, const std::vector<std::string>& arguments) {
     const std::string name = command + ".py";
     const std::filesystem::path folder = find_scripts(name);
-    std::vector<std::string> words = {python_for(command, folder), (folder / name).string()};
+    const bool explains = has(arguments, "--help") || has(arguments, "-h");
+    std::vector<std::string> words = {
+        find_python(command, folder, explains ? "" : all_scripts().at(command).modules),
+        (folder / name).string()};
     words.insert(words.end(), arguments.begin(), arguments.end());
     // A report draws its datasets with this program.
     if (command == "report" && has(arguments, "--pictures") && !has(arguments, "--program"))
@@ -71,8 +146,7 @@ int run_script(const std::string& command, const std::vector<std::string>& argum
     pointers.push_back(nullptr);
     execvp(pointers[0], pointers.data());
     throw BadInput("command line", command, words[0],
-                   std::string("a Python 3 that can be started (") + std::strerror(errno) + "); " +
-                       scripts().at(command));
+                   std::string("a Python 3 that can be started: ") + std::strerror(errno));
 }
 
 }  // namespace voxspring

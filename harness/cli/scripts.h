@@ -13,7 +13,8 @@ bool is_script(const std::string& command);
 
 /// Becomes the script with these arguments; returns only by throwing. It is looked for in the folders
 /// results/ and share/voxspring/results/ beside the program and above it: in the source tree, an installation
-/// or a package. Throws BadInput where it, or a Python to run it, is not to be found.
+/// or a package. Throws BadInput where it is not to be found, or where no Python here has the packages that
+/// it needs.
 int run_script(const std::string& command, const std::vector<std::string>& arguments);
 
 }  // namespace voxspring
