@@ -19,6 +19,7 @@ import random
 import re
 import resource
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -36,7 +37,8 @@ from page import pictures, reading  # noqa: E402
 from results_test import with_work  # noqa: E402
 SKIPPED = 77
 # What the committed results have something for.
-FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "intensity", "map", "stability", "edits", "latency", "stress"]
+FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "intensity", "map", "stability", "edits", "overhead", "energy",
+           "latency", "stress"]
 WIDTHS = (390, 1440)
 SCHEMES = ("light", "dark")
 
@@ -69,6 +71,19 @@ def report(*arguments):
         except SystemExit as end:
             code = end.code
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+
+
+def figures_of(path):
+    """By name the figures of a page as it has them, with rows as dictionaries."""
+    data = re.search(r'id="report">(.*?)</script>', path.read_text(), re.DOTALL)[1]
+    found = json.loads(data.replace("<\\/", "</"))["figures"]
+    return {figure["name"]: figure | {"rows": [dict(zip(figure["keys"], row)) for row in figure["rows"]]} for figure in found}
+
+
+def finding(path, name):
+    """(headline, the rest of what was found) of a figure of a page; None without it."""
+    found = re.search(rf'<section data-figure="{name}"><h2>(.*?)</h2>(?:<p class="finding">(.*?)</p>)?', path.read_text())
+    return found and tuple(html.unescape(text or "").replace("\N{NO-BREAK SPACE}", " ") for text in found.groups())
 
 
 def h200(study):
@@ -224,8 +239,7 @@ class Input(InTemporaryFolder):
         def drawn(result):
             path = self.write("a.json", result)
             self.assertEqual(report(path, "--out", self.out).returncode, 0)
-            page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
-            return {figure["name"]: figure for figure in json.loads(page.replace("<\\/", "</"))["figures"]}
+            return figures_of(self.out)
 
         result = with_work(h200("fastest"))
         figure = drawn(result)["intensity"]
@@ -234,13 +248,29 @@ class Input(InTemporaryFolder):
         for roof in ("CUDA: memory (dashed: half written)", "CUDA: cache", "CUDA: float32 arithmetic", "CPU: cache"):
             self.assertIn(roof, text)
         self.assertNotIn("OpenGL: cache", text, "the same card")
-        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
-        self.assertGreater(len(rows), 20)
-        for row in rows:
+        self.assertNotIn("on chip", text, "every step moves something")
+        self.assertGreater(len(figure["rows"]), 20)
+        for row in figure["rows"]:
             self.assertAlmostEqual(row["operations_a_byte"], 300 / 48, places=3)
+            self.assertEqual(row["place"], row["operations_a_byte"])
         for row in result["benchmarks"]:
             row["step_bytes"] = None
         self.assertNotIn("intensity", drawn(result))
+
+    def test_strategies_on_chip_stand_beside_the_roofs(self):
+        committed = h200("fastest")
+        still = {row["backend"] for row in committed["benchmarks"] if row["scene"] == "box@32" and row["step_bytes"] == 0}
+        self.assertEqual(still, {"cuda_resident", "cuda_bricks"})
+        for keep in ({row["backend"] for row in committed["benchmarks"]}, still):
+            result = committed | {"benchmarks": [row for row in committed["benchmarks"] if row["backend"] in keep]}
+            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+            figure = figures_of(self.out)["intensity"]
+            of_small = [row for row in figure["rows"] if row["scene"] == "box@32"]
+            self.assertEqual({row["backend"] for row in of_small if row["operations_a_byte"] is None}, still)
+            places = {row["place"] for row in of_small if row["operations_a_byte"] is None}
+            self.assertEqual(len(places), 1)
+            self.assertGreater(min(places), max((row["place"] for row in of_small if row["operations_a_byte"]), default=0))
+            self.assertEqual(json.dumps(figure["panels"][0]).count('"on chip"'), 1)
 
     def test_a_scaling_study_has_its_figure(self):
         def row(family, ranks, way, efficiency, cut="1x1x1"):
@@ -256,11 +286,9 @@ class Input(InTemporaryFolder):
                              row("heart", 2, "memory", 0.7, "1x1x2"), row("heart", 4, "memory", 0.8, "1x1x4"),
                              row("heart", 4, "memory", 0.75, "1x2x2")]
         self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
-        figure, = json.loads(page.replace("<\\/", "</"))["figures"]
-        self.assertEqual(figure["name"], "scaling")
+        figure = figures_of(self.out)["scaling"]
         self.assertEqual([panel["match"]["compared"] for panel in figure["panels"]], ["box@16", "heart"])
-        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        rows = figure["rows"]
         self.assertEqual([row["predicted"] for row in rows], 7 * [1])
         self.assertEqual([(row["cut"], row["parts"]) for row in rows if row["ranks"] == 4], [("1x1x4", "slabs"), ("1x2x2", "bricks")])
         self.assertIn("4 ranks have 75\N{NO-BREAK SPACE}% to 80\N{NO-BREAK SPACE}% of the efficiency of one", self.out.read_text())
@@ -279,9 +307,7 @@ class Input(InTemporaryFolder):
                              row(2, ghosts=2 * 64**2, border_bytes=65536, latency_seconds=1e-3, seconds_per_byte=1e-9,
                                  seconds_per_step=predicted, predicted_seconds=predicted)]
         self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
-        figure, = (figure for figure in json.loads(page.replace("<\\/", "</"))["figures"] if figure["name"] == "forecast")
-        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        rows = figures_of(self.out)["forecast"]["rows"]
         # 1024 ranks would have less than a layer each.
         self.assertEqual([row["ranks"] for row in rows], [8, 64])
         for row in rows:
@@ -299,9 +325,7 @@ class Input(InTemporaryFolder):
         result["scaling"][1].update(way="stores_overlap", seconds_per_step=overlapped, predicted_seconds=overlapped,
                                     latency_seconds=20e-3)
         self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
-        figure, = (figure for figure in json.loads(page.replace("<\\/", "</"))["figures"] if figure["name"] == "forecast")
-        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        rows = figures_of(self.out)["forecast"]["rows"]
         exchange = 20e-3 + 2 * 65536e-9
         self.assertEqual([row["ranks"] for row in rows], [8, 64])
         self.assertAlmostEqual(rows[0]["microseconds"], 1e6 * 1e-6 * (64**3 / 8 + 2 * 64**2), delta=1)
@@ -324,9 +348,7 @@ class Input(InTemporaryFolder):
                              row(8, ghosts=8 * 3 * side, border_bytes=3 * 12 * side, latency_seconds=1e-4, seconds_per_byte=1e-9,
                                  seconds_per_step=predicted, predicted_seconds=predicted, cut="2x2x2")]
         self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
-        figure, = (figure for figure in json.loads(page.replace("<\\/", "</"))["figures"] if figure["name"] == "forecast")
-        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
+        rows = figures_of(self.out)["forecast"]["rows"]
         self.assertEqual([(row["ranks"], row["parts"]) for row in rows], [(64, "bricks"), (1024, "bricks")])
         for row in rows:
             own = 64**3 / row["ranks"]
@@ -340,36 +362,53 @@ class Input(InTemporaryFolder):
         def drawn(result):
             made = report(self.write("a.json", result), "--out", self.out)
             self.assertEqual(made.returncode, 0, made.stderr)
-            page = re.search(r'id="report">(.*?)</script>', self.out.read_text(), re.DOTALL)[1]
-            return json.loads(page.replace("<\\/", "</"))["figures"]
+            return figures_of(self.out)
 
-        figure, = drawn(haptic_result())
-        self.assertEqual(figure["name"], "latency")
+        figure = drawn(haptic_result())["latency"]
         self.assertEqual([(panel["match"]["scene"], panel["match"]["hertz"], panel["match"]["edited"]) for panel in figure["panels"]],
                          [("grasp", 1000, "no"), ("grasp", 1000, "yes"), ("grasp", 5000, "no"), ("grasp@30x26x23", 1000, "no")])
-        rows = [dict(zip(figure["keys"], row)) for row in figure["rows"]]
-        self.assertEqual(len(rows), len(haptic_result()["haptic"]))
-        first = rows[0]
-        # Around two bins beside each other and one by itself, of which the last holds p99.9.
-        self.assertEqual(first["share"], [0.00025, 0.9, 0.0985, 0.00025, 0.00025, 0.0015, 0.00025])
-        self.assertEqual(first["edge"], [9.99, 10, 11.22, 12.59, 99.9, 100, 112.2])
-        self.assertEqual(first["share_at_p999"], 0.0015)
-        self.assertEqual((first["p999"], first["period"], first["drawn"]), (105, 1000, "no"))
-        title = re.search(r'<section data-figure="latency"><h2>(.*?)</h2>', self.out.read_text())[1].replace("\N{NO-BREAK SPACE}", " ")
-        self.assertEqual(title, "On NVIDIA H200 the force of 99.9 % of the ticks at 5 kHz is there in time in 1 of 1 rows, soonest with "
-                                "cuda_implicit_cached increment on grasp: within 105 µs; drawing costs 4 % of the steps that fit into a "
-                                "tick at the median")
+        self.assertEqual(len(figure["rows"]), len(haptic_result()["haptic"]))
+        first = figure["rows"][0]
+        # Two bins beside each other and one by itself, of which the last holds p99.9.
+        self.assertEqual((first["begin"], first["end"]), ([10, 11.22, 100], [11.22, 12.59, 112.2]))
+        self.assertEqual(first["share"], [0.9, 0.0985, 0.0015])
+        self.assertEqual((first["p999"], first["period"], first["label"]), (105, 1000, "cuda_implicit_cached"))
+        self.assertEqual(figure["rows"][1]["label"], "cuda_implicit_cached, drawn")
+        title, more = finding(self.out, "latency")
+        self.assertEqual(title, "99.9 % of the forces at 5 kHz are there within 105 µs with cuda_implicit_cached")
+        self.assertEqual(more, "On NVIDIA H200 the force of 99.9 % of the ticks at 5 kHz is there in time in 1 of 1 rows, soonest with "
+                               "cuda_implicit_cached increment on grasp: within 105 µs; drawing costs 4 % of the steps that fit into a "
+                               "tick at the median.")
         # Rows of before histograms are read, and have none.
         old = haptic_result()
         for row in old["haptic"]:
             for key in ("histogram", "drawn", "pictures_per_second"):
                 del row[key]
-        self.assertEqual(drawn(old), [])
+        self.assertEqual(drawn(old), {})
         for bad in ([[1e-5]], [[1e-5, 0]], [[0, 1]], [[1e-5, 1], [1e-5, 1]], [[2, 1]], ["x"]):
             broken = haptic_result()
             broken["haptic"][1]["histogram"] = bad
             self.assert_refused(report(self.write("broken.json", broken), "--out", self.out), "broken.json",
                                 "haptic[1].histogram[", "where a bin begins")
+
+    def test_the_period_is_in_the_figure_whichever_side_the_ticks_are_on(self):
+        for slower in (1e-3, 1, 1e3):
+            result = haptic_result(slower)
+            result["haptic"] = result["haptic"][:1]
+            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+            figure = figures_of(self.out)["latency"]
+            low, high = figure["panels"][0]["spec"]["layer"][0]["encoding"]["x"]["scale"]["domain"]
+            row, = figure["rows"]
+            self.assertLess(low, min(row["period"], *row["begin"]))
+            self.assertGreater(high, max(row["period"], *row["end"]))
+
+    def test_every_list_of_a_result_is_known(self):
+        """What a study can write is read: of each list that has measurements a figure is made."""
+        schema = json.loads((ROOT / "results/schema.json").read_text())
+        lists = {name for name, about in schema["properties"].items() if about.get("type") == "array" or "items" in about}
+        self.assertLessEqual({"benchmarks", "overhead", "energy", "stability_map"}, lists)
+        # One repeats what others have, the other one the rules of --backend auto.
+        self.assertEqual(lists - {"verification", "auto"}, set(reading.REQUIRED))
 
     def test_nothing_in_the_page_can_end_its_data_early(self):
         result = h200("table1")
@@ -380,9 +419,10 @@ class Input(InTemporaryFolder):
         self.assertNotIn("</script><h1 id=evil>", self.out.read_text())
 
 
-def haptic_result():
-    """Made up: two scenes, two rates, with edits and drawn."""
+def haptic_result(times=1):
+    """Made up: two scenes, two rates, with edits and drawn; every tick so many times as long."""
     def row(scene, backend, hertz, edited=False, drawn=False, slower=1):
+        slower *= times
         bins = [[1e-5 * slower, 1800], [1e-5 * slower * 10**0.05, 197], [1e-4 * slower, 3]]
         return {"name": f"{scene}/{backend}/increment/float32", "scene": scene, "backend": backend, "formulation": "increment",
                 "precision": "float32", "tuning": "", "hertz": hertz, "edited": edited, "drawn": drawn, "ticks": 2000,
@@ -419,7 +459,7 @@ def small_result():
                              if row["scene"] == "box@32" and row["backend"] == "cuda_march"][:14]
     result["benchmarks"] += [row for row in h200("edits")["benchmarks"] if row["backend"] == "cuda_scatter"][:14]
     result["fastest"] = [block for block in result["fastest"] if block["scene"] == "heart"][:1]
-    for study, count in (("pareto", 6), ("stability", 4), ("stress", 4)):
+    for study, count in (("pareto", 6), ("stability", 4), ("stress", 4), ("overhead", 4), ("energy", 2)):
         result[study] = h200(study)[study][:count]
     result["stability_map"] = h200("stability")["stability_map"][:1]
     result["haptic"] = haptic_result()["haptic"]
@@ -624,7 +664,7 @@ class Page(unittest.TestCase):
                 counts = self.script(
                     "return views.filter(({figure}) => figure.name === arguments[0]).map(({figure, panel, element}) => ["
                     "figure.rows.filter((row) => matches(row, panel.match)).length,"
-                    "element.querySelectorAll('.mark-symbol > path, .mark-rect > path').length,"
+                    "element.querySelectorAll('.mark-symbol > path').length || element.querySelectorAll('.mark-rect > path').length,"
                     "element.parentNode.querySelector('[role=graphics-document]').getAttribute('aria-label')])", name)
                 self.assertGreater(len(counts), 0)
                 for rows, marks, alternative in counts:
@@ -634,9 +674,11 @@ class Page(unittest.TestCase):
                         self.assertGreater(marks, 20)
                     else:
                         self.assertEqual(marks, rows)
-                title = self.script("return document.querySelector(`section[data-figure=${arguments[0]}] h2`).innerText",
-                                    name)
+                title, lines = self.script(
+                    "const title = document.querySelector(`section[data-figure=${arguments[0]}] h2`);"
+                    "return [title.innerText, Math.round(title.clientHeight / parseFloat(getComputedStyle(title).lineHeight))]", name)
                 self.assertRegex(title, r"\d", "a title states its finding")
+                self.assertEqual(lines, 1, title)
                 caption = self.script("return document.querySelector(`section[data-figure=${arguments[0]}] .caption`)"
                                       ".innerText", name)
                 machine = "AMD EPYC|NVIDIA H200" if name == "latency" else "NVIDIA H200"
@@ -656,15 +698,39 @@ class Page(unittest.TestCase):
         text = self.script("return document.querySelector('.answer tr[data-scene=\"box@256\"]').innerText")
         self.assertIn(best["backend"], text)
         self.assertIn(f"{best['real_time']:.3g}", text)
-        lead = self.script("return document.querySelector('.lead').innerText")
+        title, lines, lead = self.script(
+            "const title = document.querySelector('h1');"
+            "return [title.innerText, Math.round(title.clientHeight / parseFloat(getComputedStyle(title).lineHeight)), "
+            "document.querySelector('.lead').innerText]")
+        self.assertEqual(title.replace("\N{NO-BREAK SPACE}", " "), "Box: on chip up to 885 k particles, cuda_march beyond")
+        self.assertEqual(lines, 1)
+        self.assertIn("Of the sizes of box the fastest are cuda_resident and cuda_bricks up to 885 k particles", lead.replace("\N{NO-BREAK SPACE}", " "))
         self.assertIn(max(told.values(), key=lambda row: row["particles"])["scene"], lead)
         # Figure 7's title names the fastest of both scenes.
-        title = self.script("return document.querySelector('section[data-figure=figure7] h2').innerText")
+        title = self.script("return document.querySelector('section[data-figure=figure7] .finding').innerText")
         for scene in ("box@32", "heart"):
             row = min((row for row in medians("figure7") if row["scene"] == scene), key=lambda row: row["real_time"])
-            self.assertIn(f"on {scene} {row['backend']}", title.replace("On", "on"))
+            self.assertIn(f"{row['backend']} leads on {scene} with ", title)
             unit, scale = ("µs", 1) if row["real_time"] >= 1 else ("ns", 1000)
             self.assertIn(f"{scale * row['real_time']:.3g}\N{NO-BREAK SPACE}{unit}", title)
+
+    def test_every_line_says_what_it_is(self):
+        """Where there are too many for a colour each: in Figure 8, and where edits cost something."""
+        self.browser.look_at(self.path)
+        for name in ("figure8", "edits"):
+            panels = self.script(
+                "return views.filter(({figure}) => figure.name === arguments[0]).map(({figure, panel, element}) => ["
+                "[...new Set(figure.rows.filter((row) => matches(row, panel.match)).map((row) => row.label))],"
+                "[...element.querySelectorAll('.mark-text.role-mark text, .role-axis-label text')].map((text) => {"
+                "const at = text.getBoundingClientRect();"
+                "return [text.textContent, at.left, at.top, at.right, element.getBoundingClientRect().right]})])", name)
+            self.assertGreater(len(panels), 0)
+            for labels, texts in panels:
+                texts = [text for text in texts if text[0] in labels]
+                self.assertEqual(sorted(labels), sorted(text for text, *_ in texts))
+                for (_, left, top, right, end), (_, next_left, next_top, *_) in itertools.combinations(texts, 2):
+                    self.assertLessEqual(right, end)
+                    self.assertTrue(abs(top - next_top) > 9 or abs(left - next_left) > 60, (top, next_top))
 
     def marks(self, figure, backend):
         return self.script(
@@ -725,10 +791,11 @@ class Page(unittest.TestCase):
                       "(more than 4 million particles)",
                       "scalpel_1, scalpel_10 and scalpel_100 (no blade)"):
             self.assertIn(words, text)
+        self.assertEqual(text.count("Without a picture"), 1)
         # The heart opens the page: beside the headline, on a phone below it.
         for width in WIDTHS:
             self.browser.emulate(width, "light")
-            title, image = self.script("return ['h1', '.opening img'].map((name) => document.querySelector(name)"
+            title, image = self.script("return ['.lead', '.opening img'].map((name) => document.querySelector(name)"
                                        ".getBoundingClientRect().toJSON())")
             self.assertLess(image["top"], 900, "on the first screen")
             if width > 1000:
@@ -829,24 +896,24 @@ class Latencies(InTemporaryFolder):
             with self.subTest(width=width, scheme=scheme):
                 browser.open(self.out, width, scheme)
                 self.assertEqual(browser.driver.get_log("browser"), [])
-                lines, marks, fits = browser.script(
+                strips, marks, fits = browser.script(
                     "const section = document.querySelector('section[data-figure=latency]');"
-                    "return [[...section.querySelectorAll('.mark-line > path')].map((line) => [getComputedStyle(line).stroke, "
-                    "line.getAttribute('stroke-dasharray') || '', line.getBBox().width]),"
+                    "return [[...section.querySelectorAll('.mark-rect > path')].map((bin) => [getComputedStyle(bin).fill, "
+                    "bin.getBBox().width, parseFloat(getComputedStyle(bin).opacity)]),"
                     "section.querySelectorAll('.mark-symbol > path').length,"
                     "document.documentElement.scrollWidth <= document.documentElement.clientWidth]")
-                self.assertEqual((len(lines), marks), (6, 6))
-                self.assertEqual(sorted(dashes for _, dashes, _ in lines), ["1,0"] * 5 + ["4,3"])
-                self.assertTrue(all(extent > 50 for _, _, extent in lines), lines)
+                self.assertEqual((len(strips), marks), (6 * 3, 6))
+                self.assertTrue(all(extent > 1 for _, extent, _ in strips), strips)
+                self.assertEqual(len({opacity for _, _, opacity in strips}), 3, "the more ticks the stronger")
                 self.assertTrue(fits)
-                colours[scheme] = {stroke for stroke, _, _ in lines}
+                colours[scheme] = {fill for fill, _, _ in strips}
         for scheme in SCHEMES:
             self.assertEqual(len(colours[scheme]), 3, "a colour a backend")
         self.assertFalse(colours["light"] & colours["dark"])
         browser.script("const box = document.querySelector('#filters input[value=cpu_parallel]'); box.checked = false;"
                        "box.dispatchEvent(new Event('change', {bubbles: true}))")
         browser.settle()
-        self.assertEqual(browser.script("return document.querySelectorAll('#latency-0 .mark-line > path').length"), 2)
+        self.assertEqual(browser.script("return document.querySelectorAll('#latency-0 .mark-rect > path').length"), 2 * 3)
         browser.script("document.querySelector('details[data-figure=latency]').open = true")
         browser.settle()
         table = browser.script("return [...document.querySelectorAll('details[data-figure=latency] tr')].map((row) => row.innerText)")
@@ -885,8 +952,8 @@ class Parts(InTemporaryFolder):
         files = [self.write(f"{index}.json", result) for index, result in enumerate(results)]
         made = report(*files, "--out", self.out)
         self.assertEqual((made.returncode, made.stdout), (0, f"{self.out}\n"), made.stderr)
-        found = re.search(r'<section data-figure="history"><h2>(.*?)</h2>', self.out.read_text())
-        return found and html.unescape(found[1]).replace("\N{NO-BREAK SPACE}", " ")
+        found = finding(self.out, "history")
+        return found and found[1]
 
     def later(self, result, **factors):
         """As of another day and commit, times multiplied by strategy where these say so."""
@@ -914,6 +981,7 @@ class Parts(InTemporaryFolder):
         self.assertRegex(title, r"^On NVIDIA H200 the largest change from commit [0-9a-f]{7} to 0123456 is that of cuda_scatter "
                          rf"position on heart \(figure7\), from {before:.3g} µs to .* µs, 1\.75 times \(1\.\d\d to 1\.\d\d\); "
                          rf"of {len(medians('figure7'))} times 1 slower")
+        self.assertEqual(finding(self.out, "history")[0], "cuda_scatter position on heart takes 1.75 times its time, figure7 at 0123456")
         self.assertIn("0123456 01-02 03:04", self.out.read_text())
         # One file has no history.
         self.assertIsNone(self.history(result))
@@ -928,7 +996,7 @@ class Parts(InTemporaryFolder):
         result["benchmarks"] = [row for rows in kept.values() for row in rows]
         title = self.history(result, self.later(result, cuda_scatter=2.19))
         count = len(medians("figure7"))
-        self.assertRegex(title, rf"no change of a time in figure7 can be told .*\({count} too few repetitions\)$")
+        self.assertRegex(title, rf"no change of a time in figure7 can be told .*\({count} too few repetitions\)\.$")
         self.assertNotIn("2.19 times", title)
         said = subprocess.run([PYTHON, ROOT / "results/diff.py", "--json", *sorted(self.folder.glob("?.json"))],
                               capture_output=True, text=True, timeout=60)
@@ -960,14 +1028,115 @@ class Parts(InTemporaryFolder):
             self.assertIn("cuda_<wbr>resident", row[:400])
             found = re.search("not to be told from ([^<]*)<", row[:row.index("</tr>")])
             return (found and found[1]), re.search("<h1>(.*?)</h1>", text)[1]
-        self.assertEqual(equals(1.03), ("cuda_implicit_cached", "On NVIDIA H200, cuda_resident is the fastest on heart and "
+        self.assertEqual(equals(1.03), ("cuda_implicit_cached", "cuda_resident is the fastest on heart and "
                                         "cuda_resident and cuda_implicit_cached cannot be told apart on box@32"))
-        fastest = "On NVIDIA H200, cuda_resident is the fastest on heart and box@32"
+        fastest = "cuda_resident is the fastest on heart and box@32"
         self.assertEqual(equals(1.4), (None, fastest))
         self.assertEqual(equals(1.25, noisy=["its clock moved"])[0], "cuda_implicit_cached")
         self.assertEqual(equals(1.5, noisy=["its clock moved"]), (None, fastest))
         self.assertEqual(equals(3, repetitions=3), (None, fastest))
         self.assertRegex(equals(3, repetitions=2)[0], rf"^cuda_\w+, cuda_\w+ and {len(times) - 3} others$")
+
+    def boxes(self, times, skipped=()):
+        """A result with boxes of these sizes: the times of backends by size."""
+        result = h200("table1")
+        pattern = [row for row in result["benchmarks"] if row["scene"] == "box@32" and row["backend"] == "cuda_implicit_cached"]
+        result["benchmarks"] = []
+        for size, backends in times.items():
+            for backend, time in backends.items():
+                for row in pattern:
+                    one = {**row, "backend": backend, "scene": f"box@{size}", "particles": size**3, "real_time": time * row["real_time"]}
+                    if backend in ("cuda_resident", "cuda_bricks"):
+                        one |= {"step_bytes": 0, "step_operations": 1e6}
+                    for key in ("name", "run_name"):
+                        one[key] = row[key].replace("box@32", f"box@{size}").replace("cuda_implicit_cached", backend)
+                    result["benchmarks"].append(one)
+        result["skipped"] = [{"name": f"{scene}/{backend}", "scene": scene, "backend": backend, "reason": "no"} for scene, backend in skipped]
+        return result
+
+    def test_nobody_wins_a_dataset_without_the_main_contenders(self):
+        times = {8: {"cuda_march": 1, "cpu_parallel": 2}, 16: {"gl_compute_implicit": 1, "cpu_parallel": 2},
+                 32: {"cuda_march": 1, "cpu_parallel": 2, "gl_compute_implicit": 3}, 48: {"cpu_parallel": 1, "gl_compute_implicit": 2}}
+        def told(skipped=()):
+            self.assertEqual(report(self.write("a.json", self.boxes(times, skipped)), "--out", self.out).returncode, 0)
+            text = html.unescape(self.out.read_text().replace("<wbr>", ""))
+            return finding(self.out, "datasets"), re.findall('without the main contenders: ([^<]*)<', text)
+        found, absent = told()
+        self.assertEqual(absent, ["cuda_march was not measured here"])
+        self.assertEqual(found[0], "cuda_march wins 2 and cpu_parallel wins 1 of 4 datasets")
+        self.assertIn("nobody wins box@16, where what wins smaller and larger ones was not measured", found[1])
+        # What is the fastest beyond the others was measured nowhere else; what refuses a dataset was met there.
+        found, absent = told([("box@16", "cuda_march")])
+        self.assertEqual((found[0], absent), ("cuda_march wins 2, cpu_parallel wins 1 and gl_compute_implicit wins 1 of 4 datasets", []))
+
+    def test_a_ladder_of_sizes_is_the_headline(self):
+        def headline(*winners):
+            times = {size: dict.fromkeys(("cuda_resident", "cuda_bricks", "cuda_march", "cpu_parallel"), 3) | {winner: 1}
+                     for size, winner in zip((8, 16, 32, 48, 64), winners)}
+            self.assertEqual(report(self.write("a.json", self.boxes(times)), "--out", self.out).returncode, 0)
+            return re.search("<h1>(.*?)</h1>", self.out.read_text())[1].replace("\N{NO-BREAK SPACE}", " ")
+        on_chip = ("cuda_resident", "cuda_resident", "cuda_bricks", "cuda_march", "cuda_march")
+        self.assertEqual(headline(*on_chip), "Box: on chip up to 32.8 k particles, cuda_march beyond")
+        self.assertEqual(headline("cpu_parallel", *on_chip[2:], "cuda_march"),
+                         "Box: cpu_parallel up to 512 particles, on chip up to 4.1 k particles, cuda_march beyond")
+        # Without an order, and of one backend, the wins are counted.
+        self.assertEqual(headline("cuda_march", "cpu_parallel", "cuda_march", "cpu_parallel", "cuda_march"),
+                         "cuda_march is the fastest on 3 of 5 datasets")
+        self.assertEqual(headline(*["cpu_parallel"] * 5), "cpu_parallel is the fastest on 5 of 5 datasets")
+
+    def test_machines_that_are_called_alike_are_kept_apart(self):
+        """By cores, card and host; files without a host, of which no card is known, by their folder."""
+        cpu = result_files.load(H200.parent / "amd-epyc/fastest.json.gz")
+        gpu = h200("table1")
+        def machines(*files):
+            paths = []
+            for place, result, cores, host, card in files:
+                result = copy.deepcopy(result)
+                result["context"] |= {"num_cpus": cores} | ({"host_name": host} if host else {})
+                for backend in result["context"]["voxspring"]["backends"].values():
+                    backend["uuid"] = card
+                (self.folder / place).parent.mkdir(exist_ok=True)
+                paths.append(self.write(place, result))
+            return [result.machine for result in reading.read_all(paths)]
+        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("a/2.json", cpu, 2, "", "")), 2 * ["AMD EPYC"])
+        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("b/2.json", cpu, 2, "", "")), ["AMD EPYC (a)", "AMD EPYC (b)"])
+        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("a/2.json", cpu, 64, "", "")), ["AMD EPYC (2 cores)", "AMD EPYC (64 cores)"])
+        self.assertEqual(machines(("a/1.json", cpu, 2, "one", ""), ("b/2.json", cpu, 2, "one", "")), 2 * ["AMD EPYC"])
+        self.assertEqual(machines(("a/1.json", cpu, 2, "one", ""), ("a/2.json", cpu, 2, "two", "")), ["AMD EPYC (one)", "AMD EPYC (two)"])
+        self.assertEqual(machines(("a/1.json", gpu, 16, "", "GPU-12345678"), ("b/2.json", gpu, 16, "", "GPU-12345678")), 2 * ["NVIDIA H200"])
+        self.assertEqual(machines(("a/1.json", gpu, 16, "", "GPU-12345678"), ("a/2.json", gpu, 16, "", "GPU-abcdef01")),
+                         ["NVIDIA H200 (GPU-12345678)", "NVIDIA H200 (GPU-abcdef01)"])
+        (self.folder / "c").mkdir()
+        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("c/a/2.json", cpu, 2, "", "")),
+                         [f"AMD EPYC ({self.folder.resolve() / 'a'})", f"AMD EPYC ({self.folder.resolve() / 'c/a'})"])
+        # One's own results do not add to the committed ones.
+        own = copy.deepcopy(cpu)
+        own["context"]["date"] = "2027-01-02T03:04:05+00:00"
+        committed = self.folder / "amd-epyc"
+        committed.mkdir()
+        (committed / "fastest.json.gz").write_bytes((H200.parent / "amd-epyc/fastest.json.gz").read_bytes())
+        self.assertEqual(report(committed, self.write("fastest.json", own), "--out", self.out).returncode, 0)
+        found = {row["machine"] for row in figures_of(self.out)["datasets"]["rows"]}
+        self.assertEqual(found, {"AMD EPYC (amd-epyc)", f"AMD EPYC ({self.folder.name})"})
+        self.assertNotIn("history", figures_of(self.out))
+
+    def test_edits_among_many_steps_and_among_few_are_kept_apart(self):
+        """incision@256 has ten edits in 20 steps, all others have them in 1000."""
+        paths = [result_files.named(H200, study) for study in ("edits", "fastest")]
+        steps = {(row["edits"], row["steps"]) for path in paths for row in result_files.load(path)["benchmarks"] if row.get("edits")}
+        self.assertEqual(steps, {(1, 1000), (10, 1000), (100, 1000), (10, 20)})
+        self.assertEqual(report(*paths, "--out", self.out).returncode, 0)
+        figure = figures_of(self.out)["edits"]
+        self.assertEqual({panel["match"]["steps"] for panel in figure["panels"]}, {20, 1000})
+        for panel in figure["panels"]:
+            self.assertIn(f"in {panel['match']['steps']} steps", json.dumps(panel["spec"]))
+        def middle(count, steps):
+            of = [row for row in reading.measured(reading.read_all(paths)) if (row["edits"], row["steps"]) == (count, steps)]
+            return statistics.median(100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1) for row in of)
+        title, more = finding(self.out, "edits")
+        self.assertRegex(title, rf"^100 edits slow 1000 steps down by {middle(100, 1000):.2g} % in the median of \d+ strategies$")
+        self.assertIn(f"1000 steps by {middle(1, 1000):.2g} % (1 edit), {middle(10, 1000):.2g} % (10 edits), {middle(100, 1000):.2g} % "
+                      f"(100 edits) and 20 steps by {middle(10, 20):.2g} % (10 edits)", more)
 
     def test_the_study_fastest_says_what_was_aimed_at(self):
         result = h200("table1")
@@ -975,12 +1144,16 @@ class Parts(InTemporaryFolder):
         best, other = sorted(rows, key=lambda row: row["real_time"])[:2]
         def winner(row):
             return {"name": row["name"].split("/iterations:")[0], "seconds_per_step": row["real_time"] * 1e-6}
-        target = {"quantity": "seconds_per_step", "value": 1e-9, "backends": "cuda_*", "name": None,
+        target = {"quantity": "seconds_per_step", "value": 7.5e-07, "backends": "cuda_*", "name": None,
                   "measured": best["real_time"] * 1e-6, "reached": 0.1, "met": False}
+        ratio = {"quantity": "speed_ratio", "value": 0.95, "backends": "gl_compute_implicit", "over": "cuda_implicit_*", "name": None,
+                 "measured": 0.9846, "reached": 1.03, "met": True}
+        rate = {"quantity": "spring_updates_per_second", "value": 1e12, "backends": "cuda_*", "name": None, "measured": 928.2e9,
+                "reached": 0.9, "met": False}
         unmeasured = {**target, "measured": None, "reached": None, "met": None}
         identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
         result["fastest"] = [{**winner(best), **identity,
-                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target, unmeasured]}]
+                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target, ratio, rate, unmeasured]}]
         best["noisy"] = ["its clock moved (by 12%)"]
         times = [row for row in result["benchmarks"] if row["run_type"] == "iteration" and row["run_name"] == best["run_name"]]
         self.assertEqual(len(times), 9)
@@ -992,7 +1165,14 @@ class Parts(InTemporaryFolder):
         self.assertEqual(text.count("uncertain by a tenth or more: its clock moved (by 12%)"), 1)
         self.assertEqual(len(re.findall(r"repetitions ± 10\W*%", text)), 1)
         self.assertIn("12.34 times as fast as the best of the paper", text)
-        self.assertIn("missed", text)
+        table = html.unescape(re.sub("<wbr>", "", text[text.index("<h3>Targets</h3>"):text.index("1 more target")]))
+        rows = [[re.sub("<[^>]+>", "|", cell).strip("|").replace("\N{NO-BREAK SPACE}", " ") for cell in re.findall("<t[hd][^>]*>(.*?)</t[hd]>", row)]
+                for row in table.split("<tr data-scene")[1:]]
+        measured = best["real_time"] * 1e3
+        self.assertEqual(rows[0], ["box@32|position, float32", "cuda_*", "a step", "750 ns", f"{measured:.3g} ns", "missed"])
+        self.assertEqual(rows[1], ["box@32|position, float32", "gl_compute_implicit", "speed|as a multiple of cuda_implicit_*", "0.95",
+                                   "0.985", "met"])
+        self.assertEqual(rows[2][2:5], ["springs a second", "1 T springs/s", "928 G springs/s"])
         self.assertIn("1 more target was not measured here.", text)
 
     def alternatives(self):
@@ -1020,7 +1200,7 @@ class Parts(InTemporaryFolder):
         self.assertEqual(len(gather(folder, program)[2]), 4)
         found, left_out, drawn = gather(self.folder / "none", None)
         self.assertEqual((found, drawn), ({}, []))
-        self.assertEqual([scenes for scenes, _ in left_out], [["heart"], ["box@32"]])
+        self.assertEqual(left_out, [(["heart", "box@32"], "no program was there to draw it")])
         # A program that ends without a word, and one that does not end.
         program.write_text("#!/bin/sh\nexit 3\n")
         os.utime(program, (time.time() + 90, time.time() + 90))
@@ -1068,7 +1248,7 @@ class Parts(InTemporaryFolder):
     def test_without_pictures_there_is_a_line_or_nothing(self):
         self.assertEqual(report(H200 / "table1.json.gz", "--out", self.out, "--pictures", self.folder).returncode, 0)
         self.assertEqual(self.alternatives(), [])
-        self.assertIn("Without a picture: heart (no heart-position", self.out.read_text())
+        self.assertEqual(re.findall("Without a picture: ([^<]*)<", self.out.read_text()), ["heart and box@32 (no program was there to draw it)."])
         self.assertNotIn('class="picture', self.out.read_text())
 
     def test_pictures_of_the_program_itself(self):

@@ -24,8 +24,6 @@ OUTLINES = {"circle": '<circle cx="5" cy="5" r="4.5"/>', "square": '<rect x="1" 
             "cross": '<path d="M3.5 0h3v3.5H10v3H6.5V10h-3V6.5H0v-3h3.5z"/>'}
 # What a rounding error is small beside: the time step's own error on the datasets here is above it.
 SMALL_ERROR = 1e-5
-# Up to so many datasets the headline names each.
-FEW = 3
 
 
 def swatch(shape, colour):
@@ -81,22 +79,11 @@ def spread(row):
     return remark(f"repetitions ± {figures.percent(share)}") if share > result_files.MIN_SPREAD else ""
 
 
-def winners(rows):
-    """By machine, the fastest row of each dataset beside all of its rows, small datasets first."""
-    found = {}
-    rows = reading.strategies([row for row in rows if not row["edits"]])
-    for (machine, scene), group in figures.groups(rows, "machine", "scene").items():
-        found.setdefault(machine, []).append((figures.fastest(group), group))
-    for entries in found.values():
-        entries.sort(key=lambda entry: (entry[0]["particles"], reading.natural(entry[0]["scene"])))
-    # The machine with most datasets is the one to open with.
-    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
-
-
 def names(rows):
     """Backends by name, or the first of them and how many more."""
     found = [row["backend"] for row in rows]
-    return figures.listed(found if len(found) <= FEW else found[:FEW - 1] + [f"{len(found) - FEW + 1} others"])
+    few = figures.FEW
+    return figures.listed(found if len(found) <= few else found[:few - 1] + [f"{len(found) - few + 1} others"])
 
 
 def exact_enough(group):
@@ -105,8 +92,9 @@ def exact_enough(group):
 
 def fastest_table(charts, entries, papers):
     rows = []
-    times = [row["microseconds"] for _, group in entries for row in group]
-    for best, group in entries:
+    times = [row["microseconds"] for entry in entries for row in entry.group]
+    for entry in entries:
+        best, group = entry.best, entry.group
         each = [figures.fastest(own) for own in figures.groups(group, "backend").values()]
         exact = exact_enough(group)
         if exact is None:
@@ -121,8 +109,10 @@ def fastest_table(charts, entries, papers):
         limit = (f"{figures.percent(best['of_limit'])}{small(best['limited_by'] or '')}" if best["of_limit"] else "–")
         if (best["of_limit"] or 0) > 1:
             limit += remark("faster than its limit, so the limit is wrong")
-        equals = figures.as_fast(best, group)
-        remarks = [f"not to be told from {names(equals)}"] if equals else []
+        remarks = [f"not to be told from {names(entry.equals)}"] if entry.equals else []
+        if entry.absent:
+            were = "was" if len(entry.absent) == 1 else "were"
+            remarks.append(f"without the main contenders: {figures.listed(entry.absent)} {were} not measured here")
         paper = papers.get((best["machine"], best["scene"], best["contender"]))
         if paper:
             remarks.append(f"{paper:.2f} times as fast as the best of the paper's strategies")
@@ -156,6 +146,19 @@ def error_table(runs):
     return cards(["Dataset"] + [f"Error of {figures.error_text(target)}" for target in figures.TARGETS], rows)
 
 
+def amount(quantity, value):
+    """The value of a target's quantity, in the units of the page."""
+    if quantity.endswith(("seconds", "seconds_per_step")):
+        return figures.time_text(value * 1e6)
+    if quantity.endswith("_per_second"):
+        return figures.engineering(value, quantity.removesuffix("_per_second").replace("_updates", "s") + "/s")
+    return figures.percent(value) if quantity.startswith("fraction_of") else f"{value:.3g}"
+
+
+QUANTITIES = {"seconds_per_step": "a step", "ready_seconds": "time to first step", "fraction_of_limit": "of limit",
+              "speed_ratio": "speed", "spring_updates_per_second": "springs a second", "particle_updates_per_second": "particles a second"}
+
+
 def targets_table(result):
     rows, without = [], 0
     for block in result.lists["fastest"]:
@@ -163,59 +166,82 @@ def targets_table(result):
             if target.get("met") is None or target.get("measured") is None:
                 without += 1
                 continue
-            rows.append((block["scene"], escape(f"{block['scene']}, {block['formulation']}"),
-                         [escape(target["quantity"].replace("_", " ")), f"{target['value']:.3g}",
-                          f"{target['measured']:.3g}", "met" if target["met"] else "missed"]))
+            what = QUANTITIES.get(target["quantity"], target["quantity"].replace("_", " "))
+            over = small(f"as a multiple of {target['over']}") if target.get("over") else ""
+            rows.append((block["scene"], escape(block["scene"]) + small(f"{block['formulation']}, {block['precision']}"),
+                         [strategy(target.get("backends") or "all backends"), escape(what) + over,
+                          escape(amount(target["quantity"], target["value"])), escape(amount(target["quantity"], target["measured"])),
+                          "met" if target["met"] else "missed"]))
     if not rows:
         return ""
     more = "1 more target was" if without == 1 else f"{without} more targets were"
     note = f'<p class="note">{more} not measured here.</p>' if without else ""
-    return cards(["Dataset", "Quantity", "Aim", "Measured", "Verdict"], rows) + note
+    return cards(["Dataset", "Of", "Quantity", "Aim", "Measured", "Verdict"], rows) + note
+
+
+def by_size(entries):
+    """Which backends win which sizes of a dataset as a headline and as a sentence, or nothing where no such order shows."""
+    found = figures.ladder(entries)
+    if not found:
+        return None
+    family, steps = found
+    last, headline_words, words = len(steps) - 1, [], []
+    for index, (backends, on_chip, particles) in enumerate(steps):
+        size = figures.engineering(particles, "particles")
+        until = "beyond" if index == last else f"up to {size}"
+        headline_words.append(f"{'on chip' if on_chip else figures.listed(backends)} {until}")
+        words.append(f"{figures.listed(backends)} up to {size}" + " with the state on the chip" * on_chip)
+    return f"{family}: {', '.join(headline_words)}", f"Of the sizes of {family} the fastest are {figures.listed(words)}"
 
 
 def headline(found, runs, drawn):
-    """The answer in one sentence, and in a few more; without any of times or errors the first finding."""
+    """The machine, the answer in a line, and in a few more sentences; without any of times or errors the first finding."""
     if found:
         machine, entries = next(iter(found.items()))
-        told = [best for best, group in entries if not figures.as_fast(best, group)]
-        untold = [(best, figures.as_fast(best, group)) for best, group in entries if best not in told]
-        if len(entries) <= FEW:
+        told = [entry.best for entry in entries if entry.won]
+        sizes = by_size(entries)
+        lead = ""
+        if len(entries) <= figures.FEW:
             wins = figures.groups(told, "backend").items()
             parts = [f"{name} is the fastest on {figures.listed(row['scene'] for row in rows)}" for (name,), rows in wins]
-            parts += [f"{names([best] + equals)} cannot be told apart on {best['scene']}" for best, equals in untold]
+            parts += [f"{names([entry.best] + entry.equals)} cannot be told apart on {entry.best['scene']}" for entry in entries if entry.equals]
+            parts += [f"the main contenders are not measured on {entry.best['scene']}" for entry in entries if entry.absent and not entry.equals]
             title = figures.listed(parts)
+        elif sizes:
+            title, lead = sizes[0], sizes[1] + ". "
         else:
             wins = collections.Counter(best["backend"] for best in told).most_common(1)
             title = (f"{wins[0][0]} is the fastest on {wins[0][1]} of {len(entries)} datasets" if wins else
                      f"the fastest cannot be told on any of {len(entries)} datasets")
-        best, _ = entries[-1]
+        best = entries[-1].best
         size = figures.engineering(best["particles"], "particles")
-        lead = (f"On {'the largest, ' * (len(entries) > 1)}{best['scene']} with {size}, a step takes "
-                f"{figures.time_text(best['microseconds'])} with {best['contender']}")
+        lead += (f"On {'the largest, ' * (len(entries) > 1)}{best['scene']} with {size}, a step takes "
+                 f"{figures.time_text(best['microseconds'])} with {best['contender']}")
         if best["rounding"] is not None:
             lead += f", and rounding costs {figures.error_text(best['rounding'])} after {best['error_steps']} steps"
-        ratios = [exact["microseconds"] / best["microseconds"] for best, group in entries
-                  if (exact := exact_enough(group))]
+        ratios = [exact["microseconds"] / entry.best["microseconds"] for entry in entries if (exact := exact_enough(entry.group))]
         if ratios:
             lead += (f". A rounding error of at most {figures.error_text(SMALL_ERROR)} takes "
                      f"{figures.between(ratios, lambda ratio: f'{ratio:.2f}')} times as long as the fastest, where it was "
                      "measured")
-        return f"On {machine}, {title}", lead + "."
+        return machine, figures.sentence(title), lead + "."
     for (machine, scene), rows in figures.groups(runs, "machine", "scene").items():
         if best := figures.fastest_within(rows, 1e-4):
-            return f"On {machine}, {best['contender']} is the fastest way to an error of 1e-4 on {scene}", ""
-    return drawn[0].title if drawn else "These results hold nothing to show", ""
+            return machine, figures.sentence(f"{best['contender']} is the fastest way to an error of 1e-4 on {scene}"), ""
+    if drawn:
+        return drawn[0].findings[0][0], drawn[0].title, drawn[0].detail
+    return "", "These results hold nothing to show", ""
 
 
 def answer(charts, results, rows, runs, drawn, pictures):
-    found = winners(rows)
-    title, lead = headline(found, runs, drawn)
+    found = figures.outcomes(results, rows)
+    machine, title, lead = headline(found, runs, drawn)
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
               if block.get("paper") and block["paper"]["name"] != block["name"]}
-    parts = [f'<header><div><p class="kicker">Voxspring, results of {len(results)} '
-             f'{"study" if len(results) == 1 else "studies"}</p><h1>{escape(title)}</h1>'
-             f'<p class="lead">{escape(lead)}</p></div>{opening_picture(pictures)}</header><main>']
+    kicker = f"Voxspring on {machine}, " * bool(machine) + f"results of {len(results)} {'study' if len(results) == 1 else 'studies'}"
+    parts = [f'<header><p class="kicker">{escape(figures.sentence(kicker))}</p><h1>{escape(title)}</h1><div class="opening-row">'
+             f'<p class="lead">{escape(lead)}</p>{opening_picture(pictures)}</div></header><main>']
     for machine in dict.fromkeys(list(found) + figures.distinct(runs, "machine")):
         parts.append(f'<section class="answer"><h2>{escape(machine)}: the fastest strategy on each dataset, and what it '
                      "costs in error</h2>")
@@ -234,12 +260,11 @@ def answer(charts, results, rows, runs, drawn, pictures):
         if table:
             parts.append("<h3>Targets</h3>" + table)
         parts.append("</section>")
-    return title, "".join(parts)
+    return f"{machine}: {title}" if machine else title, "".join(parts)
 
 
 def filters(charts, results):
-    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling", "haptic")
-    scenes = sorted({row["scene"] for result in results for name in lists for row in result.lists[name]},
+    scenes = sorted({row["scene"] for result in results for name in reading.MEASURED for row in result.lists[name]},
                     key=reading.natural)
     options = "".join(f'<option value="{escape(scene)}">{escape(scene)}</option>' for scene in scenes)
     boxes = "".join(f'<label><input type="checkbox" checked value="{escape(name)}">'
@@ -260,8 +285,8 @@ def key(words):
                   for name, shape in shapes.items()]
     if "precision" in words:
         items += ["— float32", "··· float64"]
-    if "drawn" in words:
-        items += ["— alone", "- - drawn meanwhile"]
+    if "handed_over" in words:
+        items += [swatch(shape, "var(--soft)") + how for how, shape in figures.HANDED_OVER.items()]
     if "region" in words:
         items += [swatch("square", f"var(--{name})") + f"{name[0]}: {name}" for name in reading.REGIONS]
     return f'<ul class="key">{"".join(f"<li>{item}</li>" for item in items)}</ul>' if items else ""
@@ -274,8 +299,9 @@ def figure_section(figure):
     captions = "<br>".join(escape(f"{origin} ({', '.join(names)})") for origin, names in files.items())
     panels = "".join(f'<figure><h3>{escape(panel.heading)}</h3><div class="chart" id="{figure.name}-{index}"></div>'
                      "</figure>" for index, panel in enumerate(figure.panels))
+    finding = f'<p class="finding">{escape(figure.detail)}</p>' if figure.detail else ""
     return (f'<section data-figure="{figure.name}"><h2>{escape(figure.title)}</h2>'
-            f'<p class="note">{escape(figure.note)}</p>{key(figure.legend)}<div class="panels">{panels}</div><p class="empty" hidden>Nothing here matches the '
+            f'{finding}<p class="note">{escape(figure.note)}</p>{key(figure.legend)}<div class="panels">{panels}</div><p class="empty" hidden>Nothing here matches the '
             f'filters.</p><p class="caption">{captions}</p><details data-figure="{figure.name}"><summary>The numbers '
             f'behind it: {len(figure.rows)} rows</summary><div class="scroll" tabindex="0" role="region" '
             f'aria-label="Rows of {escape(figure.title)}"></div></details></section>')
@@ -329,8 +355,10 @@ def pictures_section(pictures, left_out):
     note = (f"Runs of the machine that made this page, in the formulation and precision that were the fastest on the "
             f"dataset, drawn by {renderers}. The error is each particle's distance from where float64 has it after the same "
             "steps, in the dataset's unit of length, on a logarithmic scale." if pictures else "")
-    without = "".join(f'<p class="caption">Without a picture: {escape(figures.listed(scenes))} ({escape(reason)}).</p>'
-                      for scenes, reason in left_out)
+    reasons = "; ".join(f"{figures.listed(scenes)} ({reason})" for scenes, reason in left_out)
+    without = f'<p class="caption">Without a picture: {escape(reasons)}.</p>' if left_out else ""
+    if not pictures:
+        return f'<section id="pictures"><h2>The datasets</h2>{without}</section>'
     return (f'<section id="pictures"><h2>{escape(title)}</h2><p class="note">{escape(note)}</p>{"".join(rows)}{without}'
             "</section>")
 

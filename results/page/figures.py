@@ -47,13 +47,24 @@ class Panel:
 @dataclass
 class Figure:
     name: str
-    title: str
+    findings: list  # of (machine, a line, more of it or nothing)
     note: str
     columns: list  # of (key, label, digits or None for text)
     rows: list
     panels: list
     results: list
     legend: str = "backend"
+
+    @property
+    def title(self):
+        """One line: what was found on the machine that comes first."""
+        return sentence(self.findings[0][1])
+
+    @property
+    def detail(self):
+        """All of it, machine by machine."""
+        told = [(machine, more or line) for machine, line, more in self.findings]
+        return by_machine(told) + "." if len(told) > 1 or self.findings[0][2] else ""
 
 
 def engineering(value, unit):
@@ -94,7 +105,8 @@ def between(values, text):
 
 
 def sentence(text):
-    return text[:1].upper() + text[1:]
+    """With a capital, unless it begins with the name of a backend."""
+    return text if "_" in text.split(" ")[0] else text[:1].upper() + text[1:]
 
 
 def by_machine(findings):
@@ -141,11 +153,118 @@ def as_fast(best, group):
         key=lambda row: row["microseconds"])
 
 
+@dataclass
+class Outcome:
+    """What was measured on a dataset of a machine."""
+
+    best: dict
+    group: list  # every strategy that was measured there
+    equals: list  # backends that repetitions do not tell from the fastest, each at its best
+    absent: list  # backends that win smaller and larger datasets, and neither were measured here nor refuse this one
+
+    @property
+    def won(self):
+        return not self.equals and not self.absent
+
+
+def outcomes(results, rows):
+    """By machine the outcome of each dataset, small ones first; the machine with most datasets first."""
+    tried = {(result.machine, row["scene"], row["backend"]) for result in results
+             for name in ("skipped", "failed") for row in result.lists[name]}
+    found = {}
+    rows = reading.strategies([row for row in rows if not row["edits"]])
+    tried |= {(row["machine"], row["scene"], row["backend"]) for row in rows}
+    for (machine, _), group in groups(rows, "machine", "scene").items():
+        best = fastest(group)
+        found.setdefault(machine, []).append(Outcome(best, group, as_fast(best, group), []))
+    for machine, entries in found.items():
+        entries.sort(key=lambda entry: (entry.best["particles"], reading.natural(entry.best["scene"])))
+        for place, entry in enumerate(entries):
+            winners = [{other.best["backend"] for other in side if not other.equals} for side in (entries[:place], entries[place + 1:])]
+            entry.absent = [name for name in backend_order(set.intersection(*winners))
+                            if (machine, entry.best["scene"], name) not in tried]
+    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
+
+
+# What a headline names no more of.
+FEW = 3
+
+
+def ladder(entries):
+    """Up to which size which backend wins the sizes of one dataset, (dataset, [(backends, on chip, particles)]): of that with
+    most of them, if each backend wins sizes that lie beside each other. Backends whose state stays on the chip count as one."""
+    families = groups([entry.best | {"family_name": entry.best["scene"].split("@")[0]} for entry in entries if entry.won], "family_name")
+    (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
+    steps = []
+    for row in rows:
+        on_chip = row["operation_rate"] is not None and row["operations_a_byte"] is None
+        if steps and (row["backend"] in steps[-1][0] or on_chip and steps[-1][1]):
+            steps[-1] = (list(dict.fromkeys([*steps[-1][0], row["backend"]])), on_chip, row["particles"])
+        else:
+            steps.append(([row["backend"]], on_chip, row["particles"]))
+    names = [name for backends, _, _ in steps for name in backends]
+    return (family, steps) if len(rows) > FEW and 1 < len(steps) <= FEW and len(set(names)) == len(names) else None
+
+
+# Whole names, however long.
+LABEL_AXIS = alt.Axis(labelLimit=320, grid=True)
+
+
 def labelled(rows):
     """With what tells the rows of a figure apart, beyond what they all share."""
     common = len({row["formulation"] for row in rows}) == 1
     words = [row["contender"].split(" ") for row in rows]
     return [{**row, "label": " ".join(own[:1] + own[2:] if common else own)} for row, own in zip(rows, words)]
+
+
+def spread_out(places, gap):
+    """The places, ascending, that lie nearest to these and at least `gap` apart."""
+    blocks = []  # of [sum of places less their shifts, how many]
+    for index, place in enumerate(places):
+        blocks.append([place - index * gap, 1])
+        while len(blocks) > 1 and blocks[-2][0] / blocks[-2][1] > blocks[-1][0] / blocks[-1][1]:
+            total, count = blocks.pop()
+            blocks[-1][0] += total
+            blocks[-1][1] += count
+    shifted = [total / count for total, count in blocks for _ in range(count)]
+    return [place + index * gap for index, place in enumerate(shifted)]
+
+
+LABEL_SIZE = 10
+
+
+def with_end_labels(rows, line, x, y, height):
+    """The rows, of which the last of each line says as well what the line is (`end_label`) and where that can be read beside the
+    others (`label_at`), in a chart of this height."""
+    values = [row[y] for row in rows]
+    log = scale(values).type == "log"
+    def forth(value):
+        return math.log(value) if log else value
+    low, high = forth(min(values)), forth(max(values))
+    unit = (high - low) / height or 1
+    ends = [max(group, key=lambda row: row[x]) for group in groups(rows, line).values()]
+    places = {}
+    for _, beside in groups(ends, x).items():
+        beside = sorted(beside, key=lambda row: row[y])
+        for row, place in zip(beside, spread_out([forth(row[y]) for row in beside], (LABEL_SIZE + 1) * unit)):
+            places[id(row)] = math.exp(place) if log else place
+    return [{**row, "end_label": row[line] if id(row) in places else None, "label_at": places.get(id(row))} for row in rows]
+
+
+def exact_scale(values):
+    """That of with_end_labels(), which ends where the values do."""
+    kind = scale(values).type
+    return alt.Scale(type=kind, domain=[min(values), max(values)], nice=False, zero=alt.Undefined if kind == "log" else False)
+
+
+def end_labels(x, y):
+    """Layers that write `end_label` to the right of a line's end."""
+    ends = source().transform_filter("isValid(datum.label_at)")
+    leader = ends.mark_rule(strokeWidth=0.7, color="var(--soft)", xOffset=5, x2Offset=14).encode(
+        x=f"{x}:Q", x2=f"{x}:Q", y=f"{y}:Q", y2="label_at:Q")
+    text = ends.mark_text(align="left", dx=16, fontSize=LABEL_SIZE, color="var(--ink)").encode(
+        x=f"{x}:Q", y="label_at:Q", text="end_label:N")
+    return [leader, text]
 
 
 def scale(values, **options):
@@ -219,17 +338,19 @@ def datasets(charts, results, rows):
     best = [fastest(group) for group in groups(reading.strategies(rows), "machine", "scene", "backend").values()]
     if not best:
         return None
-    wins = {}
-    for group in groups(best, "machine", "scene").values():
-        row = fastest(group)
-        wins.setdefault(row["machine"], []).append("" if as_fast(row, group) else row["backend"])
     findings = []
-    for machine, winners in wins.items():
-        ordered = sorted({*winners} - {""}, key=lambda name: (-winners.count(name), name))
-        text = f"{listed(f'{name} wins {winners.count(name)}' for name in ordered) or 'no backend wins any'} of {len(winners)} datasets"
-        if untold := winners.count(""):
-            text += f", and on {untold} the fastest cannot be told"
-        findings.append((machine, text))
+    for machine, entries in outcomes(results, rows).items():
+        winners = collections.Counter(entry.best["backend"] for entry in entries if entry.won)
+        ordered = sorted(winners, key=lambda name: (-winners[name], name))
+        shares = [f"{name} wins {winners[name]}" for name in ordered]
+        line = listed(shares[:FEW]) or "no backend wins any"
+        more = listed(shares) or "no backend wins any"
+        of = f" of {len(entries)} datasets"
+        if untold := sum(bool(entry.equals) for entry in entries):
+            more += f"; on {untold} the fastest cannot be told"
+        if absent := [entry.best["scene"] for entry in entries if entry.absent and not entry.equals]:
+            more += f"; nobody wins {listed(absent)}, where what wins smaller and larger ones was not measured"
+        findings.append((machine, line + of, f"of {len(entries)} datasets {more}"))
     panels = []
     for machine in distinct(best, "machine"):
         of_machine = [row for row in best if row["machine"] == machine]
@@ -242,9 +363,10 @@ def datasets(charts, results, rows):
         alternative = (f"Dot plot for {machine}: time a step in microseconds of the best row of each of "
                        f"{len(distinct(of_machine, 'backend'))} backends on {len(order)} datasets.")
         panels.append(charts.panel(machine, {"machine": machine}, points, alternative, step=("scene", 30)))
-    return Figure("datasets", by_machine(findings), "Median time a step of each backend with its fastest "
+    return Figure("datasets", findings, "Median time a step of each backend with its fastest "
                   "formulation and tuning, in the latest file that has it. Farther left is faster. A dataset is won where "
-                  "repetitions tell the fastest from every other backend: by more than 5%, and by more than thrice their spread.",
+                  "repetitions tell the fastest from every other backend: by more than 5%, and by more than thrice their spread; and where "
+                  "every backend was measured, or refuses it, that wins a smaller and a larger dataset.",
                   STEP, best, panels,
                   used(results, having="benchmarks"))
 
@@ -253,12 +375,13 @@ def figure7(charts, results, rows):
     rows = labelled(reading.latest([row for row in rows if row["study"] == "figure7"], "machine", "scene", "contender"))
     if not rows:
         return None
-    findings, panels = [], []
+    findings, leaders, panels = [], {}, []
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         group = sorted(group, key=lambda row: row["microseconds"])
         first, last = group[0], group[-1]
-        findings.append(f"on {scene} {first['label']} leads with {time_text(first['microseconds'])} a step, "
-                        f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}")
+        leaders.setdefault(machine, {}).setdefault(first["backend"], []).append(scene)
+        findings.append((machine, f"{first['label']} leads on {scene} with {time_text(first['microseconds'])} a step, "
+                         f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}"))
         y = alt.Y("label:N", sort=alt.EncodingSortField("microseconds", op="min"), title=None,
                   axis=alt.Axis(labels=False, ticks=False, domain=False, grid=False))
         x = alt.X("microseconds:Q", title="time a step (µs)", scale=alt.Scale(zero=True))
@@ -272,39 +395,48 @@ def figure7(charts, results, rows):
                        f"{time_text(last['microseconds'])}.")
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
                                    alt.layer(bars, spread, names), alternative, step=("label", 36)))
-    return Figure("figure7", sentence("; ".join(findings)), "The paper's Figure 7 with today's bars: the median time a "
-                  "step of every strategy through each of its fetch paths; the line across a bar's end spans the "
-                  "repetitions.", STEP, rows, panels, used(results, "figure7"))
+    findings = [(machine, listed(f"{name} leads on {listed(scenes)}" for name, scenes in of_machine.items()),
+                 "; ".join(text for where, text in findings if where == machine)) for machine, of_machine in leaders.items()]
+    return Figure("figure7", findings, "The paper's Figure 7 with today's bars, those of Vulkan and OpenGL's compute shaders beside "
+                  "CUDA's: the median time a step of every strategy through each of its fetch paths; the line across a bar's end spans "
+                  "the repetitions.", STEP, rows, panels, used(results, "figure7"))
+
+
+FIGURE8_HEIGHT = 480
 
 
 def figure8(charts, results, rows):
     rows = labelled(reading.latest([row for row in rows if row["study"] == "figure8"], "machine", "scene", "contender"))
     if not rows:
         return None
-    findings, panels = [], []
+    findings, panels, ended = [], [], []
     for (machine,), group in groups(rows, "machine").items():
         sizes = sorted({row["particles"] for row in group})
         ends = []
         for size in (sizes[0], sizes[-1]):
             ends.append(fastest(row for row in group if row["particles"] == size))
         small, large = ends
-        findings.append((machine, f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with "
-                         f"{time_text(large['microseconds'])} a step; {sizes[-1] / sizes[0]:.0f} times fewer take "
+        text = (f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with "
+                f"{time_text(large['microseconds'])} a step")
+        findings.append((machine, text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "
                          f"{large['microseconds'] / small['microseconds']:.0f} times less, "
                          f"{time_text(small['microseconds'])} with {small['label']}"))
+        ended += with_end_labels(group, "label", "particles", "microseconds", FIGURE8_HEIGHT)
+        times = [row["microseconds"] for row in group]
         lines = source().encode(
             x=alt.X("particles:Q", title="particles", scale=scale(sizes), axis=alt.Axis(format="~s")),
-            y=alt.Y("microseconds:Q", title="time a step (µs)", scale=scale([row["microseconds"] for row in group])),
+            y=alt.Y("microseconds:Q", title="time a step (µs)", scale=exact_scale(times)),
             color=charts.colour(), detail="label:N")
         chart = alt.layer(lines.mark_line(strokeWidth=1.6),
                           lines.mark_point(filled=True, size=45).encode(shape=charts.family_shape(),
-                                                                       tooltip=charts.tooltip(STEP)))
+                                                                       tooltip=charts.tooltip(STEP)),
+                          *end_labels("particles", "microseconds"))
         alternative = (f"Lines for {machine}: time a step of {len(distinct(group, 'label'))} strategies over "
                        f"{len(sizes)} box sizes from {sizes[0]} to {sizes[-1]} particles, both logarithmic.")
-        panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, 420))
-    return Figure("figure8", by_machine(findings), "The paper's Figure 8: time a step against the size of a full "
+        panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, FIGURE8_HEIGHT))
+    return Figure("figure8", findings, "The paper's Figure 8: time a step against the size of a full "
                   "box. Where a line is flat the device is not full; where it rises by a decade a decade, time is "
-                  "proportional to size.", STEP, rows, panels, used(results, "figure8"))
+                  "proportional to size.", STEP, ended, panels, used(results, "figure8"))
 
 
 def fastest_within(rows, target):
@@ -344,10 +476,10 @@ def front(charts, results, runs):
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
                                    alt.layer(steps, points), alternative, 340))
     most = statistics.mode(on_front) if on_front else ""
-    title = f"the Pareto fronts are {percent(on_front.count(most) / len(on_front))} {most}" if most else ""
-    if costs:
-        title += f"; an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4"
-    return Figure("front", sentence(title), "Every run as a point: the time it takes to the end of the scene against its "
+    title = f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else "no run is on a Pareto front"
+    cost = f"an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4" if costs else ""
+    findings = [(listed(distinct(runs, "machine")), cost or title, f"{cost}; {title}" if cost else "")]
+    return Figure("front", findings, "Every run as a point: the time it takes to the end of the scene against its "
                   "total error there, of rounding and time step together. Strong points are on the front of their device: "
                   "nothing there is both faster and at least as exact. The line joins them.", RUN, runs, panels,
                   used(results, having="pareto"), legend="backend formulation")
@@ -377,9 +509,12 @@ def curves(charts, results, runs):
         else:
             ends = dict.fromkeys(step(fraction) for fraction in (max(fractions), min(fractions)))
             grows.append(f"{formulation} at {' to '.join(ends)}")
-    title = f"In float32 errors are least with {listed(grows)} of the stable step" if grows else ""
+    title = f"in float32 errors are least with {listed(grows)} of the stable step" if grows else ""
     if pays:
-        title += ("; " if title else "In float32 ") + f"{listed(pays)} gain{'s' * (len(pays) == 1)} down to {step(finest)}"
+        title += ("; " if title else "in float32 ") + f"{listed(pays)} gain{'s' * (len(pays) == 1)} down to {step(finest)}"
+    line = (f"finer steps pay off in float32 for {listed(pays)} alone, down to {step(finest)}" if pays and grows else
+            f"finer steps pay off in float32 down to {step(finest)}" if pays else "finer steps do not always pay off in float32")
+    findings = [(listed(distinct(runs, "machine")), line, title)]
     panels = []
     for (machine, scene), group in groups(runs, "machine", "scene").items():
         fractions = sorted({row["fraction"] for row in group})
@@ -401,7 +536,7 @@ def curves(charts, results, runs):
                        f"{step(min(fractions))} of the stable one, a line for each formulation and precision.")
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
                                    alt.layer(lines, points), alternative, 320))
-    return Figure("curves", title, "Total error against the time step, the median over backends, which round alike: solid "
+    return Figure("curves", findings, "Total error against the time step, the median over backends, which round alike: solid "
                   "float32, dotted float64. A line falls with the square of the step as long as the step is what costs, and "
                   "turns up where rounding takes over.", RUN, runs, panels, used(results, having="pareto"),
                   legend="formulation precision")
@@ -429,7 +564,8 @@ def stability_map(charts, results):
                                      default=0)
             least, most = min(reach), max(reach.values())
             enough = min(damping for damping in reach if reach[damping] == most)
-            findings.append((result.machine, f"a random start of ±{row['amplitude']:g} spacings stays bounded up to "
+            findings.append((result.machine, f"damping {enough:g} keeps a random start bounded up to {most:g} of the limit",
+                             f"a random start of ±{row['amplitude']:g} spacings stays bounded up to "
                              f"{reach[least]:g} of the limit at damping {least:g}, and up to {most:g} at {enough:g}"))
             base = source().encode(
                 x=alt.X("fraction:O", title="time step / limit at that damping",
@@ -447,7 +583,7 @@ def stability_map(charts, results):
                                        alt.layer(cells_of, letters), alternative, step=("damping", 24)))
     if not rows:
         return None
-    return Figure("map", by_machine(findings), "What becomes of a large random start: it stays "
+    return Figure("map", findings, "What becomes of a large random start: it stays "
                   "bounded, heats up (more than 1.1 times the energy of the start) or diverges.", MAP, rows, panels,
                   used(results, having="stability_map"), legend="region")
 
@@ -471,10 +607,9 @@ def stability(charts, results):
     rows = reading.latest(rows, "machine", "scene", "contender", "kind")
     small = [abs(row["ratio"] - 1) for row in rows if row["held"]]
     lowest = min(rows, key=lambda row: row["ratio"])
-    findings = []
-    if small:
-        findings.append(f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%")
-    findings.append(f"a start of {lowest['start']} spacings ends at {lowest['ratio']:.2f} of it")
+    ends = f"a start of {lowest['start']} spacings ends at {lowest['ratio']:.2f} of it"
+    line = f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%" if small else ""
+    findings = [(listed(distinct(rows, "machine")), line or ends.replace(" of it", " of the limit of theory"), f"{line}; {ends}" if line else "")]
     panels = []
     for (machine,), group in groups(rows, "machine").items():
         chart = source().mark_point(filled=True, size=40, opacity=0.75).encode(
@@ -486,7 +621,7 @@ def stability(charts, results):
         alternative = (f"Dot plot for {machine}: measured over theoretical limit of the time step, {len(group)} rows by "
                        f"{len(distinct(group, 'kind'))} starts.")
         panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, step=("kind", 44)))
-    return Figure("stability", sentence("; ".join(findings)), "The largest stable time step, found by trying, over the one "
+    return Figure("stability", findings, "The largest stable time step, found by trying, over the one "
                   "that theory gives for small displacements. A point is a backend, formulation and dataset.", RATIO, rows,
                   panels, used(results, having="stability"))
 
@@ -502,8 +637,8 @@ def roofline(charts, results, rows):
         middle = statistics.median(row["of_limit"] for row in group)
         bound = statistics.mode(row["limited_by"] for row in group)
         share = sum(row["limited_by"] == bound for row in group) / len(group)
-        findings.append((machine, f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on "
-                         f"{best['scene']}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of "
+        text = f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on {best['scene']}"
+        findings.append((machine, text, f"{text}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of "
                          "them"))
         ends = {key: (min(row[key] for row in group), max(row[key] for row in group))
                 for key in ("limit_microseconds", "microseconds")}
@@ -527,7 +662,7 @@ def roofline(charts, results, rows):
         alternative = (f"Scatter plot for {machine}: least time a step by the device's measured limits against the "
                        f"measured time, {len(group)} rows, both logarithmic, with lines at the limit and ten times it.")
         panels.append(charts.panel(machine, {"machine": machine}, alt.layer(*lines, points), alternative, 420))
-    return Figure("roofline", by_machine(findings), "What the bytes, operations and launches of a step take at least "
+    return Figure("roofline", findings, "What the bytes, operations and launches of a step take at least "
                   "at the rates that the device reached in the same run, against the time it took. A point on the line "
                   "loses nothing; one below it shows that its limit is wrong, as limits of older files are for steps that "
                   "leave out tiles at rest or lie in a cache.", STEP, rows, panels, used(results, having="benchmarks"))
@@ -538,6 +673,8 @@ INTENSITY = [*STEP[:4], ("operations_a_byte", "operations a byte", 4), ("operati
 # The datasets of a panel each: one that lies in a card's cache, and one far beyond it.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
+# How far right of the last roof's bend the strategies stand that move no bytes.
+ON_CHIP = 1.9
 
 
 def roof_name(at, text, **style):
@@ -545,29 +682,42 @@ def roof_name(at, text, **style):
         x="x:Q", y="y:Q", text="text:N")
 
 
+def on_chip_strip(edge):
+    """Beyond the roofs, where no number of operations a byte stands."""
+    ends = {"x": edge * ON_CHIP**0.5, "x2": edge * ON_CHIP**1.5}
+    strip = alt.Chart(alt.InlineData(values=[ends])).mark_rect(color="var(--raised)").encode(x="x:Q", x2="x2:Q")
+    name = alt.Chart(alt.InlineData(values=[{"x": edge * ON_CHIP, "text": "on chip"}])).mark_text(
+        color="var(--soft)", baseline="bottom", dy=-4).encode(x="x:Q", y=alt.value("height"), text="text:N")
+    return [strip, name]
+
+
 def intensity(charts, results, rows):
     rows = [row for row in reading.strategies(rows)
-            if row["scene"] in INTENSITY_SCENES and row["precision"] == "float32" and row["operations_a_byte"]]
+            if row["scene"] in INTENSITY_SCENES and row["precision"] == "float32" and row["operation_rate"]]
     if not rows:
         return None
     limits = {result.machine: result.limits for result in results if result.limits}
-    found, panels = {}, []
+    found, panels, placed = {}, [], []
     for (machine, scene), group in groups(sorted(rows, key=lambda row: reading.natural(row["scene"])), "machine",
                                           "scene").items():
         best = max(group, key=lambda row: row["operation_rate"])
-        found.setdefault(machine, []).append(
-            f"{best['backend']} computes most on {scene}, {engineering(best['operation_rate'] * 1e9, 'op/s')} at "
-            f"{best['operations_a_byte']:.2g} operations a byte")
-        ends = [end(row["operations_a_byte"] for row in group) for end in (min, max)]
+        where = (f"at {best['operations_a_byte']:.2g} operations a byte" if best["operations_a_byte"] else "on the chip")
+        found.setdefault(machine, []).append((best, where))
+        known = [row["operations_a_byte"] for row in group if row["operations_a_byte"]] or [1.0]
+        roofs = reading.rooflines(limits.get(machine, {}), group)
+        # From the left of all rows and of where the roofs meet to the right of both.
+        bends = [operations / rate for bandwidths, operations in roofs.values() for rate in bandwidths.values()]
+        start, edge = min([*known, *bends]) / 2, 2 * max([*known, *bends])
+        placed += [{**row, "place": row["operations_a_byte"] or edge * ON_CHIP} for row in group]
+        still = any(not row["operations_a_byte"] for row in group)
+        x = alt.X("place:Q", title="operations a byte", axis=alt.Axis(labelExpr=f"datum.value > {edge} ? '' : datum.label"),
+                  scale=alt.Scale(type="log", nice=False, domain=[start, edge * ON_CHIP**1.5 if still else edge]))
         points = source().mark_point(filled=True, size=50, opacity=0.85).encode(
-            x=alt.X("operations_a_byte:Q", title="operations a byte", scale=alt.Scale(type="log", nice=False)),
-            y=alt.Y("operation_rate:Q", title="operations a second (Gop/s)", scale=alt.Scale(type="log", nice=False)),
+            x=x, y=alt.Y("operation_rate:Q", title="operations a second (Gop/s)", scale=alt.Scale(type="log", nice=False)),
             color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(INTENSITY))
-        lines = []
-        for family, (bandwidths, operations) in reading.rooflines(limits.get(machine, {}), group).items():
-            # From the left end of the chart, and beyond its right one to where the roofs meet.
-            bends = [operations / rate for rate in bandwidths.values()]
-            at = sorted({ends[0] / 2, *bends, 2 * max(ends[1], *bends)})
+        lines = on_chip_strip(edge) if still else []
+        for family, (bandwidths, operations) in roofs.items():
+            at = sorted({start, *(operations / rate for rate in bandwidths.values()), edge})
             for name, rate in bandwidths.items():
                 values = [{"x": x, "y": 1e-9 * min(operations, rate * x)} for x in at]
                 lines.append(alt.Chart(alt.InlineData(values=values)).mark_line(
@@ -581,11 +731,14 @@ def intensity(charts, results, rows):
                        f"{len(group)} rows below the roofs of memory, cache and arithmetic.")
         panels.append(charts.panel(f"{machine}, {scene}", {"machine": machine, "scene": scene}, alt.layer(*lines, points),
                                    alternative, 420))
-    findings = [(machine, listed(texts)) for machine, texts in found.items()]
-    return Figure("intensity", by_machine(findings), "What a step computes for each byte that it has to move, and how much it "
-                  "computes in a second, below the measured roofs of memory, cache and arithmetic. A strategy without traffic, "
-                  "which keeps the body in registers, has no place here; nor has a row that leaves out tiles at rest.",
-                  INTENSITY, rows, panels, used(results, having="benchmarks"))
+    findings = []
+    for machine, bests in found.items():
+        told = [f"{best['backend']} computes most on {best['scene']}, {engineering(best['operation_rate'] * 1e9, 'op/s')}" for best, _ in bests]
+        findings.append((machine, told[-1], listed(f"{text} {where}" for text, (_, where) in zip(told, bests))))
+    return Figure("intensity", findings, "What a step computes for each byte that it has to move, and how much it "
+                  "computes in a second, below the measured roofs of memory, cache and arithmetic. A strategy whose state stays on the "
+                  "chip moves no bytes and stands beside the roofs. A row that leaves out tiles at rest has no place here.",
+                  INTENSITY, placed, panels, used(results, having="benchmarks"))
 
 
 EDIT = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
@@ -594,39 +747,131 @@ EDIT = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "b
         ("base", "a step without (µs)", 4), ("study", "study", None), ("commit", "commit", None)]
 
 
+EDITS_HEIGHT = 300
+
+
+def edit_panels(charts, machine, formulation, steps, group):
+    """(rows, panel) of each quantity: over the count of edits where there are several, otherwise a row a strategy."""
+    group, counts = labelled(group), sorted({row["edits"] for row in group})
+    for key, heading, title in (("slower", "slow-down", "slower by (%)"),
+                                ("edit_microseconds", "latency of an edit", "an edit by itself (µs)")):
+        # Each quantity labels lines of its own.
+        rows = [{**row, "quantity": key} for row in group if row[key] is not None]
+        if not rows:
+            continue
+        values = [row[key] for row in rows]
+        match = {"machine": machine, "formulation": formulation, "steps": steps, "quantity": key}
+        name = f"{sentence(heading)}, {formulation}, {machine}"
+        if len(counts) == 1:
+            chart = source().mark_point(filled=True, size=45).encode(
+                x=alt.X(f"{key}:Q", title=f"{title}, {counts[0]} edits in {steps} steps", scale=scale(values)),
+                y=alt.Y("label:N", title=None, sort=alt.EncodingSortField(key, op="min"), axis=LABEL_AXIS),
+                color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(EDIT))
+            form = {"step": ("label", 18)}
+        else:
+            rows = with_end_labels(rows, "label", "edits", key, EDITS_HEIGHT)
+            lines = source().encode(
+                x=alt.X("edits:Q", title=f"edits in {steps} steps", scale=scale(counts), axis=alt.Axis(values=counts)),
+                y=alt.Y(f"{key}:Q", title=title, scale=exact_scale(values)), color=charts.colour(), detail="label:N")
+            chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_point(filled=True, size=45).encode(
+                shape=charts.family_shape(), tooltip=charts.tooltip(EDIT)), *end_labels("edits", key))
+            form = {"height": EDITS_HEIGHT}
+        alternative = (f"{sentence(heading)} for {machine}, {formulation}, over {listed(map(str, counts))} edits in {steps} steps for "
+                       f"{len(distinct(group, 'backend'))} backends.")
+        yield rows, charts.panel(name, match, chart, alternative, **form)
+
+
 def edits(charts, results, rows):
     rows = [row for row in reading.strategies(rows) if row["edits"] and row["without_edits"]]
     if not rows:
         return None
-    rows = [{**row, "base": row["without_edits"] * 1e6,
+    rows = [{**row, "base": row["without_edits"] * 1e6, "end_label": None, "label_at": None,
              "slower": 100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1)} for row in rows]
+    findings, panels, drawn = [], [], []
+    for (machine,), of_machine in groups(rows, "machine").items():
+        told = []
+        # Edits are dear or cheap beside the steps between them: each number of steps by itself, that with most rows first.
+        for (steps,), group in sorted(groups(of_machine, "steps").items(), key=lambda item: -len(item[1])):
+            middles = [(count, f"{statistics.median(row['slower'] for row in of_count):.2g}{SPACE}%")
+                       for (count,), of_count in sorted(groups(group, "edits").items())]
+            several = f"{middles[-1][0]} edit{'s' * (middles[-1][0] != 1)} slow {steps} steps down by {middles[-1][1]}"
+            told.append((f"{several} in the median of {len(distinct(group, 'contender'))} strategies",
+                         f"{steps} steps by " + ", ".join(f"{text} ({count} edit{'s' * (count != 1)})" for count, text in middles)))
+            for formulation in distinct(group, "formulation"):
+                of_formulation = [row for row in group if row["formulation"] == formulation]
+                for its_rows, panel in edit_panels(charts, machine, formulation, steps, of_formulation):
+                    drawn += its_rows
+                    panels.append(panel)
+        findings.append((machine, told[0][0], "edits slow, in the median of all strategies, " + listed(text for _, text in told)))
+    files = [result for result in results if any(row.get("edits") for row in result.lists["benchmarks"])]
+    return Figure("edits", findings, "Steps with cuts and sutures between them against the same steps "
+                  "without; and one edit by itself, from a device that waits to one that waits again.", EDIT, drawn, panels,
+                  files)
+
+
+OVERHEAD = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
+            ("handed_over", "steps handed over", None), ("steps", "steps", 6), ("microseconds", "time a step (µs)", 4),
+            ("host", "the host's calls (µs a step)", 4)]
+HANDED_OVER = {"at once": "circle", "one by one": "diamond"}
+
+
+def overhead(charts, results):
+    rows = reading.latest(reading.overhead(results), "machine", "scene", "contender", "handed_over")
+    if not rows:
+        return None
+    rows = labelled(rows)
     findings, panels = [], []
     for (machine,), group in groups(rows, "machine").items():
-        middles = [f"{count} by {statistics.median(row['slower'] for row in of_count):.2g}{SPACE}%"
-                   for (count,), of_count in sorted(groups(group, "edits").items())]
-        findings.append((machine, f"edits slow {group[0]['steps']} steps down by these medians: " + ", ".join(middles)))
-        for formulation in distinct(group, "formulation"):
-            of_formulation = [row for row in group if row["formulation"] == formulation]
-            counts = sorted({row["edits"] for row in of_formulation})
-            for key, heading, title in (("slower", "slow-down", "slower by (%)"),
-                                        ("edit_microseconds", "latency of an edit", "an edit by itself (µs)")):
-                values = [row[key] for row in of_formulation if row[key] is not None]
-                if not values:
-                    continue
-                lines = source().encode(
-                    x=alt.X("edits:Q", title=f"edits in {group[0]['steps']} steps", scale=scale(counts),
-                            axis=alt.Axis(values=counts)),
-                    y=alt.Y(f"{key}:Q", title=title, scale=scale(values)), color=charts.colour(), detail="contender:N")
-                chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_point(filled=True, size=45).encode(
-                    shape=charts.family_shape(), tooltip=charts.tooltip(EDIT)))
-                alternative = (f"Lines for {machine}, {formulation}: {heading} over {len(counts)} counts of edits for "
-                               f"{len(distinct(of_formulation, 'backend'))} backends.")
-                panels.append(charts.panel(f"{sentence(heading)}, {formulation}, {machine}",
-                                           {"machine": machine, "formulation": formulation}, chart, alternative, 300))
-    files = [result for result in results if any(row.get("edits") for row in result.lists["benchmarks"])]
-    return Figure("edits", by_machine(findings), "Steps with cuts and sutures between them against the same steps "
-                  "without; and one edit by itself, from a device that waits to one that waits again.", EDIT, rows, panels,
-                  files)
+        least = min(row["particles"] for row in group)
+        small = [fastest(row for row in group if row["particles"] == least and row["handed_over"] == how) for how in HANDED_OVER]
+        told = [(time_text(row["microseconds"]), row["handed_over"], row["label"]) for row in small if row]
+        line = f"a step of {least} particles takes at least "
+        findings.append((machine, line + listed(f"{time} {how}" for time, how, _ in told),
+                         line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told)))
+    for (machine, scene), group in groups(rows, "machine", "scene").items():
+        times = [row["microseconds"] for row in group]
+        marks = source().encode(
+            x=alt.X("microseconds:Q", title="time a step (µs)", scale=scale(times)),
+            y=alt.Y("label:N", title=None, sort=alt.EncodingSortField("microseconds", op="min"), axis=LABEL_AXIS), color=charts.colour())
+        points = marks.mark_point(filled=True, size=55).encode(
+            shape=charts.shape("handed_over", HANDED_OVER), tooltip=charts.tooltip(OVERHEAD))
+        alternative = (f"Dot plot for {scene} on {machine}: time a step of {len(distinct(group, 'label'))} strategies, handed over one by "
+                       "one and at once.")
+        heading = f"{scene}, {engineering(group[0]['particles'], 'particles')}, {machine}"
+        panels.append(charts.panel(heading, {"machine": machine, "scene": scene}, points, alternative, step=("label", 18)))
+    return Figure("overhead", findings, "What a step costs beside its work: the time a step of so small bodies that there is hardly "
+                  "any, from the first call until the last step is done; the shortest repetition.", OVERHEAD, rows, panels,
+                  used(results, having="overhead"), legend="backend handed_over")
+
+
+ENERGY = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
+          ("millijoules", "energy a step (mJ)", 4), ("springs_per_joule", "springs/J", 4), ("watts", "power (W)", 4),
+          ("idle_watts", "idle (W)", 4), ("microseconds", "time a step (µs)", 4), ("throttled", "clocks held down by", None),
+          ("meter", "counter", None)]
+
+
+def energy(charts, results):
+    rows = reading.latest(reading.energy(results), "machine", "scene", "contender")
+    if not rows:
+        return None
+    rows = labelled(rows)
+    findings, panels = [], []
+    for (machine,), group in groups(rows, "machine").items():
+        told = []
+        for (scene,), of_scene in sorted(groups(group, "scene").items(), key=lambda item: item[1][0]["particles"]):
+            least = min(of_scene, key=lambda row: row["millijoules"])
+            told.append(f"a step of {scene} takes {least['millijoules']:.3g}{SPACE}mJ with {least['label']}"
+                        + f", the least of {len(of_scene)} strategies" * (len(of_scene) > 1))
+        findings.append((machine, told[-1], "; ".join(told) if len(told) > 1 else ""))
+    for (machine, scene), group in groups(rows, "machine", "scene").items():
+        bars = source().mark_bar(height=11).encode(
+            x=alt.X("millijoules:Q", title="energy a step (mJ)", scale=alt.Scale(zero=True)),
+            y=alt.Y("label:N", title=None, sort=alt.EncodingSortField("millijoules", op="min"), axis=LABEL_AXIS),
+            color=charts.colour(), tooltip=charts.tooltip(ENERGY))
+        alternative = f"Bars for {scene} on {machine}: energy a step of {len(group)} strategies, in millijoules."
+        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene}, bars, alternative, step=("label", 24)))
+    return Figure("energy", findings, "What the device used, by its own counter, while it stepped the scene again and again for ten "
+                  "seconds, divided by the steps.", ENERGY, rows, panels, used(results, having="energy"))
 
 
 RANKS = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("scene", "scene", None),
@@ -652,7 +897,7 @@ def scaling(charts, results):
         told = [row for row in group if not row["noisy"]] or group
         most = max(row["ranks"] for row in told)
         reached = [row["efficiency"] for row in told if row["ranks"] == most]
-        findings.append((machine, f"{most} ranks have {between(reached, percent)} of the efficiency of one"))
+        findings.append((machine, f"{most} ranks have {between(reached, percent)} of the efficiency of one", ""))
     for (machine, compared), group in groups(rows, "machine", "compared").items():
         ranks = sorted(distinct(group, "ranks"))
         lines = source().encode(
@@ -666,7 +911,7 @@ def scaling(charts, results):
                        "dotted what the model predicts.")
         panels.append(charts.panel(f"{compared}, {group[0]['scaling']} scaling, {machine}",
                                    {"machine": machine, "compared": compared}, chart, alternative, 300))
-    return Figure("scaling", by_machine(findings), "Particles that a rank steps in a second, as a fraction of what one rank by "
+    return Figure("scaling", findings, "Particles that a rank steps in a second, as a fraction of what one rank by "
                   "itself steps: of one size (strong scaling), or of one that grows with the ranks (weak). Borders travel "
                   "through the memory of one process (triangles) or by MPI (squares), or from device to device: by copies (diamonds), "
                   "by stores of the sender (crosses) or by NCCL (triangles upside down). Where borders are stepped first and travel "
@@ -690,9 +935,8 @@ def scaling_forecast(charts, results):
         most = max(row["ranks"] for row in group)
         reached = [row["efficiency"] for row in group if row["ranks"] == most]
         finding = f"a model predicts {between(reached, percent)} of the efficiency of one for {most} ranks"
-        if halves:
-            finding += f", and half of it at {between(halves, lambda value: f'{value:.0f}')}"
-        findings.append((machine, finding))
+        half = f"{finding}, and half of it at {between(halves, lambda value: f'{value:.0f}')}" if halves else ""
+        findings.append((machine, finding, half))
     for (machine, compared), group in groups(rows, "machine", "compared").items():
         ranks = sorted(distinct(group, "ranks"))
         lines = source().encode(
@@ -705,7 +949,7 @@ def scaling_forecast(charts, results):
                        "Nothing of it was measured.")
         panels.append(charts.panel(f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}",
                                    {"machine": machine, "compared": compared}, chart, alternative, 300))
-    return Figure("forecast", by_machine(findings), "A prediction, not a measurement: the model of the figure above for more ranks than "
+    return Figure("forecast", findings, "A prediction, not a measurement: the model of the figure above for more ranks than "
                   "there were, each beside another by the same exchange, fitted to the largest number that was measured. Small: "
                   "slabs; large: bricks. Missing are numbers of ranks for which a part would be thinner than a layer of voxels.", FORECAST, rows, panels,
                   used(results, having="scaling"))
@@ -715,29 +959,6 @@ TICK = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "b
         ("hertz", "ticks a second", 6), ("edited", "edits", None), ("drawn", "drawn", None), ("pictures", "pictures a second", 3),
         ("median", "median (µs)", 4), ("p99", "p99 (µs)", 4), ("p999", "p99.9 (µs)", 4), ("worst", "worst (µs)", 4),
         ("missed", "missed", 6), ("ticks", "played", 6), ("steps_that_fit", "steps that fit", 6)]
-DRAWN_DASHES = {"no": [1, 0], "yes": [4, 3]}
-
-
-def outline(bins, floor):
-    """The points that a line, step after step, goes around a histogram by: edges in microseconds, and shares."""
-    points = []
-    for number, share in sorted(bins.items()):
-        if number - 1 not in bins:
-            # A hair before the bin, since a line's points are in the order of their edges.
-            points.append((reading.bin_begin(number) * 0.999, floor))
-        points.append((reading.bin_begin(number), share))
-        if number + 1 not in bins:
-            points.append((reading.bin_begin(number + 1), floor))
-    edges, shares = ([reading.significant(value, 4) for value in values] for values in zip(*points))
-    return edges, shares
-
-
-def share_at(bins, microseconds):
-    """The height of the outline there."""
-    below = [number for number in bins if reading.bin_begin(number) <= microseconds * (1 + 1e-9)]
-    return bins[max(below, default=min(bins))]
-
-
 def rate_text(hertz):
     return f"{hertz / 1e3:.3g}{SPACE}kHz" if hertz >= 1e3 else f"{hertz:.3g}{SPACE}Hz"
 
@@ -757,49 +978,53 @@ def latencies(charts, results):
     for (machine,), group in groups(rows, "machine").items():
         highest = max(row["hertz"] for row in group)
         plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no")]
-        text = []
+        line, more = f"{len(group)} rows are of edits or drawing alone", []
         if plain:
             first = min(plain, key=lambda row: row["p999"])
             within = sum(row["p999"] <= row["period"] for row in plain)
-            text.append(f"the force of 99.9{SPACE}% of the ticks at {rate_text(highest)} is there in time in {within} of {len(plain)} "
+            line = (f"99.9{SPACE}% of the forces at {rate_text(highest)} are there within {time_text(first['p999'])} with {first['backend']}")
+            more.append(f"the force of 99.9{SPACE}% of the ticks at {rate_text(highest)} is there in time in {within} of {len(plain)} "
                         f"rows, soonest with {first['contender']} on {first['scene']}: within {time_text(first['p999'])}")
         if costs := drawing_costs(group):
-            text.append(f"drawing costs {percent(max(0, statistics.median(costs)))} of the steps that fit into a tick at the median")
-        findings.append((machine, "; ".join(text) or f"{len(group)} rows are of edits or drawing alone"))
-    for (machine, scene, hertz, edited), group in groups(rows, "machine", "scene", "hertz", "edited").items():
-        floor = 0.5 / max(row["ticks"] for row in group)
+            more.append(f"drawing costs {percent(max(0, statistics.median(costs)))} of the steps that fit into a tick at the median")
+        findings.append((machine, line, "; ".join(more)))
+    for (machine, scene, hertz, edited), group in groups(labelled(rows), "machine", "scene", "hertz", "edited").items():
         for row in group:
-            edges, shares = outline(row["bins"], floor)
-            drawn_rows.append({**{key: row[key] for key in row if key != "bins"}, "edge": edges, "share": shares,
-                               "share_at_p999": share_at(row["bins"], row["p999"])})
+            edges = [(reading.bin_begin(number), reading.bin_begin(number + 1), share) for number, share in sorted(row["bins"].items())]
+            begins, ends, shares = ([reading.significant(value, 4) for value in values] for values in zip(*edges))
+            drawn_rows.append({**{key: row[key] for key in row if key != "bins"}, "begin": begins, "end": ends, "share": shares,
+                               "label": row["label"] + ", drawn" * (row["drawn"] == "yes")})
+        shown = drawn_rows[-len(group):]
         period = group[0]["period"]
-        ends = [reading.bin_begin(number + end) for row in group for number in row["bins"] for end in (0, 1)]
-        x = alt.X("edge:Q", title="from the tool's position to the force (µs)", axis=alt.Axis(format="~g"), scale=alt.Scale(
-            type="log", nice=False, domain=[min(ends) / 1.2, max(*ends, period) * 1.2]))
-        y = alt.Y("share:Q", title="share of the ticks in a bin", axis=alt.Axis(format="~e"),
-                  scale=alt.Scale(type="log", nice=False, domain=[floor, 1]))
-        lines = source().transform_flatten(["edge", "share"]).mark_line(
-            interpolate="step-after", strokeWidth=1.3, clip=True).encode(
-                x=x, y=y, color=charts.colour(), detail="contender:N", strokeDash=alt.StrokeDash("drawn:N", legend=None, scale=alt.Scale(
-                    domain=list(DRAWN_DASHES), range=list(DRAWN_DASHES.values()))))
-        marks = [source().transform_filter(f"datum.drawn == '{drawn}'").mark_point(filled=drawn == "no", size=60).encode(
-            x="p999:Q", y="share_at_p999:Q", color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(TICK))
-            for drawn in DRAWN_DASHES]
-        at_period = alt.Chart(alt.InlineData(values=[{"x": period, "y": 1, "text": "period"}]))
+        domain = [min(period, *(row["begin"][0] for row in shown)) / 1.2, max(period, *(row["end"][-1] for row in shown)) * 1.2]
+        x = alt.X("begin:Q", title="from the tool's position to the force (µs)", axis=alt.Axis(format="~g"),
+                  scale=alt.Scale(type="log", nice=False, domain=domain))
+        # In the order of medians, what is drawn below the same that is not.
+        by_median = {}
+        for row in sorted(shown, key=lambda row: row["median"]):
+            by_median.setdefault(row["contender"], []).append(row)
+        order = [row["label"] for rows_of in by_median.values() for row in sorted(rows_of, key=lambda row: row["drawn"])]
+        y = alt.Y("label:N", title=None, sort=order, axis=LABEL_AXIS)
+        floor = min(min(row["share"]) for row in shown)
+        bins = source().transform_flatten(["begin", "end", "share"]).mark_rect(height=11).encode(
+            x=x, x2="end:Q", y=y, color=charts.colour(), opacity=alt.Opacity("share:Q", legend=None, scale=alt.Scale(
+                type="log", domain=[floor, 1], range=[0.15, 1])))
+        marks = source().mark_point(filled=True, size=42, color="var(--ink)").encode(
+            x="p999:Q", y=y, shape=charts.family_shape(), tooltip=charts.tooltip(TICK))
+        at_period = alt.Chart(alt.InlineData(values=[{"x": period, "text": "period"}]))
         rule = at_period.mark_rule(color="var(--ink)", strokeDash=[4, 4]).encode(x="x:Q")
-        name = at_period.mark_text(align="right", dx=-4, dy=4, baseline="top", color="var(--soft)").encode(
-            x="x:Q", y="y:Q", text="text:N")
-        alternative = (f"Histograms for {scene} at {rate_text(hertz)} on {machine}: share of the ticks over their time for "
-                       f"{len(distinct(group, 'contender'))} strategies, both logarithmic, with a line at the period of a tick.")
+        name = at_period.mark_text(dy=-3, baseline="bottom", color="var(--soft)").encode(x="x:Q", y=alt.value(0), text="text:N")
+        alternative = (f"Histograms for {scene} at {rate_text(hertz)} on {machine}: a strip for each of {len(order)} rows, the darker "
+                       "the more ticks took that time, with a line at the period of a tick.")
         with_edits = ", with edits" if edited == "yes" else ""
         panels.append(charts.panel(f"{scene}, {rate_text(hertz)}{with_edits}, {machine}",
                                    {"machine": machine, "scene": scene, "hertz": hertz, "edited": edited},
-                                   alt.layer(lines, rule, name, *marks), alternative, 300))
-    return Figure("latency", by_machine(findings), "A tool's recorded motion in real time: how long a tick takes from the tool's "
-                  "position leaving the host to the force arriving there, in bins of a twentieth of a decade. Of the ticks left of "
-                  "the dashed line the force is there before the next one is due. Marks: 99.9% of the ticks are no later, filled "
-                  "where nothing is drawn. Edits are a cut or a suture ten times a second.", TICK, drawn_rows, panels,
-                  used(results, having="haptic"), legend="backend drawn")
+                                   alt.layer(bins, rule, name, marks), alternative, step=("label", 16)))
+    return Figure("latency", findings, "A tool's recorded motion in real time: how long a tick takes from the tool's "
+                  "position leaving the host to the force arriving there. A strip is a histogram in bins of a twentieth of a decade, the "
+                  "stronger the more ticks. Of those left of the dashed line the force is there before the next tick is due. Marks: 99.9% of "
+                  "the ticks are no later. Drawn: while the body is drawn. Edits are a cut or a suture ten times a second.",
+                  TICK, drawn_rows, panels, used(results, having="haptic"))
 
 
 HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
@@ -821,16 +1046,19 @@ def judged(first, last):
 
 
 def changes(rows, first, last):
-    """What became of the times between two files, in words: the largest change that is one, and how many cannot be told."""
+    """What became of the times between two files, in a line and in more words: the largest change that is one, and how many cannot
+    be told."""
     commits = f"from commit {first.short_commit} to {last.short_commit}"
     counts = collections.Counter(row["verdict"] for row in rows)
     verdicts = listed(f"{counts[verdict]} {verdict}" for verdict in comparison.VERDICTS if counts[verdict])
     moved = [row for row in rows if row["verdict"] in ("slower", "faster")]
     if not moved:
-        return f"no change of a time in {first.study} can be told {commits} ({verdicts})"
+        line = f"no change of a time in {first.study} can be told"
+        return line, f"{line} {commits} ({verdicts})"
     row = max(moved, key=lambda row: abs(math.log(row["time"]["ratio"])))
     time = row["time"]
-    return (f"the largest change {commits} is that of {row['contender']} on {row['scene']} ({first.study}), from "
+    line = f"{row['contender']} on {row['scene']} takes {time['ratio']:.2f} times its time, {first.study} at {last.short_commit}"
+    return line, (f"the largest change {commits} is that of {row['contender']} on {row['scene']} ({first.study}), from "
             f"{time_text(time['old'] * 1e6)} to {time_text(time['new'] * 1e6)}, {time['ratio']:.2f} times "
             f"({time['interval'][0]:.2f} to {time['interval'][1]:.2f}); of {len(rows)} times {verdicts}")
 
@@ -841,8 +1069,9 @@ def history(charts, results, rows):
     for (machine, study), files in by_study(results).items():
         verdicts[machine, study], refused = judged(files[0], files[-1])
         found = list(verdicts[machine, study].values())
-        findings.append((machine, changes(found, files[0], files[-1]) if found else
-                         f"nothing can be told of {study}: " + (refused or "its runs share no time")))
+        nothing = f"nothing can be told of {study}"
+        findings.append((machine, *(changes(found, files[0], files[-1]) if found else
+                                    (nothing, f"{nothing}: " + (refused or "its runs share no time")))))
     for (machine, study, scene), group in groups(rows, "machine", "study", "scene").items():
         runs = sorted({(row["date"], row["commit"]) for row in group})
         of_contender = [sorted(found, key=lambda row: row["date"]) for found in groups(group, "contender").values()]
@@ -875,7 +1104,7 @@ def history(charts, results, rows):
         return None
     several = [result for result in results if any((row["machine"], row["study"], row["date"]) ==
                                                    (result.machine, result.study, result.date) for row in kept)]
-    return Figure("history", by_machine(findings), "The same study on the same machine at several commits; the line across a "
+    return Figure("history", findings, "The same study on the same machine at several commits; the line across a "
                   "point spans the repetitions. Verdicts are those of diff.py on the first and the last run.", HISTORY, kept, panels, several)
 
 
@@ -917,8 +1146,8 @@ def stress(charts, results):
         return None
     missed = [row for row in rows if row["passed"] == "no"]
     title = f"{len(rows) - len(missed)} of {len(rows)} gates of the stress suite hold"
-    if missed:
-        title += f"; the others are of {listed(backend_order(set(distinct(missed, 'backend'))))}"
+    others = f"{title}; the others are of {listed(backend_order(set(distinct(missed, 'backend'))))}" if missed else ""
+    findings = [(listed(distinct(rows, "machine")), title, others)]
     panels = []
     for (machine,), group in groups(rows, "machine").items():
         drawn = [row for row in group if row["share"]]
@@ -934,7 +1163,7 @@ def stress(charts, results):
                        "reached.")
         panels.append(charts.panel(machine, {"machine": machine}, alt.layer(gate, chart), alternative,
                                    step=("measurement", 24)))
-    return Figure("stress", title, "Every measurement with a gate, as a share of it: left of the line it holds. What is "
+    return Figure("stress", findings, "Every measurement with a gate, as a share of it: left of the line it holds. What is "
                   f"less than {error_text(MIN_SHARE)} of its gate is drawn there; gates and measurements of exactly zero "
                   "are in the table alone.", GATE, rows, panels, results)
 
@@ -946,11 +1175,10 @@ def latest_runs(results):
 def all_figures(results):
     """The colours of the page, and the figures that these results have something for in its order."""
     rows, runs = reading.measured(results), latest_runs(results)
-    lists = ("benchmarks", "pareto", "stability", "stability_map", "stress", "scaling", "haptic", "failed")
-    charts = Charts({row["backend"] for result in results for name in lists for row in result.lists[name]})
+    charts = Charts({row["backend"] for result in results for name in (*reading.MEASURED, "failed") for row in result.lists[name]})
     figures = [datasets(charts, results, rows), figure7(charts, results, rows), figure8(charts, results, rows),
                front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows), intensity(charts, results, rows),
-               stability_map(charts, results), stability(charts, results), edits(charts, results, rows),
-               scaling(charts, results), scaling_forecast(charts, results), latencies(charts, results), history(charts, results, rows),
-               stress(charts, results)]
+               stability_map(charts, results), stability(charts, results), edits(charts, results, rows), overhead(charts, results),
+               energy(charts, results), scaling(charts, results), scaling_forecast(charts, results), latencies(charts, results),
+               history(charts, results, rows), stress(charts, results)]
     return charts, [figure for figure in figures if figure]

@@ -25,6 +25,7 @@ FAMILIAR = 100_000
 # Beyond this not even a few steps are drawn.
 MAX_PARTICLES = 4_000_000
 SECONDS = 120
+ANOTHER_SIZE = "as those shown, in another size"
 # A built-in scene, perhaps in another size. Nothing else that a file calls a scene gets onto the program's command line.
 NAME = re.compile(r"\w+(@\w+)?")
 ABOUT = {"scene": str, "particles": int, "steps": int, "coloured_by": str, "backend": str, "largest": float, "renderer": str}
@@ -100,7 +101,7 @@ def choose(results):
         row = ([row for row in drawable if row["particles"] <= FAMILIAR] or drawable[:1])[-1]
         chosen.append(Wanted(row["scene"], row["particles"], row["formulation"], row["precision"]))
         sizes += [other["scene"] for other in drawable if other is not row]
-    left_out = [(sizes, "as those shown, in another size")] if sizes else []
+    left_out = [(sizes, ANOTHER_SIZE)] if sizes else []
     if others:
         left_out.append((others, "no built-in scene has such a name"))
     if large:
@@ -181,7 +182,7 @@ def gather(results, folder, program):
             reason = draw(program, folder, wanted, coloured_by) if program else ""
             path = folder / wanted.name(coloured_by)
             if not reason and not path.exists():
-                reason = f"no {path.name} among the pictures"
+                reason = "no program was there to draw it"
             if reason:
                 missing.setdefault(reason, []).append(wanted.scene)
                 break
@@ -191,4 +192,6 @@ def gather(results, folder, program):
                 found[wanted.scene] = drawn
             else:
                 missing.setdefault("the built-in scene of that name is another body", []).append(wanted.scene)
-    return found, left_out + [(scenes, reason) for reason, scenes in missing.items()]
+    # Without any, no other size is shown.
+    return found, [(scenes, reason) for scenes, reason in left_out if found or reason != ANOTHER_SIZE] + [
+        (scenes, reason) for reason, scenes in missing.items()]

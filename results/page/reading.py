@@ -38,9 +38,16 @@ REQUIRED = {
     "haptic": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "hertz": Positive, "edited": bool,
                "ticks": int, "median_seconds": Positive, "p99_seconds": Positive, "p999_seconds": Positive,
                "worst_seconds": Positive, "missed": int, "steps_that_fit": int},
+    "overhead": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "particles": int, "handed_over": str,
+                 "steps": int, "seconds_per_step": Positive, "host_seconds_per_step": float},
+    "energy": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "particles": int, "meter": str,
+               "seconds_per_step": Positive, "joules_per_step": Positive, "springs_per_joule": Positive, "watts": Positive,
+               "idle_watts": float},
     "failed": {"name": str, "scene": str, "backend": str, "reason": str},
     "skipped": {"name": str, "scene": str, "backend": str, "reason": str},
 }
+# Those of which a figure is made.
+MEASURED = tuple(name for name in REQUIRED if name not in ("fastest", "failed", "skipped"))
 # What older files lack, or is null where it is not known.
 OPTIONAL = {
     **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
@@ -55,7 +62,8 @@ WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a wh
 
 @dataclass
 class Result:
-    """One file. machine is what its times are of: the GPU, or the processor where there is none."""
+    """One file. machine is what its times are of: the GPU, or the processor where there is none, and what tells it apart from others
+    on the page that are called alike."""
 
     path: pathlib.Path
     study: str
@@ -65,6 +73,9 @@ class Result:
     date: str
     lists: dict = field(repr=False)
     limits: dict = field(repr=False)  # what was measured of the device of each backend
+    cores: int = None
+    host: str = ""
+    cards: tuple = ()  # their identities
 
     @property
     def short_commit(self):
@@ -204,8 +215,9 @@ def read(path):
             for key, kind in OPTIONAL.items():
                 if row.get(key) is not None:
                     need(path, place, row, key, kind)
-            if not is_texts(row.get("noisy", [])):
-                raise BadInput(f"{path}: {place}.noisy: {shown(row['noisy'])}; expected a list of text")
+            for key in ("noisy", "throttled"):
+                if not is_texts(row.get(key, [])):
+                    raise BadInput(f"{path}: {place}.{key}: {shown(row[key])}; expected a list of text")
             if row.get("time_unit", "us") != "us":
                 raise BadInput(f"{path}: {place}.time_unit: {shown(row['time_unit'])}; expected \"us\"")
             if name == "stability":
@@ -219,8 +231,39 @@ def read(path):
                 check_histogram(path, place, row)
         lists[name] = rows
     driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
+    cores = need(path, "context", context, "num_cpus", int) if context.get("num_cpus") is not None else None
+    host = need(path, "context", context, "host_name", str) if context.get("host_name") is not None else ""
     return Result(path, study, machine, driver, need(path, where, about, "commit", str),
-                  need(path, "context", context, "date", str), lists, limits_of(path, about))
+                  need(path, "context", context, "date", str), lists, limits_of(path, about), cores, host, cards_of(path, about))
+
+
+def cards_of(path, about):
+    """The identities of the cards that a file is of; none of a processor or of a device that has none."""
+    backends = need(path, "context.voxspring", about, "backends", dict) if "backends" in about else {}
+    found = [need(path, f"context.voxspring.backends.{name}", one, "uuid", str) for name, one in backends.items()
+             if isinstance(one, dict) and one.get("uuid")]
+    return tuple(sorted(set(found)))
+
+
+def tell_apart(results):
+    """Gives machines that are not one and are called alike names of their own. A card is known by its identity. What has none, a
+    processor, is the same one where cores and host are; files do not always name the host, and then it is that of their folder."""
+    def traits(result):
+        at = result.host or (result.path.resolve().parent if not result.cards else "")
+        return {"cores": f"{result.cores} cores" if result.cores else "", "card": ", ".join(card[:12] for card in result.cards),
+                "at": at if isinstance(at, str) else at.name, "path": str(at), "cards": result.cards}
+    alike = {}
+    for result in results:
+        alike.setdefault(result.machine, []).append((result, traits(result)))
+    for name, entries in alike.items():
+        if len({tuple(found.values()) for _, found in entries}) == 1:
+            continue
+        words = [key for key in ("cores", "card", "at") if len({found[key] for _, found in entries}) > 1]
+        if len({tuple(found[key] for key in words) for _, found in entries}) < len({tuple(found.values()) for _, found in entries}):
+            words = [key for key in words if key != "at"] + ["path"]
+        for result, found in entries:
+            result.machine = f"{name} ({', '.join(filter(None, (found[key] for key in words))) or 'unnamed'})"
+    return results
 
 
 def read_all(paths):
@@ -236,7 +279,7 @@ def read_all(paths):
             files.append(path)
     # A file that is named beside its folder counts once.
     unique = {file.resolve(): file for file in files}
-    return sorted((read(file) for file in unique.values()), key=lambda result: result.date)
+    return tell_apart(sorted((read(file) for file in unique.values()), key=lambda result: result.date))
 
 
 def significant(value, digits=5):
@@ -434,11 +477,28 @@ def bin_begin(number):
 def haptic(results):
     """A row a rate and way of playing, of those that keep a histogram; times in microseconds."""
     return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
-             "contender": contender(row), "hertz": row["hertz"], "edited": "yes" if row["edited"] else "no",
+             "contender": contender(row), "formulation": row["formulation"], "hertz": row["hertz"], "edited": "yes" if row["edited"] else "no",
              "drawn": "yes" if row.get("drawn") else "no", "pictures": row.get("pictures_per_second"), "ticks": row["ticks"],
              **{name: row[f"{name}_seconds"] * 1e6 for name in ("median", "p99", "p999", "worst")},
              "missed": row["missed"], "steps_that_fit": row["steps_that_fit"], "period": 1e6 / row["hertz"], "bins": bins_of(row)}
             for result in results for row in result.lists["haptic"] if row.get("histogram")]
+
+
+def overhead(results):
+    """A row a way of handing over steps; times in microseconds."""
+    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
+             "contender": contender(row), "formulation": row["formulation"], "particles": row["particles"],
+             "handed_over": row["handed_over"], "steps": row["steps"], "microseconds": row["seconds_per_step"] * 1e6,
+             "host": row["host_seconds_per_step"] * 1e6} for result in results for row in result.lists["overhead"]]
+
+
+def energy(results):
+    """A row a strategy and scene."""
+    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
+             "contender": contender(row), "formulation": row["formulation"], "particles": row["particles"],
+             "millijoules": row["joules_per_step"] * 1e3, "microseconds": row["seconds_per_step"] * 1e6,
+             "throttled": "; ".join(row.get("throttled", [])), **{key: row[key] for key in ("springs_per_joule", "watts", "idle_watts", "meter")}}
+            for result in results for row in result.lists["energy"]]
 
 
 def natural(text):
