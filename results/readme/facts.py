@@ -7,6 +7,7 @@ said otherwise.
 import re
 import statistics
 
+import result_files
 from readme import addressing, tables
 from readme.addressing import joined
 from readme.rows import (CPU, GPU, Missing, by_name, fastest_of, figure, is_papers, medians, medians_of, result, three_digits)
@@ -43,6 +44,11 @@ def of_limit(study, scene, case, **which):
 
 def commit(study, machine=GPU):
     return result(study, machine)["context"]["voxspring"]["commit"][:8]
+
+
+def no_better():
+    """What the table of tunings takes for no difference."""
+    return whole_percent(result_files.MIN_SPREAD)
 
 
 def whole_percent(value):

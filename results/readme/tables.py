@@ -105,6 +105,8 @@ def tuning():
         if default and len(rows) > 1:
             default = held_out(default)
         row = fastest_of(rows)
+        if default and default["real_time"] < row["real_time"] * (1 + result_files.MIN_SPREAD):
+            row = default
         lines.append([f"`{backend}`", scene, time_of(default) if default else "-", time_of(row), str(len(rows)),
                       " ".join(tuning_of(row)) or "the default"])
     return table(["strategy", "scene", "default (us)", "best (us)", "of so many", "with"], lines)
