@@ -704,7 +704,8 @@ class Page(unittest.TestCase):
             "document.querySelector('.lead').innerText]")
         self.assertEqual(title.replace("\N{NO-BREAK SPACE}", " "), "Box: on chip up to 885 k particles, cuda_march beyond")
         self.assertEqual(lines, 1)
-        self.assertIn("Of the sizes of box the fastest are cuda_resident and cuda_bricks up to 885 k particles", lead.replace("\N{NO-BREAK SPACE}", " "))
+        self.assertIn("Of the sizes of box, cuda_resident and cuda_bricks are the fastest up to 885 k particles, with "
+                      "the state on the chip, and cuda_march up to 134 M particles.", lead.replace("\N{NO-BREAK SPACE}", " "))
         self.assertIn(max(told.values(), key=lambda row: row["particles"])["scene"], lead)
         # Figure 7's title names the fastest of both scenes.
         title = self.script("return document.querySelector('section[data-figure=figure7] .finding').innerText")

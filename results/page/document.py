@@ -190,8 +190,9 @@ def by_size(entries):
         size = figures.engineering(particles, "particles")
         until = "beyond" if index == last else f"up to {size}"
         headline_words.append(f"{'on chip' if on_chip else figures.listed(backends)} {until}")
-        words.append(f"{figures.listed(backends)} up to {size}" + " with the state on the chip" * on_chip)
-    return f"{family}: {', '.join(headline_words)}", f"Of the sizes of {family} the fastest are {figures.listed(words)}"
+        verb = "" if index else " are the fastest" if len(backends) > 1 else " is the fastest"
+        words.append(f"{figures.listed(backends)}{verb} up to {size}{', with the state on the chip,' * on_chip}")
+    return f"{family}: {', '.join(headline_words)}", f"Of the sizes of {family}, {figures.listed(words)}".removesuffix(",")
 
 
 def headline(found, runs, drawn):
