@@ -3,6 +3,7 @@
 VOXSPRING names the program; the current directory is the source tree.
 """
 
+import json
 import os
 import pathlib
 import re
@@ -11,6 +12,8 @@ import subprocess
 import sys
 import tempfile
 import unittest
+
+import jsonschema
 
 sys.path.insert(0, "docs")
 import figures  # noqa: E402  # pylint: disable=wrong-import-position
@@ -72,6 +75,67 @@ class Pages(unittest.TestCase):
                     heads = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE)
                     anchors = {re.sub(r"[^\w -]", "", head).strip().lower().replace(" ", "-") for head in heads}
                     self.assertIn(anchor, anchors, f"{page}: {link}")
+
+    def test_help_after_any_command(self):
+        """As README says; the two that are scripts need no package for it."""
+        program = os.environ["VOXSPRING"]
+        said = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
+        commands = re.findall(r"^  ([a-z]+) ", said[said.index("Subcommands:"):], re.MULTILINE)
+        self.assertLessEqual({"run", "study", "diff", "report", "completion"}, set(commands))
+        for command in commands:
+            done = subprocess.run([program, command, "--help"], capture_output=True, text=True, check=False)
+            self.assertEqual((done.returncode, done.stderr), (0, ""), command)
+            self.assertIn("-h, --help" if command in ("diff", "report") else "-h,--help", done.stdout)
+
+    def test_measure_explains_every_column_of_the_first_page(self):
+        text = pathlib.Path("docs/measure.md").read_text()
+        header = re.search(r"<!-- heart -->\n\n(.*)\n", pathlib.Path("README.md").read_text())[1]
+        for column in [cell.strip() for cell in header.split("|")[1:-1]]:
+            # As a table of another unit has it.
+            name = {"backend": None, "us a step": "time a step", "G particles/s": "particles/s"}.get(column, column)
+            if name:
+                self.assertRegex(text, rf"(?m)^- .*\*{re.escape(name)}\*", column)
+
+    def test_every_tuning_parameter_is_in_the_glossary(self):
+        said = subprocess.run([os.environ["VOXSPRING"], "list", "--json"], capture_output=True, text=True, check=True).stdout
+        keys = {key for backend in json.loads(said)["backends"] for key in backend["tuning"]}
+        text = pathlib.Path("docs/glossary.md").read_text()
+        explained = re.findall(r"^\| `(\w+)` \|", text[text.index("## Tuning parameters"):], re.MULTILINE)
+        self.assertLessEqual({"threads", "rest", "fetch"}, keys)
+        self.assertEqual(sorted(set(explained)), explained, "each once, in alphabetical order")
+        self.assertLessEqual(keys, set(explained))
+        # What this build leaves out is explained as well, and nothing that no backend has.
+        sources = "".join(path.read_text() for folder in ("backends", "cuda") for path in pathlib.Path(folder).rglob("*.[ch]*"))
+        for key in explained:
+            self.assertIn(f'"{key}"', sources)
+
+    def test_the_glossary_is_in_order_and_has_what_pages_do_not_explain(self):
+        text = pathlib.Path("docs/glossary.md").read_text()
+        words = [row.split("|")[1].strip() for row in text[:text.index("## Tuning")].split("\n") if row.startswith("| ")][2:]
+        self.assertEqual(words, sorted(words, key=str.lower))
+        for word in ("NVML", "RAPL", "PSS", "MIG", "fetch path", "secondary list", "SCHED_FIFO", "Lanczos", "Richardson", "Mann-Whitney"):
+            self.assertIn(word, words)
+
+    def test_the_example_of_a_study_is_one(self):
+        example = json.loads(re.search(r"```json\n(.*?)```", pathlib.Path("docs/measure.md").read_text(), re.DOTALL)[1])
+        jsonschema.validate(example, json.loads(pathlib.Path("results/study.schema.json").read_text()))
+        # What it calls its own is not here; what is left runs.
+        example["scenes"] = [{"scene": "box@4"}]
+        example |= {"repetitions": 1, "steps": 1, "backends": ["cpu_parallel", "cpu_parallel:precision=float64"]}
+        with tempfile.TemporaryDirectory() as folder:
+            study = pathlib.Path(folder) / "my_study.json"
+            study.write_text(json.dumps(example))
+            done = subprocess.run([os.environ["VOXSPRING"], "study", study], capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 0, done.stderr)
+
+    def test_code_comes_before_long_tables(self):
+        """What a page has code for is what its reader came for."""
+        for page in PAGES:
+            text = page.read_text()
+            tables = [match.start() for match in re.finditer(r"(?:^\|.*\n){30,}", text, re.MULTILINE)]
+            code = [match.start() for match in re.finditer(r"^```(?:cpp|json)", text, re.MULTILINE)]
+            if tables and code:
+                self.assertLess(code[0], tables[0], page)
 
     def test_commands_exist(self):
         commands = subprocess.run([os.environ["VOXSPRING"], "--help"], capture_output=True, text=True, check=True).stdout
