@@ -2,12 +2,12 @@
 """Makes one self-contained page of results: which strategy is the fastest on each dataset, what it costs in error, and
 the figures behind that.
 
-Usage: report.py [RESULTS...] -o report.html [--pictures FOLDER [--program VOXSPRING]]
+Usage: report.py [RESULTS...] [-o report.html] [--pictures FOLDER [--program VOXSPRING]] [--figures FOLDER]
 
 RESULTS are results of `voxspring study` (RESULT.json, or compressed RESULT.json.gz), or folders, which are searched for such
 files; the folder of this script unless some are named. Several files of one study on one machine add its history. --pictures
 shows the datasets: VOXSPRING draws them into FOLDER, where they stay until it is newer; without it those that are there are
-shown. The page needs no network. It is written in one go, and its path printed: after any error, which names file, key and
+shown. --figures writes every chart of the page into FOLDER as an SVG file as well. The page needs no network. It is written in one go, and its path printed: after any error, which names file, key and
 value and exits with 2, the old one is as it was. It takes Python 3.11 and the packages in requirements.txt, which `./run
 report` installs in the source tree.
 """
@@ -45,24 +45,34 @@ def write_whole(path, text):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=pathlib.Path, nargs="*", default=[HERE], metavar="RESULTS")
-    parser.add_argument("-o", "--out", type=pathlib.Path, required=True, metavar="report.html")
+    parser.add_argument("-o", "--out", type=pathlib.Path, metavar="report.html", help="the page")
     parser.add_argument("--pictures", type=pathlib.Path, metavar="FOLDER", help="where pictures of the datasets are")
     parser.add_argument("--program", type=pathlib.Path, metavar="VOXSPRING", help="what draws those that are missing")
+    parser.add_argument("--figures", type=pathlib.Path, metavar="FOLDER", help="where the charts go as SVG files")
     options = parser.parse_args(arguments)
+    if not options.out and not options.figures:
+        parser.error("expected --out for the page, or --figures for its charts, or both")
     if options.program and not options.pictures:
         parser.error("--program needs --pictures, the folder that it draws into")
     # Here, so that --help needs no package.
     try:
-        from page import document, pictures, reading  # pylint: disable=import-outside-toplevel
+        from page import document, export, pictures, reading  # pylint: disable=import-outside-toplevel
     except ModuleNotFoundError as error:
         in_tree = "`./run report` installs it, or " if (HERE.parent / "CMakeLists.txt").exists() else ""
         refuse(f"the Python package {error.name} is missing: {in_tree}pip install -r {HERE / 'requirements.txt'}")
     try:
         results = reading.read_all(options.results)
         shown = pictures.gather(results, options.pictures, options.program) if options.pictures else ({}, [])
-        text = document.page(results, *shown)
+        text = document.page(results, *shown) if options.out else ""
     except reading.BadInput as error:
         refuse(error)
+    try:
+        if options.figures:
+            print(*export.write(results, options.figures), sep="\n")
+    except OSError as error:
+        refuse(f"--figures {options.figures}: {error.strerror}")
+    if not options.out:
+        return
     try:
         write_whole(options.out, text)
     except OSError as error:

@@ -1232,6 +1232,29 @@ class Parts(InTemporaryFolder):
         self.assertEqual(found, {})
         self.assertEqual(left_out, [(["heart"], "the built-in scene of that name is another body")])
 
+    def test_charts_are_written_as_files(self):
+        """With a legend of what they show alone, in colours that need no style, and the same every time."""
+        folder, texts = self.folder / "a/figures", []
+        for make in (report, start_report):
+            made = make(H200 / "pareto.json.gz", H200 / "stability.json.gz", "--figures", folder)
+            self.assertEqual(made.returncode, 0, made.stderr)
+            paths = [pathlib.Path(line) for line in made.stdout.splitlines()]
+            self.assertEqual(sorted(paths), sorted(folder.iterdir()))
+            texts.append({path.name: path.read_text() for path in paths})
+        self.assertEqual(*texts)
+        names = [f"{name}-{scene}-NVIDIA-H200.svg" for name in ("front", "curves") for scene in ("beam", "box@32", "heart")]
+        self.assertEqual(sorted(texts[0]), sorted([*names, "map-box@8-NVIDIA-H200.svg", "stability-NVIDIA-H200.svg"]))
+        front = texts[0]["front-heart-NVIDIA-H200.svg"]
+        for text in ("heart, NVIDIA H200", "total error (relative L2)", "cuda_resident", "increment"):
+            self.assertIn(f">{text}<", front)
+        self.assertNotIn(">cpu_parallel<", front, "it has no run there")
+        # A number is whole in text, and short in attributes.
+        self.assertIn(">0.0003<", texts[0]["map-box@8-NVIDIA-H200.svg"])
+        for name, text in texts[0].items():
+            self.assertNotIn("var(", text, name)
+            self.assertIsNone(re.search(r'="[^"]*\d\.\d{3}', text), name)
+        self.assertEqual(start_report(H200 / "pareto.json.gz").returncode, 2, "neither a page nor charts")
+
     def test_pictures_that_are_none_are_refused(self):
         good = png(ABOUT)
         self.assertEqual(pictures.read(self.write_bytes("good.png", good)).about, ABOUT)

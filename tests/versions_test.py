@@ -148,11 +148,9 @@ class OtherVersions(InTemporaryFolder):
         readers = {
             "diff.py": lambda path: run(sys.executable, "results/diff.py", OLD, path),
             "reading.py": lambda path: run(sys.executable, "-c", READ_FOR_THE_PAGE, path),
-            "pareto.py": lambda path: run(sys.executable, "results/pareto.py", path, "--out", self.folder / "a.svg"),
-            "stability.py": lambda path: run(sys.executable, "results/stability.py", path, "--out", self.folder / "a.svg"),
             "advise": lambda path: run(VOXSPRING, "advise", "box@64", "--error", 1e-4, "--results", path),
         }
-        kind = {"pareto.py": "pareto", "advise": "pareto", "stability.py": "stability"}
+        kind = {"advise": "pareto"}
         for name, reader in readers.items():
             good = read(RESULTS / "amd-epyc" / f"{kind.get(name, 'fastest')}.json.gz")
             # The scripts share result_files.py.

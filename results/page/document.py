@@ -408,7 +408,7 @@ def page(results, pictures, left_out):
     charts, drawn = figures.all_figures(results)
     rows, runs = reading.measured(results), figures.latest_runs(results)
     title, opening = answer(charts, results, rows, runs, drawn, pictures)
-    data = json.dumps({"figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
+    data = json.dumps({"config": figures.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
     files = importlib.resources.files(__package__)
     style, script = ((files / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     return "".join((

@@ -36,6 +36,14 @@ SPACE = "\N{NO-BREAK SPACE}"
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 
+CONFIG = {
+    "background": "transparent", "font": "system-ui, sans-serif", "view": {"stroke": None},
+    "axis": {"labelColor": "var(--soft)", "titleColor": "var(--soft)", "gridColor": "var(--line)", "domainColor": "var(--line)",
+             "tickColor": "var(--line)", "gridOpacity": 0.45, "labelFontSize": 11, "titleFontSize": 12, "titleFontWeight": "normal",
+             "labelOverlap": "greedy", "labelSeparation": 4},
+    "axisYQuantitative": {"minExtent": 38}, "point": {"opacity": 1}}
+
+
 @dataclass
 class Panel:
     heading: str
@@ -670,7 +678,7 @@ def roofline(charts, results, rows):
 
 INTENSITY = [*STEP[:4], ("operations_a_byte", "operations a byte", 4), ("operation_rate", "Gop/s", 4),
              ("footprint", "footprint (MiB)", 4), *STEP[4:]]
-# The datasets of a panel each: one that lies in a card's cache, and one far beyond it.
+# The datasets of a panel each: one that lies in a card's cache, and one far beyond it. Without them the smallest and the largest.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
 # How far right of the last roof's bend the strategies stand that move no bytes.
@@ -692,10 +700,12 @@ def on_chip_strip(edge):
 
 
 def intensity(charts, results, rows):
-    rows = [row for row in reading.strategies(rows)
-            if row["scene"] in INTENSITY_SCENES and row["precision"] == "float32" and row["operation_rate"]]
+    rows = sorted((row for row in reading.strategies(rows) if row["precision"] == "float32" and row["operation_rate"]),
+                  key=lambda row: row["particles"])
     if not rows:
         return None
+    scenes = set(INTENSITY_SCENES) & set(distinct(rows, "scene")) or {rows[0]["scene"], rows[-1]["scene"]}
+    rows = [row for row in rows if row["scene"] in scenes]
     limits = {result.machine: result.limits for result in results if result.limits}
     found, panels, placed = {}, [], []
     for (machine, scene), group in groups(sorted(rows, key=lambda row: reading.natural(row["scene"])), "machine",

@@ -5,17 +5,8 @@ const report = JSON.parse(document.getElementById("report").textContent);
 for (const figure of report.figures) {
     figure.rows = figure.rows.map((row) => Object.fromEntries(row.map((value, index) => [figure.keys[index], value])));
 }
-const config = {
-    background: "transparent",
-    font: "system-ui, sans-serif",
-    view: {stroke: null},
-    axis: {labelColor: "var(--soft)", titleColor: "var(--soft)", gridColor: "var(--line)", domainColor: "var(--line)",
-           tickColor: "var(--line)", gridOpacity: 0.45, labelFontSize: 11, titleFontSize: 12, titleFontWeight: "normal",
-           labelOverlap: "greedy", labelSeparation: 4},
-    axisYQuantitative: {minExtent: 38}, point: {opacity: 1},
-    // The table behind a figure says to screen readers what its points are.
-    aria: true, mark: {aria: false}, legend: {disable: true},
-};
+// The table behind a figure says to screen readers what its points are; the filters are its legend.
+const config = {...report.config, aria: true, mark: {aria: false}, legend: {disable: true}};
 const scene = document.getElementById("scene");
 const boxes = [...document.querySelectorAll("#filters input[type=checkbox]")];
 const views = [];  // of {figure, panel, element, view}

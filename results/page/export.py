@@ -1,0 +1,57 @@
+"""The figures of the page as files, for pages that draw nothing by themselves: an SVG a panel, in the light colours, with legends."""
+
+import importlib.resources
+import json
+import re
+
+import vl_convert
+
+from . import figures
+
+WIDTH = 480
+# Vega writes millionths of a pixel, in attributes.
+ATTRIBUTE, DIGITS = re.compile(r'="[^"]*"'), re.compile(r"(\d\.\d\d)\d+")
+
+
+def light_colours():
+    """What page.css has outside of its dark scheme, by name."""
+    style = (importlib.resources.files(__package__) / "page.css").read_text(encoding="utf-8")
+    return dict(re.findall(r"(--[\w-]+): (#\w+);", style[:style.index("@media")]))
+
+
+def with_legends(spec, rows):
+    """The chart with a legend for what it tells apart by colour, shape or dash, of what its rows have alone."""
+    if isinstance(spec, list):
+        return [with_legends(one, rows) for one in spec]
+    if not isinstance(spec, dict):
+        return spec
+    spec = {key: with_legends(value, rows) for key, value in spec.items() if not (key == "legend" and value is None)}
+    domain, values = (spec.get("scale") or {}).get("domain"), {row.get(spec.get("field")) for row in rows}
+    if "range" in (spec.get("scale") or {}) and isinstance(domain, list) and all(isinstance(name, str) for name in domain):
+        kept = [(name, shown) for name, shown in zip(domain, spec["scale"]["range"]) if name in values]
+        spec["scale"] = spec["scale"] | {"domain": [name for name, _ in kept], "range": [shown for _, shown in kept]}
+    return spec
+
+
+def svg(figure, panel):
+    rows = [row for row in figure.rows if all(row[key] == value for key, value in panel.match.items())]
+    spec = with_legends(panel.spec, rows) | {"width": WIDTH, "autosize": "pad", "title": {"text": panel.heading, "anchor": "start"}}
+    spec["datasets"] = spec.get("datasets", {}) | {"rows": rows}
+    spec["config"] = figures.CONFIG | {"background": "white", "aria": False, "font": "DejaVu Sans, sans-serif"}
+    if panel.step:
+        spec["height"] = panel.step[1] * len({row[panel.step[0]] for row in rows})
+    colours = light_colours()
+    spec = re.sub(r"var\((--[\w-]+)\)", lambda name: colours[name[1]], json.dumps(spec))
+    return ATTRIBUTE.sub(lambda found: DIGITS.sub(r"\1", found[0]), vl_convert.vegalite_to_svg(spec))
+
+
+def write(results, folder):
+    """Writes FIGURE-PANEL.svg for every panel of every figure, and returns the paths."""
+    paths = []
+    folder.mkdir(parents=True, exist_ok=True)
+    for figure in figures.all_figures(results)[1]:
+        for panel in figure.panels:
+            name = re.sub(r"[^\w@.]+", "-", f"{figure.name}-{panel.heading}").strip("-")
+            paths.append(folder / f"{name}.svg")
+            paths[-1].write_text(svg(figure, panel), encoding="utf-8")
+    return paths
