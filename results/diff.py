@@ -15,6 +15,7 @@ import math
 import os
 import pathlib
 import shutil
+import signal
 import sys
 import textwrap
 
@@ -173,4 +174,6 @@ def main():
 
 
 if __name__ == "__main__":
+    # `diff | head` is no error.
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     sys.exit(main())

@@ -7,9 +7,9 @@ Usage: report.py [RESULTS...] [-o report.html] [--pictures FOLDER [--program VOX
 RESULTS are results of `voxspring study` (RESULT.json, or compressed RESULT.json.gz), or folders, which are searched for such
 files; the folder of this script unless some are named. Several files of one study on one machine add its history. --pictures
 shows the datasets: VOXSPRING draws them into FOLDER, where they stay until it is newer; without it those that are there are
-shown. --figures writes every chart of the page into FOLDER as an SVG file as well. The page needs no network. It is written in one go, and its path printed: after any error, which names file, key and
-value and exits with 2, the old one is as it was. It takes Python 3.11 and the packages in requirements.txt, which `./run
-report` installs in the source tree.
+shown. --figures writes every chart of the page into FOLDER as an SVG file as well. The page needs no network. It is written in
+one go, and its path printed: after any error, which names file, key and value and exits with 2, the old one is as it was. It
+takes Python 3.11 and the packages in requirements.txt, which `./run report` installs in the source tree.
 """
 
 import argparse
@@ -68,7 +68,10 @@ def main(arguments=None):
         refuse(error)
     try:
         if options.figures:
-            print(*export.write(results, options.figures), sep="\n")
+            options.figures.mkdir(parents=True, exist_ok=True)
+            for name, chart in export.charts(results):
+                write_whole(options.figures / name, chart)
+                print(options.figures / name)
     except OSError as error:
         refuse(f"--figures {options.figures}: {error.strerror}")
     if not options.out:

@@ -1254,6 +1254,9 @@ class Parts(InTemporaryFolder):
             self.assertNotIn("var(", text, name)
             self.assertIsNone(re.search(r'="[^"]*\d\.\d{3}', text), name)
         self.assertEqual(start_report(H200 / "pareto.json.gz").returncode, 2, "neither a page nor charts")
+        refused = report(H200 / "pareto.json.gz", "--figures", self.write("file", ""))
+        self.assertEqual((refused.returncode, refused.stdout, refused.stderr),
+                         (2, "", f"report.py: --figures {self.folder / 'file'}: File exists\n"))
 
     def test_pictures_that_are_none_are_refused(self):
         good = png(ABOUT)

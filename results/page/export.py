@@ -45,13 +45,8 @@ def svg(figure, panel):
     return ATTRIBUTE.sub(lambda found: DIGITS.sub(r"\1", found[0]), vl_convert.vegalite_to_svg(spec))
 
 
-def write(results, folder):
-    """Writes FIGURE-PANEL.svg for every panel of every figure, and returns the paths."""
-    paths = []
-    folder.mkdir(parents=True, exist_ok=True)
+def charts(results):
+    """(file name, text) of every panel of every figure."""
     for figure in figures.all_figures(results)[1]:
         for panel in figure.panels:
-            name = re.sub(r"[^\w@.]+", "-", f"{figure.name}-{panel.heading}").strip("-")
-            paths.append(folder / f"{name}.svg")
-            paths[-1].write_text(svg(figure, panel), encoding="utf-8")
-    return paths
+            yield re.sub(r"[^\w@.]+", "-", f"{figure.name}-{panel.heading}").strip("-") + ".svg", svg(figure, panel)
