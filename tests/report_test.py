@@ -618,6 +618,12 @@ class Page(unittest.TestCase):
                     self.assertEqual(self.script(
                         "return [...document.querySelectorAll('.chart')].filter((chart) => chart.querySelector('svg')"
                         ".getBoundingClientRect().width > chart.clientWidth + 1).map((chart) => chart.id)"), [])
+                    # Nor is what an axis is called.
+                    self.assertEqual(self.script(
+                        "return [...document.querySelectorAll('.chart .role-axis-title text')].filter((title) => {"
+                        "const text = title.getBoundingClientRect(), chart = title.closest('.chart').getBoundingClientRect();"
+                        "return text.left < chart.left - 1 || text.right > chart.right + 1 || text.bottom > chart.bottom + 1})"
+                        ".map((title) => [title.closest('.chart').id, title.textContent])"), [])
                     self.assert_legend_is_whole(width)
             self.script("document.querySelector('details[data-figure=figure7]').open = true")
             self.script(axe)

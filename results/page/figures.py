@@ -771,10 +771,11 @@ def edit_panels(charts, machine, formulation, steps, group):
             continue
         values = [row[key] for row in rows]
         match = {"machine": machine, "formulation": formulation, "steps": steps, "quantity": key}
-        name = f"{sentence(heading)}, {formulation}, {machine}"
+        among = f", {counts[0]} in {steps} steps" * (len(counts) == 1)
+        name = f"{sentence(heading)}{among}, {formulation}, {machine}"
         if len(counts) == 1:
             chart = source().mark_point(filled=True, size=45).encode(
-                x=alt.X(f"{key}:Q", title=f"{title}, {counts[0]} edits in {steps} steps", scale=scale(values)),
+                x=alt.X(f"{key}:Q", title=title, scale=scale(values)),
                 y=alt.Y("label:N", title=None, sort=alt.EncodingSortField(key, op="min"), axis=LABEL_AXIS),
                 color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(EDIT))
             form = {"step": ("label", 18)}
@@ -1007,7 +1008,7 @@ def latencies(charts, results):
         shown = drawn_rows[-len(group):]
         period = group[0]["period"]
         domain = [min(period, *(row["begin"][0] for row in shown)) / 1.2, max(period, *(row["end"][-1] for row in shown)) * 1.2]
-        x = alt.X("begin:Q", title="from the tool's position to the force (µs)", axis=alt.Axis(format="~g"),
+        x = alt.X("begin:Q", title="time to the force (µs)", axis=alt.Axis(format="~g"),
                   scale=alt.Scale(type="log", nice=False, domain=domain))
         # In the order of medians, what is drawn below the same that is not.
         by_median = {}
