@@ -839,7 +839,7 @@ class Page(unittest.TestCase):
         ActionChains(self.browser.driver).move_to_element(mark).perform()
         shown = self.script("const tip = document.getElementById('vg-tooltip-element');"
                             "return tip && tip.classList.contains('visible') ? tip.innerText : ''")
-        for word in ("strategy", "time a step", "rounding error", "box@32"):
+        for word in ("strategy", "time per step", "rounding error", "box@32"):
             self.assertIn(word, shown)
 
     def test_nothing_can_be_fetched(self):
@@ -1176,10 +1176,10 @@ class Parts(InTemporaryFolder):
         rows = [[re.sub("<[^>]+>", "|", cell).strip("|").replace("\N{NO-BREAK SPACE}", " ") for cell in re.findall("<t[hd][^>]*>(.*?)</t[hd]>", row)]
                 for row in table.split("<tr data-scene")[1:]]
         measured = best["real_time"] * 1e3
-        self.assertEqual(rows[0], ["box@32|position, float32", "cuda_*", "a step", "750 ns", f"{measured:.3g} ns", "missed"])
+        self.assertEqual(rows[0], ["box@32|position, float32", "cuda_*", "time per step", "750 ns", f"{measured:.3g} ns", "missed"])
         self.assertEqual(rows[1], ["box@32|position, float32", "gl_compute_implicit", "speed|as a multiple of cuda_implicit_*", "0.95",
                                    "0.985", "met"])
-        self.assertEqual(rows[2][2:5], ["springs a second", "1 T springs/s", "928 G springs/s"])
+        self.assertEqual(rows[2][2:5], ["springs per second", "1 T springs/s", "928 G springs/s"])
         self.assertIn("1 more target was not measured here.", text)
 
     def alternatives(self):

@@ -132,7 +132,7 @@ def fastest_table(charts, entries, papers):
 
 
 def error_table(runs):
-    """What reaches an error soonest, a row a dataset."""
+    """What reaches an error soonest, a row for each dataset."""
     rows = []
     for (scene,), group in figures.groups(runs, "scene").items():
         cells = []
@@ -155,8 +155,8 @@ def amount(quantity, value):
     return figures.percent(value) if quantity.startswith("fraction_of") else f"{value:.3g}"
 
 
-QUANTITIES = {"seconds_per_step": "a step", "ready_seconds": "time to first step", "fraction_of_limit": "of limit",
-              "speed_ratio": "speed", "spring_updates_per_second": "springs a second", "particle_updates_per_second": "particles a second"}
+QUANTITIES = {"seconds_per_step": "time per step", "ready_seconds": "time to first step", "fraction_of_limit": "of limit",
+              "speed_ratio": "speed", "spring_updates_per_second": "springs per second", "particle_updates_per_second": "particles per second"}
 
 
 def targets_table(result):

@@ -1,4 +1,4 @@
-"""The figures of the page as files, for pages that draw nothing by themselves: an SVG a panel, in the light colours, with legends."""
+"""The figures of the page as files, for pages that draw nothing by themselves: an SVG for each panel, in the light colours, with legends."""
 
 import importlib.resources
 import json

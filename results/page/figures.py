@@ -1,6 +1,6 @@
 """The figures of the page: for each its finding in words, its rows and the Vega-Lite charts that show them.
 
-A figure has a panel a machine, or a machine and scene. A panel's chart takes the rows of its figure that match the panel
+A figure has a panel for each machine, or for each machine and scene. A panel's chart takes the rows of its figure that match the panel
 (the page hands them over under the name `rows`), less those that the reader's filters hide: the parameters `shown`, a
 list of backends, and `scene`, one name or empty. Charts take their colours from the page's style, so that they follow
 its light, dark and printed scheme.
@@ -19,7 +19,7 @@ import comparison
 
 from . import reading
 
-# A colour a backend, the same on every page: page.css has them by these places. A name that is not here, of a backend of
+# A colour for each backend, the same on every page: page.css has them by these places. A name that is not here, of a backend of
 # somebody's own or of a newer program, takes one of the three beyond by its own sum, whatever else is on the page.
 PLACES = {name: place for place, name in enumerate((
     "cuda_explicit_cached", "cuda_explicit_cached_grid", "cuda_explicit_delta", "cuda_explicit_device",
@@ -283,7 +283,7 @@ def scale(values, **options):
 
 
 class Charts:
-    """Encodings that every figure shares, above all one colour a backend."""
+    """Encodings that every figure shares, above all one colour per backend."""
 
     def __init__(self, backends):
         self.backends = backend_order(backends)
@@ -328,7 +328,7 @@ def filtered(chart, condition):
     return chart
 
 
-TIME = [("microseconds", "time a step (µs)", 4), ("least", "least (µs)", 4), ("most", "most (µs)", 4)]
+TIME = [("microseconds", "time per step (µs)", 4), ("least", "least (µs)", 4), ("most", "most (µs)", 4)]
 STEP = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
         ("contender", "strategy", None), *TIME, ("spring_rate", "springs/s", 4), ("of_limit", "of limit", 3),
         ("limited_by", "limited by", None), ("rounding", "rounding error", 3), ("rounding_max", "worst particle", 3),
@@ -364,14 +364,14 @@ def datasets(charts, results, rows):
         of_machine = [row for row in best if row["machine"] == machine]
         sizes = {row["scene"]: row["particles"] for row in of_machine}
         order = sorted(sizes, key=lambda scene: (sizes[scene], reading.natural(scene)))
-        x = alt.X("microseconds:Q", title="time a step (µs)", scale=scale([row["microseconds"] for row in of_machine]))
+        x = alt.X("microseconds:Q", title="time per step (µs)", scale=scale([row["microseconds"] for row in of_machine]))
         chart = source().encode(y=alt.Y("scene:N", sort=order, title=None, axis=alt.Axis(grid=True)))
         points = chart.mark_point(filled=True, size=75).encode(
             x=x, color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(STEP))
-        alternative = (f"Dot plot for {machine}: time a step in microseconds of the best row of each of "
+        alternative = (f"Dot plot for {machine}: time per step in microseconds of the best row of each of "
                        f"{len(distinct(of_machine, 'backend'))} backends on {len(order)} datasets.")
         panels.append(charts.panel(machine, {"machine": machine}, points, alternative, step=("scene", 30)))
-    return Figure("datasets", findings, "Median time a step of each backend with its fastest "
+    return Figure("datasets", findings, "Median time per step of each backend with its fastest "
                   "formulation and tuning, in the latest file that has it. Farther left is faster. A dataset is won where "
                   "repetitions tell the fastest from every other backend: by more than 5%, and by more than thrice their spread; and where "
                   "every backend was measured, or refuses it, that wins a smaller and a larger dataset.",
@@ -388,17 +388,17 @@ def figure7(charts, results, rows):
         group = sorted(group, key=lambda row: row["microseconds"])
         first, last = group[0], group[-1]
         leaders.setdefault(machine, {}).setdefault(first["backend"], []).append(scene)
-        findings.append((machine, f"{first['label']} leads on {scene} with {time_text(first['microseconds'])} a step, "
+        findings.append((machine, f"{first['label']} leads on {scene} with {time_text(first['microseconds'])} per step, "
                          f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}"))
         y = alt.Y("label:N", sort=alt.EncodingSortField("microseconds", op="min"), title=None,
                   axis=alt.Axis(labels=False, ticks=False, domain=False, grid=False))
-        x = alt.X("microseconds:Q", title="time a step (µs)", scale=alt.Scale(zero=True))
+        x = alt.X("microseconds:Q", title="time per step (µs)", scale=alt.Scale(zero=True))
         base = source().encode(y=y, tooltip=charts.tooltip(STEP))
         bars = base.mark_bar(height=11, yOffset=7).encode(x=x, color=charts.colour())
         spread = base.mark_rule(yOffset=7, strokeWidth=1.5, color="var(--ink)").encode(x="least:Q", x2="most:Q")
         names = base.mark_text(align="left", baseline="bottom", dy=-1, fontSize=12, color="var(--ink)").encode(
             x=alt.datum(0), text="label:N")
-        alternative = (f"Bars for {scene} on {machine}: time a step of {len(group)} strategies, from "
+        alternative = (f"Bars for {scene} on {machine}: time per step of {len(group)} strategies, from "
                        f"{first['label']} with {time_text(first['microseconds'])} to {last['label']} with "
                        f"{time_text(last['microseconds'])}.")
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
@@ -406,7 +406,7 @@ def figure7(charts, results, rows):
     findings = [(machine, listed(f"{name} leads on {listed(scenes)}" for name, scenes in of_machine.items()),
                  "; ".join(text for where, text in findings if where == machine)) for machine, of_machine in leaders.items()]
     return Figure("figure7", findings, "The paper's Figure 7 with today's bars, those of Vulkan and OpenGL's compute shaders beside "
-                  "CUDA's: the median time a step of every strategy through each of its fetch paths; the line across a bar's end spans "
+                  "CUDA's: the median time per step of every strategy through each of its fetch paths; the line across a bar's end spans "
                   "the repetitions.", STEP, rows, panels, used(results, "figure7"))
 
 
@@ -425,7 +425,7 @@ def figure8(charts, results, rows):
             ends.append(fastest(row for row in group if row["particles"] == size))
         small, large = ends
         text = (f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with "
-                f"{time_text(large['microseconds'])} a step")
+                f"{time_text(large['microseconds'])} per step")
         findings.append((machine, text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "
                          f"{large['microseconds'] / small['microseconds']:.0f} times less, "
                          f"{time_text(small['microseconds'])} with {small['label']}"))
@@ -433,17 +433,17 @@ def figure8(charts, results, rows):
         times = [row["microseconds"] for row in group]
         lines = source().encode(
             x=alt.X("particles:Q", title="particles", scale=scale(sizes), axis=alt.Axis(format="~s")),
-            y=alt.Y("microseconds:Q", title="time a step (µs)", scale=exact_scale(times)),
+            y=alt.Y("microseconds:Q", title="time per step (µs)", scale=exact_scale(times)),
             color=charts.colour(), detail="label:N")
         chart = alt.layer(lines.mark_line(strokeWidth=1.6),
                           lines.mark_point(filled=True, size=45).encode(shape=charts.family_shape(),
                                                                        tooltip=charts.tooltip(STEP)),
                           *end_labels("particles", "microseconds"))
-        alternative = (f"Lines for {machine}: time a step of {len(distinct(group, 'label'))} strategies over "
+        alternative = (f"Lines for {machine}: time per step of {len(distinct(group, 'label'))} strategies over "
                        f"{len(sizes)} box sizes from {sizes[0]} to {sizes[-1]} particles, both logarithmic.")
         panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, FIGURE8_HEIGHT))
-    return Figure("figure8", findings, "The paper's Figure 8: time a step against the size of a full "
-                  "box. Where a line is flat the device is not full; where it rises by a decade a decade, time is "
+    return Figure("figure8", findings, "The paper's Figure 8: time per step against the size of a full "
+                  "box. Where a line is flat the device is not full; where it rises by a decade per decade, time is "
                   "proportional to size.", STEP, ended, panels, used(results, "figure8"))
 
 
@@ -651,9 +651,9 @@ def roofline(charts, results, rows):
         ends = {key: (min(row[key] for row in group), max(row[key] for row in group))
                 for key in ("limit_microseconds", "microseconds")}
         points = source().mark_point(filled=True, size=50, opacity=0.85).encode(
-            x=alt.X("limit_microseconds:Q", title="least time a step by the device's limits (µs)",
+            x=alt.X("limit_microseconds:Q", title="least time per step by the device's limits (µs)",
                     scale=scale(ends["limit_microseconds"], domain=ends["limit_microseconds"])),
-            y=alt.Y("microseconds:Q", title="measured time a step (µs)",
+            y=alt.Y("microseconds:Q", title="measured time per step (µs)",
                     scale=scale(ends["microseconds"], domain=ends["microseconds"])),
             color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(STEP))
         lines = []
@@ -667,7 +667,7 @@ def roofline(charts, results, rows):
             name = alt.Chart(alt.InlineData(values=[{"x": top, "y": top * factor, "text": text}]))
             lines.append(name.mark_text(align="right", dx=-6, dy=5, baseline="top", color="var(--soft)").encode(
                 x="x:Q", y="y:Q", text="text:N"))
-        alternative = (f"Scatter plot for {machine}: least time a step by the device's measured limits against the "
+        alternative = (f"Scatter plot for {machine}: least time per step by the device's measured limits against the "
                        f"measured time, {len(group)} rows, both logarithmic, with lines at the limit and ten times it.")
         panels.append(charts.panel(machine, {"machine": machine}, alt.layer(*lines, points), alternative, 420))
     return Figure("roofline", findings, "What the bytes, operations and launches of a step take at least "
@@ -676,7 +676,7 @@ def roofline(charts, results, rows):
                   "leave out tiles at rest or lie in a cache.", STEP, rows, panels, used(results, having="benchmarks"))
 
 
-INTENSITY = [*STEP[:4], ("operations_a_byte", "operations a byte", 4), ("operation_rate", "Gop/s", 4),
+INTENSITY = [*STEP[:4], ("operations_a_byte", "operations per byte", 4), ("operation_rate", "Gop/s", 4),
              ("footprint", "footprint (MiB)", 4), *STEP[4:]]
 # The datasets of a panel each: one that lies in a card's cache, and one far beyond it. Without them the smallest and the largest.
 INTENSITY_SCENES = ("box@32", "box@256")
@@ -691,7 +691,7 @@ def roof_name(at, text, **style):
 
 
 def on_chip_strip(edge):
-    """Beyond the roofs, where no number of operations a byte stands."""
+    """Beyond the roofs, where no number of operations per byte stands."""
     ends = {"x": edge * ON_CHIP**0.5, "x2": edge * ON_CHIP**1.5}
     strip = alt.Chart(alt.InlineData(values=[ends])).mark_rect(color="var(--raised)").encode(x="x:Q", x2="x2:Q")
     name = alt.Chart(alt.InlineData(values=[{"x": edge * ON_CHIP, "text": "on chip"}])).mark_text(
@@ -711,7 +711,7 @@ def intensity(charts, results, rows):
     for (machine, scene), group in groups(sorted(rows, key=lambda row: reading.natural(row["scene"])), "machine",
                                           "scene").items():
         best = max(group, key=lambda row: row["operation_rate"])
-        where = (f"at {best['operations_a_byte']:.2g} operations a byte" if best["operations_a_byte"] else "on the chip")
+        where = (f"at {best['operations_a_byte']:.2g} operations per byte" if best["operations_a_byte"] else "on the chip")
         found.setdefault(machine, []).append((best, where))
         known = [row["operations_a_byte"] for row in group if row["operations_a_byte"]] or [1.0]
         roofs = reading.rooflines(limits.get(machine, {}), group)
@@ -720,10 +720,10 @@ def intensity(charts, results, rows):
         start, edge = min([*known, *bends]) / 2, 2 * max([*known, *bends])
         placed += [{**row, "place": row["operations_a_byte"] or edge * ON_CHIP} for row in group]
         still = any(not row["operations_a_byte"] for row in group)
-        x = alt.X("place:Q", title="operations a byte", axis=alt.Axis(labelExpr=f"datum.value > {edge} ? '' : datum.label"),
+        x = alt.X("place:Q", title="operations per byte", axis=alt.Axis(labelExpr=f"datum.value > {edge} ? '' : datum.label"),
                   scale=alt.Scale(type="log", nice=False, domain=[start, edge * ON_CHIP**1.5 if still else edge]))
         points = source().mark_point(filled=True, size=50, opacity=0.85).encode(
-            x=x, y=alt.Y("operation_rate:Q", title="operations a second (Gop/s)", scale=alt.Scale(type="log", nice=False)),
+            x=x, y=alt.Y("operation_rate:Q", title="operations per second (Gop/s)", scale=alt.Scale(type="log", nice=False)),
             color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(INTENSITY))
         lines = on_chip_strip(edge) if still else []
         for family, (bandwidths, operations) in roofs.items():
@@ -737,7 +737,7 @@ def intensity(charts, results, rows):
                                            baseline="top"))
             lines.append(roof_name({"x": at[-1], "y": 1e-9 * operations}, f"{family}: float32 arithmetic", align="right",
                                    dy=-3, baseline="bottom"))
-        alternative = (f"Roofline of {machine} on {scene}: operations a byte against operations a second, both logarithmic, "
+        alternative = (f"Roofline of {machine} on {scene}: operations per byte against operations per second, both logarithmic, "
                        f"{len(group)} rows below the roofs of memory, cache and arithmetic.")
         panels.append(charts.panel(f"{machine}, {scene}", {"machine": machine, "scene": scene}, alt.layer(*lines, points),
                                    alternative, 420))
@@ -761,7 +761,7 @@ EDITS_HEIGHT = 300
 
 
 def edit_panels(charts, machine, formulation, steps, group):
-    """(rows, panel) of each quantity: over the count of edits where there are several, otherwise a row a strategy."""
+    """(rows, panel) of each quantity: over the count of edits where there are several, otherwise a row for each strategy."""
     group, counts = labelled(group), sorted({row["edits"] for row in group})
     for key, heading, title in (("slower", "slow-down", "slower by (%)"),
                                 ("edit_microseconds", "latency of an edit", "an edit by itself (µs)")):
@@ -821,8 +821,8 @@ def edits(charts, results, rows):
 
 
 OVERHEAD = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
-            ("handed_over", "steps handed over", None), ("steps", "steps", 6), ("microseconds", "time a step (µs)", 4),
-            ("host", "the host's calls (µs a step)", 4)]
+            ("handed_over", "steps handed over", None), ("steps", "steps", 6), ("microseconds", "time per step (µs)", 4),
+            ("host", "the host's calls (µs per step)", 4)]
 HANDED_OVER = {"at once": "circle", "one by one": "diamond"}
 
 
@@ -842,22 +842,22 @@ def overhead(charts, results):
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         times = [row["microseconds"] for row in group]
         marks = source().encode(
-            x=alt.X("microseconds:Q", title="time a step (µs)", scale=scale(times)),
+            x=alt.X("microseconds:Q", title="time per step (µs)", scale=scale(times)),
             y=alt.Y("label:N", title=None, sort=alt.EncodingSortField("microseconds", op="min"), axis=LABEL_AXIS), color=charts.colour())
         points = marks.mark_point(filled=True, size=55).encode(
             shape=charts.shape("handed_over", HANDED_OVER), tooltip=charts.tooltip(OVERHEAD))
-        alternative = (f"Dot plot for {scene} on {machine}: time a step of {len(distinct(group, 'label'))} strategies, handed over one by "
+        alternative = (f"Dot plot for {scene} on {machine}: time per step of {len(distinct(group, 'label'))} strategies, handed over one by "
                        "one and at once.")
         heading = f"{scene}, {engineering(group[0]['particles'], 'particles')}, {machine}"
         panels.append(charts.panel(heading, {"machine": machine, "scene": scene}, points, alternative, step=("label", 18)))
-    return Figure("overhead", findings, "What a step costs beside its work: the time a step of so small bodies that there is hardly "
+    return Figure("overhead", findings, "What a step costs beside its work: the time per step of so small bodies that there is hardly "
                   "any, from the first call until the last step is done; the shortest repetition.", OVERHEAD, rows, panels,
                   used(results, having="overhead"), legend="backend handed_over")
 
 
 ENERGY = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
-          ("millijoules", "energy a step (mJ)", 4), ("springs_per_joule", "springs/J", 4), ("watts", "power (W)", 4),
-          ("idle_watts", "idle (W)", 4), ("microseconds", "time a step (µs)", 4), ("throttled", "clocks held down by", None),
+          ("millijoules", "energy per step (mJ)", 4), ("springs_per_joule", "springs/J", 4), ("watts", "power (W)", 4),
+          ("idle_watts", "idle (W)", 4), ("microseconds", "time per step (µs)", 4), ("throttled", "clocks held down by", None),
           ("meter", "counter", None)]
 
 
@@ -876,10 +876,10 @@ def energy(charts, results):
         findings.append((machine, told[-1], "; ".join(told) if len(told) > 1 else ""))
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         bars = source().mark_bar(height=11).encode(
-            x=alt.X("millijoules:Q", title="energy a step (mJ)", scale=alt.Scale(zero=True)),
+            x=alt.X("millijoules:Q", title="energy per step (mJ)", scale=alt.Scale(zero=True)),
             y=alt.Y("label:N", title=None, sort=alt.EncodingSortField("millijoules", op="min"), axis=LABEL_AXIS),
             color=charts.colour(), tooltip=charts.tooltip(ENERGY))
-        alternative = f"Bars for {scene} on {machine}: energy a step of {len(group)} strategies, in millijoules."
+        alternative = f"Bars for {scene} on {machine}: energy per step of {len(group)} strategies, in millijoules."
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene}, bars, alternative, step=("label", 24)))
     return Figure("energy", findings, "What the device used, by its own counter, while it stepped the scene again and again for ten "
                   "seconds, divided by the steps.", ENERGY, rows, panels, used(results, having="energy"))
@@ -887,7 +887,7 @@ def energy(charts, results):
 
 RANKS = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("scene", "scene", None),
          ("contender", "strategy", None), ("ranks", "ranks", 4), ("cut", "cut into", None), ("parts", "parts", None), ("way", "way", None),
-         ("microseconds", "time a step (µs)", 4), ("compute", "compute (µs)", 4), ("exchange", "exchange (µs)", 4), ("waiting", "waiting (µs)", 4),
+         ("microseconds", "time per step (µs)", 4), ("compute", "compute (µs)", 4), ("exchange", "exchange (µs)", 4), ("waiting", "waiting (µs)", 4),
          ("efficiency", "efficiency", 3), ("predicted", "efficiency predicted", 3), ("noisy", "not to be trusted", None)]
 
 
@@ -932,7 +932,7 @@ def scaling(charts, results):
 
 FORECAST = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("contender", "strategy", None),
             ("parts", "parts", None), ("way", "way", None), ("measured_ranks", "ranks measured", 4), ("ranks", "ranks", 4),
-            ("microseconds", "time a step, predicted (µs)", 3), ("efficiency", "efficiency, predicted", 3),
+            ("microseconds", "time per step, predicted (µs)", 3), ("efficiency", "efficiency, predicted", 3),
             ("half", "half of the efficiency at ranks", 2)]
 
 
@@ -967,7 +967,7 @@ def scaling_forecast(charts, results):
 
 
 TICK = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
-        ("hertz", "ticks a second", 6), ("edited", "edits", None), ("drawn", "drawn", None), ("pictures", "pictures a second", 3),
+        ("hertz", "ticks per second", 6), ("edited", "edits", None), ("drawn", "drawn", None), ("pictures", "pictures per second", 3),
         ("median", "median (µs)", 4), ("p99", "p99 (µs)", 4), ("p999", "p99.9 (µs)", 4), ("worst", "worst (µs)", 4),
         ("missed", "missed", 6), ("ticks", "played", 6), ("steps_that_fit", "steps that fit", 6)]
 def rate_text(hertz):
@@ -1102,12 +1102,12 @@ def history(charts, results, rows):
         lines = source().encode(
             x=alt.X("run:N", title="commit and date", sort=list(ticks.values()), axis=alt.Axis(
                 labelAngle=0, labelOverlap="greedy", labelExpr="[slice(datum.value, 0, 7), slice(datum.value, 8)]")),
-            y=alt.Y("microseconds:Q", title="time a step (µs)", scale=scale(ends, domain=ends)),
+            y=alt.Y("microseconds:Q", title="time per step (µs)", scale=scale(ends, domain=ends)),
             color=charts.colour(), detail="contender:N")
         chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_rule(strokeWidth=1.2).encode(
             y="least:Q", y2="most:Q"), lines.mark_point(filled=True, size=45).encode(
                 shape=charts.family_shape(), tooltip=charts.tooltip(HISTORY)))
-        alternative = (f"Lines for {scene}, study {study} on {machine}: time a step of {len(of_contender)} strategies in "
+        alternative = (f"Lines for {scene}, study {study} on {machine}: time per step of {len(of_contender)} strategies in "
                        f"{len(runs)} runs.")
         panels.append(charts.panel(f"{scene}, study {study}, {machine}",
                                    {"machine": machine, "study": study, "scene": scene}, chart, alternative, 300))

@@ -171,7 +171,7 @@ def limits_of(path, about):
 
 
 def roofs(limits):
-    """Of a device: bytes a second through memory and through the cache, by what they are, and operations a second."""
+    """Of a device: bytes per second through memory and through the cache, by what they are, and operations per second."""
     table = limits["bandwidth"]
     beyond = max(entry["footprint_bytes"] for entry in table)
     memory = {entry["written_share"]: entry["bytes_per_second"] for entry in table if entry["footprint_bytes"] == beyond}
@@ -309,7 +309,7 @@ def family(backend):
 
 def moved_and_computed(row):
     """What a step moves and computes; nothing where the file does not say. A step that moves nothing, whose state stays on the
-    chip, has a rate of operations and no operations a byte."""
+    chip, has a rate of operations and no operations per byte."""
     moved, footprint, operations = (row.get(f"step_{what}") or 0 for what in ("bytes", "footprint_bytes", "operations"))
     on_chip = row.get("step_bytes") == 0 and operations > 0
     if not on_chip and min(moved, footprint, operations) <= 0:
@@ -319,7 +319,7 @@ def moved_and_computed(row):
 
 
 def measured(results):
-    """A row a contender, scene and file: the median over the repetitions, with the least and the most of them."""
+    """A row for each contender, scene and file: the median over the repetitions, with the least and the most of them."""
     rows = []
     for result in results:
         spread = {}
@@ -366,7 +366,7 @@ def strategies(rows):
 
 
 def pareto(results):
-    """A row a run to a scene's end time that has a time and a total error."""
+    """A row for each run to a scene's end time that has a time and a total error."""
     return [{"machine": result.machine, "device": row["device"], "scene": row["scene"], "backend": row["backend"],
              "family": family(row["backend"]), "contender": contender(row), "formulation": row["formulation"],
              "precision": row["precision"], "fraction": row["fraction_of_stable"], "steps": row["steps"],
@@ -378,7 +378,7 @@ def pareto(results):
 
 
 def scaling(results):
-    """A row a number of ranks and way that has an efficiency; what the model predicts is an efficiency as well."""
+    """A row for each number of ranks and way that has an efficiency; what the model predicts is an efficiency as well."""
     return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
              "contender": contender(row), "compared": row["family"], "scaling": row["scaling"], "ranks": row["ranks"],
              "cut": row.get("cut", ""), "parts": "bricks" if sum(parts > 1 for parts in along_axes(row)) > 1 else "slabs",
@@ -401,7 +401,7 @@ def along_axes(row):
 
 def forecast(one, most):
     """What the model of harness/study/scaling_row.cpp says of more ranks than the row `most` has, fitted to that row: a list of
-    (ranks, seconds a step, efficiency), and the number of ranks at half of the efficiency of one; None where that never comes.
+    (ranks, seconds per step, efficiency), and the number of ranks at half of the efficiency of one; None where that never comes.
 
     `one` is the row of one rank. A rank among others has ghosts at two sides of a slab or at six of a brick, at the time that a
     particle takes on one rank; then come a latency, and as many borders at the bandwidth that was measured. Where both overlap the
@@ -436,7 +436,7 @@ def forecast(one, most):
 
 
 def scaling_forecast(results):
-    """A row a number of ranks beyond those that were measured, for each family of scenes, strategy and way."""
+    """A row for each number of ranks beyond those that were measured, for each family of scenes, strategy and way."""
     found = []
     for result in results:
         rows = result.lists["scaling"]
@@ -475,7 +475,7 @@ def bin_begin(number):
 
 
 def haptic(results):
-    """A row a rate and way of playing, of those that keep a histogram; times in microseconds."""
+    """A row for each rate and way of playing, of those that keep a histogram; times in microseconds."""
     return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
              "contender": contender(row), "formulation": row["formulation"], "hertz": row["hertz"], "edited": "yes" if row["edited"] else "no",
              "drawn": "yes" if row.get("drawn") else "no", "pictures": row.get("pictures_per_second"), "ticks": row["ticks"],
@@ -485,7 +485,7 @@ def haptic(results):
 
 
 def overhead(results):
-    """A row a way of handing over steps; times in microseconds."""
+    """A row for each way of handing over steps; times in microseconds."""
     return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
              "contender": contender(row), "formulation": row["formulation"], "particles": row["particles"],
              "handed_over": row["handed_over"], "steps": row["steps"], "microseconds": row["seconds_per_step"] * 1e6,
@@ -493,7 +493,7 @@ def overhead(results):
 
 
 def energy(results):
-    """A row a strategy and scene."""
+    """A row for each strategy and scene."""
     return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
              "contender": contender(row), "formulation": row["formulation"], "particles": row["particles"],
              "millijoules": row["joules_per_step"] * 1e3, "microseconds": row["seconds_per_step"] * 1e6,
