@@ -586,7 +586,7 @@ class Haptic(InTemporaryFolder):
         self.assertIn("while it is drawn: no OpenGL", ran.stdout)
 
     def test_what_cannot_be_played_is_refused(self):
-        self.assert_refused(voxspring("study", "haptic", "--scene", "box@4"), "box@4", "no tool")
+        self.assert_refused(voxspring("study", "haptic", "--scene", "box@4"), "tool of scene box@4 is missing")
         for motion, said in (("time,x,y,z\n0,0,0,0\n0,0,0,0\n", "line 3, time"),
                              ("time,x,y,z\n0,0,0,0\n1,nan,0,0\n", "line 3, x: nan"),
                              ("time,x,y,z\n0,0,0,0\n1,0,0,0\n2,0,0,0\n99,0,0,0\n", "line 5, time: a gap of 97")):

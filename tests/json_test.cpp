@@ -136,7 +136,7 @@ TEST(Json, UnknownAndMissingKeysAreRefused) {
     EXPECT_EQ(refusal([&] { object.finish(); }),
               "f.json: c: {\"x\":2} is not accepted; expected the keys: a, b");
     EXPECT_EQ(refusal([&] { object.require("d", "a whole number"); }),
-              "f.json: d: nothing is not accepted; expected a whole number");
+              "f.json: d is missing; expected a whole number");
     JsonObject inner = object.require("c").object();
     EXPECT_EQ(refusal([&] { inner.finish(); }), "f.json: c.x: 2 is not accepted; expected the keys of c: ");
     EXPECT_EQ(inner.items().at(0).first, "x");

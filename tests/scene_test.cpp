@@ -531,7 +531,7 @@ TEST(Scene, WhereNothingOscillatesItIsSaidWhy) {
     const std::string so = ", so that nothing limits the time step";
     EXPECT_EQ(refused(R"("pinned": {"side": "z-", "slices": 2})"), "time: every particle is pinned" + so);
     EXPECT_EQ(refusal([] { parse(R"({"dataset": {"type": "box", "dims": [1, 1, 1]}})"); }),
-              "scene: time_step: nothing is not accepted; expected a number of units of time: there are no "
+              "scene: time_step is missing; expected a number of units of time: there are no "
               "springs" +
                   so);
     // Two particles held and one that falls past them.

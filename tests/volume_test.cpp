@@ -410,8 +410,7 @@ TEST(Volume, NrrdHeadersThatLieAreRefused) {
     EXPECT_EQ(refused(good), "accepted");
     EXPECT_EQ(refusal(Format::nrrd, "NRRD0009\n" + good + "\n" + data),
               "f: magic: NRRD0009 is not accepted; expected NRRD0001 to NRRD0006");
-    EXPECT_EQ(refused("dimension: 3\nsizes: 2 3 2\nencoding: raw\n"),
-              "f: type: nothing is not accepted; expected a value");
+    EXPECT_EQ(refused("dimension: 3\nsizes: 2 3 2\nencoding: raw\n"), "f: type is missing; expected a value");
     EXPECT_EQ(refused("type: block\ndimension: 3\nsizes: 2 3 2\nencoding: raw\n"),
               "f: type: block is not accepted; expected int8, uint8, int16, uint16, int32, uint32, int64, "
               "uint64, float or double");
@@ -428,7 +427,7 @@ TEST(Volume, NrrdHeadersThatLieAreRefused) {
     EXPECT_EQ(refused(start + "sizes: 2 3 2\nencoding: ascii\n"),
               "f: encoding: ascii is not accepted; expected raw, gzip or bzip2");
     EXPECT_EQ(refused("type: short\ndimension: 3\nsizes: 2 3 2\nencoding: raw\n"),
-              "f: endian: nothing is not accepted; expected a value");
+              "f: endian is missing; expected a value");
     EXPECT_EQ(refused("type: short\ndimension: 3\nsizes: 2 3 2\nencoding: raw\nendian: middle\n"),
               "f: endian: middle is not accepted; expected little or big");
     EXPECT_EQ(
@@ -681,7 +680,7 @@ TEST(Volume, MetaImageHeadersThatLieAreRefused) {
     const std::string good = metaimage_fields("MET_UCHAR");
     EXPECT_EQ(refused(good), "accepted");
     EXPECT_EQ(refusal(Format::metaimage, good),
-              "f: ElementDataFile: nothing is not accepted; expected LOCAL, the "
+              "f: ElementDataFile is missing; expected LOCAL, the "
               "name of a file, or LIST with names of files below it");
     EXPECT_EQ(refused(good + "nonsense\n"),
               "f: header: nonsense is not accepted; expected lines of the form NAME = VALUE");

@@ -29,6 +29,11 @@ std::string printable(std::string_view text, std::size_t longest) {
     return out;
 }
 
+std::string line_without(std::string_view file, std::string_view key, std::string_view accepted) {
+    return printable(file, 500) + ": " + printable(key, 200) + " is missing; expected " +
+           printable(accepted, 1000);
+}
+
 std::string line(std::string_view file, std::string_view key, std::string_view value,
                  std::string_view accepted) {
     std::string text = printable(file, 500) + ": ";
@@ -41,6 +46,9 @@ std::string line(std::string_view file, std::string_view key, std::string_view v
 BadInput::BadInput(std::string_view file, std::string_view key, std::string_view value,
                    std::string_view accepted)
     : std::runtime_error(line(file, key, value, accepted)) {}
+
+BadInput::BadInput(std::string_view file, std::string_view key, Missing, std::string_view accepted)
+    : std::runtime_error(line_without(file, key, accepted)) {}
 
 void require_regular_file(const std::filesystem::path& file, std::string_view accepted) {
     std::error_code error;

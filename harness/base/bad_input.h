@@ -8,13 +8,19 @@
 
 namespace voxspring {
 
-/// `FILE: KEY: VALUE is not accepted; expected ACCEPTED`, always one line of printable characters: control
-/// characters are escaped and long values are cut.
+/// In the place of a value that is not there.
+struct Missing {};
+inline constexpr Missing missing;
+
+/// `FILE: KEY: VALUE is not accepted; expected ACCEPTED`, or `FILE: KEY is missing; expected ACCEPTED`.
+/// Always one line of printable characters: control characters are escaped and long values are cut.
 class BadInput : public std::runtime_error {
 public:
     /// `file` is the file or argument that was read, `key` the place in it (empty: all of it), `value` what
     /// stands there, `accepted` what would have been accepted.
     BadInput(std::string_view file, std::string_view key, std::string_view value, std::string_view accepted);
+    /// `key` is not there.
+    BadInput(std::string_view file, std::string_view key, Missing, std::string_view accepted);
 };
 
 /// Nothing is wrong with it but that this machine has too little memory for it.

@@ -242,7 +242,7 @@ std::optional<JsonValue> JsonObject::find(const std::string& key) {
 
 JsonValue JsonObject::require(const std::string& key, std::string_view accepted) {
     accepted_.push_back(key);
-    if (!contains(key)) throw BadInput(value_.file(), child_path(value_.path_, key), "nothing", accepted);
+    if (!contains(key)) throw BadInput(value_.file(), child_path(value_.path_, key), missing, accepted);
     return member(key);
 }
 

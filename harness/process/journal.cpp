@@ -12,7 +12,6 @@
 #include <system_error>
 
 #include "backends/disk_cache.h"
-#include "harness/base/bad_input.h"
 #include "harness/base/files.h"
 
 namespace voxspring {
@@ -36,9 +35,12 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     return nlohmann::json::parse(line);
 }
 
+/// Where one of two values has no such key.
+const std::string nothing = "nothing";
+
 /// Without quotes and brackets.
 std::string plain_text(const nlohmann::json& value) {
-    if (value.is_null()) return "nothing";
+    if (value.is_null()) return nothing;
     if (value.is_string()) return value.get<std::string>();
     if (!value.is_structured()) return value.dump();
     std::string text;
@@ -55,11 +57,11 @@ Difference first_difference(const nlohmann::json& there, const nlohmann::json& h
     };
     if (there.is_object() && here.is_object()) {
         for (const auto& [key, value] : here.items()) {
-            if (!there.contains(key)) return {key, "nothing", plain_text(value)};
+            if (!there.contains(key)) return {key, nothing, plain_text(value)};
             if (there.at(key) != value) return within(key, key);
         }
         for (const auto& [key, value] : there.items()) {
-            if (!here.contains(key)) return {key, plain_text(value), "nothing"};
+            if (!here.contains(key)) return {key, plain_text(value), nothing};
         }
     } else if (there.is_array() && here.is_array() && there.size() == here.size()) {
         for (std::size_t i = 0; i < there.size(); ++i) {
@@ -67,6 +69,12 @@ Difference first_difference(const nlohmann::json& there, const nlohmann::json& h
         }
     }
     return {"", plain_text(there), plain_text(here)};
+}
+
+BadInput refusal(const std::string& file, const std::string& key, const Difference& other,
+                 const std::string& accepted) {
+    return other.there == nothing ? BadInput(file, key, missing, accepted)
+                                  : BadInput(file, key, other.there, accepted);
 }
 
 std::filesystem::path Journal::file_beside(const std::filesystem::path& result) {
@@ -151,8 +159,8 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
             const nlohmann::json there = object->at("study").value(key, nlohmann::json());
             if (there == value) continue;
             const Difference other = first_difference(there, value);
-            throw BadInput(file_.string(), other.where.empty() ? key : key + " " + other.where, other.there,
-                           other.here + ", which this study has; delete the file to begin again");
+            throw refusal(file_.string(), other.where.empty() ? key : key + " " + other.where, other,
+                          other.here + ", which this study has; delete the file to begin again");
         }
     }
 }

@@ -12,6 +12,8 @@
 #include <string>
 #include <utility>
 
+#include "harness/base/bad_input.h"
+
 namespace voxspring {
 
 /// What is finished cannot be written; the message says what that is. Nothing further is to be measured.
@@ -26,6 +28,9 @@ struct Difference {
 };
 /// Of values that differ.
 Difference first_difference(const nlohmann::json& there, const nlohmann::json& here);
+/// Refuses what `there` has, at `key` of `file`.
+BadInput refusal(const std::string& file, const std::string& key, const Difference& other,
+                 const std::string& accepted);
 
 /// Finished measurements by name. On disk a file of JSON lines, each with a check of its own: first what the
 /// study is (an object), then one line a measurement.

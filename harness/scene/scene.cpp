@@ -244,7 +244,7 @@ double choose_time_step(const TimeStep& chosen, double stable, const Problem& li
     const std::string accepted = "a number of units of time: " + why_nothing_oscillates(limiting) +
                                  ", so that nothing limits the time step";
     if (chosen.source) chosen.source->refuse(accepted);
-    throw BadInput(file, "time_step", "nothing", accepted);
+    throw BadInput(file, "time_step", missing, accepted);
 }
 
 /// The motion of a built-in scene is built in as well.

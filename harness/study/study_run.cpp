@@ -255,8 +255,8 @@ void StudyRun::check_devices() {
         if (failure) now = *failure;
         if (now == known) return;
         const Difference other = first_difference(known, now);
-        throw BadInput(options_.out->string() + ".journal", other.where + " of " + spec.entry->name,
-                       other.there, "what there is here, " + other.here);
+        throw refusal(options_.out->string() + ".journal", other.where + " of " + spec.entry->name, other,
+                      "what there is here, " + other.here);
     });
 }
 

@@ -29,7 +29,7 @@ Header read_header(std::istream& stream, const std::string& file) {
     while (header.find("ElementDataFile") == nullptr) {
         const auto line = lines.next();
         if (!line) {
-            throw BadInput(file, "ElementDataFile", "nothing",
+            throw BadInput(file, "ElementDataFile", missing,
                            "LOCAL, the name of a file, or LIST with names of files below it");
         }
         if (trimmed(*line).empty()) continue;

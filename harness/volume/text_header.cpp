@@ -68,7 +68,7 @@ const std::string* TextHeader::find(const std::string& name) const {
 
 const std::string& TextHeader::require(const std::string& name) const {
     const std::string* value = find(name);
-    if (value == nullptr) throw BadInput(file_, name, "nothing", "a value");
+    if (value == nullptr) throw BadInput(file_, name, missing, "a value");
     return *value;
 }
 
