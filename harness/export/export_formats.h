@@ -1,4 +1,6 @@
 // Formats of what a run leaves: float64 throughout, nothing of the state is lost.
+//
+// `velocity` is that at the state's own time, (x(t + dt) - x(t - dt)) / (2 dt), see velocities().
 #pragma once
 
 #include <string>

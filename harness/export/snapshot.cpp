@@ -1,5 +1,7 @@
 #include "harness/export/snapshot.h"
 
+#include "backends/cpu/perturbed_reference.h"
+
 namespace voxspring {
 
 std::vector<glm::dvec3> positions(const Snapshot& snapshot) {
@@ -9,8 +11,15 @@ std::vector<glm::dvec3> positions(const Snapshot& snapshot) {
 }
 
 std::vector<glm::dvec3> velocities(const Snapshot& snapshot) {
-    std::vector<glm::dvec3> velocity = snapshot.state.increment;
-    for (glm::dvec3& v : velocity) v /= snapshot.problem.time_step;
+    const Problem& problem = snapshot.problem;
+    const auto backend = make_perturbed_reference({});  // float64, and not perturbed
+    backend->upload(problem, snapshot.state);
+    if (problem.has_tool())
+        backend->move_tool(snapshot.scene.tool_motion.at_step(snapshot.step, problem.time_step));
+    backend->step(1);
+    std::vector<glm::dvec3> velocity = backend->download().increment;  // x(t + dt) - x(t)
+    for (std::size_t i = 0; i < velocity.size(); ++i)
+        velocity[i] = (snapshot.state.increment_of(i) + velocity[i]) / (2 * problem.time_step);
     return velocity;
 }
 

@@ -20,9 +20,11 @@ struct Snapshot {
     std::string backend;  ///< that ran it, as BackendSpec::label() has it
 };
 
-/// Rest position plus displacement, one a particle.
+/// Rest position plus displacement, one element per particle.
 std::vector<glm::dvec3> positions(const Snapshot& snapshot);
-/// x(t) - x(t - dt) over the time step, one a particle.
+/// The velocity at the snapshot's time, (x(t + dt) - x(t - dt)) / (2 dt), one element per particle. x(t + dt)
+/// is that of another step in float64: with the snapshot's springs, and the scene's tool where it is in that
+/// step.
 std::vector<glm::dvec3> velocities(const Snapshot& snapshot);
 
 }  // namespace voxspring

@@ -5,6 +5,7 @@
 // before the first and after the last it rests.
 #pragma once
 
+#include <cstdint>
 #include <glm/vec3.hpp>
 #include <string>
 #include <string_view>
@@ -21,6 +22,10 @@ struct ToolMotion {
     bool empty() const { return time.empty(); }
     /// Zero where there is no sample.
     glm::dvec3 at(double when) const;
+    /// Where it is in the step that follows `step` steps of the scene.
+    glm::dvec3 at_step(std::int64_t step, double time_step) const {
+        return at(double(step / every) * every * time_step);
+    }
 };
 
 /// The motion that CSV `text` says, with times and lengths multiplied by these. `file` is what messages name.

@@ -155,7 +155,7 @@ void Simulation::follow_motion() {
     const ToolMotion& motion = scene_.tool_motion;
     const std::int64_t tick = steps_ / motion.every;
     if (tick == tick_) return;
-    const glm::dvec3 at = motion.at(double(tick) * motion.every * scene_.problem.time_step);
+    const glm::dvec3 at = motion.at_step(steps_, scene_.problem.time_step);
     tell([&](Backend& backend) { backend.move_tool(at); });
     tick_ = tick;
 }

@@ -1,0 +1,119 @@
+// What of a run is written beside its state: velocities at the state's own time, and the force on a tool.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/export/snapshot.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/verification/conserved.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+namespace {
+
+/// A run of a scene on cpu_reference.
+class Played {
+public:
+    explicit Played(const Scene& scene) : scene_(scene), runner_(scene) { runner_.rewind(*backend_); }
+
+    const State& after(int steps) {
+        runner_.run(*backend_, steps - step_);
+        step_ = steps;
+        return state_ = backend_->download();
+    }
+    std::vector<glm::dvec3> velocity() const {
+        return velocities({scene_, runner_.problem(), state_, step_, step_ * scene_.problem.time_step, ""});
+    }
+
+private:
+    const Scene& scene_;
+    SceneRunner runner_;
+    std::unique_ptr<Backend> backend_ = BackendSpec::parse("cpu_reference").make();
+    State state_;
+    int step_ = 0;
+};
+
+TEST(ExportedVelocity, OfASpringIsThatOfItsClosedForm) {
+    Problem problem = make_lattice_problem(solid({2, 1, 1}), FACE_BITS);
+    pin(problem, {1, 0});
+    const double stiffness = 0.7, mass = 1.3, time_step = 0.4, amplitude = 0.1;
+    problem.materials = {{.mass = mass}};
+    problem.group_stiffness = {stiffness, 1, 1};
+    problem.time_step = time_step;
+    State start = state_at_rest(problem);
+    start.displacement[1].x = amplitude;  // and at x(-dt) as well
+    const Scene scene = scene_of("spring", problem, start);
+    Played played(scene);
+    // x(n dt) = A cos((n + 1/2) theta) / cos(theta / 2) solves x(t + dt) - 2 x(t) + x(t - dt) = -w^2 dt^2
+    // x(t).
+    const double theta = 2 * std::asin(std::sqrt(stiffness / mass) * time_step / 2);
+    for (const int n : {0, 1, 2, 7, 40}) {
+        const double place = amplitude * std::cos((n + 0.5) * theta) / std::cos(theta / 2);
+        const double velocity =
+            -amplitude * std::sin((n + 0.5) * theta) * std::sin(theta) / std::cos(theta / 2) / time_step;
+        // Roundings of lengths near 1, added up over the steps.
+        EXPECT_NEAR(played.after(n).displacement[1].x, place, 1e-13) << n;
+        EXPECT_NEAR(played.velocity()[1].x, velocity, 1e-13) << n;
+        EXPECT_EQ(played.velocity()[0], glm::dvec3(0)) << "pinned";
+    }
+}
+
+TEST(ExportedVelocity, IsTheCentralDifferenceWhateverActs) {
+    Problem problem = make_lattice_problem(random_grid({6, 5, 7}, 0.8, 3, 2), FACE_BITS | EDGE_BITS);
+    problem.materials = {{.mass = 1, .stiffness = 1}, {.mass = 2.5, .stiffness = 3}};
+    pin_base(problem);
+    problem.gravity = {1e-3, 0, -2e-3};
+    problem.damping = 0.03;
+    problem.load.assign(problem.particle_count(), glm::dvec3(0, 5e-4, 0));
+    const auto count = std::uint32_t(problem.particle_count());
+    take_hold(problem, {.particles = {count - 3, count - 1}, .held = {}, .stiffness = 0.2});
+    Scene scene = scene_of("busy", problem, random_state(problem, 0.05, 5));
+    scene.tool_motion = {3, {0, 2, 9}, {{0, 0, 0}, {0, 0.5, 0.3}, {0.4, 0, 0}}};
+    Problem edited = scene.problem;
+    scene.edits = {{4, SpringEditor(edited).cut(Plane{{2.5, 0, 0}, {1, 0, 0}})}};
+    Played played(scene), ahead(scene);
+    // The tool moves after steps 0, 3, 6, ... and springs are cut after step 4, where a snapshot has them.
+    for (const int step : {1, 2, 3, 5, 6, 9}) {
+        const State now = played.after(step), next = ahead.after(step + 1);
+        const std::vector<glm::dvec3> velocity = played.velocity();
+        double apart = 0, fastest = 0;
+        for (std::size_t i = 0; i < velocity.size(); ++i) {
+            const glm::dvec3 expected =
+                (now.increment[i] + next.increment[i]) / (2 * scene.problem.time_step);
+            apart = std::max(apart, glm::distance(velocity[i], expected));
+            fastest = std::max(fastest, glm::length(expected));
+        }
+        EXPECT_LT(apart, 1e-13) << step;  // two orders of a sum in float64
+        EXPECT_GT(fastest, 1e-3);
+    }
+}
+
+TEST(ExportedVelocity, GivesAnEnergyThatHardlyWanders) {
+    Problem problem = make_lattice_problem(solid({5, 5, 5}), FACE_BITS | EDGE_BITS);
+    pin_base(problem);
+    problem.gravity = {0, 0, -1e-3};
+    const Scene scene = scene_of("undamped", problem);
+    Played played(scene);
+    std::vector<double> centred, half_a_step_old;
+    for (int step = 5; step <= 400; step += 5) {
+        State state = played.after(step);
+        half_a_step_old.push_back(energy(scene.problem, state).total());
+        const std::vector<glm::dvec3> velocity = played.velocity();
+        for (std::size_t i = 0; i < velocity.size(); ++i)
+            state.increment[i] = velocity[i] * scene.problem.time_step;
+        centred.push_back(energy(scene.problem, state).total());
+    }
+    const auto wander = [](const std::vector<double>& values) {
+        const auto [low, high] = std::minmax_element(values.begin(), values.end());
+        return *high - *low;
+    };
+    // Of second order in the time step rather than of first.
+    EXPECT_LT(wander(centred), wander(half_a_step_old) / 5);
+}
+
+}  // namespace
+}  // namespace voxspring::testing
