@@ -349,6 +349,41 @@ TEST_F(SimulationOfOne, WhatStillAppliesOfAnEditIsMade) {
     expect_same_bits(simulation.state(), backend->download());
 }
 
+TEST_F(SimulationOfOne, ARunGoesOnFromWhatTheHandHasCutAndSewn) {
+    const Scene scene = busy_box();
+    const BackendSpec spec = BackendSpec::parse("cpu_reference");
+    Simulation simulation(scene, spec);
+    simulation.step(2);
+    ASSERT_GT(simulation.cut({{{2.5, -2, 2.5}, {2.5, -2, 9}, {2.5, 9, 2.5}, {2.5, 9, 9}}}).springs, 10u);
+    ASSERT_GT(simulation.suture({0, 0, 4}, {7, 5, 4}, 0.1).springs, 0u);
+    // Before the scene has cut, and after.
+    for (const int steps : {1, 4}) {
+        simulation.step(steps);
+        simulation.keep_state();
+        const auto file = file_called("of_a_hand.npz");
+        simulation.save(file);
+
+        Scene goes_on = scene;
+        const SavedState saved = read_saved_state(file, goes_on);
+        EXPECT_EQ(saved.mask, simulation.problem().lattice.mask);
+        EXPECT_EQ(saved.springs, simulation.problem().springs);
+        EXPECT_GT(springs_that_differ(goes_on, saved), 0u);
+        take_springs(goes_on, saved);
+        SceneRunner runner(goes_on);
+        runner.start_from(saved.step, saved.state);
+        const auto backend = spec.make();
+        runner.rewind(*backend);
+        runner.run(*backend, 20);
+        Simulation until_then(scene, spec);
+        until_then.step(2);
+        until_then.cut({{{2.5, -2, 2.5}, {2.5, -2, 9}, {2.5, 9, 2.5}, {2.5, 9, 9}}});
+        until_then.suture({0, 0, 4}, {7, 5, 4}, 0.1);
+        until_then.step(saved.step - 2 + 20);
+        expect_same_springs(runner.problem(), until_then.problem());
+        expect_same_bits(backend->download(), until_then.state());
+    }
+}
+
 TEST_F(SimulationOfOne, ABackendTakesTheEditsToComeOrNothing) {
     Scene scene = box();
     Problem problem = scene.problem;

@@ -36,7 +36,7 @@ double largest_displacement(const State& state) {
     return largest;
 }
 
-/// As many steps as come nearest to `time`, one at least. Says so where that is not exact.
+/// As many steps as come nearest to `time`, at least one. Says so where that is not exact.
 int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double time_step = scene.problem.time_step;
     const double steps = std::max(1.0, std::round(time / time_step));
@@ -48,7 +48,7 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     constexpr double rounding = 1e-9;
     if (std::abs(steps * time_step - time) > rounding * time)
         out << "time " << time << " is no whole number of time steps of " << time_step << ": " << steps
-            << " steps, to time " << steps * time_step << "\n";
+            << (steps == 1 ? " step" : " steps") << ", to time " << steps * time_step << "\n";
     return int(steps);
 }
 
@@ -97,11 +97,13 @@ public:
             steps_ = steps_to(*options.time, *scene_, out);
             exports_ = std::make_unique<Exports>(options.out, steps_);
         }
-        runner_ = std::make_unique<SceneRunner>(*scene_);
         if (options.resume) resume(*options.resume);
+        runner_ = std::make_unique<SceneRunner>(*scene_);
+        if (saved_) runner_->start_from(first_, saved_->state);
         activity_.begin(scene_->name + ": starting " + options.backend);
         make_backend(by_rules);
-        monitor_ = divergence_monitor(*scene_, steps_);
+        if (saved_) say_whether_bits_are_kept();
+        monitor_ = divergence_monitor(*scene_, steps_, saved_ ? saved_->state : scene_->state);
         backend_->monitor(monitor_);
     }
 
@@ -127,7 +129,41 @@ private:
                            "more than the " + std::to_string(saved_->step) + " that " + file.string() +
                                " has reached: they count from the scene's start");
         first_ = saved_->step;
-        runner_->start_from(first_, saved_->state);
+        activity_.end();
+        if (!saved_->differs.empty()) out_ << file.string() << ": " << saved_->differs << "\n";
+        take_springs_of(file);
+    }
+
+    /// The springs of the file are those that it goes on with, and it says where they are not the scene's.
+    void take_springs_of(const std::filesystem::path& file) {
+        const std::size_t others = springs_that_differ(*scene_, *saved_);
+        if (others == 0) return;
+        const Pictures* pictures = exports_->pictures();
+        if (pictures != nullptr && pictures->colouring() == Colouring::error)
+            throw BadInput("command line", "--colour", "error",
+                           fmt::format("displacement: {} springs of {} are not those of {} after step {}, so "
+                                       "that float64 does not know its way there",
+                                       others, file.string(), scene_->name, first_));
+        const std::size_t before = scene_->edits.size();
+        take_springs(*scene_, *saved_);
+        out_ << fmt::format(
+            "{}: {} springs are not those of {} after step {}; the run goes on with the "
+            "file's{}\n",
+            file.string(), others, scene_->name, first_,
+            before > 0 ? ", and later edits change what they still find" : "");
+    }
+
+    /// The file holds displacement and increment in float64, which is all that `increment` has.
+    void say_whether_bits_are_kept() {
+        const Options& options = spec_.options;
+        const bool kept =
+            options.formulation == Formulation::increment ||
+            (options.precision == Precision::float32 && options.formulation != Formulation::compensated);
+        if (kept) return;
+        activity_.end();
+        out_ << to_string(options.formulation) << " in " << to_string(options.precision)
+             << " has more digits than the file: the run goes on from the state rounded to float64, and does "
+                "not end at the bits of one that was not interrupted\n";
     }
 
     void make_backend(bool by_rules) {

@@ -417,6 +417,7 @@ std::string npz(const Snapshot& snapshot) {
     file.array("rest_length", springs.rest_length);
     file.array("stiffness", springs.stiffness);
     file.array("tension", springs.tension);
+    file.scalar("lattice_springs", std::int64_t(springs.rest_length.size() - problem.springs.size()));
     file.array("dims", std::vector<int>{lattice.dims.x, lattice.dims.y, lattice.dims.z});
     file.array("spacing", std::vector<double>{lattice.spacing.x, lattice.spacing.y, lattice.spacing.z});
     file.scalar("step", snapshot.step);

@@ -43,6 +43,7 @@ std::string vtu(const Snapshot& snapshot);
 ///     voxel                               (n, 3) int32, x, y, z; (0, 3) without a lattice
 ///     springs                             (m, 2) uint32, the particles at its ends, the smaller first
 ///     rest_length, stiffness, tension     (m,) float64, as in vtu()
+///     lattice_springs                     () int64, how many of the springs, the first, are of the lattice
 ///     dims                                (3,) int32, voxels along x, y, z
 ///     spacing                             (3,) float64
 ///     step                                () int64

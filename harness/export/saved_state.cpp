@@ -1,19 +1,31 @@
 #include "harness/export/saved_state.h"
 
+#include <fmt/format.h>
 #include <minizip/unzip.h>
 
+#include <algorithm>
+#include <bit>
+#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <glm/vec3.hpp>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <tuple>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
+#include "backends/physics/edit.h"
+#include "backends/physics/neighbours.h"
 #include "harness/base/bad_input.h"
 #include "harness/export/arrays.h"
+#include "harness/scene/scene_runner.h"
+#include "harness/scene/stability.h"
 
 namespace voxspring {
 namespace {
@@ -32,13 +44,43 @@ public:
         const ArrayBytes wanted = bytes_of(values);
         std::string shape = "(" + std::to_string(wanted.count) + ",";
         if (wanted.components > 1) shape += " " + std::to_string(wanted.components);
-        read(name, wanted, shape + ")", reinterpret_cast<char*>(values.data()));
+        const std::string header = open(name, wanted);
+        check(name, header, "'shape': " + shape + ")");
+        take(name, reinterpret_cast<char*>(values.data()), wanted.bytes.size());
+        close(name);
     }
     template <class Number>
     Number scalar(const std::string& name) {
         std::vector<Number> value(1);
-        read(name, bytes_of(value), "()", reinterpret_cast<char*>(value.data()));
+        const std::string header = open(name, bytes_of(value));
+        check(name, header, "'shape': ()");
+        take(name, reinterpret_cast<char*>(value.data()), sizeof(Number));
+        close(name);
         return value[0];
+    }
+    /// The array `name` of as many rows as the file says, of `columns` numbers each.
+    template <class Number>
+    std::vector<Number> rows(const std::string& name, std::size_t columns) {
+        constexpr std::size_t most = std::size_t(1) << 40, at_once = std::size_t(1) << 20;
+        std::vector<Number> values;
+        const std::string header = open(name, bytes_of(values));
+        const std::string_view key = "'shape': (";
+        const std::size_t at = header.find(key);
+        std::size_t count = 0;
+        if (at != std::string::npos)
+            std::from_chars(header.data() + at + key.size(), header.data() + header.size(), count);
+        if (count > most) refuse(name, "its shape", "an array that fits into memory");
+        check(name, header,
+              fmt::format("{}{},{})", key, count, columns > 1 ? fmt::format(" {}", columns) : ""));
+        // Memory is taken for what is there, whatever the header says.
+        for (std::size_t left = count * columns; left > 0;) {
+            const std::size_t piece = std::min(left, at_once), before = values.size();
+            values.resize(before + piece);
+            take(name, reinterpret_cast<char*>(values.data() + before), piece * sizeof(Number));
+            left -= piece;
+        }
+        close(name);
+        return values;
     }
 
     [[noreturn]] void refuse(const std::string& key, const std::string& value,
@@ -51,10 +93,12 @@ private:
         void operator()(unzFile file) const { unzClose(file); }
     };
 
-    void read(const std::string& name, const ArrayBytes& wanted, const std::string& shape, char* to) {
+    /// Goes to the data of the array `name`, whose elements must be of the type of `wanted`; returns what
+    /// stands before them.
+    std::string open(const std::string& name, const ArrayBytes& wanted) {
         if (unzLocateFile(file_.get(), (name + ".npy").c_str(), 1) != UNZ_OK ||
             unzOpenCurrentFile(file_.get()) != UNZ_OK)
-            refuse(name, "nothing", "the array " + name + " that `voxspring run --out` writes");
+            throw BadInput(name_, name, missing, "the array " + name + " that `voxspring run --out` writes");
         constexpr std::size_t before = 10;  // magic string, version, the header's size
         std::string begin(before, '\0');
         take(name, begin.data(), begin.size());
@@ -62,13 +106,18 @@ private:
             refuse(name, "its header", "a numpy array");
         std::string header(std::uint8_t(begin[8]) + 256u * std::uint8_t(begin[9]), '\0');
         take(name, header.data(), header.size());
-        const std::string type = std::string("'descr': '") + (wanted.width == 1 ? '|' : '<') + wanted.kind +
-                                 std::to_string(wanted.width) + "'";
-        for (const std::string& part : {type, std::string("'fortran_order': False"), "'shape': " + shape}) {
-            if (header.find(part) == std::string::npos)
-                refuse(name, header.substr(0, header.find('\n')), part + ", as the scene has it");
-        }
-        take(name, to, wanted.bytes.size());
+        check(name, header,
+              std::string("'descr': '") + (wanted.width == 1 ? '|' : '<') + wanted.kind +
+                  std::to_string(wanted.width) + "'");
+        check(name, header, "'fortran_order': False");
+        return header;
+    }
+    void check(const std::string& name, const std::string& header, const std::string& part) const {
+        if (header.find(part) == std::string::npos)
+            refuse(name, header.substr(0, header.find('\n')), part + ", as the scene has it");
+    }
+    /// All of the array has been read.
+    void close(const std::string& name) {
         char more = 0;
         // Closing it checks what was read against the file's sum.
         if (unzReadCurrentFile(file_.get(), &more, 1) != 0 || unzCloseCurrentFile(file_.get()) != UNZ_OK)
@@ -112,6 +161,101 @@ void check_scene(NpzReader& file, const Scene& scene) {
                     "the time step of the scene " + scene.name + ", " + std::to_string(problem.time_step));
 }
 
+/// The direction from `first` to `second`, as springs of the lattice have it; null where there is none.
+const Direction* direction_between(const Problem& problem, std::uint32_t first, std::uint32_t second) {
+    const Lattice& lattice = problem.lattice;
+    if (first >= second || second >= lattice.voxel.size()) return nullptr;
+    const glm::ivec3 offset =
+        lattice.coordinates(lattice.voxel[second]) - lattice.coordinates(lattice.voxel[first]);
+    const auto& all = directions();
+    const auto found = std::find_if(all.begin(), all.end(), [&](const Direction& direction) {
+        return direction.offset == offset && (problem.group_bits >> direction.bit & 1U) != 0;
+    });
+    return found == all.end() ? nullptr : &*found;
+}
+
+void read_springs(NpzReader& file, const Scene& scene, SavedState& saved) {
+    const Problem& problem = scene.problem;
+    const auto ends = file.rows<std::uint32_t>("springs", 2);
+    const auto rest_length = file.rows<double>("rest_length", 1);
+    const auto stiffness = file.rows<double>("stiffness", 1);
+    const auto of_lattice = file.scalar<std::int64_t>("lattice_springs");
+    const std::size_t count = ends.size() / 2;
+    if (rest_length.size() != count || stiffness.size() != count)
+        file.refuse("springs", std::to_string(count) + " pairs", "as many as rest lengths and stiffnesses");
+    if (of_lattice < 0 || std::size_t(of_lattice) > count)
+        file.refuse("lattice_springs", std::to_string(of_lattice), "a number of springs");
+
+    saved.mask = problem.lattice.mask;
+    for (std::uint32_t& mask : saved.mask) mask &= ~std::uint32_t(NEIGHBOUR_BITS);
+    std::size_t other = 0;
+    for (std::size_t s = 0; s < std::size_t(of_lattice); ++s) {
+        const std::uint32_t first = ends[2 * s], second = ends[2 * s + 1];
+        const Direction* direction = direction_between(problem, first, second);
+        if (direction == nullptr || rest_length[s] != rest_spring(problem, *direction).length ||
+            stiffness[s] != problem.spring_stiffness(first, second, *direction)) {
+            ++other;
+            continue;
+        }
+        saved.mask[first] |= 1U << direction->bit;
+        saved.mask[second] |= 1U << (direction->bit ^ 1);
+    }
+    if (other > 0)
+        file.refuse("springs", fmt::format("{} of {}", other, of_lattice),
+                    "springs of the stiffness, the rest length and the neighbours that the scene " +
+                        scene.name + " has");
+    for (std::size_t s = std::size_t(of_lattice); s < count; ++s) {
+        const Spring spring{ends[2 * s], ends[2 * s + 1], stiffness[s], rest_length[s]};
+        if (spring.first >= spring.second || spring.second >= problem.particle_count() ||
+            !std::isfinite(spring.stiffness) || !(spring.stiffness > 0) ||
+            !std::isfinite(spring.rest_length) || !(spring.rest_length > 0))
+            file.refuse("springs", fmt::format("the one between {} and {}", spring.first, spring.second),
+                        "springs between two particles, of a stiffness and a rest length above 0");
+        saved.springs.push_back(spring);
+    }
+}
+
+/// Says where the file's particles are others than the scene's.
+void compare_particles(NpzReader& file, const Scene& scene, SavedState& saved) {
+    const Problem& problem = scene.problem;
+    std::vector<double> mass(problem.particle_count());
+    std::vector<std::uint8_t> pinned(problem.particle_count());
+    file.read("mass", mass);
+    file.read("pinned", pinned);
+    std::size_t other_mass = 0, other_pins = 0;
+    for (std::size_t i = 0; i < mass.size(); ++i) {
+        other_mass += mass[i] != problem.material_of(i).mass ? 1 : 0;
+        other_pins += (pinned[i] != 0) != problem.is_pinned(i) ? 1 : 0;
+    }
+    if (other_mass == 0 && other_pins == 0) return;
+    saved.differs = fmt::format(
+        "{} particles have another mass there and {} are pinned otherwise; those of "
+        "the scene {} hold",
+        other_mass, other_pins, scene.name);
+}
+
+bool before(const Spring& a, const Spring& b) {
+    return std::tie(a.first, a.second, a.stiffness, a.rest_length) <
+           std::tie(b.first, b.second, b.stiffness, b.rest_length);
+}
+
+/// Of each edit what still applies to `problem` and to what the edits before it left.
+std::vector<ScheduledEdit> still_applying(Problem problem, const std::vector<ScheduledEdit>& edits) {
+    SpringEditor editor(problem);
+    std::vector<ScheduledEdit> made;
+    const auto add = [&](int step, SpringEdit edit) {
+        if (!edit.empty()) made.push_back({step, std::move(edit)});
+    };
+    for (const ScheduledEdit& scheduled : edits) {
+        std::vector<std::pair<std::uint32_t, std::uint32_t>> removed;
+        for (const ChangedSpring& changed : scheduled.edit.removed)
+            removed.emplace_back(changed.spring.first, changed.spring.second);
+        add(scheduled.step, editor.cut(removed));
+        add(scheduled.step, editor.join(scheduled.edit.added));
+    }
+    return made;
+}
+
 }  // namespace
 
 SavedState read_saved_state(const std::filesystem::path& path, const Scene& scene) {
@@ -131,7 +275,35 @@ SavedState read_saved_state(const std::filesystem::path& path, const Scene& scen
                 file.refuse(name, "a number that is not finite", "finite numbers");
         }
     }
+    read_springs(file, scene, saved);
+    compare_particles(file, scene, saved);
     return saved;
+}
+
+std::size_t springs_that_differ(const Scene& scene, const SavedState& saved) {
+    const Problem own = problem_after(scene, saved.step);
+    std::size_t ends = 0;  // of lattice springs, each of which has two
+    for (std::size_t i = 0; i < saved.mask.size(); ++i)
+        ends += std::size_t(std::popcount(saved.mask[i] ^ own.lattice.mask[i]));
+    if (saved.springs == own.springs) return ends / 2;
+    const auto sorted = [](std::vector<Spring> springs) {
+        std::sort(springs.begin(), springs.end(), before);
+        return springs;
+    };
+    const std::vector<Spring> these = sorted(saved.springs), those = sorted(own.springs);
+    std::vector<Spring> other;
+    std::set_symmetric_difference(these.begin(), these.end(), those.begin(), those.end(),
+                                  std::back_inserter(other), before);
+    // The same springs in another order are added up in another one.
+    return ends / 2 + std::max<std::size_t>(other.size(), 1);
+}
+
+void take_springs(Scene& scene, const SavedState& saved) {
+    scene.problem.lattice.mask = saved.mask;
+    scene.problem.springs = saved.springs;
+    std::erase_if(scene.edits, [&](const ScheduledEdit& edit) { return edit.step < saved.step; });
+    if (!scene.edits.empty()) scene.edits = still_applying(scene.problem, scene.edits);
+    scene.stable_time_step = stable_time_step(with_all_springs(scene));
 }
 
 }  // namespace voxspring

@@ -31,18 +31,18 @@ double longest(const std::vector<glm::dvec3>& vectors) {
 
 }  // namespace
 
-double largest_increment(const Scene& scene, int steps) {
+double largest_increment(const Scene& scene, int steps, const State& start) {
     const Problem& problem = scene.problem;
     const SpringLengths springs = spring_lengths(problem);
     const double acceleration = forced_acceleration(problem);
     const double forced = problem.damping > 0 ? std::min(double(steps), 1 / problem.damping) : steps;
-    return springs.longest + longest(scene.state.increment) + 2 * longest(scene.state.displacement) +
+    return springs.longest + longest(start.increment) + 2 * longest(start.displacement) +
            4 * longest(scene.tool_motion.displacement) + springs.strain +
            problem.time_step * problem.time_step * acceleration * forced;
 }
 
-DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {
-    return {largest_increment(scene, steps), check_every};
+DivergenceMonitor divergence_monitor(const Scene& scene, int steps, const State& start) {
+    return {largest_increment(scene, steps, start), check_every};
 }
 
 std::optional<Divergence> find_divergence(Backend& backend, SceneRunner& runner,

@@ -21,10 +21,16 @@ namespace voxspring {
 /// amplitude A moves by no more than 2 A a step, A being the start's or half the strain's; what a constant
 /// force adds to the increment in n steps is n dt^2 of it. One rest length a step is room for springs that
 /// meet. A run that diverges grows by a factor a step, so that the room costs few steps.
-double largest_increment(const Scene& scene, int steps);
+double largest_increment(const Scene& scene, int steps, const State& start);
+inline double largest_increment(const Scene& scene, int steps) {
+    return largest_increment(scene, steps, scene.state);
+}
 
 /// What every run of the harness is held to: largest_increment(), checked every 64 steps.
-DivergenceMonitor divergence_monitor(const Scene& scene, int steps);
+DivergenceMonitor divergence_monitor(const Scene& scene, int steps, const State& start);
+inline DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {
+    return divergence_monitor(scene, steps, scene.state);
+}
 
 /// Where the run of `steps` since the last rewind(), which left `last`, departed from its bounds, if it has:
 /// as the backend saw it, or between its last check and `last`. The step is found by playing the scene once

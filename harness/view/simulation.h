@@ -100,7 +100,8 @@ public:
     /// not finite.
     std::string switch_to(const BackendSpec& spec);
     /// Writes the state that was kept last as `voxspring run --out FILE.npz` does; the scene's start before
-    /// any. `run --resume` goes on from it with the scene's own springs. Throws std::system_error.
+    /// any. `run --resume` goes on from it with its springs, and with the scene's own tool. Throws
+    /// std::system_error.
     void save(const std::filesystem::path& npz) const;
 
     // --- Beside float64 ---------------------------------------------------------------------------------
