@@ -221,7 +221,8 @@ class Pictures(InTemporaryFolder):
         self.assertEqual(sorted(path.name for path in frames.iterdir()), names)
         pictures = [read_png(frames / name) for name in names]
         self.assertEqual([about["steps"] for _, about in pictures], [20, 40, 50])
-        # The legend, at the bottom, is the same in all, though the bodies differ.
+        # The bar with its ticks, at the bottom, is the same in all, though the bodies differ; and the largest above it, in the
+        # right half, is that of its own picture.
         for pixels, about in pictures[1:]:
             self.assertTrue((pixels[102:] == pictures[0][0][102:]).all())
             self.assertFalse((pixels[:102] == pictures[0][0][:102]).all())

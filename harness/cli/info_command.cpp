@@ -11,6 +11,7 @@
 
 #include "backends/registry.h"
 #include "harness/base/progress.h"
+#include "harness/base/text.h"
 #include "harness/cli/commands.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
@@ -131,8 +132,8 @@ void print_time_step(const SceneFacts& facts, std::ostream& out) {
     const Scene& scene = facts.scene;
     const double time_step = scene.problem.time_step;
     row(out, "time step",
-        fmt::format("{:g} ({:.3g}% of the stable {:g})", time_step, 100 * time_step / scene.stable_time_step,
-                    scene.stable_time_step));
+        fmt::format("{:g} ({} of the stable {:g})", time_step,
+                    percent_text(time_step / scene.stable_time_step), scene.stable_time_step));
     row(out, "  undamped", fmt::format("{:g} would be stable", facts.undamped));
     row(out, "  limit",
         facts.limit ? fmt::format("{:g} by Lanczos' iteration, of which the stable one is {:.4g}%",

@@ -219,7 +219,7 @@ void draw_legend(Image& image, const Scale& scale) {
     const auto bottom = int(image.height - height * 0.42);
 
     const bool error = scale.colouring() == Colouring::error;
-    const std::string largest = "largest " + short_text(scale.max(), 3);
+    const std::string largest = "largest " + short_text(scale.largest(), 3);
     pen.write(error ? "error against float64" : "displacement", left, top - letter * 0.55);
     pen.write(largest, right - pen.pixels(largest), top - letter * 0.55);
     for (int x = left; x < right; ++x) {

@@ -26,11 +26,14 @@ std::optional<Colouring> colouring_called(const std::string& text);
 /// decades at most.
 class Scale {
 public:
-    /// `max`: the largest value that is shown, finite and not negative.
-    Scale(Colouring colouring, double max) : colouring_(colouring), max_(max) {}
+    /// `max`: the end of the scale, finite and not negative. `largest`: the largest value of the picture that
+    /// it stands under; nothing: max.
+    Scale(Colouring colouring, double max, std::optional<double> largest = {})
+        : colouring_(colouring), max_(max), largest_(largest.value_or(max)) {}
 
     Colouring colouring() const { return colouring_; }
     double max() const { return max_; }
+    double largest() const { return largest_; }
     /// 0 to 1; all is 0 where max() is.
     double place(double value) const;
 
@@ -43,7 +46,7 @@ public:
 
 private:
     Colouring colouring_;
-    double max_;
+    double max_, largest_;
 };
 
 /// Knots of a map from 0 to 1 to colours, evenly spaced, linear between: viridis for displacements and plasma

@@ -49,7 +49,7 @@ void Pictures::look_at(const Snapshot& snapshot) {
 std::string Pictures::png(const Snapshot& snapshot) {
     if (camera_.empty()) look_at(snapshot);
     std::vector<double> values = values_of(snapshot);
-    const Scale scale(colouring_, largest_of_all_);
+    const Scale scale(colouring_, largest_of_all_, largest_);
     for (double& value : values) value = scale.place(value);
     const std::vector<SurfaceVertex> surface = surface_of(snapshot, values);
     const nlohmann::json about = {{"scene", snapshot.scene.name},

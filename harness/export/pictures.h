@@ -14,8 +14,8 @@
 namespace voxspring {
 
 /// Draws a run's snapshots. Those that it has looked at before fix what all pictures have in common: a camera
-/// that has every one of them in view, and a scale to the largest value of any. A lone picture needs no look
-/// before.
+/// that has every one of them in view, and a scale to the largest value of any. What a legend calls the
+/// largest is that of its own picture. A lone picture needs no look before.
 class Pictures {
 public:
     /// Throws Unavailable where there is no OpenGL.
