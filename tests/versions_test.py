@@ -141,7 +141,7 @@ class OtherVersions(InTemporaryFolder):
         plain = self.write("pareto.json", read(result))
         said = [run(VOXSPRING, "advise", "box@32", "--error", 1e-4, "--results", path) for path in (result, plain)]
         self.assertEqual(said[0].returncode, 0, said[0].stderr)
-        self.assertIn("best: ", said[0].stdout)
+        self.assertIn("is reached soonest by", said[0].stdout)
         self.assertEqual(said[0].stdout, said[1].stdout)
 
     def test_every_reader_of_results_refuses_a_newer_one(self):

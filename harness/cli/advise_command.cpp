@@ -1,6 +1,11 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
+#include <algorithm>
+#include <cctype>
+#include <iostream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <utility>
@@ -22,86 +27,183 @@ namespace voxspring {
 
 namespace {
 
-/// A study of one scene.
-nlohmann::json measured(const std::string& study, const std::string& scene, StudyOptions options,
+/// A study of one scene. What was not measured is said beside the advice, and on standard error where that is
+/// JSON.
+nlohmann::json measured(const std::string& study, const std::string& scene, const AdviseOptions& options,
                         std::ostream& out) {
-    options.scenes = {scene};
-    options.stops_at_once = true;
-    nlohmann::json result = run_study(load_study(study), options);
-    if (!is_unfinished(result)) print_unmeasured(result, out);
+    StudyOptions of_study = options.study;
+    of_study.scenes = {scene};
+    nlohmann::json result = run_study(load_study(study), of_study);
+    print_unmeasured(result, options.json ? std::cerr : out);
     return result;
+}
+
+/// `word` as a shell takes it.
+std::string quoted(const std::string& word) {
+    const auto plain = [](unsigned char c) {
+        return std::isalnum(c) != 0 || std::string("_@%+=:,./-").find(char(c)) != std::string::npos;
+    };
+    if (!word.empty() && std::all_of(word.begin(), word.end(), plain)) return word;
+    std::string text = "'";
+    for (const char c : word) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    return text + "'";
+}
+
+std::string text_of(const VolumeOptions& volume) {
+    const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
+    std::string text;
+    if (volume.labels) text += fmt::format(" --labels {}", fmt::join(*volume.labels, ","));
+    if (volume.threshold) text += fmt::format(" --threshold {}", *volume.threshold);
+    if (volume.spacing) text += " --spacing " + vector(*volume.spacing);
+    if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
+    return text;
+}
+
+/// What does what the candidate did, in the same time step to the bit.
+std::string command_of(const Candidate& candidate, const std::string& argument,
+                       const AdviseOptions& options) {
+    return fmt::format("voxspring run {}{} --backend {} --time-step {} --steps {} --out state.npz",
+                       quoted(argument), text_of(options.study.volume), quoted(specification(candidate)),
+                       candidate.time_step, candidate.steps);
+}
+
+nlohmann::json to_json(const Candidate& candidate, const std::string& command) {
+    return {{"backend", candidate.backend},
+            {"formulation", candidate.formulation},
+            {"precision", candidate.precision},
+            {"tuning", candidate.tuning},
+            {"device", candidate.device},
+            {"time_step", candidate.time_step},
+            {"fraction_of_stable", candidate.fraction_of_stable},
+            {"steps", candidate.steps},
+            {"end_time", candidate.end_time},
+            {"seconds", candidate.seconds},
+            {"total_error_relative_l2", candidate.total_error},
+            {"error_relative_l2", candidate.rounding_error},
+            {"command", command}};
+}
+
+void print(const Candidate& candidate, std::ostream& out) {
+    const std::string tuning = changed_tuning(candidate);
+    out << fmt::format("  {}{}, {} in {}, on {}\n", candidate.backend,
+                       tuning.empty() ? "" : " with " + tuning, candidate.formulation, candidate.precision,
+                       candidate.device)
+        << fmt::format("    {} for {} steps of {:.4g} ({:.3g} of the stable time step) to time {:.4g}\n",
+                       si(candidate.seconds, "s"), candidate.steps, candidate.time_step,
+                       candidate.fraction_of_stable, candidate.end_time)
+        << fmt::format("    error against the converged solution {}; rounding alone {}\n",
+                       error_text(candidate.total_error), error_text(candidate.rounding_error));
+}
+
+/// What was measured of a scene, or read.
+struct Measured {
+    std::string scene;
+    std::vector<Candidate> candidates;
+    bool unfinished = false;
+};
+
+Measured candidates_for(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
+    if (options.results)
+        return {.scene = argument, .candidates = candidates_of(read_json(*options.results), argument)};
+    const std::string scene = load_scene(argument, options.study.volume).name;
+    const nlohmann::json result = measured("pareto", argument, options, out);
+    Measured all{.scene = scene, .candidates = {}, .unfinished = is_unfinished(result)};
+    if (!result.at("pareto").empty() || !all.unfinished)
+        all.candidates = candidates_of(parse_json(result.dump(), "what was measured"), scene);
+    return all;
+}
+
+int print_advice_on_errors(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
+    const auto [scene, candidates, unfinished] = candidates_for(argument, options, out);
+    const double error = options.error.value();
+    if (candidates.empty()) {
+        (options.json ? std::cerr : out)
+            << scene << ": "
+            << (unfinished ? "interrupted before anything was measured"
+                           : "no run has an error against the converged solution: float64 does not "
+                             "converge, or all diverged")
+            << "\n";
+        return unfinished ? interrupted_exit_code : 1;
+    }
+    const Advice advice = advise(candidates, error);
+    const Candidate& first = advice.best ? *advice.best : advice.most_accurate;
+    const std::string command = command_of(first, argument, options);
+    const int exit_code = unfinished ? interrupted_exit_code : advice.best ? 0 : 1;
+    if (options.json) {
+        nlohmann::json json = {{"scene", scene},
+                               {"error", error},
+                               {"unfinished", unfinished},
+                               {"best", nullptr},
+                               {"runners_up", nlohmann::json::array()}};
+        if (advice.best) json["best"] = to_json(*advice.best, command);
+        for (const Candidate& candidate : advice.runners_up)
+            json["runners_up"].push_back(to_json(candidate, command_of(candidate, argument, options)));
+        json["most_accurate"] =
+            to_json(advice.most_accurate, command_of(advice.most_accurate, argument, options));
+        out << json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << "\n";
+        return exit_code;
+    }
+    if (unfinished)
+        out << scene << ": interrupted; of the " << candidates.size() << " runs that were measured\n";
+    out << scene << ": "
+        << (advice.best ? fmt::format("an error of {:g} is reached soonest by\n", error)
+                        : fmt::format("nothing reaches an error of {:g}; the most accurate is\n", error));
+    print(first, out);
+    if (!advice.runners_up.empty()) out << "after it\n";
+    for (const Candidate& candidate : advice.runners_up) print(candidate, out);
+    out << "to run " << (advice.runners_up.empty() ? "it" : "the first of them") << "\n  " << command << "\n";
+    return exit_code;
 }
 
 /// Whether more ranks than one pay.
 int print_advice_on_ranks(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     std::vector<ScalingRow> rows;
+    bool unfinished = false;
     if (options.results) {
         rows = scaling_rows_of(read_json(*options.results), argument);
     } else {
-        const nlohmann::json result = measured("scaling", argument, options.study, out);
-        if (is_unfinished(result)) return interrupted_exit_code;
+        const nlohmann::json result = measured("scaling", argument, options, out);
+        unfinished = is_unfinished(result);
         for (const nlohmann::json& row : result.at("scaling")) rows.push_back(scaling_row_from_json(row));
     }
-    const ScalingRow* best = nullptr;
-    for (const ScalingRow& row : rows) {
-        if (best == nullptr || row.seconds_per_step < best->seconds_per_step) best = &row;
+    if (rows.empty()) {
+        (options.json ? std::cerr : out)
+            << argument << ": " << (unfinished ? "interrupted before anything" : "nothing")
+            << " was measured\n";
+        return unfinished ? interrupted_exit_code : 1;
     }
-    if (best == nullptr) {
-        out << argument << ": nothing was measured\n";
-        return 1;
+    const ScalingRow& best = *std::min_element(rows.begin(), rows.end(), [](const auto& a, const auto& b) {
+        return a.seconds_per_step < b.seconds_per_step;
+    });
+    const int exit_code = unfinished ? interrupted_exit_code : 0;
+    if (options.json) {
+        const nlohmann::json json = {
+            {"scene", argument}, {"unfinished", unfinished}, {"best", voxspring::to_json(best)}};
+        out << json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << "\n";
+        return exit_code;
     }
+    if (unfinished) out << argument << ": interrupted; of what was measured\n";
     print_what_pays(rows, out);
-    out << "best: " << best->row.label() << " by "
-        << (best->ranks == 1
+    out << "best: " << best.row.label() << " by "
+        << (best.ranks == 1
                 ? "1 rank"
-                : std::to_string(best->ranks) + " ranks, cut into " + best->cut + ", and " + best->way)
-        << ", " << si(best->seconds_per_step, "s") << " a step\n";
-    return 0;
+                : std::to_string(best.ranks) + " ranks, cut into " + best.cut + ", and " + best.way)
+        << ", " << si(best.seconds_per_step, "s") << " a step\n";
+    return exit_code;
 }
 
 }  // namespace
 
 int print_advice(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     const bool asks_for_ranks = options.study.ranks || !options.study.devices.empty();
-    if (asks_for_ranks == options.error.has_value())
-        throw BadInput("command line", "advise", asks_for_ranks ? "an error and ranks" : "neither",
-                       "either --error, or --ranks or --devices");
-    if (asks_for_ranks) return print_advice_on_ranks(argument, options, out);
-    std::vector<Candidate> candidates;
-    std::string scene;
-    if (options.results) {
-        scene = argument;
-        candidates = candidates_of(read_json(*options.results), scene);
-    } else {
-        scene = load_scene(argument).name;
-        const nlohmann::json result = measured("pareto", argument, options.study, out);
-        if (is_unfinished(result)) return interrupted_exit_code;
-        candidates = candidates_of(parse_json(result.dump(), "what was measured"), scene);
-    }
-    if (candidates.empty()) {
-        out << "no run of " << scene
-            << " has an error against the converged solution: float64 does not converge, or all diverged\n";
-        return 1;
-    }
-    const auto print = [&](const std::string& heading, const Candidate& candidate) {
-        out << heading << ": " << specification(candidate) << "\n    on " << candidate.device
-            << fmt::format(
-                   "\n    time step {:.4g} ({:.4g} of the stable one): {} for {} steps to time {:.4g}",
-                   candidate.time_step, candidate.fraction_of_stable, si(candidate.seconds, "s"),
-                   candidate.steps, candidate.end_time)
-            << "\n    error against the converged solution " << error_text(candidate.total_error)
-            << ", of it rounding " << error_text(candidate.rounding_error) << "\n";
-    };
-    const Advice advice = advise(candidates, *options.error);
-    if (!advice.best) {
-        out << scene << ": nothing reaches an error of " << *options.error << "\n";
-        print("most accurate", advice.most_accurate);
-        return 1;
-    }
-    out << scene << ": an error of " << *options.error << " is reached soonest by\n";
-    print("best", *advice.best);
-    for (const Candidate& candidate : advice.runners_up) print("runner-up", candidate);
-    return 0;
+    if (!asks_for_ranks && !options.error)
+        throw BadInput("command line", "--error", missing,
+                       "the error that will do; or in its place --ranks or --devices");
+    if (asks_for_ranks && options.error)
+        throw BadInput("command line", "--error", fmt::format("{:g}", *options.error),
+                       "no error beside --ranks or --devices, which ask for something else");
+    return asks_for_ranks ? print_advice_on_ranks(argument, options, out)
+                          : print_advice_on_errors(argument, options, out);
 }
 
 }  // namespace voxspring

@@ -256,8 +256,14 @@ void add_run(CLI::App& app, Asked& asked, std::ostream& out) {
         "Simulated time in the scene's unit, instead of --steps: the steps that come nearest to it, one at "
         "least")
         ->excludes(steps);
-    run->add_option("--resume", options.resume,
-                    "A .npz that --out wrote of this scene: go on from its step, up to --steps or --time");
+    add_number<double>(
+        *run, "--time-step", min_quantity, max_quantity,
+        [&options](double time_step) { options.time_step = time_step; },
+        "The same motion in steps of this size, as `voxspring advise` measures it; the scene's");
+    run->add_option(
+        "--resume", options.resume,
+        "A .npz that --out or `voxspring view` wrote of this scene: go on from its step, with its "
+        "springs, up to --steps or --time");
     add_export_options(*run, options.out);
     add_volume_options(*run, options.volume);
     run->callback([&] { asked.exit_code = run_scene(asked.scene, options, out); });
@@ -320,7 +326,19 @@ void add_advise(CLI::App& app, Asked& asked, std::ostream& out) {
         ->excludes(results);
     add_repetitions(*advise, options.study, "Timed runs of each, measuring");
     advise->get_option("--repetitions")->excludes(results);
-    advise->callback([&] { asked.exit_code = print_advice(asked.scene, options, out); });
+    CLI::Option* file = advise
+                            ->add_option("--out", options.study.out,
+                                         "What was measured as a .json file, which --results reads")
+                            ->excludes(results);
+    advise
+        ->add_flag("--resume", options.study.resume, "Go on with the measurement of --out that was cut short")
+        ->needs(file);
+    add_json(*advise, asked);
+    add_volume_options(*advise, options.study.volume);
+    advise->callback([&] {
+        options.json = asked.json;
+        asked.exit_code = print_advice(asked.scene, options, out);
+    });
 }
 
 void add_view(CLI::App& app, Asked& asked, std::ostream& out, const ViewScene& view) {

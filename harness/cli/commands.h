@@ -32,6 +32,7 @@ struct RunOptions {
     std::string backend;
     int steps = 100;                              ///< from the scene's start
     std::optional<double> time;                   ///< instead of `steps`, in the scene's unit
+    std::optional<double> time_step;              ///< the same motion in steps of that; the scene's
     std::optional<std::filesystem::path> resume;  ///< a state that `out` wrote
     VolumeOptions volume;
     ExportOptions out;
@@ -47,11 +48,12 @@ struct AdviseOptions {
     /// The largest total error that will do, relative L2. Nothing: it is asked whether several ranks pay.
     std::optional<double> error;
     std::optional<std::filesystem::path> results;  ///< of a pareto or a scaling study; nothing: measure
-    StudyOptions study;                            ///< of the measurement
+    StudyOptions study;                            ///< of the measurement; its volume is the scene's
+    bool json = false;
 };
 
-/// `voxspring advise`: returns the exit code, 1 if no configuration reaches the error. Throws BadInput,
-/// BadSpecification.
+/// `voxspring advise`: returns the exit code, 1 if no configuration reaches the error. An interruption ends
+/// the measurement, and what was measured until then is advised. Throws BadInput, BadSpecification.
 int print_advice(const std::string& scene, const AdviseOptions& options, std::ostream& out);
 
 }  // namespace voxspring

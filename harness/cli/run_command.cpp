@@ -21,6 +21,7 @@
 #include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
 #include "harness/verification/divergence.h"
+#include "harness/verification/reference.h"
 
 namespace voxspring {
 namespace {
@@ -93,6 +94,7 @@ public:
         if (!options.time) exports_ = std::make_unique<Exports>(options.out, steps_);
         activity_.begin("reading " + argument);
         scene_ = std::make_unique<Scene>(load_scene(argument, options.volume));
+        if (options.time_step) take_time_step(*options.time_step);
         if (options.time) {
             steps_ = steps_to(*options.time, *scene_, out);
             exports_ = std::make_unique<Exports>(options.out, steps_);
@@ -121,6 +123,24 @@ public:
     }
 
 private:
+    /// The same motion in steps of that size, as References and the study `pareto` have it.
+    void take_time_step(double time_step) {
+        if (time_step == scene_->problem.time_step) return;
+        const bool edited = !scene_->edits.empty();
+        if (edited || scene_->problem.has_tool())
+            throw BadInput("command line", "--time-step", fmt::format("{:g}", time_step),
+                           fmt::format("none for {}, whose {} after a number of steps", scene_->name,
+                                       edited ? "edits come" : "tool moves"));
+        const Problem& problem = scene_->problem;
+        const double before = problem.time_step, damping = problem.damping;
+        *scene_ = at_time_step(*scene_, time_step);
+        activity_.end();
+        out_ << fmt::format(
+            "{}: time step {:g} in the place of {:g}, damping {:g} per step in the place of "
+            "{:g}: the same motion\n",
+            scene_->name, time_step, before, problem.damping, damping);
+    }
+
     void resume(const std::filesystem::path& file) {
         saved_ = read_saved_state(file, *scene_);
         if (saved_->step >= steps_)

@@ -4,6 +4,7 @@
 #include <set>
 #include <tuple>
 
+#include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/schema_versions.h"
 
@@ -32,6 +33,11 @@ std::optional<Candidate> read_candidate(JsonObject row) {
     candidate.total_error = error.number();
     candidate.rounding_error = rounding.number();
     return candidate;
+}
+
+std::string with_tuning(const Candidate& candidate, const std::string& tuning) {
+    return candidate.backend + ":formulation=" + candidate.formulation + ",precision=" + candidate.precision +
+           (tuning.empty() ? "" : "," + tuning);
 }
 
 /// By time, then by error, then by name.
@@ -86,9 +92,19 @@ Advice advise(const std::vector<Candidate>& candidates, double error) {
     return advice;
 }
 
+std::string changed_tuning(const Candidate& candidate) {
+    const std::string alike =
+        candidate.backend + "/" + candidate.formulation + "/" + candidate.precision + "/";
+    try {
+        const std::string label = BackendSpec::parse(with_tuning(candidate, candidate.tuning)).label();
+        return label.starts_with(alike) ? label.substr(alike.size()) : "";
+    } catch (const BadSpecification&) {
+        return candidate.tuning;
+    }
+}
+
 std::string specification(const Candidate& candidate) {
-    return candidate.backend + ":formulation=" + candidate.formulation + ",precision=" + candidate.precision +
-           (candidate.tuning.empty() ? "" : "," + candidate.tuning);
+    return with_tuning(candidate, changed_tuning(candidate));
 }
 
 }  // namespace voxspring

@@ -37,7 +37,11 @@ struct Advice {
 /// `candidates` is not empty.
 Advice advise(const std::vector<Candidate>& candidates, double error);
 
-/// "cpu_parallel:formulation=increment,precision=float32[,tuning]", what --backend takes.
+/// "tile=64x16": the tuning parameters that are not at their default; all of them where this build does not
+/// know the backend.
+std::string changed_tuning(const Candidate& candidate);
+
+/// "cpu_parallel:formulation=increment,precision=float32[,changed_tuning()]", what --backend takes.
 std::string specification(const Candidate& candidate);
 
 }  // namespace voxspring

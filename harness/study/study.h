@@ -76,8 +76,6 @@ struct StudyOptions {
     /// So many cases do at once what is not timed, at most: construct, compile, go through a suite. Nothing:
     /// one for two cores.
     std::optional<int> side_by_side;
-    /// The first SIGINT or SIGTERM ends the process, where nobody wants what is finished.
-    bool stops_at_once = false;
     std::optional<std::filesystem::path> out;
     bool resume = false;  ///< go on with what a run of the same study left beside `out`
     /// For which a case's process may say nothing before it counts as hung. An answer is a batch or a

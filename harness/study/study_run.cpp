@@ -261,7 +261,7 @@ void StudyRun::check_devices() {
 }
 
 nlohmann::json StudyRun::run() {
-    const CaughtInterruptions caught(options_.stops_at_once);
+    const CaughtInterruptions caught;
     check_devices();
     std::size_t number = 0;
     for (const StudyScene& item : study_.scenes) {

@@ -239,6 +239,10 @@ public:
     }
 
 private:
+    using RowsOfSteps = std::map<int, std::vector<ParetoRow>>;  ///< by steps
+
+    /// Adds to `rows_of`. Throws Interrupted; what is there by then is a result.
+    void measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const;
     TimeSteps time_steps_of(const Study& study, const StudyScene& item) const {
         return {fractions_, item.steps, study.repetitions};
     }
@@ -269,6 +273,22 @@ void ParetoStudy::check(const Study& study, const StudyScene& item, const Scene&
 }
 
 void ParetoStudy::run(StudyBench& bench) {
+    const TimeSteps time_steps = time_steps_of(bench.study(), bench.item());
+    std::vector<int> counts;
+    for (const double fraction : fractions_) counts.push_back(int(time_steps.steps_at(fraction)));
+    RowsOfSteps rows_of;
+    try {
+        measure(bench, counts, rows_of);
+    } catch (const Interrupted&) {
+        // Nothing further is begun.
+    }
+    std::vector<ParetoRow> rows;
+    for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());
+    mark_fronts(rows);
+    for (const ParetoRow& row : rows) bench.add("pareto", to_json(row));
+}
+
+void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const {
     const Scene& scene = bench.scene();
     const TimeSteps time_steps = time_steps_of(bench.study(), bench.item());
     const Span span = time_steps.span(scene);
@@ -277,11 +297,8 @@ void ParetoStudy::run(StudyBench& bench) {
         "pareto",
         {{"time_step", span.time_step}, {"steps", span.steps}, {"repetitions", time_steps.repetitions}},
         &state};
-    std::vector<int> counts;
-    for (const double fraction : fractions_) counts.push_back(int(time_steps.steps_at(fraction)));
     const int total = int(counts.size() * bench.specs().size());
     std::optional<Refined> refined;
-    std::map<int, std::vector<ParetoRow>> rows_of;  // by steps
     std::map<std::string, std::string> by_uuid;
     int begun = 0;
     for (const std::span<const BackendSpec> group : bench.groups()) {
@@ -293,6 +310,7 @@ void ParetoStudy::run(StudyBench& bench) {
             refined = bench.references().refined(scene, span, counts);
         }
         for (const int steps : counts) {
+            if (interrupted()) throw Interrupted();
             const Scene stepped = in_steps(scene, span, steps);
             ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps),
                                        *refined, stepped.state};
@@ -311,10 +329,6 @@ void ParetoStudy::run(StudyBench& bench) {
             one.dismiss();
         }
     }
-    std::vector<ParetoRow> rows;
-    for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());
-    mark_fronts(rows);
-    for (const ParetoRow& row : rows) bench.add("pareto", to_json(row));
 }
 
 const RegisteredStudyKind pareto_kind("pareto", [] { return std::make_unique<ParetoStudy>(); });
