@@ -4,6 +4,7 @@ VOXSPRING names the executable; the current directory is the source tree.
 """
 
 import array
+import csv
 import fcntl
 import json
 import os
@@ -229,6 +230,45 @@ class Resume(InTemporaryFolder):
         self.assertEqual(voxspring("run", pulled, *run, "--steps", 1, "--out", half).returncode, 0)
         ran = voxspring("run", self.scene("left"), *run, "--steps", 100, "--resume", half)
         self.assertEqual(ran.returncode, 0, ran.stderr)
+
+    def test_writes_the_force_on_the_tool(self):
+        (self.folder / "hand.csv").write_text("time,x,y,z\n0,0,0,0\n2,0.5,0,0.1\n8,-0.2,0.3,0\n")
+        scene = self.scene("held", tool={"side": "z+", "slices": 1, "stiffness": 0.3, "motion": "hand.csv", "every": 4})
+        run = ("run", scene, "--backend", "cpu_reference", "--steps", 42)
+        force = self.folder / "force.csv"
+
+        def lines():
+            with open(force, newline="") as file:
+                return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+        self.assertEqual(voxspring(*run, "--out", self.folder / "body.npz", "--every", 1).returncode, 0)
+        ran = voxspring(*run, "--tool-force", force)
+        self.assertEqual(ran.returncode, 0, ran.stderr)
+        each_move = lines()
+        self.assertEqual([line["step"] for line in each_move], [*range(4, 42, 4), 42])
+        motion = [(0, (0, 0, 0)), (2, (0.5, 0, 0.1)), (8, (-0.2, 0.3, 0))]
+        for line in each_move:
+            self.assertAlmostEqual(line["time"], 0.2 * line["step"], delta=1e-12)
+            # In the step that ends there the tool is where it has moved to at the latest multiple of four steps.
+            when = int(line["step"] - 1) // 4 * 4 * 0.2
+            (begin, a), (end, b) = motion[:2] if when < 2 else motion[1:]
+            at = [p + (q - p) * min((when - begin) / (end - begin), 1) for p, q in zip(a, b)]
+            before = array.array("d", array_bytes(self.folder / f"body_{int(line['step']) - 1:06}.npz", "displacement"))
+            held = range(100, 125)  # the uppermost slice
+            for axis, name in enumerate("xyz"):
+                self.assertAlmostEqual(line[name], at[axis], delta=1e-12)
+                pulled = sum(0.3 * (at[axis] - before[3 * i + axis]) for i in held)
+                self.assertAlmostEqual(line[f"force_{name}"], -pulled, delta=1e-11)
+        self.assertGreater(max(abs(line["force_x"]) for line in each_move), 0.1)
+        # With --every, and of a run that goes on, its own steps.
+        self.assertEqual(voxspring(*run, "--tool-force", force, "--every", 10).returncode, 0)
+        self.assertEqual([line["step"] for line in lines()], [10, 20, 30, 40, 42])
+        self.assertEqual(voxspring(*run, "--tool-force", force, "--resume", self.folder / "body_000022.npz").returncode, 0)
+        self.assertEqual(lines(), [line for line in each_move if line["step"] > 22])
+        force.unlink()
+        self.assert_refused(voxspring("run", "box@4", "--backend", "cpu_reference", "--tool-force", force), "--tool-force", "tool",
+                            "box@4")
+        self.assert_refused(voxspring(*run, "--tool-force", self.folder / "force.txt"), "--tool-force", ".csv")
+        self.assertFalse(force.exists())
 
     def test_refuses_what_is_no_state_of_the_scene(self):
         state = self.folder / "state.npz"

@@ -237,6 +237,9 @@ void add_export_options(CLI::App& run, ExportOptions& out) {
         "What pictures are coloured by: displacement, or error, the distance from float64 after the "
         "same steps");
     run.add_option("--size", out.size, "WIDTHxHEIGHT of pictures in pixels: 1280x960");
+    run.add_option("--tool-force", out.tool_force,
+                   "A .csv of the force on the scene's tool: a line each --every steps, without it each time "
+                   "the tool moves");
 }
 
 void add_run(CLI::App& app, Asked& asked, std::ostream& out) {
@@ -383,7 +386,7 @@ ValueKind kind_of(const std::string& name) {
     if (name == "--frames") return ValueKind::folder;
     if (name == "SHELL") return ValueKind::shell;
     if (name == "--out" || name == "--resume" || name == "--results" || name == "--record" ||
-        name == "--save")
+        name == "--save" || name == "--tool-force")
         return ValueKind::file;
     return ValueKind::other;
 }

@@ -17,6 +17,7 @@
 #include "harness/export/export.h"
 #include "harness/export/pictures.h"
 #include "harness/export/saved_state.h"
+#include "harness/export/tool_forces.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
@@ -99,6 +100,9 @@ public:
             steps_ = steps_to(*options.time, *scene_, out);
             exports_ = std::make_unique<Exports>(options.out, steps_);
         }
+        if (options.out.tool_force)
+            forces_ =
+                std::make_unique<ToolForces>(*options.out.tool_force, *scene_, options.out.every, steps_);
         if (options.resume) resume(*options.resume);
         runner_ = std::make_unique<SceneRunner>(*scene_);
         if (saved_) runner_->start_from(first_, saved_->state);
@@ -221,14 +225,20 @@ private:
         Stride stride(scene_->problem.particle_count());
         reached_ = first_;
         while (reached_ < steps_) {
-            const int end = exports_->next(reached_);
+            const int file = exports_->next(reached_);
+            const int force = forces_ ? forces_->next(reached_) : file;
+            const int end = std::min(file, force);
             while (reached_ < end && !interrupted())
                 step_on(std::min(stride.steps(), end - reached_), stride);
             if (reached_ < end || (interrupted() && reached_ < steps_)) return;
+            if (forces_ && !in_first_pass_ && reached_ == force) add_force();
+            if (reached_ < file) continue;
             const State state = checked_state();
             take(snapshot_of(state));
         }
     }
+
+    void add_force() { forces_->add(reached_, backend_->tool_force()); }
 
     void step_on(int steps, Stride& stride) {
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
@@ -259,6 +269,7 @@ private:
     double time_step() const { return scene_->problem.time_step; }
 
     int finish() {
+        if (forces_) forces_->write();
         activity_.end();
         const int steps = steps_ - first_;
         out_ << scene_->name << ": " << steps << " steps";
@@ -282,10 +293,18 @@ private:
             if (in_first_pass_) exports_->look_at(snapshot_of(state));
             exports_->write(snapshot_of(state));
         }
+        const bool leaves_forces = forces_ && reached_ > first_;
+        if (leaves_forces) {
+            add_force();
+            forces_->write();
+        }
         activity_.end();
         out_ << scene_->name << ": interrupted after step " << reached_ << " of " << steps_;
+        if (leaves_forces) out_ << "; the forces until then are in " << forces_->path().string();
         if (!leaves) {
-            out_ << (reached_ > first_ ? "; without --out nothing is written\n" : "; nothing is written\n");
+            out_ << (reached_ == first_ ? "; nothing is written\n"
+                     : leaves_forces    ? "\n"
+                                        : "; without --out nothing is written\n");
             return interrupted_exit_code;
         }
         std::string states, resumable;
@@ -308,6 +327,7 @@ private:
     std::unique_ptr<Exports> exports_;
     std::unique_ptr<Scene> scene_;
     std::optional<SavedState> saved_;
+    std::unique_ptr<ToolForces> forces_;  ///< null: nobody asked for them
     std::unique_ptr<SceneRunner> runner_;
     std::unique_ptr<Backend> backend_;
     DivergenceMonitor monitor_;

@@ -93,7 +93,7 @@ std::string list_formats() {
 Exports::Exports(const ExportOptions& options, int steps)
     : steps_(steps), digits_(std::max<std::size_t>(6, std::to_string(steps).size())) {
     const auto& every = options.every;
-    if (every && options.out.empty() && !options.frames) {
+    if (every && options.out.empty() && !options.frames && !options.tool_force) {
         throw BadInput("command line", "--every", std::to_string(*every),
                        "an --out beside it, which names the series: a path that ends in one of " + endings());
     }

@@ -41,6 +41,7 @@ struct ExportOptions {
     std::optional<std::filesystem::path> frames;  ///< folder of a series of pictures, made if it is missing
     std::optional<std::string> colour;            ///< of pictures: a Colouring; displacement
     std::optional<std::string> size;              ///< of pictures: WIDTHxHEIGHT; default_size
+    std::optional<std::filesystem::path> tool_force;  ///< of a scene's tool, see ToolForces
 };
 
 /// The files that a run was asked for, each replaced in one step (write_atomically).
