@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <glm/geometric.hpp>
 #include <memory>
 #include <optional>
@@ -272,6 +273,27 @@ TEST_P(Conformance, RewindsOverEditsThatCancelToTheBit) {
     backend->upload(problem, start);
     backend->step(7);
     expect_same_bits(rewound, backend->download());
+}
+
+// High and low parts together have 48 bits in float32.
+TEST_P(Conformance, ACompensatedStartKeepsItsLowParts) {
+    if (spec.options.formulation != Formulation::compensated) GTEST_SKIP() << "has none";
+    const Problem problem = make_lattice_problem(solid({5, 4, 3}), FACE_BITS | EDGE_BITS);
+    State start = state_at_rest(problem);
+    for (glm::dvec3& u : start.displacement) u = {0.1, -0.07, 0.013};
+    for (glm::dvec3& v : start.increment) v = {0.011, 0.0013, -0.0007};
+    backend->upload(problem, start);
+    const State back = backend->download();
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
+        for (int axis = 0; axis < 3; ++axis) {
+            for (const auto& [list, expected] :
+                 {std::pair{&back.displacement, &start.displacement}, {&back.increment, &start.increment}}) {
+                const double value = (*expected)[i][axis];
+                EXPECT_NEAR((*list)[i][axis], value, std::abs(value) * 0x1p-48)
+                    << "particle " << i << ", axis " << axis;
+            }
+        }
+    }
 }
 
 // What rests needs no list.

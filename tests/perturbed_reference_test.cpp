@@ -10,6 +10,7 @@
 #include <string>
 
 #include "backends/cpu/perturbed_kernel.h"
+#include "backends/physics/stored.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/specifications.h"
@@ -164,7 +165,7 @@ TEST(RandomRounding, GivesTheTwoNeighboursAndTheValueOnAverage) {
         for (int n = 0; n < count; ++n) {
             bits.key = 0x123456789ABCDEFu * std::uint64_t(n + 1);
             const double rounded = perturbed::rounded(value, bits, std::uint64_t(n % 7), 12);
-            EXPECT_EQ(rounded, double(float(rounded)));
+            EXPECT_EQ(rounded, stored_as<float>(rounded));
             EXPECT_TRUE(rounded == near || rounded == below || rounded == above);
             sum += rounded - value;
         }
@@ -206,7 +207,7 @@ TEST(NearestRounding, IsThatOfABackend) {
             const glm::dvec3 stored = state.displacement[i] +
                                       (on_positions(formulation) ? problem.rest_position[i] : glm::dvec3(0));
             // The subtraction of the position at rest is rounded in float64.
-            EXPECT_LT(glm::length(stored - glm::dvec3(glm::vec3(stored))), 1e-14) << to_string(formulation);
+            EXPECT_LT(glm::length(lost_by<float>(stored)), 1e-14) << to_string(formulation);
         }
     }
 }

@@ -8,6 +8,7 @@
 #include <limits>
 #include <utility>
 
+#include "backends/physics/stored.h"
 #include "backends/registry.h"
 #include "tests/support.h"
 
@@ -42,7 +43,7 @@ TEST_F(Verify, PassesTheReferenceItself) {
 TEST_F(Verify, PassesRoundingOfThatPrecisionAndNotOfALesserOne) {
     for (std::size_t i = 0; i < state.displacement.size(); ++i) {
         const glm::dvec3 x = problem.rest_position[i];
-        state.displacement[i] = glm::dvec3(glm::vec3(x + state.displacement[i])) - x;
+        state.displacement[i] = stored_as<float>(x + state.displacement[i]) - x;
     }
     EXPECT_TRUE(compared(Precision::float32).passed());
     EXPECT_GT(compared(Precision::float32).max, 0);

@@ -9,6 +9,7 @@
 #include "backends/backend.h"
 #include "backends/cpu/padded_grid.h"
 #include "backends/cpu/parallel_options.h"
+#include "backends/physics/stored.h"
 
 namespace voxspring::cpu_parallel {
 
@@ -88,10 +89,10 @@ void PaddedState<T>::pack(const Problem& problem, Formulation formulation, const
         const int a = int(axis);
         const double step = moved[a];
         put(at[0][axis], here[a]);
-        put(at_low[0][axis], here[a] - double(T(here[a])));
+        put(at_low[0][axis], lost_by<T>(here[a]));
         put(at[1][axis], before[a]);
         put(increment[axis], step);
-        put(increment_low[axis], step - double(T(step)));
+        put(increment_low[axis], lost_by<T>(step));
         put(load[axis], problem.load.empty() ? 0 : problem.load[particle][a]);
     }
     const Material& material = problem.material_of(particle);

@@ -16,6 +16,7 @@
 #include "backends/cpu/perturbed_kernel.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
+#include "backends/physics/stored.h"
 
 namespace voxspring {
 namespace {
@@ -164,7 +165,7 @@ private:
     /// One that every backend rounds alike.
     double stored_parameter(double value) const {
         const bool single = perturbation_.kind != Kind::none && perturbation_.precision == Precision::float32;
-        return single ? double(float(value)) : value;
+        return single ? stored_as<float>(value) : value;
     }
     /// A rest length. At rest it is the length that a backend finds, however that is rounded.
     double length_parameter(double value, std::uint64_t which) const {

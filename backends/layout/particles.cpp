@@ -3,6 +3,7 @@
 #include "backends/layout/rounding.h"
 #include "backends/layout/vectors.h"
 #include "backends/physics/neighbours.h"
+#include "backends/physics/stored.h"
 
 namespace voxspring::cuda {
 
@@ -13,11 +14,6 @@ std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.
 
 // Axes of increments begin on a cache line of 128 bytes in float32.
 constexpr std::size_t pitch_multiple = 32;
-
-template <class Real>
-glm::dvec3 low_part(const glm::dvec3& v) {
-    return v - dvec_of(vector_of<Real>(v));
-}
 
 }  // namespace
 
@@ -53,11 +49,11 @@ PackedState<Real> pack(const Problem& problem, const State& state, const Placeme
         if (on_positions(formulation)) point += problem.rest_position[i];
         packed.current[at] = {vector_of<Real>(point), bits[i]};
         if (!increments) packed.previous[at] = {vector_of<Real>(point - state.increment_of(i)), bits[i]};
-        if (split) packed.current_low[at] = {vector_of<Real>(low_part<Real>(point)), 0};
+        if (split) packed.current_low[at] = {vector_of<Real>(lost_by<Real>(point)), 0};
         for (std::size_t axis = 0; axis < 3; ++axis) {
             const double v = state.increment_of(i)[int(axis)];
             if (increments) packed.increment[axis * pitch + at] = Real(v);
-            if (split) packed.increment_low[axis * pitch + at] = Real(v - double(Real(v)));
+            if (split) packed.increment_low[axis * pitch + at] = Real(lost_by<Real>(v));
         }
     }
     return packed;
