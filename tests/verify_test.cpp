@@ -50,6 +50,21 @@ TEST_F(Verify, PassesRoundingOfThatPrecisionAndNotOfALesserOne) {
     EXPECT_FALSE(compared(Precision::float64).passed());
 }
 
+TEST_F(Verify, AdmitsWhatApproximateRootsCostAndLittleMore) {
+    constexpr double root_error = 3 * 0x1p-12;  // two approximations of an x86 processor without AVX-512
+    const auto passes = [&](double off, double error, Formulation formulation) {
+        state = reference;
+        state.displacement[3].x += off;
+        return compare(problem, state, reference, Precision::float32, steps, formulation, error).passed();
+    };
+    // Displacements are of 0.05.
+    EXPECT_TRUE(passes(1e-3, root_error, Formulation::increment));
+    EXPECT_FALSE(passes(1e-3, 0, Formulation::increment));
+    EXPECT_FALSE(passes(1e-2, root_error, Formulation::increment));
+    EXPECT_TRUE(passes(1e-3, root_error, Formulation::position)) << "off by a share of the lengths";
+    EXPECT_FALSE(passes(3e-2, root_error, Formulation::position));
+}
+
 TEST_F(Verify, FailsOnWhatIsNotFinite) {
     for (const double bad :
          {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),

@@ -1,5 +1,9 @@
 #include "backends/cpu/kernel.h"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+
 #include "backends/physics/neighbours.h"
 
 // Lanes has a register as a member, which those of unknown size cannot be.
@@ -429,6 +433,35 @@ bool within_float64(const Task<double>& task, Formulation formulation, double la
     return all_within(task, formulation, largest_increment);
 }
 
+/// The largest error of quotients of 1 and 1 + n / 4096, n from 0 to 3 * 4096, and their roots: what is
+/// measured is what the steps compute.
+template <Root root>
+double largest_root_error() {
+    using L = Lanes<float, root>;
+    double largest = 0;
+    for (int n = 0; n < 3 * 4096; ++n) {
+        const float value = 1 + float(n) / 4096;
+        std::array<float, L::count()> inverse{};
+        (L(1.0F) / sqrt(L(value))).store(inverse.data());
+        largest = std::max(largest, std::abs(double(inverse[0]) * std::sqrt(double(value)) - 1));
+    }
+    return largest;
+}
+
+double measured_error(Root root) {
+    switch (root) {
+        case Root::exact:
+            return largest_root_error<Root::exact>();
+        case Root::refined:
+            return largest_root_error<Root::refined>();
+        case Root::raw:
+            return largest_root_error<Root::raw>();
+    }
+    return 0;
+}
+
+double error_of_approximation() { return approximation_error; }
+
 const char* name_of_target() { return hwy::TargetName(HWY_TARGET); }
 
 }  // namespace
@@ -443,6 +476,8 @@ HWY_EXPORT(step_float32);
 HWY_EXPORT(step_float64);
 HWY_EXPORT(within_float32);
 HWY_EXPORT(within_float64);
+HWY_EXPORT(measured_error);
+HWY_EXPORT(error_of_approximation);
 HWY_EXPORT(name_of_target);
 
 }  // namespace
@@ -461,6 +496,8 @@ bool within(const Task<float>& task, Formulation formulation, double largest_inc
 bool within(const Task<double>& task, Formulation formulation, double largest_increment) {
     return HWY_DYNAMIC_DISPATCH(within_float64)(task, formulation, largest_increment);
 }
+double approximation_error() { return HWY_DYNAMIC_DISPATCH(error_of_approximation)(); }
+double measured_root_error(Root root) { return HWY_DYNAMIC_DISPATCH(measured_error)(root); }
 const char* target_name() { return HWY_DYNAMIC_DISPATCH(name_of_target)(); }
 
 }  // namespace cpu_parallel

@@ -89,7 +89,11 @@ void step(const Task<double>& task, Formulation formulation, Root root);
 bool within(const Task<float>& task, Formulation formulation, double largest_increment);
 bool within(const Task<double>& task, Formulation formulation, double largest_increment);
 
-/// The SIMD target in use.
+/// The SIMD target in use, and the largest relative error of its approximate reciprocals (root_error() of
+/// root.h).
 const char* target_name();
+double approximation_error();
+/// The largest relative error of 1 / sqrt(x) by such roots, of some thousand x from 1 to 4.
+double measured_root_error(Root root);
 
 }  // namespace voxspring::cpu_parallel

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "backends/cpu/kernel.h"
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
 #include "backends/rest_policy.h"
@@ -37,17 +38,7 @@ Root root_of(const Options& options) {
     return root == "refined" ? Root::refined : Root::raw;
 }
 
-double root_error(const Options& options) {
-    switch (root_of(options)) {
-        case Root::exact:
-            return 0;
-        case Root::refined:
-            return 0x1p-22;
-        case Root::raw:
-            return 0x1p-11;  // a reciprocal and a root of 12 bits each
-    }
-    return 0;
-}
+double root_error(const Options& options) { return error_of_roots(root_of(options), approximation_error()); }
 
 std::string refused_options(const Options& options) {
     const std::string& root = options.tuning.at("root");

@@ -22,7 +22,7 @@ std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks);
 bool all_terms(const Options& options);
 
 Root root_of(const Options& options);
-/// By how much such roots and divisions are off, relatively, beyond the precision.
+/// By how much such roots and divisions are off, relatively, beyond the precision: on the SIMD target in use.
 double root_error(const Options& options);
 
 /// Empty, or why these options do not go together.

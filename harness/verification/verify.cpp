@@ -65,7 +65,7 @@ double forced_acceleration(const Problem& problem) {
 }
 
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
-                          Formulation formulation) {
+                          Formulation formulation, double root_error) {
     double extent = 0, moved = 0, increment = 0;
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
         extent = std::max(extent, largest_component(problem.rest_position[i] + reference.displacement[i]));
@@ -89,19 +89,21 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
         const double half_ulp = state > 0 ? unit * std::exp2(std::floor(std::log2(state))) : 0;
         return std::min(std::min(half_ulp, added) * n * n / 2, moved);
     };
+    const double by_roots = root_error * (by_increments(formulation) ? apart : rest_length) * n;
     switch (formulation) {
         case Formulation::paper: {
             const double bias = problem.damping == 0 ? 0 : 1.5 * unit;
-            return walked(3 * extent + 16 * rest_length) + bias * extent * n * n / 2 + biased(extent);
+            return walked(3 * extent + 16 * rest_length) + bias * extent * n * n / 2 + biased(extent) +
+                   by_roots;
         }
         case Formulation::position:
-            return walked(on_positions) + biased(extent);
+            return walked(on_positions) + biased(extent) + by_roots;
         case Formulation::displacement:
-            return walked(moved + 16 * rest_length) + biased(moved);
+            return walked(moved + 16 * rest_length) + biased(moved) + by_roots;
         case Formulation::increment:
-            return walked(moved + 16 * apart);
+            return walked(moved + 16 * apart) + by_roots;
         case Formulation::compensated:
-            return walked(16 * apart);
+            return walked(16 * apart) + by_roots;
     }
     return 0;
 }
@@ -146,10 +148,10 @@ Comparison differences(const State& state, const State& reference) {
 }
 
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
-                   int steps, Formulation formulation) {
+                   int steps, Formulation formulation, double root_error) {
     Comparison result = differences(state, reference);
     if (!result.passed()) return result;
-    result.tolerance = rounding_tolerance(problem, reference, precision, steps, formulation);
+    result.tolerance = rounding_tolerance(problem, reference, precision, steps, formulation, root_error);
     if (!(result.max <= result.tolerance)) {
         std::ostringstream reason;
         reason << "particle " << result.worst << " is off by " << result.max << ", tolerance "

@@ -66,8 +66,14 @@ double forced_acceleration(const Problem& problem);
 /// A tool's springs are as others, as long as it moves no farther than the longest spring.
 ///
 /// The reference has been rounded too, in float64 and at worst in `position`: d is no less than its.
+///
+/// `root_error` is that of approximate roots and divisions (BackendEntry::root_error). It makes a spring's
+/// force off by that share of it where it comes from the strain, of k l where it is a difference of lengths:
+/// w or l times the error, and always to the same side, since the same length has the same error. A force
+/// that is off so drives a mode of frequency o, o dt < 2, in its own rhythm, whose amplitude then grows by no
+/// more than that per step.
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
-                          Formulation formulation = Formulation::position);
+                          Formulation formulation = Formulation::position, double root_error = 0);
 
 /// Finiteness first, then sizes, then every component; against no tolerance. A reference without
 /// displacements is one at rest.
@@ -75,6 +81,6 @@ Comparison differences(const State& state, const State& reference);
 
 /// The same against rounding_tolerance().
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
-                   int steps, Formulation formulation = Formulation::position);
+                   int steps, Formulation formulation = Formulation::position, double root_error = 0);
 
 }  // namespace voxspring

@@ -20,6 +20,20 @@ namespace voxspring::HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
+/// The largest relative error of the approximate reciprocal and the approximate reciprocal root of this
+/// target, as the processor's manual states it: 14 bits with AVX-512 (VRCP14PS), 11.4 with other x86 (RCPPS),
+/// 8 with NEON (FRECPE); Highway's emulation of the root elsewhere has 9.
+constexpr double approximation_error =
+#if HWY_ARCH_X86 && HWY_TARGET <= HWY_AVX3
+    0x1p-14;
+#elif HWY_TARGET == HWY_AVX2 || HWY_TARGET == HWY_SSE4 || HWY_TARGET == HWY_SSSE3
+    1.5 * 0x1p-12;
+#elif HWY_TARGET == HWY_NEON
+    0x1p-8;
+#else
+    0x1p-9;
+#endif
+
 /// As many scalars as a register of this target holds. Nothing is contracted, so with Root::exact a lane has
 /// the same bits on every target, and those of a scalar. The other roots are for float32.
 template <class Scalar, Root root>

@@ -7,8 +7,23 @@ namespace voxspring {
 
 enum class Root : std::uint8_t {
     exact,    ///< IEEE 754's: the same bits on every processor
-    refined,  ///< the processor's approximate reciprocals after one Newton step: to some 22 bits
-    raw,      ///< the approximations themselves: to some 12 bits, or 14 with AVX-512
+    refined,  ///< the processor's approximate reciprocals after one Newton step
+    raw,      ///< the approximations themselves, whose error the SIMD target decides (lanes-inl.h)
 };
+
+/// Relative error of the quotient of a number and a length by such roots, beyond rounding in float32: that of
+/// a reciprocal root and that of a reciprocal, each of which is off by `approximation` at most.
+constexpr double error_of_roots(Root root, double approximation) {
+    switch (root) {
+        case Root::exact:
+            return 0;
+        case Root::refined:
+            // A Newton step squares the error, times 3/2 for the root, and rounds: a unit each.
+            return 2.5 * approximation * approximation + 0x1p-22;
+        case Root::raw:
+            return 2 * approximation;
+    }
+    return 0;
+}
 
 }  // namespace voxspring
