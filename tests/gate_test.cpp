@@ -203,6 +203,21 @@ TEST_P(Gate, PassesTheHonestWithRoomAndNoneThatIsWrong) {
     }
 }
 
+// In so few steps the body moves by less than the threshold of 1e-3 in each.
+TEST(Sleep, PassesWhereItCostsLittleAndNotWhereTheBodyNeverMoves) {
+    for (const char* scene : {"box@16", "heart@20x17x15"}) {
+        SCOPED_TRACE(scene);
+        const Judged judged(scene, 5);
+        for (const char* threshold : {"1e-3", "1e-6"}) {
+            const BackendSpec spec = BackendSpec::parse(std::string("cpu_parallel:sleep=") + threshold);
+            EXPECT_FALSE(judge(judged.solution(spec), judged.start(), spec).passed()) << threshold;
+        }
+        const BackendSpec fine = BackendSpec::parse("cpu_parallel:sleep=1e-6");
+        const Comparison slept = judge(judged.solution(fine), play(judged.scene, fine, 5), fine);
+        EXPECT_TRUE(slept.passed()) << slept.reason;
+    }
+}
+
 // --- Every backend ---------------------------------------------------------------------------------------
 
 std::vector<std::string> default_specifications() {
@@ -236,7 +251,9 @@ TEST_P(EveryBackend, PassesOnBodiesWithMechanisms) {
 
 TEST(TheBound, IsFourSpreadsAndNoMoreThanATenthOfTheMotion) {
     EXPECT_EQ(gate(1e-3, 1, 0), 4e-3);
-    EXPECT_EQ(gate(1e-3, 1, 0.5), 4e-3 + 0.5);
+    EXPECT_EQ(gate(1e-3, 1, 0.05), 4e-3 + 0.05);
+    EXPECT_EQ(gate(1e-3, 1, 0.5), 0.1) << "whatever the options admit";
+    EXPECT_EQ(gate(1e-3, 0, 0.5), 4e-3 + 0.5) << "where nothing moves";
     EXPECT_EQ(gate(0.04, 1, 0), 0.1);
     EXPECT_EQ(gate(0.05, 1, 0), 0.1);
     EXPECT_TRUE(std::isinf(gate(0.051, 1, 0))) << "it would be nearer than two spreads";

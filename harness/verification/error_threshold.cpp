@@ -9,9 +9,9 @@ namespace voxspring {
 double gate(double spread, double motion, double admitted) {
     // Where nothing moves, standing still is right: the spread alone decides.
     if (motion == 0) return gate_in_spreads * spread + admitted;
-    const double bound = std::min(gate_in_spreads * spread, max_share_of_motion * motion);
-    if (!(bound >= min_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
-    return bound + admitted;
+    const double most = max_share_of_motion * motion;
+    if (!(most >= min_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();
+    return std::min(gate_in_spreads * spread + admitted, most);
 }
 
 bool is_chaotic(const Spread& spread) {

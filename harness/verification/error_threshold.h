@@ -19,8 +19,9 @@ constexpr double min_statistics_share = 0.25;
 /// And at most: who does nothing differs by all of it.
 constexpr double max_statistics_share = 0.75;
 
-/// The bound on an error whose spread and motion are given; `admitted`, a length, is allowed on top.
-/// Infinite where rounding alone carries the scene so far that no bound would say anything.
+/// The bound on an error whose spread and motion are given; `admitted`, a length, is what the options ask
+/// for, on top of rounding. The cap at a share of the motion holds for both together. Infinite where rounding
+/// alone carries the scene so far that no bound would say anything.
 double gate(double spread, double motion, double admitted);
 /// Whether rounding of that kind carries the scene so far that no displacement can be judged.
 bool is_chaotic(const Spread& spread);
