@@ -200,6 +200,27 @@ TEST(StabilityStudy, MeasuresWhatTheoryGives) {
     EXPECT_NEAR(distorted.rows().at("stability")[0].at("ratio").get<double>(), 1 / 1.01, 2e-3);
 }
 
+// A stretched body of several materials is in equilibrium under loads alone.
+TEST(StabilityStudy, MeasuresWhatTheoryGivesOfSeveralMaterials) {
+    const BackendSpec spec = BackendSpec::parse("cpu_parallel:formulation=increment");
+    Problem problem = make_lattice_problem(
+        make_grid({6, 6, 6}, [](int x, int y, int z) { return 1 + (x / 3 + y / 3 + z / 3) % 2; }),
+        FACE_BITS | EDGE_BITS);
+    problem.materials = {{1, 1}, {1, 1000}};
+    StabilityStudy study(scene_of("soft_and_stiff", problem));
+    Collected honest;
+    study.run(spec, *spec.make(), false, honest.once());
+    EXPECT_FALSE(honest.rows().contains("failed")) << honest.rows().at("failed").at(0);
+    ASSERT_EQ(honest.rows().at("stability").size(), 7u);
+    for (const auto& row : honest.rows().at("stability"))
+        EXPECT_TRUE(row.at("tolerance").is_null() || std::abs(row.at("ratio").get<double>() - 1) < 2e-3)
+            << row;
+    Distorted backend(1.01);
+    Collected distorted;
+    study.run(spec, backend, false, distorted.once());
+    EXPECT_EQ(distorted.rows().at("failed").size(), 4u) << "an unstable step is still found unstable";
+}
+
 /// What a backend, in whatever precision, makes of a problem that is degenerate at rest or at its start.
 struct Degenerate {
     std::string name;

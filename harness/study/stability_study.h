@@ -24,6 +24,9 @@ namespace voxspring {
 /// | random within +-0.01, 0.1, 0.3 | 0 | springs meet and turn: the limit falls |
 /// | twice the size of rest, and +-0.001 | 0 | theory about the stretched state; the surface is pinned |
 ///
+/// Where the stretched body is not in equilibrium, between materials for example, constant loads hold it
+/// there: theory is about a state that does not leave by itself. A backend without loads skips that start.
+///
 /// A time step is stable if, after the steps that a mode takes to grow 30-fold from its share of a random
 /// start where theory is exceeded by 0.1%, no particle moves 30 times the start's amplitude a step. With
 /// `map` there is a map of damping against time step as well.
