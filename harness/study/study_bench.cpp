@@ -1,10 +1,11 @@
 #include "harness/study/study_bench.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <memory>
 #include <optional>
 #include <stdexcept>
-#include <thread>
 #include <utility>
 
 #include "backends/disk_cache.h"
@@ -117,7 +118,7 @@ std::optional<Case> StudyBench::entered(Case one, bool limits) {
 }
 
 std::size_t StudyBench::side_by_side() const {
-    const int half = std::max(1, int(std::thread::hardware_concurrency()) / 2);
+    const int half = std::max(1, omp_get_num_procs() / 2);
     return std::size_t(options_.side_by_side.value_or(half));
 }
 
@@ -136,8 +137,8 @@ void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
 std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                         Entering how) {
     CaseProgram with_its_share = program;
-    with_its_share.threads =
-        std::max(1, int(std::thread::hardware_concurrency() / unsigned(uploads_side_by_side())));
+    // Of the processors that this process may use: fewer than there are under taskset or in a container.
+    with_its_share.threads = std::max(1, omp_get_num_procs() / int(uploads_side_by_side()));
     std::vector<Case> made, cases;
     for (const BackendSpec& spec : specs)
         made.push_back(
