@@ -33,6 +33,8 @@ class List(unittest.TestCase):
         for backend in backends.values():
             self.assertTrue(backend["device"] if backend["available"] else backend["reason"])
         self.assertTrue(backends["cpu_reference"]["available"])
+        self.assertEqual({name: backends[name]["beyond_lattice"] for name in ("cpu_reference", "cpu_explicit", "cpu_parallel")},
+                         {"cpu_reference": True, "cpu_explicit": True, "cpu_parallel": False})
         self.assertIn("box", [s["name"] for s in listed["scenes"]])
         self.assertIn("default", [s["name"] for s in listed["studies"]])
         text = voxspring("list").stdout

@@ -322,6 +322,20 @@ TEST(StepWork, OfCpuParallel) {
                 15 * 20 + 22 * 18 + 6 * 81, 1);
 }
 
+// A list of 12 bytes a spring and end in float32; 4 bytes of an inverse mass and 16 of where the list is.
+TEST(StepWork, OfCpuExplicit) {
+    const std::string by_position = "cpu_explicit:formulation=position";
+    EXPECT_WORK(work_of(by_position, plate()), 6 * (3 * 12 + 20) + 22 * 12, 22 * 19 + 6 * 21, 1);
+    EXPECT_WORK(work_of("cpu_explicit", plate()), 6 * (4 * 12 + 20) + 22 * 12, 22 * 32 + 6 * 21, 1);
+    EXPECT_WORK(work_of("cpu_explicit:formulation=compensated", loaded_plate_of_two_materials()),
+                6 * (9 * 12 + 20) + 22 * 12, 22 * 38 + 6 * 84, 1);
+    EXPECT_TRAFFIC(work_of(by_position, plate()), 6 * 12, 6 * (2 * 12 + 20) + 22 * 12);
+    EXPECT_TRAFFIC(work_of("cpu_explicit", plate()), 6 * 24, 6 * (3 * 12 + 20) + 22 * 12);
+    Problem sutured = plate();
+    sutured.springs = {{0, 5, 1, 1}};
+    EXPECT_WORK(work_of("cpu_explicit", sutured), 6 * (4 * 12 + 20) + 24 * 12 + 2 * 20, 24 * 32 + 6 * 21, 1);
+}
+
 TEST(StepWork, OfCpuReference) {
     const std::string by_position = "cpu_reference:formulation=position";
     EXPECT_WORK(work_of(by_position, plate()), 6 * 9 * 24 + 11 * 24, 11 * 22 + 6 * 22, 1);

@@ -168,7 +168,7 @@ class Faults(Overnight):
                          {"faulty_crashes": "was killed by signal 11 (Segmentation fault) while warming up",
                           "faulty_aborts_when_constructed":
                               "was killed by signal 6 (Aborted) while constructing faulty_aborts_when_constructed"})
-        self.assertEqual({row["backend"] for row in result["benchmarks"]}, {"cpu_reference", "cpu_parallel"})
+        self.assertEqual({row["backend"] for row in result["benchmarks"]}, {"cpu_reference", "cpu_parallel", "cpu_explicit"})
         self.assertFalse([row for row in result["benchmarks"] if "construct_seconds" in row or "ready_seconds" in row])
         self.assertTrue(all("limit_seconds" in row for row in result["benchmarks"]))
         self.assert_nothing_runs()
@@ -266,7 +266,7 @@ class Kills(Overnight):
     def test_rows_of_other_kinds_are_there_once(self):
         for study, word, count in (
                 ({"kind": "pareto", "time_steps": [0.5, 0.25, 0.125], "steps": 50,
-                  "scenes": [{"scene": "box@6"}], "backends": ["cpu_*:formulation=*"]}, "row of", 30),
+                  "scenes": [{"scene": "box@6"}], "backends": ["cpu_*:formulation=*"]}, "row of", 45),
                 ({"kind": "stability", "scenes": [{"scene": "box@4"}], "backends": ["cpu_parallel:formulation=*"]},
                  "measurement", 35),
                 ({"kind": "stress", "suites": [{"lengths": "shortest"}], "backends": ["cpu_parallel:formulation=*"]},

@@ -317,7 +317,7 @@ TEST_F(StudyKinds, OneOfOnesOwnRunsAsAnyOther) {
     const std::string study = write("uploads.json", R"({"kind": "upload_time", "times": 3,
         "backends": ["cpu_*"], "scenes": [{"scene": "box@4", "label": "small"}, {"scene": "box@5"}]})");
     const nlohmann::json result = run_study(load_study(study), {});
-    ASSERT_EQ(result.at("uploads").size(), 4u) << "two backends on two scenes";
+    ASSERT_EQ(result.at("uploads").size(), 6u) << "three backends on two scenes";
     EXPECT_EQ(result.at("uploads")[0].at("label"), "small");
     EXPECT_GT(result.at("slowest")[0].get<double>(), 0);
     EXPECT_EQ(result.at("context").at("voxspring").at("study").at("kind"), "upload_time");

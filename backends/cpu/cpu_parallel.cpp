@@ -61,7 +61,7 @@ public:
           sleep_(sleep_threshold(options)),
           flush_(flush_threshold(options)),
           flushes_subnormals_(options.tuning.at("subnormals") == "flush"),
-          threads_(thread_count(options)) {}
+          threads_(thread_count(options, "cpu_parallel")) {}
 
     Capabilities capabilities() const override {
         Capabilities all = cpu_capabilities(target_name(), threads_);

@@ -14,11 +14,11 @@ namespace voxspring::cpu_parallel {
 /// More than this starts more threads than a process can be sure to get, where OpenMP ends it.
 constexpr int max_threads = 1024;
 
-int thread_count(const Options& options) {
+int thread_count(const Options& options, const std::string& backend) {
     const std::string& threads = options.tuning.at("threads");
     const int count = threads == "auto" ? omp_get_max_threads() : std::stoi(threads);
     if (count > max_threads) {
-        throw BadSpecification("backend cpu_parallel: threads=" + threads + " is more than " +
+        throw BadSpecification("backend " + backend + ": threads=" + threads + " is more than " +
                                std::to_string(max_threads));
     }
     return count;
@@ -27,7 +27,7 @@ int thread_count(const Options& options) {
 std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks) {
     const std::ptrdiff_t min_blocks = options.tuning.at("threads") == "auto" ? 128 : 1;
     return std::min<std::ptrdiff_t>(
-        {thread_count(options), blocks, std::max<std::ptrdiff_t>(1, blocks / min_blocks)});
+        {thread_count(options, "cpu_parallel"), blocks, std::max<std::ptrdiff_t>(1, blocks / min_blocks)});
 }
 
 bool all_terms(const Options& options) { return options.tuning.at("terms") == "all"; }

@@ -1,4 +1,5 @@
-// What the options of cpu_parallel mean (README.md), and what follows from them for a problem.
+// What the options of cpu_parallel mean (README.md), and what follows from them for a problem. cpu_explicit
+// has `threads` as well.
 #pragma once
 
 #include <cstddef>
@@ -10,8 +11,8 @@
 
 namespace voxspring::cpu_parallel {
 
-/// Throws BadSpecification where the option names too many.
-int thread_count(const Options& options);
+/// Throws BadSpecification, which names the backend, where the option names too many.
+int thread_count(const Options& options, const std::string& backend);
 
 /// How many threads share that many blocks: all there are, but where the number is left to us none for less
 /// work than a barrier is worth. 128 blocks take a core about 10 us.

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "backends/physics/neighbours.h"
+#include "backends/physics/problem.h"
 #include "backends/registry.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
@@ -14,6 +16,13 @@
 
 namespace voxspring {
 namespace {
+
+/// Whether the backend takes a suture between particles that are no neighbours on the lattice.
+bool leaves_lattice(const Backend& backend) {
+    Problem problem = make_lattice_problem({{3, 1, 1}, glm::dvec3(1), {1, 1, 1}}, FACE_BITS);
+    problem.springs = {{0, 2, 1, 2}};
+    return backend.unsupported(problem).empty();
+}
 
 nlohmann::json describe_backend(const BackendEntry& entry) {
     nlohmann::json tuning = nlohmann::json::object();
@@ -30,8 +39,10 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
     for (const Formulation formulation : entry.formulations)
         described["formulations"].push_back(to_string(formulation));
     try {
-        const Capabilities capabilities = BackendSpec::parse(entry.name).make()->capabilities();
+        const auto backend = BackendSpec::parse(entry.name).make();
+        const Capabilities capabilities = backend->capabilities();
         described["available"] = true;
+        described["beyond_lattice"] = leaves_lattice(*backend);
         described["api"] = capabilities.api;
         described["uuid"] = capabilities.uuid;
         described["device"] = capabilities.device;
@@ -78,7 +89,9 @@ void print_backend(const nlohmann::json& backend, std::ostream& out) {
         << "      precision=" << alternatives(backend["precisions"])
         << " formulation=" << alternatives(backend["formulations"]);
     for (const auto& [key, list] : backend["tuning"].items()) out << " " << key << "=" << alternatives(list);
-    out << "\n";
+    out << "\n      sutures "
+        << (backend["beyond_lattice"].get<bool>() ? "any two particles" : "neighbours on the lattice alone")
+        << "\n";
 }
 
 /// Those that are available, then a line for each reason why others are not.
