@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <map>
 #include <memory>
 
 #include "backends/backend.h"
@@ -21,19 +22,29 @@ struct Piece {
     Event copied;  ///< between it and the device
 };
 
-/// Two pieces of each thread: one is copied by the device while the other is by the host. Null where there is
-/// no pinned memory to be had. Never given back: at the end of the process the driver may be gone.
-std::array<Piece, 2>* pieces() {
-    thread_local std::array<Piece, 2>* const made = [] {
-        auto both = std::make_unique<std::array<Piece, 2>>();
-        try {
-            for (Piece& piece : *both) piece.memory.resize(piece_bytes);
-        } catch (const DeviceError&) {
-            both.reset();
-        }
-        return both.release();
-    }();
-    return made;
+using Pieces = std::array<Piece, 2>;
+
+/// Null where there is no pinned memory to be had.
+Pieces* make_pieces() {
+    auto both = std::make_unique<Pieces>();
+    try {
+        for (Piece& piece : *both) piece.memory.resize(piece_bytes);
+    } catch (const DeviceError&) {
+        both.reset();
+    }
+    return both.release();
+}
+
+/// Two pieces of each thread and device, of which the current one is meant: a stream records events of its
+/// own device alone. One piece is copied by the device while the other is by the host. Null as of
+/// make_pieces(). Never given back: at the end of the process the driver may be gone.
+Pieces* pieces() {
+    thread_local std::map<int, Pieces*> made;  // by device
+    int device = 0;
+    check(cudaGetDevice(&device));
+    const auto [place, is_new] = made.try_emplace(device, nullptr);
+    if (is_new) place->second = make_pieces();
+    return place->second;
 }
 
 void copy_on_all_cores(std::byte* to, const std::byte* from, std::size_t bytes) {
@@ -55,7 +66,7 @@ std::size_t bytes_at(std::size_t offset, std::size_t bytes) { return std::min(pi
 }  // namespace
 
 void copy_to_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
-    std::array<Piece, 2>* const staged = bytes < large ? nullptr : pieces();
+    Pieces* const staged = bytes < large ? nullptr : pieces();
     if (staged == nullptr) return copy_whole(to, from, bytes, cudaMemcpyHostToDevice, stream);
     auto* const device = static_cast<std::byte*>(to);
     const auto* const host = static_cast<const std::byte*>(from);
@@ -71,7 +82,7 @@ void copy_to_device(void* to, const void* from, std::size_t bytes, const Stream&
 }
 
 void copy_from_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
-    std::array<Piece, 2>* const staged = bytes < large ? nullptr : pieces();
+    Pieces* const staged = bytes < large ? nullptr : pieces();
     if (staged == nullptr) return copy_whole(to, from, bytes, cudaMemcpyDeviceToHost, stream);
     auto* const host = static_cast<std::byte*>(to);
     const auto* const device = static_cast<const std::byte*>(from);
