@@ -47,7 +47,10 @@ std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
 class BricksBackend final : public AxesBackend<float> {
 public:
     explicit BricksBackend(const Options& options)
-        : AxesBackend(options.formulation), options_(options), size_(size_of(options.tuning.at("tile"))) {}
+        : AxesBackend(options.formulation),
+          options_(options),
+          size_(size_of(options.tuning.at("tile"))),
+          joint_(device().ends_long_kernels()) {}
 
     void upload(const Problem& problem, const State& state) override {
         begin_upload();
@@ -61,6 +64,8 @@ public:
         static_cast<MarchStep<float>&>(step_) = measured_step(problem);
         upload_tables(problem);
         kernel_ = kernel(source(problem));
+        if (const std::string why = registers_refusal(plan_, kernel_->registers()); !why.empty())
+            throw DeviceError(why);
         kernel_->allow_shared(std::size_t(plan_.shape.shared_bytes()));
         stand_at_start();
     }
@@ -140,12 +145,12 @@ private:
         step_.exchange = exchange_.data();
         step_.increments = increments_.data();
         step_.started_blocks = joint_.started_blocks();
-        step_.stall = joint_.stall();
+        step_.wait = joint_.wait_limit();
     }
     void enqueue_steps(int count) override {
         float* const before = by_increments(formulation()) ? increment() : positions(1);
         joint_.enqueue(
-            count, longest_joint_launch(monitored()),
+            count, longest_joint_launch(monitored()), stream(),
             [&](int steps, std::uint32_t tag, std::uint32_t launches) {
                 kernel_->launch_together(stream(), dim3(unsigned(layout_->blocks().size())),
                                          dim3(unsigned(plan_.shape.lanes() + plan_.pollers)),

@@ -20,6 +20,7 @@
 #include "cuda/common/particles.h"
 #include "cuda/common/ticks.h"
 #include "cuda/common/tuning.h"
+#include "cuda/device/serialiser.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -171,6 +172,7 @@ public:
           partition_(partition_of(options.tuning.at("partition"))),
           pollers_(std::stoi(options.tuning.at("pollers"))),
           in_ticks_(options.tuning.at("ticks") == "resident"),
+          joint_(device().ends_long_kernels()),
           ticks_(
               stream(), [this](const TickLine& line, std::uint32_t again) { launch_ticks(line, again); },
               [this] { wait_for_stream(); }) {}
@@ -210,7 +212,9 @@ public:
     void move_tool(const glm::dvec3& displacement) override { moved_ = vector_of<float>(displacement); }
     glm::dvec3 tool_force() override {
         if (steps() == 0 || tool_mode_ != ToolMode::ticks) return ParticleBackend::tool_force();
-        return force_on_tool(ticks_.forces());
+        const glm::dvec3 force = force_on_tool(ticks_.forces());
+        check_waits();
+        return force;
     }
 
     /// The slots where lanes find the neighbours that a spring parts from them or joins to them, and masks;
@@ -288,7 +292,7 @@ private:
             stream());
         joint_.start_anew(stream());
         launch.step.started_blocks = joint_.started_blocks();
-        launch.step.stall = joint_.stall();
+        launch.step.wait = joint_.wait_limit();
         launch.grid = dim3(unsigned(layout.blocks));
         launch.block = dim3(unsigned(layout.lanes + layout.pollers));
         KernelSource source = family().source("resident.cu", problem, int(launch.block.x), 1);
@@ -308,7 +312,7 @@ private:
     void enqueue_steps(int count) override {
         if (tool_mode_ == ToolMode::ticks) return order_steps(count);
         joint_.enqueue(
-            count, longest_joint_launch(monitored()),
+            count, longest_joint_launch(monitored()), stream(),
             [&](int steps, std::uint32_t tag, std::uint32_t launches) {
                 if (tool_mode_ == ToolMode::none) {
                     enqueue_launch(launch().step, steps, tag, launches);
@@ -378,8 +382,9 @@ private:
                    "other borders than those of the whole, so that bits would differ; overlap=off does not";
         if (device().ends_long_kernels())
             return "the driver ends kernels that run for seconds on a device with a display, and a part "
-                   "waits "
-                   "for others";
+                   "waits for others";
+        if (const std::string why = serialised_by(device().parts()); !why.empty())
+            return why + ", and a part of a body waits for others";
         return {};
     }
 

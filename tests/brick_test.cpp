@@ -430,6 +430,21 @@ TYPED_TEST(BrickBody, EveryParticleIsInOneTile) {
     }
 }
 
+// A thread that asks for registers which nobody gives waits for ever.
+TEST(BrickPlan, AsksForNoMoreRegistersThanTheCompilerGave) {
+    BrickPlan plan;
+    plan.shape = {3, 2, 3, 16, 6, 4, false, 0, 0};
+    plan.pollers = 128;
+    EXPECT_EQ(registers_refusal(plan, 40), "") << "none are moved";
+    plan.lane_registers = 144;
+    plan.poller_registers = 80;
+    EXPECT_EQ(registers_refusal(plan, 128), "");
+    EXPECT_EQ(registers_refusal(plan, 121), "") << "warps get multiples of eight";
+    EXPECT_NE(registers_refusal(plan, 120), "");
+    EXPECT_NE(registers_refusal(plan, 152), "") << "lanes cannot take what they have more of";
+    EXPECT_NE(registers_refusal(plan, 72), "") << "pollers cannot give what they do not have";
+}
+
 TEST(BrickPlan, FitsTheDevice) {
     struct Body {
         const char* name;

@@ -7,8 +7,6 @@
 #include <barrier>
 #include <chrono>
 #include <cstdint>
-#include <cstdio>
-#include <cstdlib>
 #include <memory>
 #include <mutex>
 #include <thread>
@@ -83,18 +81,17 @@ inline void write_word(std::uint64_t* to, std::uint64_t word) {
     __atomic_store_n(to, word, __ATOMIC_RELAXED);
 }
 
-/// Ends the test: its threads would wait for ever.
-[[noreturn]] inline void give_up(std::uint64_t* /*stall*/, std::uint32_t number) {
-    std::fprintf(stderr, "rank %d: block %u waited in vain for step %u\n", host_rank, blockIdx.x, number);
-    std::abort();
-}
 inline void count_block(std::uint32_t* counted) { __atomic_fetch_add(counted, 1, __ATOMIC_RELEASE); }
-inline void wait_until_counted(const std::uint32_t* counted, std::uint32_t wanted, std::uint64_t* stall,
-                               std::uint32_t number) {
-    for (std::uint32_t n = 0; int(__atomic_load_n(counted, __ATOMIC_ACQUIRE) - wanted) < 0; ++n) {
-        if (n == max_resident_polls) give_up(stall, number);
-        std::this_thread::yield();
-    }
+inline std::uint32_t read_count(const std::uint32_t* counted) {
+    std::this_thread::yield();
+    return __atomic_load_n(counted, __ATOMIC_ACQUIRE);
+}
+inline constexpr std::uint32_t looks_between_clocks = 64;
+inline std::uint64_t read_mark(const std::uint64_t* stall) {
+    return __atomic_load_n(stall, __ATOMIC_RELAXED);
+}
+inline void write_mark(std::uint64_t* stall, std::uint64_t mark) {
+    __atomic_store_n(stall, mark, __ATOMIC_RELAXED);
 }
 inline std::uint64_t nanoseconds() {
     return std::uint64_t(std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1));

@@ -81,14 +81,12 @@ inline constexpr Body idle{{6, 5, 4}, Partition::bisection, false, mixed.shape};
 inline constexpr Body rows{
     {32, 2, 2}, Partition::rows, true, {32, 64, 2, 160, (1U << border_kinds) - 1, false, {}}};
 /// A part of a body: its own particles are {4, 4, 8}, and no lane is idle.
-constexpr ResidentShape as_part(std::uint32_t max_polls) {
+constexpr ResidentShape as_part() {
     ResidentShape shape = mixed.shape;
     shape.part = true;
-    shape.max_polls = max_polls;
     return shape;
 }
-inline constexpr Body part{{4, 4, 8}, Partition::bisection, false, as_part(1U << 20)};
-inline constexpr Body impatient{{4, 4, 8}, Partition::bisection, false, as_part(100)};
+inline constexpr Body part{{4, 4, 8}, Partition::bisection, false, as_part()};
 constexpr int max_blocks = 4;
 
 constexpr ResidentShape with(ToolMode mode, ResidentShape shape) {
@@ -144,6 +142,7 @@ public:
         step_.published_count = layout_.published_count;
         step_.exchange = exchange_.data();
         step_.started_blocks = &started_blocks_;
+        step_.wait = {&stall_, std::uint64_t(std::chrono::nanoseconds(std::chrono::minutes(1)).count())};
         step_.held_by_lane = held_by_lane_.data();
         step_.held = held_.data();
         step_.tool.stiffness = float(problem.tool.stiffness);
@@ -207,6 +206,12 @@ public:
 
     TickDesk& desk() { return desk_; }
     void set_max_idle(std::chrono::nanoseconds most) { max_idle_ = most; }
+    void set_max_wait(std::chrono::nanoseconds most) { step_.wait.nanoseconds = std::uint64_t(most.count()); }
+    /// None, or which wait was in vain.
+    std::optional<ResidentStall> stall() const {
+        if (stall_ == 0) return std::nullopt;
+        return ResidentStall::unpacked(stall_);
+    }
     State download() const { return unpack<float>(problem_, packed_, placement_, f); }
 
 private:
@@ -249,6 +254,7 @@ private:
     std::vector<AnswerWords> answers_;
     OrderWords asked_{}, handed_on_{};
     std::uint32_t started_blocks_ = 0, taken_blocks_ = 0, launches_ = 0;
+    std::uint64_t stall_ = 0;
     std::uint32_t tag_;
     TickDesk desk_;
     std::chrono::nanoseconds max_idle_ = std::chrono::minutes(1);
@@ -519,12 +525,22 @@ TYPED_TEST(Resident, PartsAreHeldByATool) {
     }
 }
 
-// The part beside it is never launched.
+// The part beside it is never launched. Only the first wait lasts for as long as one may, and the launch
+// after it has none.
 TEST(ResidentParts, DoNotWaitForEver) {
-    GTEST_FLAG_SET(death_test_style, "threadsafe");
+    using Clock = std::chrono::steady_clock;
     const Problem problem = lattice(dims_of_parts(2));
-    Parts<Formulation::position, impatient, ToolMode::none> parts(problem, state_at_rest(problem), 2);
-    EXPECT_DEATH(parts.of(1).step(2), "rank 1: block [0-3] waited in vain for step 1");
+    Parts<Formulation::position, part, ToolMode::none> parts(problem, state_at_rest(problem), 2);
+    constexpr auto longest = std::chrono::seconds(1);
+    parts.of(1).set_max_wait(longest);
+    const auto begin = Clock::now();
+    parts.of(1).step(100);
+    EXPECT_GE(Clock::now() - begin, longest / 2);
+    ASSERT_TRUE(parts.of(1).stall().has_value());
+    EXPECT_EQ(parts.of(1).stall()->step, 1U);
+    EXPECT_LT(parts.of(1).stall()->block, unsigned(max_blocks));
+    parts.of(1).step(100);
+    EXPECT_LT(Clock::now() - begin, 60 * longest) << "it waits in each step";
 }
 
 // They write into one slot, which nobody reads: a race that ThreadSanitizer need not see.
@@ -558,6 +574,20 @@ TEST(Ticks, WaitForASlowBlock) {
         expect_ticks_as_launches<Formulation::position, mixed>({1, 1, 1, 1, 1, 1, 1, 1, 1, 1}, 0, {0});
     }
     slow_block = ~0U;
+}
+
+// Block 0, which looks what the host orders, hands nothing on for longer than the others may wait.
+TEST(Ticks, EndAfterAWaitInVain) {
+    const State start = random_state(lattice(rows.dims), 0.05, 2);
+    const Problem problem = held(lattice(rows.dims), start, anywhere);
+    Simulation<Formulation::position, rows, ToolMode::ticks> in_ticks(problem, start);
+    in_ticks.set_max_wait(std::chrono::milliseconds(500));
+    in_ticks.set_max_idle(std::chrono::seconds(3));
+    in_ticks.order(hand(0), 3);
+    (void)in_ticks.wait_for_force();
+    in_ticks.end();
+    ASSERT_TRUE(in_ticks.stall().has_value());
+    EXPECT_EQ(in_ticks.stall()->step, 3U);
 }
 
 // Nobody orders the end.

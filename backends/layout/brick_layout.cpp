@@ -250,6 +250,21 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
 
 std::span<const BrickTileSize> brick_tile_sizes() { return tile_sizes; }
 
+std::string registers_refusal(const BrickPlan& plan, int compiled) {
+    if (plan.lane_registers == 0) return {};
+    const int lanes = plan.shape.lanes();
+    const int at_launch = rounded_up(compiled, 8);  // as warps are given them
+    const bool enough = plan.poller_registers <= at_launch && at_launch <= plan.lane_registers &&
+                        plan.lane_registers * lanes + plan.poller_registers * plan.pollers <=
+                            at_launch * (lanes + plan.pollers);
+    if (enough) return {};
+    return "the compiler gave each of " + std::to_string(lanes + plan.pollers) + " threads " +
+           std::to_string(compiled) + " registers, of which " + std::to_string(lanes) + " threads with " +
+           std::to_string(plan.lane_registers) + " and " + std::to_string(plan.pollers) + " with " +
+           std::to_string(plan.poller_registers) +
+           " cannot be made (setmaxnreg): another tile may do, such as tile=2x2x2";
+}
+
 std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
                                      const MarchDevice& device, bool moves_registers,
                                      std::optional<BrickTileSize> size) {

@@ -47,6 +47,10 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                                      const MarchDevice& device, bool moves_registers,
                                      std::optional<BrickTileSize> size = std::nullopt);
 
+/// Empty, or why registers cannot be moved as `plan` has it in a kernel whose threads begin with `compiled`
+/// registers each: a thread would wait for ever for what nobody gives.
+std::string registers_refusal(const BrickPlan& plan, int compiled);
+
 /// The tables of BrickStep, and what edits of them take.
 class BrickLayout {
 public:

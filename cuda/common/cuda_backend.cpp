@@ -56,13 +56,12 @@ void CudaBackend::synchronize() {
 }
 
 void CudaBackend::wait_for_stream() {
-    try {
-        stream_.synchronize();
-    } catch (const DeviceError& error) {
-        if (const std::string note = failure_note(); !note.empty())
-            throw DeviceError(note + ": " + error.what());
-        throw;
-    }
+    stream_.synchronize();
+    check_waits();
+}
+
+void CudaBackend::check_waits() const {
+    if (const std::string note = failure_note(); !note.empty()) throw DeviceError(note);
 }
 
 void CudaBackend::forget_graphs() {
@@ -71,7 +70,12 @@ void CudaBackend::forget_graphs() {
 }
 
 void CudaBackend::begin_upload() {
-    synchronize();
+    try {
+        synchronize();
+    } catch (const DeviceError&) {
+        // A launch that waited in vain has lost its state and nothing else.
+        stream_.synchronize();
+    }
     start_.clear();
     compile_time_ = {};
     is_split_ = false;
@@ -192,7 +196,7 @@ void CudaBackend::check_divergence() {
 
 std::optional<Divergence> CudaBackend::divergence() {
     if (monitor_.every == 0) return std::nullopt;
-    let_end();
+    synchronize();
     FirstDivergence first{};
     first_divergence_.download(std::span(&first, 1), stream_);
     if (first.found == std::numeric_limits<long long>::max()) return std::nullopt;

@@ -67,8 +67,10 @@ protected:
     /// Lets a kernel end that waits for further steps. Called before anything but steps and moves of the tool
     /// is enqueued.
     virtual void let_end() {}
-    /// Waits for the stream alone; what a kernel that failed has said about it is in the error.
+    /// Waits for the stream alone, and checks the waits of what ran in it.
     void wait_for_stream();
+    /// Throws DeviceError, with what a launch has said that waited in vain.
+    void check_waits() const;
 
     /// To be called first in upload(): waits for the device and frees the copy of the last start.
     void begin_upload();
@@ -122,7 +124,7 @@ private:
     /// Which of two kinds of step the next one is, 0 or 1. Each kind has graphs of its own.
     virtual int kind_of_step() const { return 0; }
 
-    /// Empty, or what a kernel that failed has said about it.
+    /// Empty, or what a launch has said that waited in vain: the state is worthless until the next upload.
     virtual std::string failure_note() const { return {}; }
 
     /// Enqueues a check of x(t).

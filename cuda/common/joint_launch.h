@@ -3,10 +3,12 @@
 #pragma once
 
 #include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <string>
 
 #include "backends/layout/records/resident.h"
+#include "backends/pace.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/pinned.h"
 
@@ -14,8 +16,14 @@ namespace voxspring::cuda {
 
 class JointLaunch {
 public:
+    static constexpr int most_steps = 1 << 16;  ///< of a launch
+
+    /// `watched`: on a device whose driver ends kernels that run for seconds, since it has a display.
+    explicit JointLaunch(bool watched) : watched_(watched) {}
+
     /// For the arguments of the launches from now on.
     void start_anew(const Stream& stream) {
+        pace_.forget();
         started_blocks_.resize(1);
         started_blocks_.fill_with_zeros(stream);
         stall_.resize(1);
@@ -23,15 +31,24 @@ public:
         tag_ = launches_ = 0;
     }
     std::uint32_t* started_blocks() const { return started_blocks_.data(); }
-    std::uint64_t* stall() const { return stall_.data(); }
+    WaitLimit wait_limit() const { return {stall_.data(), max_wait_nanoseconds}; }
 
     /// Calls launch(steps, tag, launches) for `count` steps, of no more than `longest` each; then
-    /// `stepped(steps)`.
+    /// `stepped(steps)`. Where the device is watched no launch is long (Pace), and the first ones since
+    /// start_anew() are waited for in `stream`, to see how long they take.
     template <class Launch, class Stepped>
-    void enqueue(int count, int longest, Launch launch, Stepped stepped) {
+    void enqueue(int count, int longest, const Stream& stream, Launch launch, Stepped stepped) {
         while (count > 0) {
-            const int steps = std::min(count, longest);
+            const int steps = std::min({count, longest, watched_ ? pace_.steps() : count});
+            const bool measures = watched_ && pace_.is_unknown();
+            if (measures) stream.synchronize();
+            const auto begin = std::chrono::steady_clock::now();
             launch(steps, tag_, ++launches_);
+            if (measures) {
+                stream.synchronize();
+                pace_.measured(
+                    steps, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+            }
             tag_ += std::uint32_t(steps);
             count -= steps;
             stepped(steps);
@@ -46,16 +63,22 @@ public:
     }
     void asked_for(int steps) { tag_ += std::uint32_t(steps); }
 
-    /// Empty, or what a launch that gave up has said, once it has ended. `block`: "resident block".
+    /// Empty, or of which wait in vain a launch has told. It ends soon after. `block`: "resident block".
     std::string failure_note(const std::string& block) const {
-        if (stall_.size() == 0 || *stall_.data() == 0) return {};
-        const ResidentStall stall = ResidentStall::unpacked(*stall_.data());
+        if (stall_.size() == 0) return {};
+        const std::uint64_t mark = *static_cast<const volatile std::uint64_t*>(stall_.data());
+        if (mark == 0) return {};
+        const ResidentStall stall = ResidentStall::unpacked(mark);
         return block + " " + std::to_string(stall.block) + " waited in vain for step " +
-               std::to_string(stall.step) + " since the latest upload";
+               std::to_string(stall.step) + " since the latest upload, for " +
+               std::to_string(max_wait_nanoseconds / 1'000'000'000) +
+               " seconds: what it waits for did not run at the same time";
     }
     std::uint64_t bytes() const { return started_blocks_.bytes(); }
 
 private:
+    const bool watched_;
+    Pace pace_{most_steps};
     Buffer<std::uint32_t> started_blocks_;
     Pinned<std::uint64_t> stall_;
     std::uint32_t tag_ = 0;       ///< of the latest point published
@@ -64,6 +87,6 @@ private:
 
 /// Steps of a launch: with divergence checks between them, often enough to find it early, and seldom enough
 /// that a launch costs 1% at most, since it takes as long as some ten steps.
-inline int longest_joint_launch(bool monitored) { return monitored ? 1024 : 1 << 16; }
+inline int longest_joint_launch(bool monitored) { return monitored ? 1024 : JointLaunch::most_steps; }
 
 }  // namespace voxspring::cuda

@@ -88,7 +88,7 @@ template <class Real, class Step>
 class ParticleBackend : public CudaBackend {
 public:
     State download() final {
-        let_end();
+        this->synchronize();
         PackedState<Real> packed;
         const auto out = [&](auto& values, const auto& buffer) {
             values.resize(buffer.size());
@@ -131,6 +131,7 @@ public:
         if (steps() == 0) return glm::dvec3(0);
         std::vector<HeldForce<Real>> forces(held_forces_.size());
         held_forces_.download(forces, stream());
+        this->check_waits();
         return force_on_tool(forces);
     }
 

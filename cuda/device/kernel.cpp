@@ -42,6 +42,12 @@ void Kernel::load() const {
     check(cudaFuncGetAttributes(&attributes, kernel_));
 }
 
+int Kernel::registers() const {
+    cudaFuncAttributes attributes{};
+    check(cudaFuncGetAttributes(&attributes, kernel_));
+    return attributes.numRegs;
+}
+
 void Kernel::allow_shared(std::size_t bytes) const {
     constexpr std::size_t without_asking = 48U << 10U;
     if (bytes > without_asking)

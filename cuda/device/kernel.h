@@ -23,6 +23,8 @@ public:
 
     explicit Kernel(const CompiledKernel& compiled);
 
+    /// That a thread begins with.
+    int registers() const;
     /// Lets a block have `bytes` of shared memory, where that is more than every kernel may have.
     void allow_shared(std::size_t bytes) const;
     template <class... Arguments>

@@ -20,8 +20,8 @@ constexpr bool keeps_masks = mask_words <= 6;
 extern __shared__ float points[];
 
 // The hardware's barriers 1 and 2. __syncthreads() uses 0.
-__device__ void border_is_here() { asm volatile("bar.sync 1, %0;" ::"n"(all_threads) : "memory"); }
-__device__ void step_is_done() { asm volatile("bar.sync 2, %0;" ::"n"(all_threads) : "memory"); }
+__device__ void border_is_here() { meet<1, all_threads>(); }
+__device__ void step_is_done() { meet<2, all_threads>(); }
 
 /// Masks of any thread.
 struct TileWords {
@@ -114,15 +114,16 @@ struct Polls {
     }
 };
 
-/// Fetches into the half at `to` the points that other blocks publish with `tag`.
-__device__ void fetch_published(const Polls& polls, const BrickStep& step, float* to,
+/// Fetches into the half at `to` the points that other blocks publish with `tag`. False: not all of them
+/// came, and the launch is to end.
+__device__ bool fetch_published(const Polls& polls, const BrickStep& step, float* to,
                                 const TaggedPoint* exchange, std::uint32_t tag) {
     std::uint32_t missing = 0;
 #pragma unroll
     for (int n = 0; n < together; ++n) {
         if (polls.poll[n].from != resident_none) missing |= 1U << n;
     }
-    std::uint32_t polls_in_vain = 0;
+    BoundedWait wait(step.wait, tag);
     while (missing != 0) {
         TaggedPoint found[together];
 #pragma unroll
@@ -135,8 +136,9 @@ __device__ void fetch_published(const Polls& polls, const BrickStep& step, float
             Tile::store(to, int(polls.poll[n].slot), found[n].point);
             missing &= ~(1U << n);
         }
-        if (missing != 0 && ++polls_in_vain == max_resident_polls) give_up(step.stall, tag);
+        if (missing != 0 && wait.is_over()) return false;
     }
+    return true;
 }
 
 /// Takes `count` steps, at least one, of the state in `current` and `before`, in structure of arrays: x or u,
@@ -186,7 +188,9 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         } else
 #endif
             run_steps(step, tile, words, idle, thread, count, tag);
-        wait_until_counted(step.started_blocks, launches * gridDim.x, step.stall, tag + count);
+        // Where that is in vain the state is worthless, wherever it is.
+        static_cast<void>(
+            wait_until_counted(step.started_blocks, launches * gridDim.x, step.wait, tag + count));
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
         const float* const last = points + ((count & 1) != 0 ? shape.half() : 0);
         const float* const previous = points + ((count & 1) != 0 ? 0 : shape.half());
@@ -217,12 +221,12 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
             }
         }
         __syncthreads();
-        if (thread == lanes)
-            asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(step.started_blocks) : "memory");
+        if (thread == lanes) count_block(step.started_blocks);
         Turns turns;
         if constexpr (!keeps_polls) polls.load(step, poller, 0);
         border_is_here();
         step_is_done();
+        bool in_vain = false;  // once a wait was, this thread waits no more
         ROLLED
         for (int n = 1; n < count; ++n) {
             // Not before the own block is done: looking takes its instruction slots, and finds little.
@@ -232,8 +236,9 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
                 Polls next_polls = polls;
                 if constexpr (!keeps_polls)
                     next_polls.load(step, poller, first + together < ROUNDS ? first + together : 0);
-                fetch_published(polls, step, turns.next(), step.exchange + turns.exchange(step),
-                                tag + std::uint32_t(n));
+                if (!in_vain)
+                    in_vain = !fetch_published(polls, step, turns.next(),
+                                               step.exchange + turns.exchange(step), tag + std::uint32_t(n));
                 polls = next_polls;
             }
             border_is_here();

@@ -21,7 +21,6 @@ struct ResidentShape {
     /// The kernel steps a part of a body and exchanges the points at its borders with the kernels that step
     /// the parts beside it.
     bool part = false;
-    std::uint32_t max_polls = max_resident_polls;
 };
 
 struct NoCompliance {
@@ -84,7 +83,9 @@ public:
             if ((border & mirrored_z) != 0) lane.spacing.z = -lane.spacing.z;
             run_lane_of<0>(border & border_kind_bits, lane, count, tag);
             if (!lane.active) return;
-            wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.stall, tag + count);
+            // Where that is in vain the state is worthless, wherever it is.
+            static_cast<void>(
+                wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.wait, tag + count));
             store(lane, memory);
         } else {
             const std::uint32_t at = blockIdx.x * shape.pollers + std::uint32_t(thread - shape.lanes);
@@ -284,7 +285,7 @@ private:
     __device__ bool goes_on(Turn& turn, std::uint32_t tag) {
         if (turn.steps == 0) {
             if (int(threadIdx.x) == shape.lanes)
-                shared_.order = wait_for_order(step_.line, turn.next_tick, step_.stall, tag);
+                shared_.order = wait_for_order(step_.line, turn.next_tick, step_.wait, tag);
             __syncthreads();
             turn = {turn.next_tick + 1, shared_.order.steps};
             if (turn.steps == 0) return false;
@@ -321,7 +322,7 @@ private:
         if constexpr (kind + 1 < border_kinds) run_lane_of<kind + 1>(border, lane, count, tag);
     }
 
-    __device__ void run_poller(const Polls& polls, int count, std::uint32_t tag) {
+    __device__ void run_poller(Polls& polls, int count, std::uint32_t tag) {
         if constexpr (in_ticks) return poll_ticks(polls, tag);
         for (int n = 1; n < count; n += 2) {
             poll(polls, 1, tag + n);
@@ -333,7 +334,7 @@ private:
     }
 
     /// Fetches what the next step reads as soon as it is published, whether or not that step is of this tick.
-    __device__ void poll_ticks(const Polls& polls, std::uint32_t tag) {
+    __device__ void poll_ticks(Polls& polls, std::uint32_t tag) {
         Turn turn{step_.line.first_tick, 0};
         for (int half = 1; goes_on(turn, tag); half = 1 - half) {
             border_is_here();
@@ -341,18 +342,21 @@ private:
         }
     }
 
-    /// Fetches into half `half` the points that other blocks publish with `tag`.
-    __device__ void poll(const Polls& polls, int half, std::uint32_t tag) {
-        wait_for_points(polls, polls.wanted, turn_of(half, tag), tag,
-                        [&](int n, Vector<float> point) { put(half, polls.slot[n], point); });
+    /// Fetches into half `half` the points that other blocks publish with `tag`. After a wait in vain no more
+    /// are wanted.
+    __device__ void poll(Polls& polls, int half, std::uint32_t tag) {
+        const bool found =
+            wait_for_points(polls, polls.wanted, turn_of(half, tag), tag,
+                            [&](int n, Vector<float> point) { put(half, polls.slot[n], point); });
+        if (!found) polls.wanted = 0;
     }
 
     /// Calls found(n, point) for each of the polls `missing`, once its point is in half `turn` of the
-    /// exchange.
+    /// exchange. False: not all of them came, and the launch is to end.
     template <class Found>
-    __device__ void wait_for_points(const Polls& polls, std::uint32_t missing, int turn, std::uint32_t tag,
+    __device__ bool wait_for_points(const Polls& polls, std::uint32_t missing, int turn, std::uint32_t tag,
                                     Found found) {
-        std::uint32_t polls_in_vain = 0;
+        BoundedWait wait(step_.wait, tag);
         while (missing != 0) {
             TaggedPoint word[shape.rounds];
             UNROLLED
@@ -370,8 +374,9 @@ private:
                 found(n, word[n].point);
                 missing &= ~(1U << n);
             }
-            if (missing != 0 && ++polls_in_vain == shape.max_polls) give_up(step_.stall, tag);
+            if (missing != 0 && wait.is_over()) return false;
         }
+        return true;
     }
 
     /// Stores where the last step of a launch leaves the ghosts that this thread keeps, as x(t) and, since
@@ -388,7 +393,7 @@ private:
             word[n] &= resident_word_bits;
         }
         if (kept == 0) return;
-        wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.stall, tag);
+        static_cast<void>(wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.wait, tag));
         wait_for_points(polls, kept, turn_of(0, tag), tag, [&](int n, Vector<float> point) {
             const Particle<float> ghost{point, load_past_l1(memory.words + word[n]).bits};
             cuda::store(memory.words + word[n], ghost);

@@ -50,24 +50,23 @@ __device__ inline void answer(Vector<float> force, std::uint32_t tick, AnswerWor
 }
 
 /// Waits for the order of tick `tick`, in one thread of each block. Block 0 reads what the host writes, which
-/// takes a way over the bus, and hands it on to the others. If the host is silent for too long block 0 orders
-/// the end. `stall` and `step` are of a wait in vain.
-__device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t tick, std::uint64_t* stall,
+/// takes a way over the bus, and hands it on to the others. If the host is silent for too long, or another
+/// block does not take its orders, block 0 orders the end. `step`: the latest, for a wait in vain.
+__device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t tick, const WaitLimit& limit,
                                            std::uint32_t step) {
     TickOrder order{{0, 0, 0}, 0, tick};
     if (blockIdx.x == 0) {
         // No block may still look for the order before this one when this one replaces it.
-        wait_until_counted(line.taken_blocks, (tick - line.first_tick) * gridDim.x, stall, step);
+        bool late = !wait_until_counted(line.taken_blocks, (tick - line.first_tick) * gridDim.x, limit, step);
         const std::uint64_t begin = nanoseconds();
-        bool late = false;
         // The last look is after the time was found to be over: another process may have had the card since.
         while (!look_for_order(line.asked, tick, order) && !late)
             late = nanoseconds() - begin > line.max_idle;
         hand_on(order, line.handed_on);
     } else {
-        std::uint32_t polls_in_vain = 0;
+        BoundedWait wait(limit, step);
         while (!look_for_order(line.handed_on, tick, order)) {
-            if (++polls_in_vain == max_resident_polls) give_up(stall, step);
+            if (wait.is_over()) break;
         }
     }
     count_block(line.taken_blocks);

@@ -1,4 +1,11 @@
-// How blocks of one launch wait for each other, and end if that is in vain. Device code alone.
+// How blocks of one launch, and launches that step parts of one body, wait for each other, and how a wait
+// ends that is in vain. Device code, which a host runs as well that brings what a device has
+// (tests/host_blocks.h).
+//
+// A wait that lasts for too long marks WaitLimit::stall, where the host reads it, and is over. Its thread
+// goes on without what it waited for and waits no more; every other wait is over as soon as it sees the mark.
+// So the launch ends soon after, and its state is worthless. A trap would end it at once, but with it
+// whatever else the process runs on the device, and all processes that share the device by MPS.
 #pragma once
 
 #include "backends/layout/records/resident.h"
@@ -6,30 +13,14 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Ends the launch with all of its blocks, after a wait in vain for step `number`. `stall`: where the host
-/// reads which block that was.
-__device__ inline void give_up(std::uint64_t* stall, std::uint32_t number) {
-    *static_cast<volatile std::uint64_t*>(stall) = ResidentStall{blockIdx.x, number}.packed();
-    __threadfence_system();
-    __trap();
-}
-
-/// A block has read what others are to overwrite.
+/// Counts this block as having read what others are to overwrite.
 __device__ inline void count_block(std::uint32_t* counted_blocks) {
     asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(counted_blocks) : "memory");
 }
-
-/// Waits until `wanted` blocks have counted themselves in `counted_blocks`, so that what they have read may
-/// be overwritten. `number`: of the latest step.
-__device__ inline void wait_until_counted(const std::uint32_t* counted_blocks, std::uint32_t wanted,
-                                          std::uint64_t* stall, std::uint32_t number) {
-    std::uint32_t polls_in_vain = 0;
-    while (true) {
-        std::uint32_t counted = 0;
-        asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(counted) : "l"(counted_blocks) : "memory");
-        if (int(counted - wanted) >= 0) return;
-        if (++polls_in_vain == max_resident_polls) give_up(stall, number);
-    }
+__device__ inline std::uint32_t read_count(const std::uint32_t* counted_blocks) {
+    std::uint32_t counted = 0;
+    asm volatile("ld.acquire.gpu.global.u32 %0, [%1];" : "=r"(counted) : "l"(counted_blocks) : "memory");
+    return counted;
 }
 
 /// By a clock that goes on whatever the card does.
@@ -39,11 +30,61 @@ __device__ inline std::uint64_t nanoseconds() {
     return now;
 }
 
+__device__ inline std::uint64_t read_mark(const std::uint64_t* stall) {
+    return *static_cast<const volatile std::uint64_t*>(stall);
+}
+__device__ inline void write_mark(std::uint64_t* stall, std::uint64_t mark) {
+    *static_cast<volatile std::uint64_t*>(stall) = mark;
+}
+
+/// Looks in vain before the clock is looked at: some milliseconds.
+inline constexpr std::uint32_t looks_between_clocks = 1U << 12;
+
 /// Waits for all of `threads` threads of a block at one of the hardware's barriers. __syncthreads() uses 0.
 template <int barrier, int threads>
 __device__ void meet() {
     asm volatile("bar.sync %0, %1;" ::"n"(barrier), "n"(threads) : "memory");
 }
 #endif
+
+/// One thread's wait for step `number`.
+class BoundedWait {
+public:
+    __device__ BoundedWait(const WaitLimit& limit, std::uint32_t number) : limit_(limit), number_(number) {}
+
+    /// To be asked after each look in vain: whether to look no more. The clock and the mark are looked at
+    /// every few thousand looks, some milliseconds apart: few waits last for as long as that.
+    __device__ bool is_over() {
+        if (++looks_ % looks_between_clocks != 0) return false;
+        const std::uint32_t now = ticks_of(nanoseconds());
+        if (looks_ == looks_between_clocks) began_ = now;
+        if (read_mark(limit_.stall) != 0) return true;
+        if (now - began_ < ticks_of(limit_.nanoseconds)) return false;
+        write_mark(limit_.stall, ResidentStall{blockIdx.x, number_}.packed());
+        return true;
+    }
+
+private:
+    /// Of a millisecond or so, which one register counts for weeks.
+    static __device__ std::uint32_t ticks_of(std::uint64_t nanoseconds) {
+        return std::uint32_t(nanoseconds >> 20);
+    }
+
+    const WaitLimit& limit_;
+    const std::uint32_t number_;
+    std::uint32_t looks_ = 0;
+    std::uint32_t began_ = 0;
+};
+
+/// Waits until `wanted` blocks have counted themselves in `counted_blocks`, so that what they have read may
+/// be overwritten. `number`: of the latest step. False: they did not, and the launch is to end.
+__device__ inline bool wait_until_counted(const std::uint32_t* counted_blocks, std::uint32_t wanted,
+                                          const WaitLimit& limit, std::uint32_t number) {
+    BoundedWait wait(limit, number);
+    while (int(read_count(counted_blocks) - wanted) < 0) {
+        if (wait.is_over()) return false;
+    }
+    return true;
+}
 
 }  // namespace voxspring::cuda

@@ -184,7 +184,7 @@ struct BrickStep : MarchStep<float> {
     TaggedPoint* exchange;          ///< 2 x `axis`, by element
     float* increments;              ///< BrickTile::increment_words a block, if they are not in registers
     std::uint32_t* started_blocks;  ///< that have read their start, of all launches
-    std::uint64_t* stall;           ///< on the host: a ResidentStall, or 0
+    WaitLimit wait;
     bool operator==(const BrickStep&) const = default;
 };
 

@@ -37,12 +37,8 @@ inline constexpr std::uint32_t resident_word_bits = keeps_ghost - 1;
 /// In ResidentLinks::sent: the second neighbour is meant.
 inline constexpr std::uint32_t second_neighbour = 1U << 31;
 
-/// A block gives up after so many polls in vain for what another block is to send: some ten seconds on an
-/// H200, where a step takes microseconds.
-inline constexpr std::uint32_t max_resident_polls = 1U << 24;
-
-/// Which block gave up at which step, counted from the first that the tables were made for. It is one word,
-/// so that it is written whole.
+/// Which block waited in vain for which step, counted from the first that the tables were made for. It is one
+/// word, so that it is written whole.
 struct ResidentStall {
     std::uint32_t block, step;
     static constexpr std::uint64_t set = std::uint64_t(1) << 63;
@@ -51,6 +47,15 @@ struct ResidentStall {
         return {std::uint32_t((word & ~set) >> 32), std::uint32_t(word)};
     }
 };
+
+/// How long a wait of a launch may last (cuda/kernels/wait.h).
+struct WaitLimit {
+    std::uint64_t* stall;       ///< on the host: a ResidentStall, or 0
+    std::uint64_t nanoseconds;  ///< of one wait
+    bool operator==(const WaitLimit&) const = default;
+};
+/// A step takes microseconds, and another process may have the card for some time slices.
+inline constexpr std::uint64_t max_wait_nanoseconds = 10'000'000'000;
 
 /// Everything a resident launch needs. The lattice of its base is not used.
 struct ResidentStep : ImplicitStep<float> {
@@ -68,7 +73,7 @@ struct ResidentStep : ImplicitStep<float> {
     std::uint32_t published_count;  ///< words of `exchange` for every second step
     TaggedPoint* exchange;          ///< 2 x published_count
     std::uint32_t* started_blocks;  ///< blocks that have read their start, of all launches
-    std::uint64_t* stall;           ///< on the host: a ResidentStall, or 0
+    WaitLimit wait;
     bool operator==(const ResidentStep&) const = default;
 };
 

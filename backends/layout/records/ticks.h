@@ -39,8 +39,8 @@ struct alignas(32) AnswerWords {
     std::uint64_t word[3];
 };
 
-/// A kernel ends by itself if the host orders nothing for so long. Other blocks wait some ten times as long
-/// for the block that looks what the host orders (max_resident_polls).
+/// A kernel ends by itself if the host orders nothing for so long. Other blocks wait longer for the block
+/// that looks what the host orders (max_wait_nanoseconds).
 inline constexpr std::uint64_t max_idle_nanoseconds = 1'000'000'000;
 
 /// Where orders and answers go.

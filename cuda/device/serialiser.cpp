@@ -1,0 +1,61 @@
+#include "cuda/device/serialiser.h"
+
+#include <link.h>
+
+#include <array>
+#include <cstdlib>
+
+namespace voxspring::cuda {
+namespace {
+
+/// Tools that run one kernel at a time, by a part of the name of the library that they bring.
+struct Tool {
+    const char* library;
+    const char* name;
+};
+constexpr std::array tools = {Tool{"sanitizer-collection", "compute-sanitizer"},
+                              Tool{"cuda-injection", "Nsight Compute"}};
+
+/// Streams that a process has queues for, unless CUDA_DEVICE_MAX_CONNECTIONS says otherwise.
+constexpr int usual_connections = 8;
+
+std::vector<std::string> loaded_libraries() {
+    std::vector<std::string> names;
+    dl_iterate_phdr(
+        [](dl_phdr_info* file, std::size_t, void* found) {
+            static_cast<std::vector<std::string>*>(found)->emplace_back(file->dlpi_name);
+            return 0;
+        },
+        &names);
+    return names;
+}
+
+}  // namespace
+
+std::string serialised_by(int kernels, const std::function<const char*(const char* name)>& value_of,
+                          const std::vector<std::string>& libraries) {
+    const char* const blocking = value_of("CUDA_LAUNCH_BLOCKING");
+    if (blocking != nullptr && std::atoi(blocking) != 0)
+        return std::string("with CUDA_LAUNCH_BLOCKING=") + blocking + " kernels run one at a time";
+    for (const std::string& library : libraries) {
+        for (const Tool& tool : tools) {
+            if (library.find(tool.library) != std::string::npos)
+                return std::string("under ") + tool.name + " kernels run one at a time";
+        }
+    }
+    const char* const text = value_of("CUDA_DEVICE_MAX_CONNECTIONS");
+    const int asked = text == nullptr ? 0 : std::atoi(text);
+    const int connections = asked > 0 ? asked : usual_connections;
+    if (kernels > connections)
+        return "streams share " + std::to_string(connections) +
+               " queues (CUDA_DEVICE_MAX_CONNECTIONS), and " + std::to_string(kernels) +
+               " kernels need one each";
+    return {};
+}
+
+std::string serialised_by(int kernels) {
+    return serialised_by(
+        kernels, [](const char* name) { return std::getenv(name); }, loaded_libraries());
+}
+
+}  // namespace voxspring::cuda
