@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
@@ -35,6 +36,51 @@ using testing::random_grid;
 using testing::random_network;
 using testing::random_state;
 using testing::solid;
+
+/// The fourth number of a word as shaders and kernels move it.
+float fourth(const ParticleRecord<float>& word) { return std::bit_cast<float>(word.bits); }
+double fourth(const ParticleRecord<double>& word) { return std::bit_cast<double>(word.bits); }
+
+// Hardware may flush numbers that are not normal to zero.
+template <class Real>
+void expect_normal_words(std::uint32_t bits) {
+    ParticleRecord<Real> word{};
+    store(&word, Particle<Real>{{1, 2, 3}, bits});
+    EXPECT_TRUE(std::isnormal(fourth(word))) << bits;
+    EXPECT_EQ(load_past_l1(&word).bits, bits);
+    word = {};
+    write_bits(&word, EditedWord{0, bits});
+    EXPECT_TRUE(std::isnormal(fourth(word))) << bits;
+    EXPECT_EQ(load_through_l1(&word).bits, bits);
+}
+
+TEST(Words, HaveBitsThatNoHardwareFlushes) {
+    for (std::uint32_t bits : {0U, FACE_BITS, NEIGHBOUR_BITS, PINNED_BIT | EDGE_BITS}) {
+        bits |= ACTIVE_BIT;
+        expect_normal_words<float>(bits);
+        expect_normal_words<double>(bits);
+    }
+    // Words of the state as it is uploaded; those of no particle are zero.
+    const Problem problem = make_lattice_problem(random_grid({5, 4, 3}, 0.67, 1), FACE_BITS);
+    const PackedState<double> packed =
+        pack<double>(problem, random_state(problem, 0.05, 1), place_on_grid(problem.lattice),
+                     problem.lattice.mask, Formulation::position);
+    std::size_t particles = 0;
+    for (const auto* words : {&packed.current, &packed.previous}) {
+        for (const ParticleRecord<double>& word : *words) {
+            if (word.particle_bits() != 0) ++particles;
+            EXPECT_TRUE(word.particle_bits() != 0 ? std::isnormal(fourth(word)) : word.bits == 0);
+        }
+    }
+    EXPECT_EQ(particles, 2 * problem.particle_count());
+}
+
+// A last block's threads beyond the words have numbers of type int as well.
+TEST(Words, AreNoMoreThanThreadsHaveNumbers) {
+    constexpr std::size_t largest_block = 1024;
+    EXPECT_LE((max_words + largest_block - 1) / largest_block * largest_block,
+              std::size_t(std::numeric_limits<int>::max()));
+}
 
 Problem with_dynamics(Problem problem) {
     problem.gravity = {8e-4, 0, -2e-3};

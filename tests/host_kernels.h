@@ -45,7 +45,7 @@ struct HostFetch {
 
     Particle<Real> at(int index, int dx) const {
         const ParticleRecord<Real>& word = checked(*words, std::ptrdiff_t(index) + dx);
-        return {word.position, std::uint32_t(word.bits)};
+        return {word.position, word.particle_bits()};
     }
     std::uint32_t entry(const std::uint32_t* p) const {
         return lists == nullptr ? *p : checked(lists->neighbour, p - lists->neighbour.data());
@@ -162,7 +162,7 @@ public:
 
 protected:
     void write_bits(std::uint32_t particle, std::uint32_t bits) {
-        packed_.current[placement_.at(particle)].bits = bits;
+        packed_.current[placement_.at(particle)].bits = ParticleRecord<Real>::with(bits);
     }
     void attach(Motion<Real>& motion) const {
         motion.load = load_.empty() ? nullptr : load_.data();

@@ -47,8 +47,9 @@ PackedState<Real> pack(const Problem& problem, const State& state, const Placeme
         const std::size_t at = placement.at(i);
         glm::dvec3 point = state.displacement_of(i);
         if (on_positions(formulation)) point += problem.rest_position[i];
-        packed.current[at] = {vector_of<Real>(point), bits[i]};
-        if (!increments) packed.previous[at] = {vector_of<Real>(point - state.increment_of(i)), bits[i]};
+        const auto word_bits = ParticleRecord<Real>::with(bits[i]);
+        packed.current[at] = {vector_of<Real>(point), word_bits};
+        if (!increments) packed.previous[at] = {vector_of<Real>(point - state.increment_of(i)), word_bits};
         if (split) packed.current_low[at] = {vector_of<Real>(lost_by<Real>(point)), 0};
         for (std::size_t axis = 0; axis < 3; ++axis) {
             const double v = state.increment_of(i)[int(axis)];

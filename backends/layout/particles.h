@@ -12,8 +12,8 @@
 
 namespace voxspring::cuda {
 
-/// Indices of words are of type int.
-inline constexpr std::size_t max_words = 0x7FFFFFFF;
+/// Indices of words are of type int, and so are those of the threads that a last block has beyond them.
+inline constexpr std::size_t max_words = 0x7FFFFFFF - 1023;
 
 /// Which word of an array a particle has.
 struct Placement {

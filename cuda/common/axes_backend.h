@@ -3,6 +3,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
@@ -40,6 +42,10 @@ inline std::string class_refusal(const Problem& problem, Precision precision, Fo
         return "corner springs are beyond the stencil of " + strategy;
     if (!has_inverse_lengths(problem, precision, formulation))
         return "forces in units of rest lengths need some that are not zero";
+    const std::size_t elements =
+        march_strides(problem.lattice, precision == Precision::float32 ? sizeof(float) : sizeof(double)).axis;
+    if (!problem.ghosts.empty() && elements > std::numeric_limits<std::uint32_t>::max())
+        return std::to_string(elements) + " elements of an axis: borders of parts count them in 32 bits";
     if (problem.has_materials()) return strategy + " is for one material";
     if (!problem.load.empty()) return strategy + " has no place for loads";
     return {};
@@ -69,6 +75,7 @@ public:
     }
 
     State download() final {
+        synchronize();
         MarchState<Real> packed;
         const auto out = [&](std::vector<Real>& values, const Buffer<Real>& buffer) {
             values.resize(buffer.size());

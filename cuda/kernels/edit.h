@@ -26,7 +26,7 @@ VOXSPRING_HOST_DEVICE SpringConstants<Real> rest_measured(SpringConstants<Real> 
 
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_bits(ParticleRecord<Real>* words, EditedWord edited) {
-    words[edited.word].bits = edited.bits;
+    words[edited.word].bits = ParticleRecord<Real>::with(edited.bits);
 }
 
 /// Writes word n of an edit, whose first `slots` are ResidentStep::slot's and the others bits of `words`.

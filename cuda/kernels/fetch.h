@@ -71,6 +71,30 @@ struct ThroughL1 {
     }
 };
 
+/// tex1Dfetch(), which is not moved to before the wait for the step before (words.h).
+__device__ inline float4 texel(cudaTextureObject_t texture, int index, float4) {
+#ifdef DEPENDENT_LAUNCH
+    float4 v;
+    asm volatile("tex.1d.v4.f32.s32 {%0, %1, %2, %3}, [%4, {%5}];"
+                 : "=f"(v.x), "=f"(v.y), "=f"(v.z), "=f"(v.w)
+                 : "l"(texture), "r"(index));
+    return v;
+#else
+    return tex1Dfetch<float4>(texture, index);
+#endif
+}
+__device__ inline int4 texel(cudaTextureObject_t texture, int index, int4) {
+#ifdef DEPENDENT_LAUNCH
+    int4 v;
+    asm volatile("tex.1d.v4.s32.s32 {%0, %1, %2, %3}, [%4, {%5}];"
+                 : "=r"(v.x), "=r"(v.y), "=r"(v.z), "=r"(v.w)
+                 : "l"(texture), "r"(index));
+    return v;
+#else
+    return tex1Dfetch<int4>(texture, index);
+#endif
+}
+
 /// Positions through a texture object (tex1Dfetch): float4, or two int4 for float64. Lists come by plain
 /// loads.
 template <class Real>
@@ -78,10 +102,10 @@ struct ThroughTexture {
     cudaTextureObject_t texture;
     __device__ Particle<Real> at(int index, int dx) const {
         if constexpr (sizeof(ParticleRecord<Real>) == 16) {
-            return unpacked(tex1Dfetch<float4>(texture, index + dx));
+            return unpacked(texel(texture, index + dx, float4{}));
         } else {
-            const int4 a = tex1Dfetch<int4>(texture, 2 * (index + dx));
-            const int4 b = tex1Dfetch<int4>(texture, 2 * (index + dx) + 1);
+            const int4 a = texel(texture, 2 * (index + dx), int4{});
+            const int4 b = texel(texture, 2 * (index + dx) + 1, int4{});
             return {{__hiloint2double(a.y, a.x), __hiloint2double(a.w, a.z), __hiloint2double(b.y, b.x)},
                     unsigned(b.z)};
         }

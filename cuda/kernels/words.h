@@ -21,18 +21,51 @@ __device__ inline Particle<double> unpacked(double2 a, double2 b) {
 
 // A word moves in accesses of 16 bytes. The host has one kind of memory alone.
 
+#ifdef __CUDACC__
+// With DEPENDENT_LAUNCH (entry.h) the step before this one may still write words while this one begins. A
+// load may then not be moved to before the wait for that step, so it is volatile, nor may it be of memory
+// that nobody writes while the kernel runs (ld.global.nc).
+#ifdef DEPENDENT_LAUNCH
+#define ORDERED_LOAD(name, cached)                                                                  \
+    __device__ inline float4 name(const float4* p) {                                                \
+        float4 v;                                                                                   \
+        asm volatile("ld.global" cached ".v4.f32 {%0, %1, %2, %3}, [%4];"                           \
+                     : "=f"(v.x), "=f"(v.y), "=f"(v.z), "=f"(v.w)                                   \
+                     : "l"(p));                                                                     \
+        return v;                                                                                   \
+    }                                                                                               \
+    __device__ inline double2 name(const double2* p) {                                              \
+        double2 v;                                                                                  \
+        asm volatile("ld.global" cached ".v2.f64 {%0, %1}, [%2];" : "=d"(v.x), "=d"(v.y) : "l"(p)); \
+        return v;                                                                                   \
+    }
+ORDERED_LOAD(ordered_past_l1, ".cg")
+ORDERED_LOAD(ordered_through_l1, "")
+#undef ORDERED_LOAD
+#else
+template <class T>
+__device__ T ordered_past_l1(const T* p) {
+    return __ldcg(p);
+}
+template <class T>
+__device__ T ordered_through_l1(const T* p) {
+    return __ldg(p);
+}
+#endif
+#endif
+
 /// Reads global memory past L1: ld.global.cg.
 template <class Real>
 VOXSPRING_HOST_DEVICE Particle<Real> load_past_l1(const ParticleRecord<Real>* word) {
 #ifdef __CUDA_ARCH__
     if constexpr (sizeof(Real) == sizeof(float)) {
-        return unpacked(__ldcg(reinterpret_cast<const float4*>(word)));
+        return unpacked(ordered_past_l1(reinterpret_cast<const float4*>(word)));
     } else {
         const auto* half = reinterpret_cast<const double2*>(word);
-        return unpacked(__ldcg(half), __ldcg(half + 1));
+        return unpacked(ordered_past_l1(half), ordered_past_l1(half + 1));
     }
 #else
-    return {word->position, std::uint32_t(word->bits)};
+    return {word->position, word->particle_bits()};
 #endif
 }
 
@@ -49,18 +82,19 @@ VOXSPRING_HOST_DEVICE bool same_bits(Vector<Real> a, Vector<Real> b) {
     return same_bits(a.x, b.x) && same_bits(a.y, b.y) && same_bits(a.z, b.z);
 }
 
-/// Reads memory that the kernel does not write, through L1: ld.global.nc.
+/// Reads memory that the kernel does not write, through L1: ld.global.nc or, with DEPENDENT_LAUNCH,
+/// ld.global.
 template <class Real>
 VOXSPRING_HOST_DEVICE Particle<Real> load_through_l1(const ParticleRecord<Real>* word) {
 #ifdef __CUDA_ARCH__
     if constexpr (sizeof(Real) == sizeof(float)) {
-        return unpacked(__ldg(reinterpret_cast<const float4*>(word)));
+        return unpacked(ordered_through_l1(reinterpret_cast<const float4*>(word)));
     } else {
         const auto* half = reinterpret_cast<const double2*>(word);
-        return unpacked(__ldg(half), __ldg(half + 1));
+        return unpacked(ordered_through_l1(half), ordered_through_l1(half + 1));
     }
 #else
-    return {word->position, std::uint32_t(word->bits)};
+    return {word->position, word->particle_bits()};
 #endif
 }
 
@@ -73,10 +107,10 @@ VOXSPRING_HOST_DEVICE void store(ParticleRecord<Real>* word, Particle<Real> p) {
     } else {
         auto* half = reinterpret_cast<double2*>(word);
         half[0] = make_double2(p.position.x, p.position.y);
-        half[1] = make_double2(p.position.z, __hiloint2double(0, int(p.bits)));
+        half[1] = make_double2(p.position.z, __hiloint2double(int(upper_half_of_one), int(p.bits)));
     }
 #else
-    *word = {p.position, p.bits};
+    *word = {p.position, ParticleRecord<Real>::with(p.bits)};
 #endif
 }
 

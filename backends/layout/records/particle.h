@@ -35,14 +35,30 @@ VOXSPRING_HOST_DEVICE Vector<Real> fused(Vector<Real> a, Real s, Vector<Real> b)
     return {std::fma(a.x, s, b.x), std::fma(a.y, s, b.y), std::fma(a.z, s, b.z)};
 }
 
+/// Of float64's 1 (shaders/words.glsl).
+inline constexpr std::uint32_t upper_half_of_one = 0x3FF00000u;
+
 /// A position (or displacement; formulation.h) and the bits that go with it in one word of 16 or 32 bytes: a
 /// neighbour mask (implicit) or the counters of its lists (explicit), with ACTIVE_BIT and PINNED_BIT of
 /// neighbours.h in either case. A word of low parts has no bits.
+///
+/// Shaders and kernels move words as vectors of numbers, the fourth of which has the bits. As such a number
+/// they are normal, which no hardware flushes to zero: in float32 by ACTIVE_BIT, in float64 by the exponent
+/// of one in the upper half. particle_bits() are those in the lower half.
 template <class Real>
 struct alignas(16) ParticleRecord {
     using Bits = std::conditional_t<sizeof(Real) == 4, std::uint32_t, std::uint64_t>;
     Vector<Real> position;
     Bits bits;
+
+    static VOXSPRING_HOST_DEVICE constexpr Bits with(std::uint32_t particle_bits) {
+        if constexpr (sizeof(Real) == 4) {
+            return particle_bits;
+        } else {
+            return std::uint64_t(upper_half_of_one) << 32 | particle_bits;
+        }
+    }
+    VOXSPRING_HOST_DEVICE std::uint32_t particle_bits() const { return std::uint32_t(bits); }
     bool operator==(const ParticleRecord&) const = default;
 };
 
