@@ -12,6 +12,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "backends/gl/context.h"
@@ -20,6 +21,7 @@
 #include "backends/gl/step_queue.h"
 #include "backends/gl/texture.h"
 #include "backends/glsl/compute.h"
+#include "backends/glsl/implicit.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/shader_support.h"
@@ -582,6 +584,86 @@ TEST_F(Gl, NoMoreStepsAreQueuedThanTheQueueHolds) {
     EXPECT_LE(CountedFences::most, 1);
     EXPECT_EQ(CountedFences::now, 0);
     backend->synchronize();
+}
+
+/// What orders accesses, in place of the driver's functions: 'd' for a dispatch or draw, 'b' for a barrier
+/// before whatever shaders write next.
+class RecordedOrder {
+public:
+    RecordedOrder() : dispatch_(glDispatchCompute), draw_(glDrawArrays), barrier_(glMemoryBarrier) {
+        original = this;
+        order.clear();
+        glDispatchCompute = [](GLuint x, GLuint y, GLuint z) {
+            order += 'd';
+            original->dispatch_(x, y, z);
+        };
+        glDrawArrays = [](GLenum mode, GLint first, GLsizei count) {
+            order += 'd';
+            original->draw_(mode, first, count);
+        };
+        glMemoryBarrier = [](GLbitfield barriers) {
+            if ((barriers & GL_SHADER_STORAGE_BARRIER_BIT) != 0) order += 'b';
+            original->barrier_(barriers);
+        };
+    }
+    ~RecordedOrder() {
+        glDispatchCompute = dispatch_;
+        glDrawArrays = draw_;
+        glMemoryBarrier = barrier_;
+    }
+    RecordedOrder(const RecordedOrder&) = delete;
+    RecordedOrder& operator=(const RecordedOrder&) = delete;
+
+    static inline std::string order = {};
+
+private:
+    static inline RecordedOrder* original = nullptr;
+    PFNGLDISPATCHCOMPUTEPROC dispatch_;
+    PFNGLDRAWARRAYSPROC draw_;
+    PFNGLMEMORYBARRIERPROC barrier_;
+};
+
+// A step overwrites what the check before it reads, and the next check the number that this one writes.
+TEST_F(Gl, AStepWaitsForTheCheckBeforeIt) {
+    const Problem problem = plain_problem();
+    for (const auto& [name, step] :
+         {std::pair{"gl_compute_implicit", "db"}, std::pair{"gl_compute_explicit", "db"},
+          std::pair{"gl_fragment_implicit", "d"}, std::pair{"gl_fragment_explicit", "d"}}) {
+        SCOPED_TRACE(name);
+        const auto backend = BackendSpec::parse(name).make();
+        backend->monitor({.largest_increment = 1, .every = 1});
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        backend->step(1);  // and libepoxy has looked up what is replaced here
+        const RecordedOrder recorded;
+        backend->step(2);
+        const std::string step_and_check = std::string(step) + "db";
+        EXPECT_EQ(RecordedOrder::order, step_and_check + step_and_check);
+        backend->synchronize();
+    }
+}
+
+// A word's fourth number is normal in float64 as well: hardware may flush others to zero.
+TEST(GlWords, HaveAnExponentInFloat64) {
+    EXPECT_THAT(gl::load_source("divergence_check.comp", {{"STORAGE_BUFFERS", ""}}).text,
+                HasSubstr("packDouble2x32(uvec2(bits, 0x3FF00000u))"));
+    static_assert(cuda::upper_half_of_one == 0x3FF00000U);
+}
+
+TEST(WorkGroups, AreRefusedBeyondWhatADeviceAllows) {
+    const glsl::WorkGroupLimits limits{128, {128, 64, 4}};
+    EXPECT_EQ(glsl::work_group_refusal({32, 4, 1}, limits), "");
+    EXPECT_THAT(glsl::work_group_refusal({64, 4, 1}, limits),
+                AllOf(HasSubstr("256 invocations"), HasSubstr("the 128")));
+    EXPECT_THAT(glsl::work_group_refusal({1, 128, 1}, limits),
+                AllOf(HasSubstr("128 invocations along y"), HasSubstr("the 64")));
+    EXPECT_THAT(glsl::work_group_refusal({1, 1, 8}, limits), HasSubstr("8 invocations along z"));
+    // One more work group along an axis than every driver takes.
+    Lattice lattice;
+    lattice.dims = {1, 1, 65535};
+    EXPECT_EQ(glsl::too_long(lattice, {64, 4, 1}), "");
+    lattice.dims.z = 65536;
+    EXPECT_THAT(glsl::too_long(lattice, {64, 4, 1}), HasSubstr("65536 work groups along z"));
+    EXPECT_EQ(glsl::too_long(lattice, {32, 4, 2}), "");
 }
 
 TEST(GlMemory, IsRefusedWhereFewerBytesAreFreeThanAnUploadTakes) {

@@ -95,6 +95,8 @@ void GlBackend::check_divergence() {
     monitor_program_.set("check_number", int(steps_ / monitor_.every));
     glUseProgram(monitor_program_.get());
     enqueue_divergence_check();
+    // The next step overwrites what this reads, an edit too, and the next check the number that it writes.
+    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
     glUseProgram(GLuint(stepping));
 }
 

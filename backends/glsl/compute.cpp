@@ -44,6 +44,20 @@ glm::ivec3 rows_of_groups(int groups) {
     return {(groups + rows - 1) / rows, rows, 1};
 }
 
+std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits) {
+    const std::uint64_t invocations =
+        std::uint64_t(group.x) * std::uint64_t(group.y) * std::uint64_t(group.z);
+    if (invocations > limits.invocations)
+        return "work groups of " + std::to_string(invocations) + " invocations exceed the " +
+               std::to_string(limits.invocations) + " that the device allows";
+    for (int axis = 0; axis < 3; ++axis) {
+        if (unsigned(group[axis]) > limits.extents[axis])
+            return "work groups of " + std::to_string(group[axis]) + " invocations along " + "xyz"[axis] +
+                   " exceed the " + std::to_string(limits.extents[axis]) + " that the device allows";
+    }
+    return {};
+}
+
 unsigned striding_groups(std::size_t count) {
     constexpr std::size_t group = 64;
     return unsigned(std::min((count + group - 1) / group, std::size_t(max_groups)));

@@ -46,6 +46,14 @@ std::uint64_t compute_bytes(const Problem& problem, const Options& options, cons
 glm::ivec3 rows_of_groups(int groups);
 inline constexpr int max_groups = 65535;  ///< along an axis, of every driver
 
+/// What a device allows a work group.
+struct WorkGroupLimits {
+    std::uint64_t invocations = 0;
+    glm::uvec3 extents{0};
+};
+/// Empty, or why work groups of `group` are beyond `limits`.
+std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
+
 /// Work groups of 64 invocations that stride over `count` things, as shaders/divergence_check.comp,
 /// measure.comp and edit*.comp do.
 unsigned striding_groups(std::size_t count);

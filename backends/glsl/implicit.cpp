@@ -41,10 +41,13 @@ std::uint64_t implicit_bytes(const Problem& problem, const Options& options) {
 }
 
 std::string too_long(const Lattice& lattice, cuda::BlockShape shape) {
-    const int along_x = covering(lattice.dims, shape).x;
-    if (along_x <= max_groups) return {};
-    return std::to_string(along_x) + " work groups along x exceed the " + std::to_string(max_groups) +
-           " that every driver takes";
+    const glm::ivec3 groups = covering(lattice.dims, shape);
+    for (int axis = 0; axis < 3; ++axis) {
+        if (groups[axis] > max_groups)
+            return std::to_string(groups[axis]) + " work groups along " + "xyz"[axis] + " exceed the " +
+                   std::to_string(max_groups) + " that every driver takes";
+    }
+    return {};
 }
 
 bool votes(const Options& options, bool is_software) {
