@@ -1,5 +1,9 @@
 #include "backends/device_choice.h"
 
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cstdlib>
 #include <utility>
 
 #include "backends/backend.h"
@@ -10,6 +14,17 @@ namespace {
 std::function<std::string()>& source() {
     static std::function<std::string()> function = [] { return std::string(); };
     return function;
+}
+
+std::function<std::vector<ListedDevice>()>& vulkan_source() {
+    static std::function<std::vector<ListedDevice>()> function = [] { return std::vector<ListedDevice>(); };
+    return function;
+}
+
+std::string in_lower_case(std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(),
+                   [](unsigned char letter) { return char(std::tolower(letter)); });
+    return text;
 }
 
 thread_local DeviceNumber device_of_thread;
@@ -33,6 +48,55 @@ const std::string& measured_card() {
     static const std::string uuid = source()();
     return uuid;
 }
+
+std::string to_string(DeviceKind kind) {
+    switch (kind) {
+        case DeviceKind::discrete:
+            return "discrete";
+        case DeviceKind::integrated:
+            return "integrated";
+        case DeviceKind::virtual_card:
+            return "virtual";
+        case DeviceKind::software:
+            return "software";
+        default:
+            return "other";
+    }
+}
+
+std::string names_of(const std::vector<ListedDevice>& devices) {
+    std::string text;
+    for (std::size_t n = 0; n < devices.size(); ++n)
+        text += (n == 0 ? "" : ", ") + std::to_string(n) + " " + devices[n].name + " (" +
+                to_string(devices[n].kind) + ")";
+    return text;
+}
+
+std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked) {
+    std::size_t number = 0;
+    const auto [end, error] = std::from_chars(asked.data(), asked.data() + asked.size(), number);
+    if (error == std::errc() && end == asked.data() + asked.size() && number < devices.size())
+        return {number};
+    std::vector<std::size_t> tried;
+    for (std::size_t n = 0; n < devices.size(); ++n) {
+        if (in_lower_case(devices[n].name).find(in_lower_case(asked)) != std::string::npos)
+            tried.push_back(n);
+    }
+    std::stable_sort(tried.begin(), tried.end(),
+                     [&](std::size_t a, std::size_t b) { return devices[a].kind < devices[b].kind; });
+    return tried;
+}
+
+std::string asked_vulkan_device() {
+    const char* const value = std::getenv(vulkan_device_variable);
+    return value == nullptr ? "" : value;
+}
+
+VulkanDeviceSource::VulkanDeviceSource(std::function<std::vector<ListedDevice>()> devices) {
+    vulkan_source() = std::move(devices);
+}
+
+std::vector<ListedDevice> vulkan_devices() { return vulkan_source()(); }
 
 int DeviceNumber::among(int count, const std::string& kind) const {
     if (wraps) return number % count;

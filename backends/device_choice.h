@@ -3,8 +3,11 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <string>
+#include <vector>
 
 namespace voxspring {
 
@@ -20,6 +23,35 @@ struct MeasuredCardSource {
 /// UUID of the card that this process measures; empty if nobody knows one. Asked once a process: a card that
 /// fails later is still the one.
 const std::string& measured_card();
+
+/// What a device is, the preferred kind first.
+enum class DeviceKind : std::uint8_t { discrete, integrated, virtual_card, other, software };
+std::string to_string(DeviceKind kind);
+
+/// A device as its API lists it.
+struct ListedDevice {
+    std::string name;
+    DeviceKind kind = DeviceKind::other;
+    std::string refusal = {};  ///< empty, or why it is not taken
+};
+/// "0 NVIDIA H200 (discrete), 1 llvmpipe (software)"
+std::string names_of(const std::vector<ListedDevice>& devices);
+/// The numbers of the devices to try, in this order: those that `asked` names, preferred kinds first. `asked`
+/// is a number, a part of a name in whatever case, or empty for all.
+std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked);
+
+/// Which device Vulkan's backends are to take, as devices_to_try() has it: VOXSPRING_VULKAN_DEVICE, which
+/// processes that this one starts inherit. Empty: the first that will do.
+inline constexpr const char* vulkan_device_variable = "VOXSPRING_VULKAN_DEVICE";
+std::string asked_vulkan_device();
+
+/// A static object of this type names who lists Vulkan's devices, in Vulkan's order, with why a backend in
+/// float32 does not take one. The function throws Unavailable where there is no Vulkan.
+struct VulkanDeviceSource {
+    explicit VulkanDeviceSource(std::function<std::vector<ListedDevice>()> devices);
+};
+/// Empty where this build has no Vulkan. Throws Unavailable.
+std::vector<ListedDevice> vulkan_devices();
 
 /// One of the devices that an API counts from 0.
 struct DeviceNumber {

@@ -5,10 +5,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <thread>
 #include <vector>
 
 #include "backends/backend.h"
+#include "backends/pace.h"
 
 namespace voxspring::testing {
 namespace {
@@ -56,6 +58,64 @@ TEST(DeviceChoice, UuidsAreWrittenAsTheDriversToolsWriteThem) {
     EXPECT_EQ(uuid_text({0x00, 0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88, 0x99, 0xaa, 0xbb, 0xcc, 0xdd,
                          0xee, 0xff}),
               card);
+}
+
+const std::vector<ListedDevice> several = {{"llvmpipe (LLVM 15)", DeviceKind::software},
+                                           {"AMD Radeon 780M", DeviceKind::integrated},
+                                           {"NVIDIA GeForce RTX 4090", DeviceKind::discrete},
+                                           {"AMD Radeon RX 7900", DeviceKind::discrete}};
+
+TEST(DevicesToTry, BeginWithThePreferredKind) {
+    EXPECT_THAT(devices_to_try(several, ""), ElementsAre(2, 3, 1, 0));
+    EXPECT_THAT(devices_to_try({}, ""), ElementsAre());
+}
+
+TEST(DevicesToTry, AreThoseThatAreAskedFor) {
+    EXPECT_THAT(devices_to_try(several, "1"), ElementsAre(1));
+    EXPECT_THAT(devices_to_try(several, "radeon"), ElementsAre(3, 1));
+    EXPECT_THAT(devices_to_try(several, "780m"), ElementsAre(1));
+    EXPECT_THAT(devices_to_try(several, "4090"), ElementsAre(2))
+        << "a number beyond the last is a part of a name";
+    EXPECT_THAT(devices_to_try(several, "Intel"), ElementsAre());
+    EXPECT_EQ(names_of({several[0], several[1]}),
+              "0 llvmpipe (LLVM 15) (software), 1 AMD Radeon 780M (integrated)");
+}
+
+TEST(APace, IsAllAtOnceWhereStepsAreShort) {
+    Pace pace(512);
+    EXPECT_TRUE(pace.is_unknown());
+    EXPECT_EQ(pace.steps(), 1);
+    pace.measured(1, 1e-5);
+    EXPECT_FALSE(pace.is_unknown());
+    EXPECT_EQ(pace.steps(), 512);
+    pace.forget();
+    EXPECT_TRUE(pace.is_unknown());
+    EXPECT_EQ(pace.steps(), 1);
+}
+
+// Whatever the first step takes beside.
+TEST(APace, KeepsADeviceNoLongerThanItShould) {
+    for (const double seconds : {1e-4, 1e-3, 0.01, 0.1, 1.0}) {
+        Pace pace(1 << 16);
+        double extra = 0.05;
+        int measured = 0;
+        for (; pace.is_unknown(); ++measured) {
+            EXPECT_LE(pace.steps() * seconds, std::max(1.01 * Pace::longest_seconds, seconds));
+            pace.measured(pace.steps(), pace.steps() * seconds + extra);
+            extra = 0;
+        }
+        EXPECT_LE(measured, 4);
+        EXPECT_LE(pace.steps() * seconds, std::max(1.01 * Pace::longest_seconds, seconds));
+        EXPECT_GE(pace.steps() * seconds, 0.3 * Pace::longest_seconds);
+    }
+}
+
+TEST(APace, IsNotMeasuredForEverWhereStepsComeOneByOne) {
+    Pace pace(512);
+    int measured = 0;
+    for (; pace.is_unknown(); ++measured) pace.measured(1, 0.01);
+    EXPECT_LE(measured, 4);
+    EXPECT_EQ(pace.steps(), 25);
 }
 
 std::string refusal_of(DeviceNumber device, int count) {

@@ -3,13 +3,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
+#include "backends/device_choice.h"
 #include "backends/glsl/explicit.h"
 #include "backends/glsl/implicit.h"
 #include "backends/registry.h"
@@ -94,6 +97,25 @@ TEST_F(Vulkan, SaysWhatItRunsOn) {
     if (capabilities.is_software) {
         EXPECT_TRUE(capabilities.device.ends_with(", software")) << capabilities.device;
     }
+}
+
+// --- Which device ----------------------------------------------------------------------------------------
+
+TEST_F(Vulkan, ADeviceIsTakenByNumberOrName) {
+    const std::vector<ListedDevice> devices = vulkan_devices();
+    ASSERT_FALSE(devices.empty());
+    for (std::size_t n = 0; n < devices.size(); ++n) {
+        const Variable asked(vulkan_device_variable, std::to_string(n));
+        if (!absence("vulkan_implicit").empty()) continue;
+        EXPECT_THAT(BackendSpec::parse("vulkan_implicit").make()->capabilities().device,
+                    HasSubstr(devices[n].name));
+        const std::vector<ListedDevice> now = vulkan_devices();
+        for (std::size_t other = 0; other < now.size(); ++other)
+            EXPECT_EQ(now[other].refusal.empty(), other == n) << now[other].refusal;
+    }
+    const Variable asked(vulkan_device_variable, "no such card");
+    EXPECT_THAT(absence("vulkan_implicit"),
+                AllOf(HasSubstr("no Vulkan device is 'no such card'"), HasSubstr(names_of(devices))));
 }
 
 // --- Messages of validation layers ------------------------------------------------------------------------
@@ -213,7 +235,121 @@ TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
     EXPECT_NO_THROW((void)other->download());
 }
 
+/// A driver whose submissions take long to hand over, as long as this lives, and how many there were.
+class SlowDevice {
+public:
+    explicit SlowDevice(const vulkan::Device& device)
+        : functions_(const_cast<Functions&>(*device.get().getDispatcher())) {
+        submissions = 0;
+        submit = functions_.vkQueueSubmit;
+        functions_.vkQueueSubmit = [](VkQueue queue, std::uint32_t count, const VkSubmitInfo* infos,
+                                      VkFence fence) {
+            ++submissions;
+            std::this_thread::sleep_for(std::chrono::milliseconds(300));
+            return submit(queue, count, infos, fence);
+        };
+    }
+    SlowDevice(const SlowDevice&) = delete;
+    SlowDevice& operator=(const SlowDevice&) = delete;
+    ~SlowDevice() { functions_.vkQueueSubmit = submit; }
+
+    static inline int submissions = 0;
+
+private:
+    using Functions = std::remove_cvref_t<decltype(*std::declval<vk::raii::Device>().getDispatcher())>;
+    Functions& functions_;
+    static inline PFN_vkQueueSubmit submit = nullptr;
+};
+
+// A driver that watches a display would reset a device that is kept for seconds.
+TEST_F(Vulkan, NoSubmissionKeepsADeviceForLong) {
+    const Problem problem = plain_problem();
+    const auto backend = BackendSpec::parse("vulkan_implicit").make();
+    backend->upload(problem, random_state(problem, 0.05, 3));
+    {
+        // A step takes more than a submission may.
+        const SlowDevice slow(dynamic_cast<vulkan::VulkanBackend&>(*backend).device());
+        backend->step(5);
+        EXPECT_EQ(SlowDevice::submissions, 5);
+        backend->synchronize();
+    }
+    expect_same_bits(backend->download(), after(*BackendSpec::parse("vulkan_implicit").make(), problem, 5));
+}
+
 // --- Memory -----------------------------------------------------------------------------------------------
+
+/// A card with memory that the host does not see, some that it does, and the host's own.
+vk::PhysicalDeviceMemoryProperties memory_of_a_card() {
+    using Flag = vk::MemoryPropertyFlagBits;
+    vk::PhysicalDeviceMemoryProperties memory;
+    memory.memoryHeapCount = 3;
+    memory.memoryHeaps[0] = vk::MemoryHeap(std::uint64_t(16) << 30, vk::MemoryHeapFlagBits::eDeviceLocal);
+    memory.memoryHeaps[1] = vk::MemoryHeap(std::uint64_t(256) << 20, vk::MemoryHeapFlagBits::eDeviceLocal);
+    memory.memoryHeaps[2] = vk::MemoryHeap(std::uint64_t(32) << 30, {});
+    memory.memoryTypeCount = 4;
+    memory.memoryTypes[0] = vk::MemoryType(Flag::eHostVisible | Flag::eHostCoherent, 2);
+    memory.memoryTypes[1] = vk::MemoryType(Flag::eDeviceLocal, 0);
+    memory.memoryTypes[2] = vk::MemoryType(Flag::eDeviceLocal | Flag::eHostVisible | Flag::eHostCoherent, 1);
+    memory.memoryTypes[3] = vk::MemoryType(Flag::eHostVisible | Flag::eHostCoherent | Flag::eHostCached, 2);
+    return memory;
+}
+
+TEST(VulkanMemory, IsTriedWhereItIsPreferredAndThenElsewhere) {
+    using Flag = vk::MemoryPropertyFlagBits;
+    using ::testing::ElementsAre;
+    const auto memory = memory_of_a_card();
+    const vk::MemoryPropertyFlags host = Flag::eHostVisible | Flag::eHostCoherent;
+    EXPECT_THAT(vulkan::memory_types(memory, ~0U, host, Flag::eDeviceLocal, 1024), ElementsAre(2, 0, 3));
+    EXPECT_THAT(vulkan::memory_types(memory, ~0U, host, Flag::eDeviceLocal, std::uint64_t(64) << 20),
+                ElementsAre(0, 2, 3))
+        << "much of a small heap";
+    EXPECT_THAT(vulkan::memory_types(memory, ~0U, host, Flag::eHostCached, 1024), ElementsAre(3, 0, 2));
+    EXPECT_THAT(vulkan::memory_types(memory, ~0U, Flag::eDeviceLocal, {}, std::uint64_t(1) << 30),
+                ElementsAre(1, 2));
+    EXPECT_THAT(vulkan::memory_types(memory, 1U << 3, host, Flag::eDeviceLocal, 1024), ElementsAre(3))
+        << "what the buffer allows";
+}
+
+/// A driver without room for the next allocation.
+class FullMemory {
+public:
+    explicit FullMemory(const vulkan::Device& device)
+        : functions_(const_cast<Functions&>(*device.get().getDispatcher())) {
+        tried.clear();
+        allocate = functions_.vkAllocateMemory;
+        functions_.vkAllocateMemory = [](VkDevice of, const VkMemoryAllocateInfo* info,
+                                         const VkAllocationCallbacks* callbacks, VkDeviceMemory* memory) {
+            tried.push_back(info->memoryTypeIndex);
+            if (tried.size() == 1) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+            return allocate(of, info, callbacks, memory);
+        };
+    }
+    FullMemory(const FullMemory&) = delete;
+    FullMemory& operator=(const FullMemory&) = delete;
+    ~FullMemory() { functions_.vkAllocateMemory = allocate; }
+
+    static inline std::vector<std::uint32_t> tried = {};
+
+private:
+    using Functions = std::remove_cvref_t<decltype(*std::declval<vk::raii::Device>().getDispatcher())>;
+    Functions& functions_;
+    static inline PFN_vkAllocateMemory allocate = nullptr;
+};
+
+TEST_F(Vulkan, TheNextTypeOfMemoryIsTriedWhereOneIsFull) {
+    const vulkan::Device device(Precision::float32);
+    const FullMemory full(device);
+    const auto make = [&] { return vulkan::Buffer(device, 256, vulkan::Place::host); };
+    const auto types = device.physical().getMemoryProperties().memoryTypeCount;
+    if (types == 1) {
+        EXPECT_THROW((void)make(), vk::OutOfDeviceMemoryError);
+        EXPECT_EQ(FullMemory::tried.size(), 1U) << "there is no other";
+        return;
+    }
+    EXPECT_EQ(make().host().size(), 256U);
+    ASSERT_EQ(FullMemory::tried.size(), 2U);
+    EXPECT_NE(FullMemory::tried[0], FullMemory::tried[1]);
+}
 
 TEST_F(Vulkan, WhatABufferCannotHoldIsRefused) {
     const auto backend = BackendSpec::parse("vulkan_implicit").make();

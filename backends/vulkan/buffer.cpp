@@ -16,12 +16,24 @@ Buffer::Buffer(const Device& device, std::size_t bytes, Place place) : bytes_(by
     buffer_ = {device.get(), vk::BufferCreateInfo({}, bytes, usage)};
     const vk::MemoryRequirements needs = buffer_.getMemoryRequirements();
     const bool on_host = place == Place::host || place == Place::staging;
-    const std::uint32_t type =
-        on_host ? device.memory_type(needs.memoryTypeBits, Memory::eHostVisible | Memory::eHostCoherent,
-                                     place == Place::host ? Memory::eDeviceLocal : Memory::eHostCached)
-                : device.memory_type(needs.memoryTypeBits, Memory::eDeviceLocal);
+    const vk::MemoryPropertyFlags wanted = on_host ? Memory::eHostVisible | Memory::eHostCoherent
+                                                   : vk::MemoryPropertyFlags(Memory::eDeviceLocal);
+    const vk::MemoryPropertyFlags preferred = place == Place::host      ? Memory::eDeviceLocal
+                                              : place == Place::staging ? Memory::eHostCached
+                                                                        : vk::MemoryPropertyFlags();
+    const auto types = memory_types(device.physical().getMemoryProperties(), needs.memoryTypeBits, wanted,
+                                    preferred, needs.size);
+    if (types.empty()) throw DeviceError("no memory that is " + vk::to_string(wanted));
     const vk::MemoryAllocateFlagsInfo by_address(vk::MemoryAllocateFlagBits::eDeviceAddress);
-    memory_ = {device.get(), vk::MemoryAllocateInfo(needs.size, type, addressed ? &by_address : nullptr)};
+    for (std::size_t n = 0; n < types.size(); ++n) {
+        try {
+            memory_ = {device.get(),
+                       vk::MemoryAllocateInfo(needs.size, types[n], addressed ? &by_address : nullptr)};
+            break;
+        } catch (const vk::SystemError&) {
+            if (n + 1 == types.size()) throw;  // another heap may have room
+        }
+    }
     buffer_.bindMemory(*memory_, 0);
     if (addressed) address_ = device.get().getBufferAddress(vk::BufferDeviceAddressInfo(*buffer_));
     if (on_host) host_ = static_cast<std::byte*>(memory_.mapMemory(0, VK_WHOLE_SIZE));

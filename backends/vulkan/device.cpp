@@ -129,21 +129,30 @@ bool votes(const vk::raii::PhysicalDevice& physical) {
            (subgroups.supportedOperations & vk::SubgroupFeatureFlagBits::eVote);
 }
 
-}  // namespace
-
-std::string BufferLimits::too_large(const std::string& what, std::uint64_t bytes) const {
-    if (bytes <= max_bytes) return {};
-    return fmt::format("{} of {} bytes exceed the {} that the driver allows one storage buffer ({})", what,
-                       bytes, max_bytes, limit);
+DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
+    switch (properties.deviceType) {
+        case vk::PhysicalDeviceType::eDiscreteGpu:
+            return DeviceKind::discrete;
+        case vk::PhysicalDeviceType::eIntegratedGpu:
+            return DeviceKind::integrated;
+        case vk::PhysicalDeviceType::eVirtualGpu:
+            return DeviceKind::virtual_card;
+        case vk::PhysicalDeviceType::eCpu:
+            return DeviceKind::software;
+        default:
+            return DeviceKind::other;
+    }
 }
 
-/// Empty, or why a device will not do.
-std::string Device::refusal(const vk::raii::PhysicalDevice& physical, Precision precision) {
+/// Empty, or why a device will not do. `asked_for`: somebody named it.
+std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool asked_for) {
     const auto properties = physical.getProperties();
-    const bool software = is_software(properties);
     if (properties.apiVersion < needed_version) return "has Vulkan older than 1.2";
-    if (std::string why = reason_to_pass_over(uuid_of(physical), software, measured_card()); !why.empty())
-        return why;
+    if (!asked_for) {
+        const std::string why =
+            reason_to_pass_over(uuid_of(physical), is_software(properties), measured_card());
+        if (!why.empty()) return why + " (--vulkan-device takes it all the same)";
+    }
     if (!queue_family_of(physical)) return "has no queue that computes and has time stamps";
     const auto buffers = properties.limits.maxPerStageDescriptorStorageBuffers;
     if (buffers < glsl::storage_blocks)
@@ -154,6 +163,42 @@ std::string Device::refusal(const vk::raii::PhysicalDevice& physical, Precision 
     return {};
 }
 
+std::vector<ListedDevice> listed(const std::vector<vk::raii::PhysicalDevice>& devices) {
+    std::vector<ListedDevice> all;
+    for (const vk::raii::PhysicalDevice& physical : devices) {
+        const auto properties = physical.getProperties();
+        all.push_back({std::string(properties.deviceName), kind_of(properties)});
+    }
+    return all;
+}
+
+const VulkanDeviceSource device_source([] {
+    try {
+        const vk::raii::Context loader(open_loader());
+        const vk::raii::Instance instance = create_instance(loader, nullptr);
+        const std::vector<vk::raii::PhysicalDevice> devices = vk::raii::PhysicalDevices(instance);
+        std::vector<ListedDevice> all = listed(devices);
+        const std::string asked = asked_vulkan_device();
+        const std::vector<std::size_t> tried = devices_to_try(all, asked);
+        for (std::size_t n = 0; n < all.size(); ++n) {
+            all[n].refusal = std::find(tried.begin(), tried.end(), n) == tried.end()
+                                 ? "is not what '" + asked + "' names"
+                                 : refusal(devices[n], Precision::float32, !asked.empty());
+        }
+        return all;
+    } catch (const vk::SystemError& error) {
+        throw Unavailable(std::string("no Vulkan: ") + error.what());
+    }
+});
+
+}  // namespace
+
+std::string BufferLimits::too_large(const std::string& what, std::uint64_t bytes) const {
+    if (bytes <= max_bytes) return {};
+    return fmt::format("{} of {} bytes exceed the {} that the driver allows one storage buffer ({})", what,
+                       bytes, max_bytes, limit);
+}
+
 Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), loader_(open_loader()) {
     std::string reasons;
     try {
@@ -162,18 +207,20 @@ Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), l
         instance_ = create_instance(loader_, validates_ ? messages_.get() : nullptr);
         if (validates_) messenger_ = {instance_, messages_->messenger()};
         std::vector<vk::raii::PhysicalDevice> devices = vk::raii::PhysicalDevices(instance_);
-        std::stable_partition(devices.begin(), devices.end(),
-                              [](const auto& device) { return !is_software(device.getProperties()); });
-        for (vk::raii::PhysicalDevice& physical : devices) {
-            const std::string name = physical.getProperties().deviceName;
-            const std::string why = refusal(physical, precision);
+        const std::vector<ListedDevice> all = listed(devices);
+        const std::string asked = asked_vulkan_device();
+        const std::vector<std::size_t> tried = devices_to_try(all, asked);
+        for (const std::size_t n : tried) {
+            const std::string why = refusal(devices[n], precision, !asked.empty());
             if (why.empty()) {
-                take(std::move(physical));
+                take(std::move(devices[n]));
                 return;
             }
-            reasons += "; " + name + " " + why;
+            reasons += "; " + all[n].name + " " + why;
         }
-        if (devices.empty()) reasons = ": no driver has a device";
+        if (tried.empty())
+            reasons = devices.empty() ? ": no driver has a device"
+                                      : " device is '" + asked + "': there are " + names_of(all);
     } catch (const vk::SystemError& error) {
         reasons += std::string(": ") + error.what();
     }
@@ -247,16 +294,20 @@ std::uint64_t Device::free_memory_bytes() const {
     return most;
 }
 
-std::uint32_t Device::memory_type(std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
-                                  vk::MemoryPropertyFlags preferred) const {
-    const vk::PhysicalDeviceMemoryProperties memory = physical_.getMemoryProperties();
-    for (const vk::MemoryPropertyFlags flags : {wanted | preferred, wanted}) {
-        for (std::uint32_t type = 0; type < memory.memoryTypeCount; ++type) {
-            if ((allowed >> type & 1U) != 0 && (memory.memoryTypes[type].propertyFlags & flags) == flags)
-                return type;
-        }
+std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
+                                        std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
+                                        vk::MemoryPropertyFlags preferred, std::uint64_t bytes) {
+    constexpr std::uint64_t share = 8;  // of a heap is much
+    std::vector<std::uint32_t> types, others;
+    for (std::uint32_t type = 0; type < memory.memoryTypeCount; ++type) {
+        const vk::MemoryType& known = memory.memoryTypes[type];
+        if ((allowed >> type & 1U) == 0 || (known.propertyFlags & wanted) != wanted) continue;
+        const bool is_preferred = preferred && (known.propertyFlags & preferred) == preferred &&
+                                  bytes <= memory.memoryHeaps[known.heapIndex].size / share;
+        (is_preferred ? types : others).push_back(type);
     }
-    throw DeviceError("no memory that is " + vk::to_string(wanted));
+    types.insert(types.end(), others.begin(), others.end());
+    return types;
 }
 
 }  // namespace voxspring::vulkan

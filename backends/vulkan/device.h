@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "backends/vulkan/api.h"
 #include "backends/vulkan/messages.h"
@@ -22,11 +23,19 @@ struct BufferLimits {
     std::string too_large(const std::string& what, std::uint64_t bytes) const;
 };
 
+/// Types of memory in which to try and allocate `bytes` bytes, in this order: those among `allowed` with
+/// `wanted` and `preferred`, then those with `wanted` alone. A preference does not count where the bytes are
+/// much of its heap: the part of a card's memory that the host sees is often 256 MiB, and others need it too.
+std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
+                                        std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
+                                        vk::MemoryPropertyFlags preferred, std::uint64_t bytes);
+
 /// A device of its own, and its one queue. Several may live in one process.
 class Device {
 public:
-    /// On the first physical device that will do, hardware before software; hardware only if it is the card
-    /// that this process measures (device_choice.h). Throws Unavailable, which says why each will not.
+    /// On the first physical device that will do of those that asked_vulkan_device() names, in the order of
+    /// devices_to_try(). Where it names none, hardware has to be the card that this process measures
+    /// (device_choice.h). Throws Unavailable, which says why each will not.
     explicit Device(Precision precision);
     Device(const Device&) = delete;
     Device& operator=(const Device&) = delete;
@@ -51,13 +60,7 @@ public:
     bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
     bool has_float64() const { return has_float64_; }
 
-    /// A type of memory among `allowed` with `wanted`, and with `preferred` too if there is one. Throws
-    /// DeviceError.
-    std::uint32_t memory_type(std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
-                              vk::MemoryPropertyFlags preferred = {}) const;
-
 private:
-    static std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision);
     void take(vk::raii::PhysicalDevice physical);
     void create_device();
 

@@ -141,6 +141,11 @@ Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared
     for (const std::uint32_t binding : module.storage()) {
         const auto found = buffers.find(binding);
         const bool there = found != buffers.end() && found->second != nullptr && found->second->bytes() > 0;
+        // What an upload needs was refused before; this is of what an edit brings.
+        if (there) {
+            const std::string why = of.buffer_limits().too_large("an array", found->second->bytes());
+            if (!why.empty()) throw DeviceError(why);
+        }
         write(binding, vk::DescriptorType::eStorageBuffer,
               {(there ? *found->second : nothing).get(), 0, VK_WHOLE_SIZE});
     }

@@ -1,6 +1,8 @@
 #include "backends/vulkan/vulkan_backend.h"
 
+#include <algorithm>
 #include <bit>
+#include <chrono>
 #include <limits>
 #include <numeric>
 
@@ -15,10 +17,9 @@ constexpr std::uint32_t never_found = std::numeric_limits<std::uint32_t>::max();
 constexpr std::uint32_t found_binding = 3;  // as in shaders/divergence_check.comp
 
 /// A recording has 2^max_power steps at most: what it costs to record is soon won back, and what it takes of
-/// memory is little. A submission has about steps_a_submission, so that the host is seldom asked and a device
-/// that watches its submissions sees none for long.
+/// memory is little. A submission has about most_steps_a_submission or, where steps are long, fewer (Pace).
 constexpr int max_power = 8;
-constexpr int steps_a_submission = 512;
+constexpr int most_steps_a_submission = 512;
 
 vk::raii::QueryPool make_marks(const Device& device) {
     return {device.get(), vk::QueryPoolCreateInfo({}, vk::QueryType::eTimestamp, 2)};
@@ -60,15 +61,18 @@ VulkanBackend::VulkanBackend(const Options& options, glm::ivec3 group)
       nothing_(guarded("starting", [&] { return Buffer(device_, Module::block_alignment, Place::device); })),
       sent_once_(device_),
       queue_(device_),
+      pace_(most_steps_a_submission),
       mark_{record_mark(queue_, *marks_, 0), record_mark(queue_, *marks_, 1)} {}
 
 VulkanBackend::~VulkanBackend() { queue_.abandon(); }
 
 std::string VulkanBackend::unsupported(const Problem& problem) const {
-    const int invocations = group_.x * group_.y * group_.z;
-    if (std::uint32_t(invocations) > device_.limits().maxComputeWorkGroupInvocations)
-        return "work groups of " + std::to_string(invocations) + " invocations exceed the " +
-               std::to_string(device_.limits().maxComputeWorkGroupInvocations) + " that the device allows";
+    const vk::PhysicalDeviceLimits& limits = device_.limits();
+    const auto& extents = limits.maxComputeWorkGroupSize;
+    if (std::string why = glsl::work_group_refusal(
+            group_, {limits.maxComputeWorkGroupInvocations, {extents[0], extents[1], extents[2]}});
+        !why.empty())
+        return why;
     if (std::string why = refused_layout(problem); !why.empty()) return why;
     const std::size_t word =
         is_single(options_) ? sizeof(cuda::ParticleRecord<float>) : sizeof(cuda::ParticleRecord<double>);
@@ -135,6 +139,7 @@ void VulkanBackend::upload(const Problem& problem, const State& state) {
         if (problem.has_tool() && is_single(options_)) make_holding<float>();
         if (problem.has_tool() && !is_single(options_)) make_holding<double>();
         stand_at_start();
+        pace_.forget();
         held_bytes_ = bytes_needed(problem);
         queue_.wait();
     });
@@ -330,22 +335,36 @@ void VulkanBackend::have_enqueued(int steps) {
 
 void VulkanBackend::step(int count) {
     guarded("stepping", [&] {
-        int unsubmitted = 0;
-        while (count > 0) {
-            int most = std::min(count, 1 << max_power);
-            if (monitor_.every > 0)
-                most = int(std::min<std::int64_t>(most, monitor_.every - steps_ % monitor_.every));
-            const int power = int(std::bit_width(unsigned(most))) - 1;
-            queue_.enqueue(steps(power));
-            have_enqueued(1 << power);
-            count -= 1 << power;
-            unsubmitted += 1 << power;
-            if (unsubmitted < steps_a_submission) continue;
-            queue_.submit();
-            unsubmitted = 0;
+        while (count > 0 && pace_.is_unknown()) {
+            const int steps = std::min(count, pace_.steps());
+            queue_.wait();
+            const auto begin = std::chrono::steady_clock::now();
+            enqueue_steps(steps);
+            queue_.wait();
+            pace_.measured(steps,
+                           std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+            count -= steps;
         }
-        queue_.submit();
+        enqueue_steps(count);
     });
+}
+
+void VulkanBackend::enqueue_steps(int count) {
+    int unsubmitted = 0;
+    while (count > 0) {
+        int most = std::min({count, 1 << max_power, pace_.steps() - unsubmitted});
+        if (monitor_.every > 0)
+            most = int(std::min<std::int64_t>(most, monitor_.every - steps_ % monitor_.every));
+        const int power = int(std::bit_width(unsigned(most))) - 1;
+        queue_.enqueue(steps(power));
+        have_enqueued(1 << power);
+        count -= 1 << power;
+        unsubmitted += 1 << power;
+        if (unsubmitted < pace_.steps()) continue;
+        queue_.submit();
+        unsubmitted = 0;
+    }
+    queue_.submit();
 }
 
 std::optional<Divergence> VulkanBackend::divergence() {

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "backends/glsl/compute.h"
+#include "backends/pace.h"
 #include "backends/registry.h"
 #include "backends/vulkan/program.h"
 
@@ -138,6 +139,8 @@ private:
     void dispatch_step(const Commands& commands, std::size_t current) const;
     /// 2^power steps from the words that are current.
     const Commands& steps(int power);
+    /// Hands over `count` steps, in submissions of pace_.steps().
+    void enqueue_steps(int count);
     /// So many steps are enqueued, and a check if it is due.
     void have_enqueued(int steps);
     Buffers buffers(std::size_t current) const;
@@ -160,6 +163,7 @@ private:
     Buffer found_;                 // shaders/divergence_check.comp's
     BufferPool sent_once_;
     Queue queue_;
+    Pace pace_;
     std::array<Commands, 2> mark_;
     std::shared_ptr<Stepping> stepping_;
     std::shared_ptr<Checking> checking_;  // null: never

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "backends/device_choice.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
 #include "backends/registry.h"
@@ -55,8 +56,26 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
     return described;
 }
 
+/// Devices that Vulkan's backends may take; none where there is no Vulkan, which the backends say.
+nlohmann::json describe_vulkan_devices() {
+    nlohmann::json described = nlohmann::json::array();
+    try {
+        for (const ListedDevice& device : vulkan_devices()) {
+            described.push_back({{"number", described.size()},
+                                 {"name", device.name},
+                                 {"kind", to_string(device.kind)},
+                                 {"available", device.refusal.empty()}});
+            if (!device.refusal.empty()) described.back()["reason"] = device.refusal;
+        }
+    } catch (const Unavailable&) {
+        described = nlohmann::json::array();
+    }
+    return described;
+}
+
 nlohmann::json everything() {
     nlohmann::json all = {{"backends", nlohmann::json::array()},
+                          {"vulkan_devices", describe_vulkan_devices()},
                           {"scenes", nlohmann::json::array()},
                           {"studies", nlohmann::json::array()}};
     for (const auto& [name, entry] : registry()) all["backends"].push_back(describe_backend(entry));
@@ -108,6 +127,17 @@ void print_backends(const nlohmann::json& backends, std::ostream& out) {
         out << "  not available: " << joined(names) << "\n      " << reason << "\n";
 }
 
+void print_vulkan_devices(const nlohmann::json& devices, std::ostream& out) {
+    if (devices.empty()) return;
+    out << "Vulkan devices, for --vulkan-device\n";
+    for (const auto& device : devices) {
+        out << "  " << device["number"].get<std::size_t>() << " " << device["name"].get<std::string>() << ", "
+            << device["kind"].get<std::string>();
+        if (!device["available"].get<bool>()) out << ": " << device["reason"].get<std::string>();
+        out << "\n";
+    }
+}
+
 }  // namespace
 
 void list_everything(bool json, std::ostream& out) {
@@ -118,6 +148,7 @@ void list_everything(bool json, std::ostream& out) {
     }
     out << "Backends\n";
     print_backends(all["backends"], out);
+    print_vulkan_devices(all["vulkan_devices"], out);
     for (const auto& [heading, key] : {std::pair{"Scenes", "scenes"}, std::pair{"Studies", "studies"}}) {
         out << heading << "\n";
         for (const auto& item : all[key]) {
