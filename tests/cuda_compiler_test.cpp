@@ -1,9 +1,11 @@
 // Every kernel that a CUDA backend may ask for, compiled for two architectures; no GPU is needed for that.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "backends/backend.h"
@@ -177,6 +179,33 @@ TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
     EXPECT_GE(waits("none", "1"), 3U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).block, 131U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).step, 70000U);
+}
+
+// With dependent launches the step before may still write words while a kernel begins: none is loaded before
+// the wait, nor as memory that nobody writes.
+TEST(DependentLaunches, LoadWordsAfterTheWait) {
+    const auto code_of = [](const char* real, const char* fetch, bool dependent) {
+        KernelSource source{"explicit.cu",
+                            {{"REAL", real},
+                             {"FETCH", fetch},
+                             {"THREADS", "512"},
+                             {"BLOCKS", "1"},
+                             {"TERMS", "KernelTerms<Formulation::position,262143u,6u,false>"}}};
+        if (dependent) source.macros["DEPENDENT_LAUNCH"] = "1";
+        return compile(source, 999).code;
+    };
+    for (const auto& [real, word] : {std::pair{"float", ".v4.f32"}, std::pair{"double", ".v2.f64"}}) {
+        const std::string read_only = std::string("ld.global.nc") + word;
+        EXPECT_GT(count_of(read_only, code_of(real, "ThroughL1", false)), 0U);
+        for (const char* const fetch : {"ThroughL1", "PastL1", "ThroughTexture"}) {
+            SCOPED_TRACE(std::string(real) + " " + fetch);
+            const std::string code = code_of(real, fetch, true);
+            EXPECT_EQ(count_of(read_only, code), 0U);
+            const std::size_t wait = code.find("griddepcontrol.wait");
+            ASSERT_NE(wait, std::string::npos);
+            EXPECT_GT(std::min(code.find("ld.global"), code.find("tex.1d")), wait);
+        }
+    }
 }
 
 // Parts of a body wait for each other in kernels of their own.
