@@ -43,6 +43,18 @@ class List(unittest.TestCase):
         for reason in {backend["reason"] for backend in backends.values() if not backend["available"]}:
             self.assertEqual(text.count(reason), 1, "a line a reason, however many backends have it")
 
+    def test_names_the_devices_that_vulkan_may_take(self):
+        devices = json.loads(voxspring("list", "--json").stdout)["vulkan_devices"]
+        if not devices:
+            self.skipTest("no Vulkan")
+        text = voxspring("list", "--vulkan-device", 0).stdout
+        for device in devices:
+            self.assertIn(f"{device['number']} {device['name']}, {device['kind']}", text)
+        refused = voxspring("run", "box@6", "--backend", "vulkan_implicit", "--vulkan-device", "no such card")
+        self.assertEqual(refused.returncode, 2)
+        for word in ("--vulkan-device", "no such card", devices[0]["name"]):
+            self.assertIn(word, refused.stderr)
+
 
 class References(InTemporaryFolder):
     def test_another_program_takes_none_of_this_one(self):

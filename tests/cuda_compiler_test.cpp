@@ -4,17 +4,22 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "backends/backend.h"
+#include "backends/device_choice.h"
+#include "backends/layout/decomposition.h"
 #include "backends/layout/march_cost.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/particles.h"
 #include "cuda/device/compiler.h"
 #include "cuda/device/serialiser.h"
 #include "cuda/kernels/resident.h"
+#include "tests/required.h"
+#include "tests/support.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -228,6 +233,69 @@ TEST(Serialisers, AreTold) {
               "streams share 8 queues (CUDA_DEVICE_MAX_CONNECTIONS), and 9 kernels need one each");
     EXPECT_EQ(serialised_by(9, with("CUDA_DEVICE_MAX_CONNECTIONS", "32"), usual), "");
     EXPECT_NE(serialised_by(2, with("CUDA_DEVICE_MAX_CONNECTIONS", "1"), usual), "");
+}
+
+/// A part of a body whose borders travel within steps.
+struct Part {
+    Part(const BackendSpec& spec, const Subdomain& of) : backend(spec.make()), subdomain(of) {}
+    void upload(const State& start) {
+        backend->upload(subdomain.problem, subdomain.part_of(start));
+        std::vector<SharedParticles> shared;
+        for (const Subdomain::Border& border : subdomain.borders)
+            shared.push_back({border.subdomain, border.sent, border.received});
+        borders = backend->device_borders(shared, "stores");
+    }
+    std::unique_ptr<Backend> backend;
+    Subdomain subdomain;
+    std::shared_ptr<DeviceBorders> borders;
+};
+
+// On a card: of two parts one is not stepped, so that the other waits in vain. That is an error of its
+// backend and of nothing else in the process.
+TEST(Waits, InVainAreErrorsAndTheCardGoesOn) {
+    const BackendSpec spec = BackendSpec::parse("cuda_resident:overlap=off");
+    const BackendSpec other = BackendSpec::parse("cuda_implicit_device");
+    std::unique_ptr<Backend> whole;
+    testing::make_or_skip(spec, whole);
+    if (!whole) return;
+    Problem problem = make_lattice_problem(testing::solid({8, 8, 32}), FACE_BITS | EDGE_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.time_step = 0.2;
+    const State start = testing::random_state(problem, 0.05, 3);
+    const DeviceOfThread shared({.number = 0, .wraps = false, .parts = 2});
+    const Decomposition cuts(problem, Decomposition::slabs(problem, 2));
+    std::vector<Part> parts;
+    for (const int rank : {0, 1}) parts.emplace_back(spec, cuts.subdomain(problem, rank));
+    if (const std::string why = parts[0].backend->unsupported(parts[0].subdomain.problem); !why.empty())
+        GTEST_SKIP() << why;
+    const auto begin_anew = [&] {
+        std::vector<std::shared_ptr<DeviceBorders>> borders;
+        for (Part& part : parts) {
+            part.upload(start);
+            borders.push_back(part.borders);
+        }
+        for (std::size_t rank = 0; rank < parts.size(); ++rank) parts[rank].borders->connect(borders, rank);
+    };
+    begin_anew();
+    parts[1].backend->step(1000);
+    try {
+        parts[1].backend->synchronize();
+        FAIL() << "no DeviceError";
+    } catch (const DeviceError& error) {
+        EXPECT_NE(std::string(error.what()).find("waited in vain for step 1 "), std::string::npos)
+            << error.what();
+    }
+    EXPECT_THROW((void)parts[1].backend->download(), DeviceError) << "its state is worthless";
+
+    const auto beside = other.make();
+    beside->upload(problem, start);
+    beside->step(5);
+    const State expected = beside->download();
+    begin_anew();
+    for (Part& part : parts) part.backend->step(5);
+    State state = state_at_rest(problem);
+    for (const Part& part : parts) part.subdomain.copy_own(part.backend->download(), state);
+    testing::expect_same_bits(state, expected);
 }
 
 // Beside the waits of any launch a part of a body waits for the points that the last step leaves. Between
