@@ -1,6 +1,7 @@
 #include "harness/base/json.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <zlib.h>
 
 #include <algorithm>

@@ -1,5 +1,6 @@
 // The run of a study: one scene after the other, each of its cases in a process of its own.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <fstream>
