@@ -303,6 +303,22 @@ class Pictures(InTemporaryFolder):
         self.assertEqual(voxspring("run", "box@6", "--backend", "cpu_parallel", env=environment).returncode, 0)
 
 
+class Names(InTemporaryFolder):
+    def test_one_that_is_not_utf8_loses_nothing(self):
+        """A file's name may be any bytes; JSON takes U+FFFD for those that are not UTF-8."""
+        scene = os.fsencode(self.folder) + b"/b\xf6x.json"
+        with open(scene, "w") as file:
+            json.dump({"dataset": {"type": "box", "dims": [4, 4, 4]}, "time_step": {"fraction_of_stable": 0.5}}, file)
+        options = ["--backend", "cpu_reference", "--repetitions", "1", "--out", self.folder / "r.json"]
+        for command in (["info", scene, "--json"], ["study", "smoke", "--scene", scene, *options]):
+            ran = subprocess.run([VOXSPRING, *command], capture_output=True, timeout=300, check=False)
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+            if command[0] == "info":
+                self.assertEqual(json.loads(ran.stdout)["scene"], "b\ufffdx.json")
+        rows = json.loads((self.folder / "r.json").read_text())["benchmarks"]
+        self.assertEqual({row["scene"] for row in rows}, {"b\ufffdx.json"})
+
+
 class Study(InTemporaryFolder):
     def test_builtin_studies_follow_their_schema(self):
         with open("results/study.schema.json") as file:

@@ -6,6 +6,7 @@
 #include <zlib.h>
 
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <string>
 
 #include "harness/base/bad_input.h"
@@ -47,6 +48,15 @@ TEST(Json, SyntaxErrorsNameLineAndColumn) {
         const std::string message = parse_refusal(text);
         EXPECT_EQ(message.rfind("f.json: line 1, column ", 0), 0u) << text << " -> " << message;
     }
+}
+
+TEST(Json, BytesThatAreNotUtf8AreReplacedWhereItIsWritten) {
+    const std::string latin = "b\xf6x", replaced = "b\xef\xbf\xbdx", utf8 = "b\xc3\xb6x";
+    EXPECT_EQ(json_text({{latin, {latin, utf8}}}),
+              "{\"" + replaced + "\":[\"" + replaced + "\",\"" + utf8 + "\"]}");
+    EXPECT_EQ(json_text({{"a", 1}}, 2), "{\n  \"a\": 1\n}");
+    EXPECT_EQ(utf8_text(latin), replaced);
+    EXPECT_EQ(utf8_text(utf8), utf8);
 }
 
 TEST(Json, OnlyAnObjectIsADocument) {

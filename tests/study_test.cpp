@@ -1107,3 +1107,12 @@ TEST(AJournal, SaysWhereTwoStudiesDifferInWords) {
 
 }  // namespace
 }  // namespace voxspring::testing
+TEST(AJournal, OfASceneWhoseNameIsNotUtf8IsGoneOnWith) {
+    const nlohmann::json study = {{"scenes", {"b\xf6x.json"}}};
+    const auto file = std::filesystem::temp_directory_path() / ("voxspring_utf8_" + std::to_string(getpid()));
+    std::filesystem::remove(file);
+    Journal(file, study, false);
+    EXPECT_NO_THROW(Journal(file, study, true));
+    std::filesystem::remove(file);
+}
+

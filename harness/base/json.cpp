@@ -275,6 +275,12 @@ JsonObject parse_json(std::string_view text, const std::string& file) {
     return JsonObject(JsonValue(std::move(document), root, ""));
 }
 
+std::string json_text(const json& value, int indent) {
+    return value.dump(indent, ' ', false, json::error_handler_t::replace);
+}
+
+std::string utf8_text(const std::string& text) { return json::parse(json_text(text)).get<std::string>(); }
+
 void check_schema_version(JsonObject& document, int newest) {
     const auto version = document.find("schema_version");
     if (!version) return;

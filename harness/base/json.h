@@ -94,6 +94,13 @@ private:
 /// beyond 32 and numbers that overflow a double are refused. `file` is what messages name.
 JsonObject parse_json(std::string_view text, const std::string& file);
 
+/// `value` as JSON text, in one line or with `indent` blanks per level. Bytes that are not UTF-8, which a
+/// name of a file or of a device may have, become U+FFFD: nlohmann::json::dump() throws for them.
+std::string json_text(const nlohmann::json& value, int indent = -1);
+
+/// `text` with U+FFFD for bytes that are not UTF-8, as json_text() has it.
+std::string utf8_text(const std::string& text);
+
 /// Refuses a document whose `schema_version` is beyond `newest`. One without is of version 1.
 void check_schema_version(JsonObject& document, int newest);
 

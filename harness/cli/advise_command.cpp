@@ -109,7 +109,7 @@ Measured candidates_for(const std::string& argument, const AdviseOptions& option
     const nlohmann::json result = measured("pareto", argument, options, out);
     Measured all{.scene = scene, .candidates = {}, .unfinished = is_unfinished(result)};
     if (!result.at("pareto").empty() || !all.unfinished)
-        all.candidates = candidates_of(parse_json(result.dump(), "what was measured"), scene);
+        all.candidates = candidates_of(parse_json(json_text(result), "what was measured"), scene);
     return all;
 }
 
@@ -140,7 +140,7 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
             json["runners_up"].push_back(to_json(candidate, command_of(candidate, argument, options)));
         json["most_accurate"] =
             to_json(advice.most_accurate, command_of(advice.most_accurate, argument, options));
-        out << json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << "\n";
+        out << json_text(json, 2) << "\n";
         return exit_code;
     }
     if (unfinished)
@@ -179,7 +179,7 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     if (options.json) {
         const nlohmann::json json = {
             {"scene", argument}, {"unfinished", unfinished}, {"best", voxspring::to_json(best)}};
-        out << json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << "\n";
+        out << json_text(json, 2) << "\n";
         return exit_code;
     }
     if (unfinished) out << argument << ": interrupted; of what was measured\n";

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "backends/registry.h"
+#include "harness/base/json.h"
 #include "harness/base/progress.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
@@ -152,7 +153,7 @@ void print_memory(const SceneFacts& facts, std::ostream& out) {
 void describe_scene(const std::string& argument, const VolumeOptions& volume, bool json, std::ostream& out) {
     const SceneFacts facts = facts_of(argument, volume);
     if (json) {
-        out << to_json(facts).dump(2) << "\n";
+        out << json_text(to_json(facts), 2) << "\n";
         return;
     }
     print_body(facts, out);

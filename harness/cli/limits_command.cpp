@@ -3,6 +3,7 @@
 #include <stdexcept>
 
 #include "backends/registry.h"
+#include "harness/base/json.h"
 #include "harness/base/progress.h"
 #include "harness/cli/commands.h"
 #include "harness/device/limits.h"
@@ -23,7 +24,7 @@ void list_limits(bool json, std::ostream& out) {
     }
     activity.end();
     if (json) {
-        out << limits.json().dump(2) << "\n";
+        out << json_text(limits.json(), 2) << "\n";
     } else {
         print_limits(limits.json(), out);
     }

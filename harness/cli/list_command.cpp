@@ -10,6 +10,7 @@
 #include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
 #include "backends/registry.h"
+#include "harness/base/json.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
 #include "harness/scene/scene.h"
@@ -143,7 +144,7 @@ void print_vulkan_devices(const nlohmann::json& devices, std::ostream& out) {
 void list_everything(bool json, std::ostream& out) {
     nlohmann::json all = everything();
     if (json) {
-        out << all.dump(2) << "\n";
+        out << json_text(all, 2) << "\n";
         return;
     }
     out << "Backends\n";

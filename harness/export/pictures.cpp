@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "backends/registry.h"
+#include "harness/base/json.h"
 #include "harness/verification/reference.h"
 
 namespace voxspring {
@@ -59,7 +60,7 @@ std::string Pictures::png(const Snapshot& snapshot) {
                                   {"coloured_by", to_string(colouring_)},
                                   {"largest", largest_},
                                   {"renderer", painter_.device()}};
-    return encode_png(painter_.paint(surface, camera_, scale), {{"voxspring", about.dump()}});
+    return encode_png(painter_.paint(surface, camera_, scale), {{"voxspring", json_text(about)}});
 }
 
 }  // namespace voxspring

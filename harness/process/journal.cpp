@@ -13,6 +13,7 @@
 
 #include "backends/disk_cache.h"
 #include "harness/base/files.h"
+#include "harness/base/json.h"
 
 namespace voxspring {
 namespace {
@@ -21,8 +22,7 @@ constexpr int version = 1;
 constexpr std::string_view check_key = R"({"check":")";
 /// `object`, which is not empty, with the check of all that follows it in front.
 std::string line_of(const nlohmann::json& object) {
-    const std::string rest =
-        "," + object.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace).substr(1);
+    const std::string rest = "," + json_text(object).substr(1);
     return std::string(check_key) + hash_of(rest) + "\"" + rest + "\n";
 }
 
@@ -42,7 +42,7 @@ const std::string nothing = "nothing";
 std::string plain_text(const nlohmann::json& value) {
     if (value.is_null()) return nothing;
     if (value.is_string()) return value.get<std::string>();
-    if (!value.is_structured()) return value.dump();
+    if (!value.is_structured()) return json_text(value);
     std::string text;
     for (const auto& item : value) text += (text.empty() ? "" : ", ") + plain_text(item);
     return text.empty() ? "none" : text;
@@ -154,8 +154,10 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
             continue;
         }
         if (object->value("journal", 0) != version)
-            throw BadInput(file_.string(), "journal", object->dump(), "version " + std::to_string(version));
-        for (const auto& [key, value] : study.items()) {
+            throw BadInput(file_.string(), "journal", json_text(*object),
+                           "version " + std::to_string(version));
+        const nlohmann::json now = nlohmann::json::parse(json_text(study));  // as the file would have it
+        for (const auto& [key, value] : now.items()) {
             const nlohmann::json there = object->at("study").value(key, nlohmann::json());
             if (there == value) continue;
             const Difference other = first_difference(there, value);

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/json.h"
 #include "harness/process/message.h"
 #include "harness/process/scene_stream.h"
 #include "harness/process/worker.h"
@@ -159,8 +160,8 @@ void Launcher::check_build(const std::filesystem::path& program) {
                        "a program that calls voxspring::worker_main() first in its main()");
     }
     if (theirs != build_of_workers())
-        throw BadInput("run_study()", "worker", program.string() + ", built from " + theirs.dump(),
-                       "a program of the same build as this one, " + build_of_workers().dump());
+        throw BadInput("run_study()", "worker", program.string() + ", built from " + json_text(theirs),
+                       "a program of the same build as this one, " + json_text(build_of_workers()));
 }
 
 Launcher::~Launcher() {

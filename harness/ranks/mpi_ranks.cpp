@@ -15,6 +15,7 @@
 
 #include "backends/layout/decomposition.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/json.h"
 #include "harness/process/case.h"
 #include "harness/process/case_runner.h"
 #include "harness/process/worker_main.h"
@@ -277,11 +278,11 @@ void MpiRanks::compare_builds() const {
         const nlohmann::json other = mpi_->receive_json(*message, tag_build);
         if (other.at("build") == own.at("build")) continue;
         refused = other.at("name");
-        theirs = other.at("build").dump();
+        theirs = json_text(other.at("build"));
     }
     if (!refused.empty())
         throw BadInput("mpirun", refused, theirs,
-                       "a program of the same build as rank 0's, " + own.at("build").dump());
+                       "a program of the same build as rank 0's, " + json_text(own.at("build")));
 }
 
 MpiRanks::~MpiRanks() {

@@ -4,6 +4,8 @@
 #include <string>
 #include <utility>
 
+#include "harness/base/json.h"
+
 namespace voxspring {
 namespace {
 
@@ -34,9 +36,10 @@ ApiFamily family_of(const nlohmann::json& json, const std::string& api) {
 }  // namespace
 
 nlohmann::json to_json(const Capabilities& capabilities) {
-    return {{"api", capabilities.api},
-            {"device", capabilities.device},
-            {"driver", capabilities.driver},
+    // A driver's own words, of any bytes.
+    return {{"api", utf8_text(capabilities.api)},
+            {"device", utf8_text(capabilities.device)},
+            {"driver", utf8_text(capabilities.driver)},
             {"uuid", capabilities.uuid},
             {"clock", capabilities.clock},
             {"deterministic", capabilities.deterministic},

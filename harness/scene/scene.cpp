@@ -388,7 +388,7 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
         SceneFile parameters = volume_with_parameters_of_heart(argument);
         apply(volume, parameters);
         Scene scene = build(parameters, argument, limits);
-        scene.name = file_name(argument);
+        scene.name = utf8_text(file_name(argument));
         scene.source = argument;
         return scene;
     }
@@ -412,14 +412,14 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
     }
     Scene scene = build(file_says, argument, limits, builtin != nullptr);
     // A file keeps its ending: my heart.json is not the scene heart.
-    scene.name = file_name(resize.base) + resize.suffix;
+    scene.name = utf8_text(file_name(resize.base)) + resize.suffix;
     scene.source = argument;
     return scene;
 }
 
 Scene parse_scene(const std::string& text, const std::string& file, const SceneSizeLimits& limits) {
     Scene scene = build(read_scene_file(parse_json(text, file)), file, limits);
-    scene.name = file_name(file);
+    scene.name = utf8_text(file_name(file));
     scene.source = file;
     return scene;
 }

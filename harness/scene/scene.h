@@ -79,7 +79,7 @@ Scene parse_scene(const std::string& text, const std::string& file, const SceneS
 /// both are for a body at rest. A time step of 0 becomes half of the stable one. Throws
 /// std::invalid_argument, saying what, where a name has a '/' or a blank, an array is neither empty, where it
 /// may be, nor of one element a particle, or a number or an index is out of its range.
-Scene scene_of(std::string name, Problem problem, State state = {});
+Scene scene_of(const std::string& name, Problem problem, State state = {});
 
 /// The problem with every spring that an edit of the scene ever adds beyond its lattice: what limits the time
 /// step.

@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "harness/base/json.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
 
@@ -76,12 +77,12 @@ void check(const Problem& problem) {
 
 }  // namespace
 
-Scene scene_of(std::string name, Problem problem, State state) {
+Scene scene_of(const std::string& name, Problem problem, State state) {
     require(!name.empty() && name.find_first_of("/ \t\n") == std::string::npos,
             "its name is empty or has a '/' or a blank");
     check(problem);
     Scene scene;
-    scene.name = std::move(name);
+    scene.name = utf8_text(name);
     scene.problem = std::move(problem);
     scene.stable_time_step = stable_time_step(scene.problem);
     double& time_step = scene.problem.time_step;

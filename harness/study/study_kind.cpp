@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/json.h"
 
 namespace voxspring {
 namespace {
@@ -52,7 +53,7 @@ std::unique_ptr<StudyKind> kind_of(const Study& study) {
         throw BadInput("study " + study.name, "kind", study.kind, "one of: " + known);
     }
     auto kind = make_study_kind(study.kind);
-    JsonObject settings = parse_json(study.settings.dump(), "study " + study.name);
+    JsonObject settings = parse_json(json_text(study.settings), "study " + study.name);
     kind->read(settings);
     settings.finish();
     return kind;

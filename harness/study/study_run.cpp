@@ -17,6 +17,7 @@
 #include "harness/base/executable.h"
 #include "harness/base/files.h"
 #include "harness/base/interruption.h"
+#include "harness/base/json.h"
 #include "harness/base/progress.h"
 #include "harness/base/schema_versions.h"
 #include "harness/process/case.h"
@@ -311,7 +312,7 @@ void StudyRun::publish() {
         result_["context"] = std::move(machine);
     }
     kind_->summarise(result_);
-    if (options_.out) write_atomically(*options_.out, result_.dump(2) + "\n");
+    if (options_.out) write_atomically(*options_.out, json_text(result_, 2) + "\n");
 }
 
 }  // namespace
