@@ -1,4 +1,4 @@
-"""What the project's own sources include: a room includes rooms below it and itself, never one above it."""
+"""What the project's own sources include, a room those below it and itself and never one above it, and what they may not call."""
 
 import pathlib
 import re
@@ -104,6 +104,25 @@ class Includes(unittest.TestCase):
             self.assertEqual(upward(root), ["harness/base/low.h includes harness/cli/high.h: harness/cli is not "
                                             "below harness/base"])
             self.assertEqual(circles(root), ["harness/base/low.h -> harness/cli/high.h -> harness/base/low.h"])
+
+    def test_what_joins_includes_its_header(self):
+        """fmt::join is in <fmt/ranges.h> from fmt 11 on, and before it in <fmt/format.h> as well."""
+        for path in sorted(pathlib.Path("harness").rglob("*.cpp")):
+            text = path.read_text()
+            if "fmt::join(" in text:
+                self.assertIn("#include <fmt/ranges.h>\n", text, path)
+
+    def test_signals_are_sent_by_signal_process(self):
+        """kill() of a number that is no process, -1 for one that has ended, is for all that the user has."""
+        harness = pathlib.Path("harness")
+        found = {path.as_posix() for path in harness.rglob("*.cpp") if re.search(r"\bkill\(\S", path.read_text())}
+        self.assertEqual(found, {"harness/process/signal_process.cpp"})
+
+    def test_json_is_written_by_json_text(self):
+        """nlohmann::json::dump() throws for a name whose bytes are not UTF-8, after all that was measured."""
+        harness = pathlib.Path("harness")
+        found = {path.as_posix() for path in harness.rglob("*") if path.suffix in (".h", ".cpp") and ".dump(" in path.read_text()}
+        self.assertEqual(found, {"harness/base/json.cpp"})
 
 
 if __name__ == "__main__":

@@ -41,6 +41,7 @@
 #include "harness/process/worker_main.h"
 #include "harness/study/timing_runner.h"
 #include "harness/verification/reference.h"
+#include "harness/process/signal_process.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {
@@ -246,7 +247,7 @@ public:
 
 private:
     void integrate(int) override {
-        kill(getppid(), SIGKILL);
+        signal_process(getppid(), SIGKILL);
         for (;;) pause();
     }
 };
@@ -325,7 +326,7 @@ const Registered host_backends[] = {
     fake("launcher_killed", [] { return std::make_unique<LauncherKilled>(); }),
     fake("launcher_killed_early",
          []() -> std::unique_ptr<Backend> {
-             kill(getppid(), SIGKILL);
+             signal_process(getppid(), SIGKILL);
              for (;;) pause();
          }),
 };
@@ -834,7 +835,14 @@ TEST(AWorkerThatIsKept, TakesUpTheNextWorkOfItsKindOnTheSceneOfThatTime) {
     const Scene large = load_scene("box@9"), small = load_scene("box@5");
     Workers workers({}, &large);
     auto worker = workers.take("test", description_of("test_sound"), minute);
-    const pid_t process = worker->process();
+TEST(Signals, GoToOneProcessAndNeverToAll) {
+    // Signal 0 says whether there is such a process, and does nothing to it.
+    EXPECT_TRUE(signal_process(getpid(), 0));
+    for (const pid_t none : {0, -1, -getpid()})
+        EXPECT_THROW(signal_process(none, 0), std::logic_error) << none;
+}
+
+    const auto process = worker->process();
     const std::uint64_t bytes = bytes_said_by(*worker);
     workers.keep_or_dismiss("test", worker);
 
@@ -856,7 +864,7 @@ TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene)
     const auto construct_and_keep = [&](const std::string& kind) {
         auto worker = workers.take(kind, description_of("test_sound"), minute);
         (void)worker->ask({{"do", "construct"}}, "constructing");
-        const pid_t process = worker->process();
+        const pid_t process = worker->process().value();
         workers.keep_or_dismiss(kind, worker);
         return process;
     };
@@ -866,14 +874,14 @@ TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene)
     EXPECT_TRUE(processes.contains(construct_and_keep("one")));
 
     auto refused = workers.take("one", description_of("test_unavailable"), minute);
-    EXPECT_TRUE(processes.contains(refused->process()));
+    EXPECT_TRUE(processes.contains(refused->process().value()));
     EXPECT_THROW((void)refused->ask({{"do", "construct"}}, "constructing"), Unavailable);
     workers.keep_or_dismiss("one", refused);
     EXPECT_FALSE(processes.contains(construct_and_keep("one")));
 
     workers.end_kept();
     processes = {construct_and_keep("one")};
-    kill(*processes.begin(), SIGKILL);
+    signal_process(*processes.begin(), SIGKILL);
     EXPECT_FALSE(processes.contains(construct_and_keep("one")));
 
     workers.turn_to(&large);
@@ -890,7 +898,7 @@ TEST(AWorkerThatIsKept, IsLeftWhereItsDriverHangs) {
     Workers workers({}, &scene);
     auto worker = workers.take("one", description_of("never_given_back"), std::chrono::seconds(2));
     (void)worker->ask({{"do", "construct"}}, "constructing");
-    const pid_t process = worker->process();
+    const auto process = worker->process();
     workers.keep_or_dismiss("one", worker);
     worker = workers.take("one", description_of("test_sound"), minute);
     EXPECT_NE(worker->process(), process);

@@ -151,8 +151,7 @@ void Case::dismiss() {
 }
 
 std::optional<pid_t> Case::process() const {
-    if (process_ == nullptr || process_->process() < 0) return std::nullopt;
-    return process_->process();
+    return process_ != nullptr ? process_->process() : std::nullopt;
 }
 
 nlohmann::json Case::introduce() {

@@ -23,6 +23,7 @@
 #include "harness/base/json.h"
 #include "harness/process/message.h"
 #include "harness/process/scene_stream.h"
+#include "harness/process/signal_process.h"
 #include "harness/process/worker.h"
 #include "harness/process/worker_main.h"
 
@@ -112,7 +113,7 @@ int reap(pid_t process, Seconds patience) {
     const auto until = Clock::now() + patience;
     while (waitpid(process, &status, WNOHANG) == 0) {
         if (Clock::now() > until) {
-            kill(process, SIGKILL);
+            signal_process(process, SIGKILL);
             waitpid(process, &status, 0);
             break;
         }

@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -64,8 +65,10 @@ public:
     /// those of several workers may do so at once. It is not to be asked again.
     void dismiss();
 
-    /// Negative once it has ended.
-    pid_t process() const { return process_; }
+    /// Nothing once it has ended.
+    std::optional<pid_t> process() const {
+        return process_ > 0 ? std::optional<pid_t>(process_) : std::nullopt;
+    }
 
     /// The answer. Throws WorkerLost if the process ends, or says nothing for as long as the time-out, while
     /// `doing` (it is then killed); Unavailable or DeviceError with the message of what its answerer threw.

@@ -17,7 +17,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
 #include "harness/process/case.h"
-#include "harness/process/case_runner.h"
+#include "harness/process/signal_process.h"
 #include "harness/process/worker_main.h"
 #include "harness/verification/reference.h"
 
@@ -199,7 +199,7 @@ void Carrier::end_worker_that_hangs() {
     constexpr std::chrono::seconds grace(1);
     if (!mailroom_.has_failed() || !is_own_missing()) return;
     if (!failed_) failed_ = Clock::now();
-    if (worker_ && Clock::now() - *failed_ > grace) kill(*worker_, SIGKILL);
+    if (worker_ && Clock::now() - *failed_ > grace) signal_process(*worker_, SIGKILL);
 }
 
 std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>& ask) {
@@ -335,7 +335,7 @@ void MpiRanks::take_part(const RankTask& task, const Means& means) {
         if (!failure.empty()) throw std::runtime_error(failure);
         return worker->ask({{"do", "run"}}, "stepping its part");
     };
-    const auto process = worker != nullptr ? std::optional(worker->process()) : std::nullopt;
+    const auto process = worker != nullptr ? worker->process() : std::nullopt;
     const std::vector<nlohmann::json> verdicts = Carrier(*mpi_, task, mailroom, process).carry(ask);
     if (mailroom.has_failed()) return;
     State own;

@@ -1,0 +1,13 @@
+// Signals to other processes.
+#pragma once
+
+#include <sys/types.h>
+
+namespace voxspring {
+
+/// Sends `signal` to one process. Whether it was sent: a process that has ended takes none. Throws
+/// std::logic_error unless `process` is positive: kill() takes 0 and negative numbers for groups of
+/// processes, and -1 for every process of the user.
+bool signal_process(pid_t process, int signal);
+
+}  // namespace voxspring
