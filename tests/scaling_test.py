@@ -87,6 +87,13 @@ class Scaling(unittest.TestCase):
             self.assertEqual([row["same_bits"] for row in of_scene], [None] + 8 * [True])
         self.assertEqual(ran.stdout.count("written:"), 1, "rank 0 alone prints")
 
+    def test_ranks_tell_each_other_of_any_number_of_repetitions(self):
+        """What each tells all others of 1900 repetitions has more than 64 KiB, which MPI sends once it is received."""
+        self.study(backends=["cpu_reference:formulation=position"], ranks=[3], ways=["mpi"], repetitions=1900, steps=1,
+                   scenes=[{"scene": "box@4"}])
+        self.run_study(3)
+        self.assertEqual([row["way"] for row in self.result()["scaling"]], ["mpi"])
+
     def test_a_sample_is_gathered_from_all_ranks(self):
         self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3],
                    scenes=[{"scene": "heart@15x17x23", "sample_layers": 2}])

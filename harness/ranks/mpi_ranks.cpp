@@ -97,7 +97,7 @@ const RegisteredCaseRunner registered_rank("rank", [](const BackendSpec& spec, c
 /// Carries one worker's messages for the time of one task.
 class Carrier {
 public:
-    Carrier(const OpenMpi& mpi, const RankTask& task, const Mailroom& mailroom, std::optional<pid_t> worker)
+    Carrier(OpenMpi& mpi, const RankTask& task, const Mailroom& mailroom, std::optional<pid_t> worker)
         : mpi_(mpi), task_(task), mailroom_(mailroom), worker_(worker) {
         for (const int other : mailroom.routes().from(mpi.rank())) links_.push_back({other, nullptr});
     }
@@ -121,7 +121,7 @@ private:
     void hear();
     void end_worker_that_hangs();
 
-    const OpenMpi& mpi_;
+    OpenMpi& mpi_;
     const RankTask& task_;
     const Mailroom& mailroom_;
     const std::optional<pid_t> worker_;
@@ -207,7 +207,12 @@ std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>
     std::future<nlohmann::json> answer = std::async(std::launch::async, ask);
     int idle = 0;
     const auto is_missing = [](const nlohmann::json& verdict) { return verdict.is_null(); };
-    for (int i = 0; !announced_ || std::any_of(verdicts_.begin(), verdicts_.end(), is_missing); ++i) {
+    // Who leaves with a verdict on its way would have the others wait for what this rank does next.
+    const auto is_over = [&] {
+        return announced_ && std::none_of(verdicts_.begin(), verdicts_.end(), is_missing) &&
+               mpi_.has_sent_all();
+    };
+    for (int i = 0; !is_over(); ++i) {
         const bool sent = send_borders();
         idle = receive_borders() || sent ? 0 : idle + 1;
         if (idle > spins) std::this_thread::yield();
@@ -222,10 +227,12 @@ std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>
 
 constexpr std::size_t most_at_once = std::size_t(1) << 20;  // vectors in a message, whose bytes an int counts
 
+/// Returns once rank 0 has them, which receives from one rank after the other and sends nothing meanwhile.
 void send_vectors(const OpenMpi& mpi, const std::vector<glm::dvec3>& vectors) {
-    for (std::size_t begin = 0; begin < vectors.size(); begin += most_at_once)
-        mpi.send(0, tag_state, &vectors[begin],
-                 std::min(most_at_once, vectors.size() - begin) * sizeof(glm::dvec3));
+    for (std::size_t begin = 0; begin < vectors.size(); begin += most_at_once) {
+        const std::size_t count = std::min(most_at_once, vectors.size() - begin);
+        (void)mpi.start_to_send(0, tag_state, &vectors[begin], count * sizeof(glm::dvec3));
+    }
 }
 
 void receive_vectors(const OpenMpi& mpi, int from, const std::vector<std::uint32_t>& places,

@@ -37,7 +37,6 @@ struct Library {
     decltype(&MPI_Iprobe) iprobe = nullptr;
     decltype(&MPI_Get_count) get_count = nullptr;
     decltype(&MPI_Recv) recv = nullptr;
-    decltype(&MPI_Send) send = nullptr;
     decltype(&MPI_Isend) isend = nullptr;
     decltype(&MPI_Test) test = nullptr;
     decltype(&MPI_Wait) wait = nullptr;
@@ -56,7 +55,6 @@ struct Library {
         find(iprobe, "MPI_Iprobe");
         find(get_count, "MPI_Get_count");
         find(recv, "MPI_Recv");
-        find(send, "MPI_Send");
         find(isend, "MPI_Isend");
         find(test, "MPI_Test");
         find(wait, "MPI_Wait");
@@ -102,7 +100,10 @@ public:
         library_.comm_rank(library_.world, &rank_);
         library_.comm_size(library_.world, &ranks_);
     }
-    ~LoadedOpenMpi() override { library_.finalize(); }
+    ~LoadedOpenMpi() override {
+        wait_for_sent();
+        library_.finalize();
+    }
 
     int rank() const override { return rank_; }
     int ranks() const override { return ranks_; }
@@ -117,9 +118,6 @@ public:
     }
     void receive(int from, int tag, void* to, std::size_t bytes) const override {
         library_.recv(to, int(bytes), library_.byte, from, tag, library_.world, MPI_STATUS_IGNORE);
-    }
-    void send(int to, int tag, const void* from, std::size_t bytes) const override {
-        library_.send(from, int(bytes), library_.byte, to, tag, library_.world);
     }
     std::unique_ptr<Sending> start_to_send(int to, int tag, const void* from,
                                            std::size_t bytes) const override {
@@ -145,9 +143,14 @@ std::unique_ptr<OpenMpi> OpenMpi::join() {
 #endif
 }
 
-void OpenMpi::send_json(int to, int tag, const nlohmann::json& message) const {
-    const std::vector<std::uint8_t> bytes = nlohmann::json::to_cbor(message);
-    send(to, tag, bytes.data(), bytes.size());
+void OpenMpi::send_json(int to, int tag, const nlohmann::json& message) {
+    Posted& posted = posted_.emplace_back(Posted{nlohmann::json::to_cbor(message)});
+    posted.sending = start_to_send(to, tag, posted.bytes.data(), posted.bytes.size());
+}
+
+bool OpenMpi::has_sent_all() {
+    std::erase_if(posted_, [](const Posted& posted) { return posted.sending->is_gone(); });
+    return posted_.empty();
 }
 
 nlohmann::json OpenMpi::receive_json(const Arrived& message, int tag) const {

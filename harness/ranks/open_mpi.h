@@ -3,9 +3,12 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <list>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <vector>
 
 namespace voxspring {
 
@@ -33,9 +36,9 @@ public:
     /// From any rank, or from that one, if there is any.
     virtual std::optional<Arrived> arrived(int tag, std::optional<int> from = {}) const = 0;
     virtual void receive(int from, int tag, void* to, std::size_t bytes) const = 0;
-    virtual void send(int to, int tag, const void* from, std::size_t bytes) const = 0;
 
-    /// A message on its way, for whose end its destructor waits.
+    /// A message on its way. Its destructor waits until it is gone, and the other rank may have to receive it
+    /// before that: of two ranks that both wait so neither receives.
     class Sending {
     public:
         Sending() = default;
@@ -48,8 +51,24 @@ public:
     virtual std::unique_ptr<Sending> start_to_send(int to, int tag, const void* from,
                                                    std::size_t bytes) const = 0;
 
-    void send_json(int to, int tag, const nlohmann::json& message) const;
+    /// Returns at once: the message is kept here until it is gone. So all ranks may send to all before any
+    /// of them receives, however long the messages are.
+    void send_json(int to, int tag, const nlohmann::json& message);
+    /// Whether all messages of send_json() are gone. MPI moves long ones only within its own calls: a rank
+    /// that others wait for asks this, and receives, until it is so.
+    bool has_sent_all();
     nlohmann::json receive_json(const Arrived& message, int tag) const;
+
+protected:
+    /// Waits until has_sent_all(); for the destructor of what sends.
+    void wait_for_sent() { posted_.clear(); }
+
+private:
+    struct Posted {
+        std::vector<std::uint8_t> bytes;
+        std::unique_ptr<Sending> sending = nullptr;
+    };
+    std::list<Posted> posted_;
 };
 
 }  // namespace voxspring
