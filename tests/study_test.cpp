@@ -1025,14 +1025,7 @@ TEST_F(AWorkersProgram, OfAnotherBuildIsRefused) {
     nlohmann::json build = build_of_workers();
     const std::string commit = build.at("commit");
     build["commit"] = "another one";
-    const std::vector<std::uint8_t> said = nlohmann::json::to_cbor(build);
-    const std::uint64_t size = said.size();
-    const std::string hello = (folder_.path() / "hello").string();
-    std::ofstream(hello, std::ios::binary)
-        .write(reinterpret_cast<const char*>(&size), sizeof size)
-        .write(reinterpret_cast<const char*>(said.data()), std::streamsize(size));
-    // It says its build as a worker does, and waits for what it is asked.
-    std::ofstream(program_) << "#!/bin/sh\ncat " + hello + " >&3\nexec cat <&3 >/dev/null\n";
+    say({build});
     EXPECT_THAT(refusal_of(program_), ::testing::AllOf(HasSubstr(program_.string()), HasSubstr("another one"),
                                                        HasSubstr("the same build"), HasSubstr(commit)));
 }
@@ -1041,6 +1034,18 @@ TEST_F(AWorkersProgram, ThatKnowsNothingOfWorkersIsRefused) {
     EXPECT_THAT(refusal_of("/bin/true"), ::testing::AllOf(HasSubstr("/bin/true"), HasSubstr("worker_main")));
     EXPECT_THAT(refusal_of(folder_.path() / "none"),
                 ::testing::AllOf(HasSubstr("none"), HasSubstr("No such file")));
+    /// Makes it one that says these messages, the first of which is its build, and ignores what it is asked.
+    void say(const std::vector<nlohmann::json>& messages) {
+        const std::string words = (folder_.path() / "words").string();
+        std::ofstream file(words, std::ios::binary);
+        for (const nlohmann::json& message : messages) {
+            const std::vector<std::uint8_t> said = nlohmann::json::to_cbor(message);
+            const std::uint64_t size = said.size();
+            file.write(reinterpret_cast<const char*>(&size), sizeof size)
+                .write(reinterpret_cast<const char*>(said.data()), std::streamsize(size));
+        }
+        std::ofstream(program_) << "#!/bin/sh\ncat " + words + " >&3\nexec cat <&3 >/dev/null\n";
+    }
 }
 
 TEST(AScene, ArrivesInAnotherProcessAsItIs) {
@@ -1096,6 +1101,17 @@ TEST(AJournal, ThatCannotBeReadIsNoEmptyOne) {
             Journal("/proc/self/mem", {{"scenes", {"box"}}}, true);
         },
         ThrowsMessage<Unwritten>(HasSubstr("cannot read /proc/self/mem: ")));
+// Otherwise the socket of its worker would be taken for the answer to the next request.
+TEST_F(AWorkersProgram, WhoseAnswerComesHalfIsLost) {
+    say({build_of_workers(), {{"ready", true}}, {{"process", 1}}});
+    Launcher launcher(program_, nullptr, std::chrono::milliseconds(200));
+    for (int n = 0; n < 2; ++n) {
+        EXPECT_THAT([&] { (void)launcher.start({}); },
+                    ThrowsMessage<std::runtime_error>(HasSubstr("the process that starts others")));
+        EXPECT_TRUE(launcher.is_lost());
+    }
+}
+
 }
 
 TEST(AJournal, SaysWhereTwoStudiesDifferInWords) {

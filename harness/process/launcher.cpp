@@ -33,9 +33,6 @@ namespace {
 using Seconds = std::chrono::duration<double>;
 using Clock = std::chrono::steady_clock;
 
-/// Of a launcher beyond what it was asked to wait for: it computes nothing, but the machine may be busy.
-constexpr Seconds launcher_patience(60);
-
 Deadline after(Seconds patience) {
     return Clock::now() + std::chrono::duration_cast<Clock::duration>(patience);
 }
@@ -124,7 +121,8 @@ int reap(pid_t process, Seconds patience) {
 
 }  // namespace
 
-Launcher::Launcher(const std::filesystem::path& program, const Scene* scene) {
+Launcher::Launcher(const std::filesystem::path& program, const Scene* scene, Seconds own_patience)
+    : own_patience_(own_patience) {
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) refuse_to_start(errno);
     socket_ = ends[0];
@@ -139,10 +137,10 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene) {
     try {
         check_build(program);
         send_scene(socket_, scene, process_);
-        const nlohmann::json ready = receive_message(socket_, after(launcher_patience));
+        const nlohmann::json ready = receive_message(socket_, after(own_patience_));
         if (ready.contains("error")) throw std::runtime_error(ready.at("error").get<std::string>());
     } catch (const Closed&) {
-        lose(launcher_patience);
+        lose(own_patience_);
         throw std::runtime_error("the process that starts others " + lost_ + " before it had the scene");
     } catch (...) {
         lose(Seconds(0));
@@ -154,7 +152,7 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene) {
 void Launcher::check_build(const std::filesystem::path& program) {
     nlohmann::json theirs;
     try {
-        theirs = receive_message(socket_, after(launcher_patience));
+        theirs = receive_message(socket_, after(own_patience_));
     } catch (const std::exception&) {
         if (program.empty()) throw;
         throw BadInput("run_study()", "worker", program.string(),
@@ -166,7 +164,7 @@ void Launcher::check_build(const std::filesystem::path& program) {
 }
 
 Launcher::~Launcher() {
-    if (!is_lost()) lose(launcher_patience);
+    if (!is_lost()) lose(own_patience_);
 }
 
 void Launcher::lose(Seconds patience) {
@@ -181,9 +179,9 @@ nlohmann::json Launcher::call(const nlohmann::json& request, Seconds patience) {
     if (is_lost()) throw Closed();
     try {
         send_message(socket_, request);
-        return receive_message(socket_, after(patience + launcher_patience));
+        return receive_message(socket_, after(patience + own_patience_));
     } catch (const Closed&) {
-        lose(launcher_patience);
+        lose(own_patience_);
         throw;
     } catch (const Late&) {
         lose(Seconds(0));
@@ -196,11 +194,14 @@ Launcher::Child Launcher::start(const nlohmann::json& description) {
         const nlohmann::json started = call({{"do", "start"}, {"worker", description}}, Seconds(0));
         if (started.contains("errno")) refuse_to_start(started.at("errno"));
         const pid_t process = started.at("process");
-        return {process, receive_descriptor(socket_, after(launcher_patience))};
+        return {process, receive_descriptor(socket_, after(own_patience_))};
+    } catch (const Late&) {
+        // The socket would come before the answer to the next request.
+        lose(Seconds(0));
     } catch (const Closed&) {
         if (!is_lost()) lose(Seconds(0));
-        throw std::runtime_error("the process that starts others " + lost_);
     }
+    throw std::runtime_error("the process that starts others " + lost_);
 }
 
 std::string Launcher::end(pid_t process, Seconds patience) {

@@ -25,9 +25,12 @@ class Worker;
 /// The study's side of one launcher. Whatever ends this process ends the launcher, and that its workers.
 class Launcher {
 public:
-    /// Starts `program`. Throws BadInput unless that is a worker of this build, std::system_error if there
-    /// can be no further process, and std::runtime_error with the reason if it does not take the scene.
-    Launcher(const std::filesystem::path& program, const Scene* scene);
+    /// Starts `program`. It may take `own_patience` for an answer beyond what it was asked to wait for: it
+    /// computes nothing, but the machine may be busy. Throws BadInput unless that is a worker of this build,
+    /// std::system_error if there can be no further process, and std::runtime_error with the reason if it
+    /// does not take the scene.
+    Launcher(const std::filesystem::path& program, const Scene* scene,
+             std::chrono::duration<double> own_patience = std::chrono::minutes(1));
     Launcher(const Launcher&) = delete;
     Launcher& operator=(const Launcher&) = delete;
     ~Launcher();
@@ -50,6 +53,7 @@ private:
     /// Waits for its end, `patience` long before it is made to.
     void lose(std::chrono::duration<double> patience);
 
+    const std::chrono::duration<double> own_patience_;
     int socket_ = -1;
     pid_t process_ = -1;
     std::string lost_;  ///< how it ended, if it has
