@@ -1065,6 +1065,29 @@ TEST(AScene, ArrivesInAnotherProcessAsItIs) {
         for (const int end : ends) close(end);
         return received;
     };
+TEST(AProgramsOptions, ThatNothingCanBeMeasuredWithAreRefused) {
+    const auto refusal_of = [](const auto& change) -> std::string {
+        StudyOptions options;
+        change(options);
+        try {
+            (void)run_study(study_of({"test_sound"}), options);
+        } catch (const BadInput& error) {
+            return error.what();
+        }
+        return "accepted";
+    };
+    using Options = StudyOptions;
+    EXPECT_EQ(refusal_of([](Options& options) { options.together = 0; }),
+              "run_study(): together: 0 is not accepted; expected 1 or more");
+    EXPECT_EQ(refusal_of([](Options& options) { options.side_by_side = 0; }),
+              "run_study(): side_by_side: 0 is not accepted; expected 1 or more");
+    EXPECT_THAT(refusal_of([](Options& options) { options.repetitions = 0; }),
+                HasSubstr("repetitions: 0 is"));
+    EXPECT_THAT(refusal_of([](Options& options) { options.ranks = -1; }), HasSubstr("ranks: -1 is"));
+    EXPECT_THAT(refusal_of([](Options& options) { options.devices = {0, -2}; }), HasSubstr("devices: -2 is"));
+    EXPECT_THAT(refusal_of([](Options& options) { options.timeout = {}; }), HasSubstr("timeout: 0 s is"));
+}
+
     EXPECT_FALSE(arrived(nullptr));
     // Of so many bytes that it is written into memory where that is allowed. No process has the number 0.
     ASSERT_GE(sent.problem.rest_position.size() * sizeof(glm::dvec3), std::size_t(1) << 22);

@@ -77,6 +77,24 @@ Study narrowed(Study study, const StudyOptions& options) {
     return study;
 }
 
+/// The command line has checked its own; a program's may be any numbers.
+void check_options(const StudyOptions& options) {
+    const auto check = [](bool accepted, const char* name, const std::string& value, const char* expected) {
+        if (!accepted) throw BadInput("run_study()", name, value, expected);
+    };
+    const auto check_count = [&](const std::optional<int>& count, const char* name) {
+        if (count) check(*count >= 1, name, std::to_string(*count), "1 or more");
+    };
+    check_count(options.together, "together");
+    check_count(options.side_by_side, "side_by_side");
+    check_count(options.repetitions, "repetitions");
+    check_count(options.ranks, "ranks");
+    for (const int device : options.devices)
+        check(device >= 0, "devices", std::to_string(device), "numbers of devices, from 0 on");
+    check(options.timeout.count() > 0, "timeout", fmt::format("{} s", options.timeout.count()),
+          "more than 0 s");
+}
+
 /// One run of one study.
 class StudyRun {
 public:
@@ -331,6 +349,7 @@ bool has_measured(const nlohmann::json& result) {
 
 nlohmann::json run_study(Study study, const StudyOptions& options) {
     const Workers refused_where_there_can_be_none(options.worker);
+    check_options(options);
     return StudyRun(std::move(study), options).run();
 }
 
