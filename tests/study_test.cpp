@@ -1,10 +1,12 @@
 // The study on backends that misbehave: each takes down its own row and nothing else.
 #include "harness/study/study.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/shm.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -26,11 +28,13 @@
 #include <new>
 #include <set>
 #include <sstream>
+#include <system_error>
 #include <thread>
 
 #include "backends/cpu/cpu_backend.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/files.h"
 #include "harness/cli/commands.h"
 #include "harness/device/limits.h"
 #include "harness/process/case.h"
@@ -998,6 +1002,38 @@ TEST(AStudy, LeavesNoProcessAndNoFileOpen) {
     EXPECT_EQ(open_files(), before);
     EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1);
     EXPECT_EQ(errno, ECHILD) << "a process, or what is left of one";
+}
+
+TEST(AWrittenFile, HasTheRightsThatItsUserGivesWithoutAMomentInWhichOthersGetMore) {
+    const TemporaryFolder folder;
+    const mode_t before = umask(027);
+    std::atomic<bool> done = false;
+    std::thread writer([&] {
+        for (int n = 0; n < 200; ++n) write_atomically(folder.path() / "written", "text");
+        done = true;
+    });
+    const auto rights_of = [&](const char* name) {
+        struct stat about {};
+        EXPECT_EQ(stat((folder.path() / name).c_str(), &about), 0);
+        return about.st_mode & 0777;
+    };
+    // Another thread of the program makes files of its own meanwhile.
+    mode_t most = 0;
+    while (!done) {
+        close(open((folder.path() / "other").c_str(), O_WRONLY | O_CREAT, 0666));
+        most |= rights_of("other");
+        std::filesystem::remove(folder.path() / "other");
+    }
+    writer.join();
+    EXPECT_EQ(most, 0640u);
+    EXPECT_EQ(rights_of("written"), 0640u);
+    umask(before);
+}
+
+TEST(AWrittenFile, ThatIsAFullDeviceLeavesNoFileOpen) {
+    const std::size_t before = open_files();
+    EXPECT_THROW(write_atomically("/dev/full", "text"), std::system_error);
+    EXPECT_EQ(open_files(), before);
 }
 
 /// A copy of this test that is to serve as a worker.

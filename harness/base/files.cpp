@@ -91,21 +91,23 @@ void write_atomically(const std::filesystem::path& asked, const std::string& tex
     };
     if (is_pipe_or_device(asked)) {
         const int file = open(asked.c_str(), O_WRONLY | O_CLOEXEC);
-        if (file < 0 || !write_all(file, text)) fail("cannot write");
+        if (file < 0) fail("cannot write");
+        const bool written = write_all(file, text);
+        const int error = errno;
         close(file);
-        return;
+        if (written) return;
+        errno = error;
+        fail("cannot write");
     }
     const std::filesystem::path path = behind_links(asked);
     const std::string temporary = unused_name_beside(path);
     // Before there is one: a signal may come right after.
     const Unfinished unfinished(temporary);
-    const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+    // As readable as any file that its user writes: the kernel applies the process's umask, which can be read
+    // only by changing it for all threads.
+    const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file < 0) fail("cannot write");
-    const bool written = write_all(file, text);
-    // Private so far; a result is as readable as any file its user writes.
-    const mode_t mask = umask(0);
-    umask(mask);
-    const bool done = written && fchmod(file, 0666 & ~mask) == 0 && fsync(file) == 0;
+    const bool done = write_all(file, text) && fsync(file) == 0;
     const int error = errno;
     close(file);
     if (!done || std::rename(temporary.c_str(), path.c_str()) != 0) {
