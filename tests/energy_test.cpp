@@ -54,6 +54,13 @@ TEST_F(Rapl, SumsPackagesAndCountsPastTheirRange) {
     EXPECT_THROW((void)meter->joules(), std::runtime_error);
 }
 
+TEST_F(Rapl, CountsAPackageOnceThatLinuxShowsTwice) {
+    add("intel-rapl-mmio:0", "package-0", "999000");
+    add("intel-rapl-mmio:1", "package-1", "1999000");
+    add("intel-rapl-mmio:2", "package-2", "500000");  // by memory alone
+    EXPECT_DOUBLE_EQ(rapl_meter(folder_)->joules(), 3.5);
+}
+
 std::string refusal_of(const std::string& folder) {
     try {
         (void)rapl_meter(folder);

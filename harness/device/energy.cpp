@@ -8,6 +8,7 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <set>
 #include <stdexcept>
 #include <thread>
@@ -55,20 +56,36 @@ std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
     return number;
 }
 
+/// The folder of each package's counter by the package's name. Where Linux shows one package by the
+/// processor's registers (intel-rapl) and by memory (intel-rapl-mmio), both are one counter: that of the
+/// registers.
+std::map<std::string, std::filesystem::path> package_folders(const std::string& folder) {
+    std::map<std::string, std::filesystem::path> packages;
+    std::error_code none;
+    for (const auto& domain : std::filesystem::directory_iterator(folder, none)) {
+        std::ifstream file(domain.path() / "name");
+        std::string name;
+        if (!(file >> name) || !name.starts_with("package")) continue;
+        const bool by_memory = domain.path().filename().string().starts_with("intel-rapl-mmio");
+        if (by_memory) {
+            packages.emplace(name, domain.path());
+        } else {
+            packages[name] = domain.path();
+        }
+    }
+    return packages;
+}
+
 class RaplMeter final : public EnergyMeter {
 public:
     explicit RaplMeter(const std::string& folder) {
-        std::error_code none;
         bool refused = false;
-        for (const auto& domain : std::filesystem::directory_iterator(folder, none)) {
-            std::ifstream file(domain.path() / "name");
-            std::string name;
-            if (!(file >> name) || !name.starts_with("package")) continue;
-            const auto range = number_in(domain.path() / "max_energy_range_uj");
-            const auto now = number_in(domain.path() / "energy_uj");
+        for (const auto& [name, domain] : package_folders(folder)) {
+            const auto range = number_in(domain / "max_energy_range_uj");
+            const auto now = number_in(domain / "energy_uj");
             refused = refused || !now;
             if (range && now)
-                packages_.push_back({.counter = domain.path() / "energy_uj", .range = *range, .last = *now});
+                packages_.push_back({.counter = domain / "energy_uj", .range = *range, .last = *now});
         }
         if (refused) throw std::runtime_error("the processor's energy counter is readable by root alone");
         if (packages_.empty()) throw std::runtime_error("the processor has no energy counter here");
