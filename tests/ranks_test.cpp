@@ -1,11 +1,14 @@
 // Ranks as threads: messages, bits, and what becomes of a run whose rank fails or hangs.
+#include <dlfcn.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <pthread.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
 #include <cstring>
 #include <functional>
@@ -29,6 +32,25 @@ namespace voxspring::testing {
 namespace {
 
 using ::testing::ElementsAre;
+// Sanitizers start threads themselves.
+#if !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__) && !defined(__clang__)
+#define VOXSPRING_COUNTS_THREADS
+/// So many more std::threads may be started; any number where it is negative.
+static std::atomic<int> threads_to_start = -1;
+
+/// In the place of the system's.
+extern "C" int pthread_create(pthread_t* thread, const pthread_attr_t* attributes, void* (*run)(void*),
+                              void* of) noexcept {
+    static const auto start = reinterpret_cast<decltype(&pthread_create)>(dlsym(RTLD_NEXT, "pthread_create"));
+    Dl_info from{};
+    const bool is_counted = dladdr(reinterpret_cast<void*>(run), &from) != 0 &&
+                            std::strstr(from.dli_fname, "libstdc++") != nullptr;  // and not OpenMP
+    if (is_counted && threads_to_start == 0) return EAGAIN;
+    if (is_counted && threads_to_start > 0) --threads_to_start;
+    return start(thread, attributes, run, of);
+}
+#endif
+
 using ::testing::HasSubstr;
 
 std::string message_of(const std::function<void()>& action) {
@@ -586,6 +608,17 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
         for (const RankReport& report : run_ranks_as_threads(spec, whole, plan_of(ranks, "stores"), state)) {
             ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
             EXPECT_GT(report.batches.back().compute, 0);
+    EXPECT_EQ(FakeBorders::disconnected, 0);
+}
+
+#ifdef VOXSPRING_COUNTS_THREADS
+TEST(RankRuns, EndWhereTheSystemStartsNoFurtherThread) {
+    for (const int started : {0, 1}) {
+        threads_to_start = started;
+        const std::string message = error_of("cpu_reference");
+        threads_to_start = -1;
+        EXPECT_THAT(message, HasSubstr("rank " + std::to_string(started) + ": no thread for it: "));
+    }
             EXPECT_EQ(report.batches.back().exchange, 0);
             EXPECT_EQ(report.latency, 0);
             EXPECT_GT(report.border_bytes, 0u);

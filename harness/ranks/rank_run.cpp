@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <thread>
 #include <utility>
+#include <system_error>
 
 #include "harness/ranks/sample.h"
 #include "harness/scene/scene_runner.h"
@@ -149,6 +150,21 @@ RankPlan rank_plan_of(const nlohmann::json& json) {
     const nlohmann::json& cut = json.at("cut");
     std::vector<Decomposition::Brick> sampled;
     for (const nlohmann::json& brick : json.at("sampled")) sampled.push_back(brick_of(brick));
+/// One thread per rank. Where the system starts no more of them the run has failed, and those that were
+/// started end as where a rank fails: they work on what the caller gave until then.
+void start_threads(const std::shared_ptr<Together>& all) {
+    for (int rank = 0, ranks = all->at_work; rank < ranks; ++rank) {
+        try {
+            std::thread(run_as_thread, all, rank).detach();
+        } catch (const std::system_error& error) {
+            all->mailroom.fail("rank " + std::to_string(rank) + ": no thread for it: " + error.what());
+            const std::lock_guard lock(all->mutex);
+            all->at_work -= ranks - rank;
+            return;
+        }
+    }
+}
+
     return {.steps = json.at("steps"),
             .repetitions = json.at("repetitions"),
             .start_patience = Seconds(json.at("start_patience").get<double>()),
@@ -305,7 +321,7 @@ std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scen
                                                      .left = std::move(left),
                                                      .parts = PartsOnDevices(std::size_t(ranks)),
                                                      .at_work = ranks});
-    for (int rank = 0; rank < ranks; ++rank) std::thread(run_as_thread, all, rank).detach();
+    start_threads(all);
     wait_for(*all);
     if (all->mailroom.has_failed() && all->unavailable) throw Unavailable(all->mailroom.reason());
     if (all->mailroom.has_failed()) throw std::runtime_error(all->mailroom.reason());
