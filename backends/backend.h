@@ -162,6 +162,13 @@ public:
     /// their order; this one is that of `part`. All are of backends with the same options. Throws
     /// Unavailable, with the reason, where the devices have no such way to each other.
     virtual void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) = 0;
+    /// Takes over what `before`, the borders of the same part until the latest upload, connected with and
+    /// what costs time to begin. To be called before connect(), for all parts or for none.
+    virtual void take_over(DeviceBorders& before) { static_cast<void>(before); }
+    /// Ends what connect() began and what all parts end together. To be called at the end of a run in which
+    /// nothing failed, in every part's thread, once all parts are there. What is not ended so is given up by
+    /// the destructor, which waits for no other part.
+    virtual void disconnect() {}
     /// How many steps a call of Backend::step() may take where borders travel within them. All parts are then
     /// to be ready for their calls before one of them makes its own, and have made it before one of them asks
     /// for anything else: until then a device that several parts share may wait for one of them, and so may

@@ -112,7 +112,7 @@ public:
             if (theirs == nullptr)
                 throw std::logic_error("parts of a body whose borders go by different ways");
             require_whole_words(device_, theirs->device_);
-            reach(device_, theirs->device_);
+            require_peer_access(device_, theirs->device_);
             const auto back = std::find(theirs->beside_.begin(), theirs->beside_.end(), int(part));
             sendings_[border].words = theirs->words_.at(std::size_t(back - theirs->beside_.begin()));
             their_exchanges_.push_back(theirs->exchange_);

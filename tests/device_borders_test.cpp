@@ -2,24 +2,34 @@
 // any may go on that does not wait for an event. So whatever an order of enqueueing leaves open is tried.
 #include "cuda/common/device_borders.h"
 
+#include <dlfcn.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <cstddef>
 #include <cstdlib>
 #include <cstring>
 #include <deque>
 #include <functional>
 #include <limits>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <numeric>
 #include <optional>
 #include <random>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "backends/device_choice.h"
+#include "cuda/device/check.h"
+#include "cuda/device/nccl.h"
 #include "cuda/device/stream.h"
 
 namespace {
@@ -59,6 +69,22 @@ bool run_one(const std::vector<FakeStream*>& stopped = {}) {
     run_front(*ready[random_below(ready.size())]);
     return true;
 }
+
+thread_local int current_device = 0;
+
+struct FakeCommunicator {
+    int ranks, rank, device;
+    std::vector<std::string> ended = {};  ///< how
+};
+struct FakeChannel {
+    int sent = 0, received = 0;  ///< enqueued
+    FakeEvent arrived;
+    std::map<int, std::vector<std::byte>> messages;
+};
+std::mutex nccl_mutex;
+std::vector<std::unique_ptr<FakeCommunicator>> communicators;
+std::map<std::pair<int, int>, FakeChannel> channels;  ///< from and to
+std::atomic<bool> nccl_hangs = false;
 
 FakeStream& fake(cudaStream_t stream) { return *reinterpret_cast<FakeStream*>(stream); }
 FakeEvent& fake(cudaEvent_t event) { return *reinterpret_cast<FakeEvent*>(event); }
@@ -150,15 +176,65 @@ cudaError_t cudaDeviceCanAccessPeer(int* possible, int, int) {
     return cudaSuccess;
 }
 // Both borders of a part may be with the same device.
-cudaError_t cudaDeviceEnablePeerAccess(int, unsigned) { return cudaErrorPeerAccessAlreadyEnabled; }
+cudaError_t cudaDeviceEnablePeerAccess(int, unsigned) {
+    EXPECT_TRUE(peers_reach_each_other) << "CUDA refuses that";
+    return cudaErrorPeerAccessAlreadyEnabled;
+}
 cudaError_t cudaGetLastError() { return cudaSuccess; }
+cudaError_t cudaGetDevice(int* device) {
+    *device = current_device;
+    return cudaSuccess;
+}
+cudaError_t cudaSetDevice(int device) {
+    current_device = device;
+    return cudaSuccess;
+}
 const char* cudaGetErrorName(cudaError_t) { return "cudaErrorOfTheFake"; }
 const char* cudaGetErrorString(cudaError_t) { return "a stream waits for ever"; }
+
+int fake_nccl_init(void** communicator, int ranks, int rank) {
+    while (nccl_hangs) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    const std::lock_guard lock(nccl_mutex);
+    communicators.push_back(
+        std::make_unique<FakeCommunicator>(FakeCommunicator{ranks, rank, current_device}));
+    *communicator = communicators.back().get();
+    return 0;
+}
+int fake_nccl_end(void* communicator, const char* how) {
+    static_cast<FakeCommunicator*>(communicator)->ended.emplace_back(how);
+    return 0;
+}
+/// The n-th transfer from one rank to another: the receiver's stream waits for the sender's.
+int fake_nccl_transfer(void* memory, std::size_t bytes, int peer, void* communicator, void* stream,
+                       bool sends) {
+    const FakeCommunicator& own = *static_cast<FakeCommunicator*>(communicator);
+    FakeChannel& channel = channels[sends ? std::pair(own.rank, peer) : std::pair(peer, own.rank)];
+    const int number = ++(sends ? channel.sent : channel.received);
+    auto& queue = *static_cast<FakeStream*>(stream);
+    if (sends) {
+        queue.push_back({[=, &channel] {
+            const auto* const from = static_cast<const std::byte*>(memory);
+            channel.messages[number].assign(from, from + bytes);
+            channel.arrived.passed = number;
+        }});
+    } else {
+        queue.push_back({[=, &channel] {
+                             EXPECT_EQ(channel.messages.at(number).size(), bytes);
+                             std::memcpy(memory, channel.messages.at(number).data(), bytes);
+                             channel.messages.erase(number);
+                         },
+                         &channel.arrived, number});
+    }
+    return 0;
+}
 }
 
 namespace voxspring::cuda {
 
-Device::Device() { number_ = DeviceOfThread::now().number; }
+Device::Device() {
+    number_ = DeviceOfThread::now().number;
+    check(cudaSetDevice(number_));
+}
 
 template <class Real>
 void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream) {
@@ -319,20 +395,27 @@ private:
     int steps_ = 0, done_ = 0, written_ = 0;
 };
 
-/// In their places, of which the numbers are those of `numbers`.
-std::vector<std::unique_ptr<Part>> parts_on(const std::vector<int>& devices, const std::string& way,
-                                            const std::vector<int>& numbers) {
-    std::vector<std::unique_ptr<Part>> parts;
+using Parts = std::vector<std::unique_ptr<Part>>;
+
+/// In their places, of which the numbers are those of `numbers`; after those of an upload `before`, if any.
+Parts parts_on(const std::vector<int>& devices, const std::string& way, const std::vector<int>& numbers,
+               const Parts* before = nullptr) {
+    Parts parts;
     std::vector<std::shared_ptr<DeviceBorders>> all(devices.size());
     for (const int device : devices) {
         const int place = int(parts.size());
         parts.push_back(std::make_unique<Part>(place, numbers, device, way));
         all[std::size_t(numbers[std::size_t(place)])] = parts.back()->borders;
     }
-    for (std::size_t n = 0; n < parts.size(); ++n) parts[n]->borders->connect(all, std::size_t(numbers[n]));
+    for (std::size_t n = 0; n < parts.size(); ++n) {
+        if (before != nullptr) parts[n]->borders->take_over(*before->at(n)->borders);
+        // As in the thread of each, which is on its device.
+        check(cudaSetDevice(devices[n]));
+        parts[n]->borders->connect(all, std::size_t(numbers[n]));
+    }
     return parts;
 }
-std::vector<std::unique_ptr<Part>> parts_on(const std::vector<int>& devices, const std::string& way) {
+Parts parts_on(const std::vector<int>& devices, const std::string& way) {
     std::vector<int> numbers(devices.size());
     std::iota(numbers.begin(), numbers.end(), 0);
     return parts_on(devices, way, numbers);
@@ -377,6 +460,13 @@ void run(const std::vector<std::unique_ptr<Part>>& parts, int steps) {
 void run_to_the_end(const std::vector<std::unique_ptr<Part>>& parts, int steps) {
     run(parts, steps);
     while (run_one()) continue;
+}
+
+bool has_fake_nccl() {
+    static void* const library = dlopen(FAKE_NCCL, RTLD_NOW);
+    communicators.clear();
+    channels.clear();
+    return library != nullptr;
 }
 
 class DeviceBorderWays : public ::testing::TestWithParam<std::string> {};
@@ -465,17 +555,96 @@ TEST(BordersFirst, LetTheInteriorBeSteppedWhileABorderWaits) {
     }
 }
 
-TEST_P(DeviceBorderWays, SayWhichDevicesDoNotReachEachOther) {
+// Stores are by peer access alone. Copies are not: the driver takes them through the host's memory.
+TEST_P(DeviceBorderWays, SayWhichDevicesHaveNoPeerAccess) {
+    const bool by_stores = GetParam().starts_with("stores");
+    // It is said once for two devices.
+    const int other = overlaps(GetParam()) ? 4 : 3;
+    const std::string without = "device 1 has no peer access to device " + std::to_string(other);
     peers_reach_each_other = false;
     EXPECT_EQ(parts_on({1, 1}, GetParam()).size(), 2u) << "a device reaches itself";
     std::string reason = "none";
+    ::testing::internal::CaptureStderr();
     try {
-        (void)parts_on({1, 3}, GetParam());
+        for (int n = 0; n < 2; ++n) run_to_the_end(parts_on({1, other}, GetParam()), 3);
     } catch (const Unavailable& refusal) {
         reason = refusal.what();
     }
+    const std::string said = ::testing::internal::GetCapturedStderr();
     peers_reach_each_other = true;
-    EXPECT_EQ(reason, "device 1 has no peer access to device 3");
+    EXPECT_EQ(reason, by_stores ? without : "none");
+    EXPECT_EQ(said.find(without + ": copies between them go through the host's memory\n") == 0, !by_stores)
+        << said;
+}
+
+/// How each of the communicators that there were has ended.
+std::vector<std::vector<std::string>> ends_of_communicators() {
+    std::vector<std::vector<std::string>> all;
+    for (const auto& one : communicators) all.push_back(one->ended);
+    return all;
+}
+
+TEST(NcclBorders, BringEveryStepItsGhosts) {
+    for (const char* way : {"nccl", "nccl_overlap"}) {
+        for (const std::vector<int>& devices : {std::vector<int>{0, 1}, {2, 0, 3, 1}}) {
+            for (unsigned seed = 0; seed < 30; ++seed) {
+                ASSERT_TRUE(has_fake_nccl()) << FAKE_NCCL;
+                random_numbers.seed(seed);
+                const auto parts = parts_on(devices, way);
+                run_to_the_end(parts, 20);
+                ASSERT_EQ(communicators.size(), devices.size());
+                for (std::size_t n = 0; n < devices.size(); ++n) {
+                    EXPECT_EQ(communicators[n]->rank, int(n));
+                    EXPECT_EQ(communicators[n]->ranks, int(devices.size()));
+                    EXPECT_EQ(communicators[n]->device, devices[n]) << "in the thread that starts it";
+                    EXPECT_EQ(parts[n]->steps_done(), 20);
+                }
+                if (HasFailure()) FAIL() << "with seed " << seed << " on " << devices.size() << " devices";
+            }
+        }
+    }
+}
+
+TEST(NcclBorders, KeepOneCommunicatorForAllUploadsAndEndIt) {
+    ASSERT_TRUE(has_fake_nccl());
+    const auto first = parts_on({0, 1}, "nccl");
+    run_to_the_end(first, 3);
+    {
+        const auto second = parts_on({0, 1}, "nccl", {0, 1}, &first);
+        run_to_the_end(second, 3);
+        for (const auto& part : second) part->borders->disconnect();
+    }
+    const std::vector<std::string> well = {"finalized", "destroyed"};
+    EXPECT_EQ(ends_of_communicators(), (std::vector<std::vector<std::string>>{well, well}));
+}
+
+TEST(NcclBorders, GiveUpARunThatFailed) {
+    ASSERT_TRUE(has_fake_nccl());
+    run_to_the_end(parts_on({0, 1}, "nccl"), 3);
+    const std::vector<std::string> given_up = {"aborted"};
+    EXPECT_EQ(ends_of_communicators(), (std::vector<std::vector<std::string>>{given_up, given_up}));
+}
+
+TEST(NcclBorders, WaitNoLongerThanTheirLimitForTheStart) {
+    ASSERT_TRUE(has_fake_nccl());
+    nccl_hangs = true;
+    std::string reason = "it started";
+    try {
+        const NcclRanks ranks(Nccl::load(), 2, Nccl::load().new_id(), 0, std::chrono::milliseconds(100));
+    } catch (const DeviceError& error) {
+        reason = error.what();
+    }
+    nccl_hangs = false;
+    for (bool begun = false; !begun; std::this_thread::yield()) {  // the thread that was left behind
+        const std::lock_guard lock(nccl_mutex);
+        begun = !communicators.empty();
+    }
+    EXPECT_EQ(reason.find("NCCL did not start within 0 s"), 0u) << reason;
+}
+
+TEST(NcclBorders, TakeADeviceForEachRank) {
+    ASSERT_TRUE(has_fake_nccl());
+    EXPECT_THROW((void)parts_on({0, 0}, "nccl"), Unavailable);
 }
 
 TEST_P(DeviceBorderWays, MayEndInAnyOrder) {

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <future>
-#include <optional>
+#include <memory>
+#include <mutex>
 #include <set>
 #include <stdexcept>
 #include <string_view>
@@ -70,6 +72,18 @@ void copy_message(void* to, int to_device, const void* from, int from_device, st
     }
 }
 
+std::string without_peer_access(int own, int other) {
+    return "device " + std::to_string(own) + " has no peer access to device " + std::to_string(other);
+}
+
+/// A line on standard error, however many uploads connect the same devices.
+void say_once(const std::string& line) {
+    static std::mutex mutex;
+    static std::set<std::string> said;
+    const std::lock_guard lock(mutex);
+    if (said.insert(line).second) std::fprintf(stderr, "%s\n", line.c_str());
+}
+
 /// Messages that a device writes into the memory of the next one: by copies, or by the kernel that gathers
 /// them.
 ///
@@ -96,7 +110,7 @@ public:
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         for (Link& link : links_) {
             const auto& borders = same_kind<PeerBorders>(parts.at(std::size_t(link.side.part())));
-            reach(device_, borders.device_);
+            connect_to(borders.device_);
             link.their_device = borders.device_;
             link.theirs = borders.link_with(int(part)).own;
         }
@@ -138,6 +152,13 @@ private:
         int their_device = 0;
     };
 
+    /// A kernel stores into the other device's memory by peer access alone. A copy takes it where it is
+    /// there, and the driver takes a copy through the host's memory where it is not.
+    void connect_to(int device) const {
+        if (stores_) return require_peer_access(device_, device);
+        if (enable_peer_access(device_, device)) return;
+        say_once(without_peer_access(device_, device) + ": copies between them go through the host's memory");
+    }
     const Link& link_with(int part) const {
         const auto link = std::find_if(links_.begin(), links_.end(),
                                        [&](const Link& one) { return one.side.part() == part; });
@@ -176,6 +197,7 @@ public:
         if (devices.size() < parts.size())
             throw Unavailable("NCCL takes a device for each rank, and " + std::to_string(parts.size()) +
                               " ranks are on " + std::to_string(devices.size()));
+        if (ranks_ != nullptr) return;
         auto& first = same_kind<NcclBorders>(parts.front());
         if (part == 0) {
             try {
@@ -185,8 +207,13 @@ public:
             }
         }
         const std::shared_future<NcclId> id = first.known_id_;
-        ranks_.emplace(Nccl::load(), int(parts.size()), id.get(), int(part));
+        ranks_ = std::make_unique<NcclRanks>(Nccl::load(), int(parts.size()), id.get(), int(part));
     }
+    /// NCCL takes seconds to start.
+    void take_over(DeviceBorders& before) override {
+        ranks_ = std::move(dynamic_cast<NcclBorders&>(before).ranks_);
+    }
+    void disconnect() override { ranks_->end(); }
 
     void send() override {
         state_.begin_send();
@@ -218,26 +245,29 @@ private:
     std::vector<Link> links_;
     std::promise<NcclId> id_;  ///< of the first part, which the others take
     std::shared_future<NcclId> known_id_ = id_.get_future().share();
-    std::optional<NcclRanks> ranks_;
+    std::unique_ptr<NcclRanks> ranks_;
 };
 
 constexpr std::string_view overlap = "_overlap";
 
 }  // namespace
 
-void reach(int own, int other) {
-    if (own == other) return;
+bool enable_peer_access(int own, int other) {
+    if (own == other) return true;
     int possible = 0;
     check(cudaDeviceCanAccessPeer(&possible, own, other));
-    if (possible == 0)
-        throw Unavailable("device " + std::to_string(own) + " has no peer access to device " +
-                          std::to_string(other));
+    if (possible == 0) return false;
     const cudaError_t status = cudaDeviceEnablePeerAccess(other, 0);
     if (status == cudaErrorPeerAccessAlreadyEnabled) {
         cudaGetLastError();  // as it should be
-        return;
+    } else {
+        check(status);
     }
-    check(status);
+    return true;
+}
+
+void require_peer_access(int own, int other) {
+    if (!enable_peer_access(own, other)) throw Unavailable(without_peer_access(own, other));
 }
 
 std::vector<std::string> border_ways(bool splits_steps) {

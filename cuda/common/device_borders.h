@@ -18,8 +18,11 @@ std::vector<std::string> border_ways(bool splits_steps);
 /// Whether borders are stepped first.
 bool overlaps(const std::string& way);
 
-/// Lets the current device, `own`, read and write what `other` has. Throws Unavailable where it cannot.
-void reach(int own, int other);
+/// Has the current device, `own`, read and write the memory of `other`, if the hardware connects them so.
+/// Whether it does.
+bool enable_peer_access(int own, int other);
+/// The same for what cannot do without: throws Unavailable where the hardware does not.
+void require_peer_access(int own, int other);
 
 /// The elements that particles of a border are.
 struct SharedElements {

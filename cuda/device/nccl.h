@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <cstddef>
 
 #include "cuda/device/stream.h"
@@ -35,6 +36,8 @@ private:
     const char* (*error_text_)(Status);
     Status (*get_unique_id_)(NcclId*);
     Status (*init_rank_)(Communicator*, int ranks, NcclId id, int rank);
+    Status (*finalize_)(Communicator);
+    Status (*destroy_)(Communicator);
     Status (*abort_)(Communicator);
     Status (*group_start_)();
     Status (*group_end_)();
@@ -45,12 +48,23 @@ private:
 /// One of several ranks, each on a device of its own and in a thread of its own.
 class NcclRanks {
 public:
-    /// On the current device. Returns once all have called it. Throws DeviceError.
-    NcclRanks(const Nccl& nccl, int ranks, const NcclId& id, int rank);
+    /// On the current device. Returns once all have called it. Throws DeviceError, and so where NCCL has not
+    /// started within `limit`: its start waits for all ranks and for the network, and cannot be given up. The
+    /// thread in which it waits is then left behind for the end of the process.
+    ///
+    /// It is not a start with ncclConfig_t::blocking = 0: of a communicator that began so, every group of
+    /// transfers starts a thread (ncclGroupEnd() of recent versions), which would be in the time of each
+    /// step.
+    NcclRanks(const Nccl& nccl, int ranks, const NcclId& id, int rank,
+              std::chrono::duration<double> limit = std::chrono::minutes(2));
     NcclRanks(const NcclRanks&) = delete;
     NcclRanks& operator=(const NcclRanks&) = delete;
-    /// What is not finished then is given up.
+    /// What is not finished then is given up, and so are the transfers that are under way.
     ~NcclRanks();
+
+    /// Waits for the transfers that are under way, and ends. Returns once all ranks have called it; nothing
+    /// else is to be called afterwards. Throws DeviceError.
+    void end();
 
     /// Enqueues the sends and receipts of `transfers`, none of which waits for another.
     template <class Transfers>

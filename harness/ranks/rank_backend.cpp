@@ -1,6 +1,7 @@
 #include "harness/ranks/rank_backend.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace voxspring {
 namespace {
@@ -32,7 +33,9 @@ void RankBackend::upload(const Problem& problem, const State& state) {
         std::vector<SharedParticles> borders;
         for (const Subdomain::Border& border : subdomain_.borders)
             borders.push_back({border.subdomain, border.sent, border.received});
-        parts_->at(std::size_t(exchange_.rank())) = inner_.device_borders(borders, way_);
+        std::shared_ptr<DeviceBorders>& own = parts_->at(std::size_t(exchange_.rank()));
+        const auto before = std::exchange(own, inner_.device_borders(borders, way_));
+        if (before != nullptr) own->take_over(*before);
         return;
     }
     for (const Subdomain::Border& border : subdomain_.borders)
@@ -43,6 +46,12 @@ void RankBackend::connect() {
     if (!goes_by_device() || connected_) return;
     parts_->at(std::size_t(exchange_.rank()))->connect(*parts_, std::size_t(exchange_.rank()));
     connected_ = true;
+}
+
+void RankBackend::disconnect() {
+    if (!connected_) return;
+    connected_ = false;
+    parts_->at(std::size_t(exchange_.rank()))->disconnect();
 }
 
 int RankBackend::steps_a_call() const {

@@ -64,6 +64,8 @@ public:
     /// With the parts of all other ranks, where borders go from device to device; nothing where that has been
     /// done since the latest upload().
     void connect();
+    /// After all steps of a run in which nothing failed, once all ranks have met.
+    void disconnect();
     /// What follows every step: borders go to the neighbours, and theirs to the ghosts. From device to device
     /// this returns before they have gone.
     void exchange_borders();

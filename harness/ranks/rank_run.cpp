@@ -330,3 +330,7 @@ std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scen
 }
 
 }  // namespace voxspring
+    if (backend.goes_by_device()) {
+        meet(exchange);
+        backend.disconnect();
+    }
