@@ -22,7 +22,11 @@
 
 #include "backends/cpu/cpu_backend.h"
 #include "backends/device_choice.h"
+#include "harness/process/case.h"
+#include "harness/process/shared_memory.h"
+#include "harness/process/shared_state.h"
 #include "harness/ranks/mailboxes.h"
+#include "harness/ranks/mpi_ranks.h"
 #include "harness/ranks/rank_run.h"
 #include "harness/ranks/sample.h"
 #include "harness/scene/scene_runner.h"
@@ -432,6 +436,14 @@ private:
     const int device_ = DeviceOfThread::now().among(2, "test");
 };
 
+/// Says on which devices this thread has made such backends, in turn.
+class Placed final : public Wrapped {
+public:
+    Placed() { devices.push_back(DeviceOfThread::now().among(4, "test")); }
+    static inline thread_local std::vector<int> devices;
+};
+const Registered placed = test_backend("rank_placed", [] { return std::make_unique<Placed>(); });
+
 const Registered numbered = test_backend("rank_numbered", [] { return std::make_unique<Numbered>(); });
 
 Registered faulty(const std::string& what) {
@@ -559,6 +571,37 @@ std::string error_of(const std::string& backend, const std::string& way = "memor
         [&] { (void)run_ranks_as_threads(BackendSpec::parse(backend), whole, plan_of(2, way), state); });
     EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
     return message;
+}
+
+// As in MPI's workers: whoever takes the first device first leaves a context of each rank there.
+TEST(RanksInProcessesOfTheirOwn, MakeEveryBackendOnTheirDevice) {
+    const Scene whole = scene();
+    for (const std::vector<int>& devices : {std::vector<int>{}, {3, 2}}) {
+        RankTask task{.scene = whole.name,
+                      .fingerprint = "",
+                      .backend = "rank_placed",
+                      .plan = plan_of(2),
+                      .routes = routes_of(Decomposition(whole.problem, {1, 1, 2}))};
+        task.plan.devices = devices;
+        const SharedMemory mailroom = SharedMemory::of_bytes(Mailroom::lines(task.routes) * sizeof(Line));
+        std::vector<std::vector<int>> found(2);
+        const auto run = [&](int rank) {
+            SharedState shared(whole.problem.particle_count());
+            const CaseProgram program = rank_program(task, rank, mailroom, &shared);
+            const auto answerer =
+                case_answerer(case_description(BackendSpec::parse(task.backend), program), &whole);
+            for (const char* question : {"construct", "prepare", "run"})
+                (void)answerer->answer({{"do", question}}, {});
+            found[std::size_t(rank)] = std::exchange(Placed::devices, {});
+        };
+        std::thread other(run, 1);
+        run(0);
+        other.join();
+        const int first = devices.empty() ? 0 : 3, second = devices.empty() ? 1 : 2;
+        EXPECT_THAT(found[0], ElementsAre(first, first));
+        EXPECT_THAT(found[1], ElementsAre(second, second));
+    }
+    EXPECT_EQ(DeviceOfThread::now().number, 0) << "as before";
 }
 
 TEST(RankRuns, EndWhereARankFails) {

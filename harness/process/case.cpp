@@ -15,13 +15,18 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+DeviceNumber device_of(const nlohmann::json& device) {
+    return {.number = device.at("number"), .wraps = device.at("wraps"), .parts = device.at("parts")};
+}
+
 /// A case in its process.
 class Host : public Answerer {
 public:
     Host(const nlohmann::json& description, const Scene* scene)
         : spec_(BackendSpec::parse(description.at("backend"))),
           scene_(scene),
-          program_(description.at("program")) {
+          program_(description.at("program")),
+          device_(device_of(program_.at("device"))) {
         // The process may have had another case before.
         const int threads = program_.at("threads");
         omp_set_num_threads(threads > 0 ? threads : omp_get_num_procs());
@@ -51,6 +56,7 @@ private:
     const BackendSpec spec_;
     const Scene* const scene_;
     const nlohmann::json program_;
+    const DeviceOfThread device_;
     std::optional<SharedState> shared_;
     std::unique_ptr<Backend> backend_;
     std::unique_ptr<CaseRunner> runner_;

@@ -22,7 +22,11 @@ nlohmann::json to_json(const CaseProgram& program) {
     return {{"runner", program.runner},
             {"parameters", program.parameters},
             {"shared", program.shared != nullptr ? program.shared->description() : nlohmann::json()},
-            {"threads", program.threads}};
+            {"threads", program.threads},
+            {"device",
+             {{"number", program.device.number},
+              {"wraps", program.device.wraps},
+              {"parts", program.device.parts}}}};
 }
 
 std::unique_ptr<CaseRunner> make_case_runner(const nlohmann::json& program, const BackendSpec& spec,

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "backends/device_choice.h"
 #include "backends/registry.h"
 #include "harness/process/shared_state.h"
 #include "harness/process/worker.h"
@@ -43,6 +44,9 @@ struct CaseProgram {
     /// side by side each takes its share: a thread that waits for others of its process keeps a processor
     /// from those of another.
     int threads = 0;
+    /// That all backends of the case's process take, from the first on: a backend opens its device when it is
+    /// made.
+    DeviceNumber device = {};
 };
 
 /// What the case's process is told of its program.

@@ -248,11 +248,15 @@ void wait_a_little() { std::this_thread::sleep_for(std::chrono::milliseconds(1))
 
 }  // namespace
 
-nlohmann::json rank_parameters(const RankTask& task, int rank, const SharedMemory& mailroom) {
-    return {{"rank", rank},
-            {"plan", to_json(task.plan)},
-            {"routes", to_json(task.routes)},
-            {"segment", mailroom.segment()}};
+CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mailroom, SharedState* shared) {
+    return {.runner = "rank",
+            .parameters = {{"rank", rank},
+                           {"plan", to_json(task.plan)},
+                           {"routes", to_json(task.routes)},
+                           {"segment", mailroom.segment()}},
+            .shared = shared,
+            // Of rank 0's the study asks first whether it takes the scene as a whole.
+            .device = rank == 0 ? task.plan.first_device() : task.plan.device_of(rank)};
 }
 
 std::unique_ptr<MpiRanks> MpiRanks::join() {
@@ -330,7 +334,7 @@ void MpiRanks::take_part(const RankTask& task, const Means& means) {
         if (fingerprint_of(*scene_) != task.fingerprint)
             throw std::runtime_error("what is " + task.scene + " here is another scene on rank 0");
         shared.emplace(scene_->problem.particle_count());
-        const CaseProgram program{"rank", rank_parameters(task, rank(), memory), &*shared};
+        const CaseProgram program = rank_program(task, rank(), memory, &*shared);
         worker = std::make_unique<Worker>(
             *workers_, case_description(BackendSpec::parse(task.backend), program), means.timeout);
         worker->ask({{"do", "construct"}}, "constructing its backend");

@@ -16,7 +16,9 @@
 #include <string>
 #include <vector>
 
+#include "harness/process/case_runner.h"
 #include "harness/process/shared_memory.h"
+#include "harness/process/shared_state.h"
 #include "harness/process/worker.h"
 #include "harness/ranks/mailboxes.h"
 #include "harness/ranks/open_mpi.h"
@@ -35,8 +37,9 @@ struct RankTask {
     int number = 0;           ///< of the task among all of the study
 };
 
-/// A worker that runs one rank of a task: it makes a `rank` case runner (rank_run.cpp) of these parameters.
-nlohmann::json rank_parameters(const RankTask& task, int rank, const SharedMemory& mailroom);
+/// What a worker runs that is one rank of a task, on the rank's device. `shared`: room for its part of the
+/// state.
+CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mailroom, SharedState* shared);
 
 /// A process of mpirun.
 class MpiRanks {

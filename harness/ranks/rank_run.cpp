@@ -211,6 +211,12 @@ std::string different_devices(const std::vector<RankReport>& reports) {
         return report.device != reports.front().device;
     });
     if (other == reports.end()) return {};
+DeviceNumber RankPlan::first_device() const {
+    DeviceNumber first = device_of(0);
+    first.parts = 1;
+    return first;
+}
+
     return "rank 0 has " + reports.front().device + ", rank " + std::to_string(other - reports.begin()) +
            " " + other->device + ": ranks on different devices are not measured as one";
 }

@@ -26,6 +26,8 @@ struct RankPlan {
     /// Which device each rank takes, over and over. Empty: the next of those that there are.
     std::vector<int> devices = {};
     DeviceNumber device_of(int rank) const;
+    /// That of rank 0, where nothing else is stepped on it.
+    DeviceNumber first_device() const;
     /// How borders travel: "memory", which is what the Exchange does, or one of Capabilities::border_ways,
     /// where all ranks are threads of one process.
     std::string way = "memory";

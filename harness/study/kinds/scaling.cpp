@@ -455,8 +455,11 @@ void Contender::measure(glm::ivec3 cut, const std::string& way) {
     const RankTask task = by_mpi ? this->task(cut) : RankTask();
     const SharedMemory mailroom =
         SharedMemory::of_bytes(by_mpi ? Mailroom::lines(task.routes) * sizeof(Line) : 0);
-    const CaseProgram program = by_mpi ? CaseProgram{"rank", rank_parameters(task, 0, mailroom), &shared}
-                                       : CaseProgram{"scaling", {{"plan", to_json(plan)}}, &shared};
+    const CaseProgram program = by_mpi ? rank_program(task, 0, mailroom, &shared)
+                                       : CaseProgram{.runner = "scaling",
+                                                     .parameters = {{"plan", to_json(plan)}},
+                                                     .shared = &shared,
+                                                     .device = plan.first_device()};
     auto entered = bench_.enter(spec_, program);
     if (!entered) return;
     JournalScope& scope = entered->scope();
@@ -511,7 +514,8 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
     if (tuning != of_rank.options.tuning.end() && tuning->second == "auto")
         tuning->second = std::to_string(threads);
     Capabilities capabilities;
-    if (const auto entered = bench.enter(of_rank, {}); !entered) {
+    const RankPlan any{.devices = bench.options().devices};
+    if (const auto entered = bench.enter(of_rank, {.runner = "", .device = any.first_device()}); !entered) {
         return;
     } else {
         capabilities = capabilities_of(entered->capabilities());
