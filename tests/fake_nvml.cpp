@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,11 @@ std::vector<unsigned> workers() {
     }
     return found;
 }
+
+using Cards = std::map<std::string, unsigned>;
+/// By UUID: by how many MHz the clock has fallen.
+Cards cards;
+std::mutex mutex_of_cards;
 
 }  // namespace
 
@@ -83,14 +89,19 @@ int nvmlInit_v2() { return 0; }
 int nvmlShutdown() { return 0; }
 
 int nvmlDeviceGetHandleByUUID(const char* uuid, void** device) {
-    static int card;
-    *device = &card;
-    return std::strcmp(uuid, "GPU-fake") == 0 ? 0 : 6;  // not found
+    const std::lock_guard lock(mutex_of_cards);
+    *device = &*cards.try_emplace(uuid).first;
+    return std::strncmp(uuid, "GPU-fake", 8) == 0 ? 0 : 6;  // not found
 }
 
-int nvmlDeviceGetClockInfo(void*, int type, unsigned* mhz) {
-    *mhz = fake_clock_mhz;
+int nvmlDeviceGetClockInfo(void* device, int type, unsigned* mhz) {
+    const std::lock_guard lock(mutex_of_cards);
+    auto& [uuid, fallen_mhz] = *static_cast<Cards::pointer>(device);
+    *mhz = fake_clock_mhz - fallen_mhz;
     fake_clock_mhz -= fake_clock_falls_mhz;
+    // Workers have the environment of the test.
+    if (const char* falls = std::getenv("FAKE_FALLING_CARD"); falls != nullptr && uuid == falls)
+        fallen_mhz += 200;
     return type == 1 ? 0 : 2;  // of multiprocessors
 }
 
@@ -99,7 +110,10 @@ int nvmlDeviceGetComputeRunningProcesses_v3(void*, unsigned* count, void* of_typ
     // No process has a number as great as these.
     constexpr unsigned beyond = 1u << 30;
     std::vector<unsigned> all = fake_lists_workers ? workers() : std::vector<unsigned>();
-    for (unsigned i = 0; i < fake_strangers; ++i) all.push_back(beyond + i);
+    const char* const strangers = std::getenv("FAKE_STRANGERS");
+    const unsigned count_of_strangers =
+        strangers != nullptr ? unsigned(std::atoi(strangers)) : fake_strangers;
+    for (unsigned i = 0; i < count_of_strangers; ++i) all.push_back(beyond + i);
     const bool fits = *count >= all.size();
     *count = unsigned(all.size());
     for (unsigned i = 0; fits && i < *count; ++i) processes[i] = {all[i], 0, 0, 0};

@@ -7,12 +7,16 @@
 
 #include <atomic>
 #include <chrono>
+#include <cstdlib>
+#include <memory>
 #include <sstream>
 #include <stdexcept>
+#include <string>
 #include <thread>
 #include <vector>
 
 #include "backends/cpu/cpu_backend.h"
+#include "backends/device_choice.h"
 #include "backends/registry.h"
 #include "harness/device/card.h"
 #include "harness/results/result.h"
@@ -123,7 +127,7 @@ public:
         capabilities.api = api_;
         capabilities.family = family_;
         capabilities.family = ApiFamily::cuda;
-        capabilities.uuid = "GPU-fake";
+        capabilities.uuid = number_ == 0 ? "GPU-fake" : "GPU-fake-" + std::to_string(number_);
         return capabilities;
     }
     void upload(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
@@ -131,8 +135,12 @@ public:
     void step(int count) override { sound_->step(count); }
     State download() override { return sound_->download(); }
     StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
+        return sound_->border(particles);
+    }
 
 private:
+    const int number_ = DeviceOfThread::now().number;
     std::string api_;
     ApiFamily family_;
     std::unique_ptr<Backend> sound_;
@@ -216,6 +224,36 @@ TEST_F(CardInAStudy, IsWatchedWhereTheDriverHasOtherNumbersForProcesses) {
     *strangers_ = 3;
     EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"),
                 HasSubstr("other processes computed on the card (1)"));
+}
+
+/// The one row of two ranks, each on a card of its own.
+nlohmann::json row_of_two_cards() {
+    Study study;
+    study.name = "test";
+    study.kind = "scaling";
+    study.repetitions = 4;
+    study.backends = {"on_card"};
+    study.settings = {{"ranks", {2}}, {"ways", {"memory"}}};
+    study.scenes = {{"box@4", 4, {}}};
+    StudyOptions options;
+    options.ranks = 2;
+    const nlohmann::json result = run_study(study, options);
+    return result.at("scaling").empty() ? result.at("failed").at(0) : result.at("scaling").at(0);
+}
+
+TEST_F(CardInAStudy, IsWatchedWhicheverRankItIsOf) {
+    setenv("FAKE_FALLING_CARD", "GPU-fake-1", 1);
+    setenv("FAKE_STRANGERS", "3", 1);  // one of which is the ranks' process, by another number
+    const nlohmann::json row = row_of_two_cards();
+    unsetenv("FAKE_FALLING_CARD");
+    unsetenv("FAKE_STRANGERS");
+    const std::string noisy = row.value("noisy", nlohmann::json::array()).dump();
+    EXPECT_THAT(noisy, HasSubstr("the card's clock moved (between 1380 and 1980 MHz, rank 1)"));
+    EXPECT_THAT(noisy, ::testing::Not(HasSubstr("MHz, rank 0")));
+    EXPECT_THAT(noisy, HasSubstr("other processes computed on the card (2, rank 0)"));
+    EXPECT_THAT(noisy, HasSubstr("other processes computed on the card (2, rank 1)"));
+    EXPECT_EQ(row.value("min_card_mhz", 0), 1380) << row.dump(2);
+    EXPECT_EQ(row.value("max_card_mhz", 0), 1980);
 }
 
 /// The one row of an energy study of `on_card`.

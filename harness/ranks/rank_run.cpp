@@ -1,6 +1,7 @@
 #include "harness/ranks/rank_run.h"
 
 #include <omp.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -9,11 +10,14 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stdexcept>
+#include <system_error>
 #include <thread>
 #include <utility>
-#include <system_error>
 
+#include "harness/device/card.h"
+#include "harness/device/noise.h"
 #include "harness/ranks/sample.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
@@ -88,6 +92,30 @@ void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& repo
         report.seconds_per_byte = std::max(0.0, with_borders - report.latency) / double(report.border_bytes);
 }
 
+/// A rank's card as it is after a batch.
+class WatchedCard {
+public:
+    /// Of no card, or of one that cannot be watched, it tells nothing.
+    explicit WatchedCard(const std::string& uuid) {
+        if (uuid.empty()) return;
+        try {
+            card_.emplace(uuid);
+        } catch (const std::runtime_error&) {
+            // The result says of the first card why it is not watched.
+        }
+    }
+    /// Right after a batch, before the card's clock has had time to fall.
+    void look(RankReport& report) const {
+        if (!card_) return;
+        if (const auto mhz = card_->clock_mhz()) report.card_mhz.push_back(*mhz);
+        if (const auto processes = card_->processes())
+            report.other_users.push_back(other_processes(*processes, {.all = {getpid()}, .on_card = 1}));
+    }
+
+private:
+    std::optional<Card> card_;
+};
+
 /// What the threads of one run share, as long as any of them is there.
 struct Together {
     BackendSpec spec;
@@ -122,6 +150,21 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
     all->changed.notify_all();
 }
 
+/// One thread per rank. Where the system starts no more of them the run has failed, and those that were
+/// started end as where a rank fails: they work on what the caller gave until then.
+void start_threads(const std::shared_ptr<Together>& all) {
+    for (int rank = 0, ranks = all->at_work; rank < ranks; ++rank) {
+        try {
+            std::thread(run_as_thread, all, rank).detach();
+        } catch (const std::system_error& error) {
+            all->mailroom.fail("rank " + std::to_string(rank) + ": no thread for it: " + error.what());
+            const std::lock_guard lock(all->mutex);
+            all->at_work -= ranks - rank;
+            return;
+        }
+    }
+}
+
 /// Waits for all, or where one has failed a little longer for those that can still end.
 void wait_for(Together& all) {
     constexpr Seconds between_looks(0.05), grace(1);
@@ -150,21 +193,6 @@ RankPlan rank_plan_of(const nlohmann::json& json) {
     const nlohmann::json& cut = json.at("cut");
     std::vector<Decomposition::Brick> sampled;
     for (const nlohmann::json& brick : json.at("sampled")) sampled.push_back(brick_of(brick));
-/// One thread per rank. Where the system starts no more of them the run has failed, and those that were
-/// started end as where a rank fails: they work on what the caller gave until then.
-void start_threads(const std::shared_ptr<Together>& all) {
-    for (int rank = 0, ranks = all->at_work; rank < ranks; ++rank) {
-        try {
-            std::thread(run_as_thread, all, rank).detach();
-        } catch (const std::system_error& error) {
-            all->mailroom.fail("rank " + std::to_string(rank) + ": no thread for it: " + error.what());
-            const std::lock_guard lock(all->mutex);
-            all->at_work -= ranks - rank;
-            return;
-        }
-    }
-}
-
     return {.steps = json.at("steps"),
             .repetitions = json.at("repetitions"),
             .start_patience = Seconds(json.at("start_patience").get<double>()),
@@ -183,14 +211,21 @@ DeviceNumber RankPlan::device_of(int rank) const {
     return {.number = number_of(rank), .wraps = false, .parts = parts};
 }
 
+DeviceNumber RankPlan::first_device() const {
+    DeviceNumber first = device_of(0);
+    first.parts = 1;
+    return first;
+}
+
 nlohmann::json to_json(const RankReport& report) {
     nlohmann::json batches = nlohmann::json::array();
     for (const RankBatch& batch : report.batches)
         batches.push_back({batch.total, batch.compute, batch.exchange, batch.waiting});
-    return {{"batches", batches},        {"own", report.own},
-            {"ghosts", report.ghosts},   {"border_bytes", report.border_bytes},
-            {"latency", report.latency}, {"seconds_per_byte", report.seconds_per_byte},
-            {"device", report.device},   {"uuid", report.uuid}};
+    return {{"batches", batches},          {"own", report.own},
+            {"ghosts", report.ghosts},     {"border_bytes", report.border_bytes},
+            {"latency", report.latency},   {"seconds_per_byte", report.seconds_per_byte},
+            {"device", report.device},     {"uuid", report.uuid},
+            {"card_mhz", report.card_mhz}, {"other_users", report.other_users}};
 }
 
 RankReport rank_report_of(const nlohmann::json& json) {
@@ -200,7 +235,9 @@ RankReport rank_report_of(const nlohmann::json& json) {
                       .latency = json.at("latency"),
                       .seconds_per_byte = json.at("seconds_per_byte"),
                       .device = json.at("device"),
-                      .uuid = json.at("uuid")};
+                      .uuid = json.at("uuid"),
+                      .card_mhz = json.at("card_mhz"),
+                      .other_users = json.at("other_users")};
     for (const auto& batch : json.at("batches"))
         report.batches.push_back({batch.at(0), batch.at(1), batch.at(2), batch.at(3)});
     return report;
@@ -211,12 +248,6 @@ std::string different_devices(const std::vector<RankReport>& reports) {
         return report.device != reports.front().device;
     });
     if (other == reports.end()) return {};
-DeviceNumber RankPlan::first_device() const {
-    DeviceNumber first = device_of(0);
-    first.parts = 1;
-    return first;
-}
-
     return "rank 0 has " + reports.front().device + ", rank " + std::to_string(other - reports.begin()) +
            " " + other->device + ": ranks on different devices are not measured as one";
 }
@@ -283,6 +314,7 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     // may not in another.
     if (scene.edits.empty() && runner.keep_start(backend)) part.state = {};
     turn = {};
+    const WatchedCard card(report.uuid);
     exchange.set_patience(plan.start_patience);
     meet(exchange);
     backend.connect();
@@ -301,11 +333,17 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
         const RankSeconds seconds = backend.take_seconds();
         if (const auto divergence = backend.divergence())
             throw std::runtime_error(describe(*divergence, monitor));
-        if (repetition > 0 && repetition <= plan.repetitions)
+        if (repetition > 0 && repetition <= plan.repetitions) {
+            card.look(report);
             report.batches.push_back({total, seconds.compute, seconds.exchange, seconds.waiting});
+        }
         if (repetition <= plan.repetitions) continue;
         for (RankBatch& batch : report.batches)
             batch = {batch.total, seconds.compute, seconds.exchange, seconds.waiting};
+    }
+    if (backend.goes_by_device()) {
+        meet(exchange);
+        backend.disconnect();
     }
     turn = turn_of_rank(scene);
     leave(subdomain, backend.download(), scene.problem, plan, left);
@@ -336,7 +374,3 @@ std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scen
 }
 
 }  // namespace voxspring
-    if (backend.goes_by_device()) {
-        meet(exchange);
-        backend.disconnect();
-    }

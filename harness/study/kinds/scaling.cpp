@@ -102,6 +102,24 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
     row.waiting_seconds = busiest.waiting / steps;
 }
 
+/// What was seen of the card of each rank. Ranks of several processes on one card are no strangers there.
+void take_cards(const std::vector<RankReport>& reports, bool processes, ScalingRow& row) {
+    for (const RankReport& report : reports) {
+        Observed seen{.card_mhz = report.card_mhz, .other_users = report.other_users};
+        const auto is_beside = [&](const RankReport& other) { return other.uuid == report.uuid; };
+        const auto beside = unsigned(std::count_if(reports.begin(), reports.end(), is_beside) - 1);
+        for (unsigned& users : seen.other_users) users -= std::min(users, processes ? beside : 0);
+        for (const unsigned mhz : seen.card_mhz) {
+            row.row.min_card_mhz = std::min(row.row.min_card_mhz.value_or(mhz), mhz);
+            row.row.max_card_mhz = std::max(row.row.max_card_mhz.value_or(mhz), mhz);
+        }
+        for (std::string reason : reasons_of_noise(seen)) {
+            reason.insert(reason.size() - 1, ", rank " + std::to_string(&report - reports.data()));
+            row.row.noisy.push_back(reason);
+        }
+    }
+}
+
 void take_sizes(const std::vector<RankReport>& reports, ScalingRow& row) {
     for (const RankReport& report : reports) {
         row.largest_part = std::max<std::uint64_t>(row.largest_part, report.own + report.ghosts);
@@ -359,6 +377,7 @@ ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std
     row.way = way;
     take_sizes(reports, row);
     take_times(reports, bench_.item().steps, row);
+    take_cards(reports, way == "mpi", row);
     const auto threads = spec_.options.tuning.find("threads");
     const bool are_known = threads != spec_.options.tuning.end();
     // By MPI the process that keeps a rank's worker carries its messages meanwhile.
