@@ -407,7 +407,7 @@ def devices(old, new, options):
                            f"{json.dumps(before)}, as in {old.path}, or --across-devices to compare fractions of their limits")
         cards |= before == after and card != other_card
     notes = ["the card is another one of the same model"] if cards else []
-    for key in ("gpu", "driver", "gl_renderer", "cpu", "compiler", "flags", "cuda_compiler", "cuda_flags"):
+    for key in ("gpu", "driver", "gl_renderer", "cpu", "compiler", "flags", "study_flags", "cuda_compiler", "cuda_flags"):
         before, after = old.context.get(key), new.context.get(key)
         if before != after and key in old.context and key in new.context:
             notes.append(f"{key}: {before} -> {after}")

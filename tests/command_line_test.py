@@ -382,6 +382,9 @@ class Study(InTemporaryFolder):
             self.assertTrue(any(line.endswith(": " + reason) for line in lines), reason)
         self.assertEqual(result["failed"], [])
         self.assertIn("% of roofline", table)
+        self.assertIn(build["order_seed"], range(1 << 32))
+        self.assertTrue(build["study_flags"].startswith(build["flags"]))
+        self.assertEqual(build["study_flags"].endswith(" -O1"), "-O3" in build["flags"])
         self.assertEqual(result["context"]["library_build_type"], "release" if "-DNDEBUG" in build["flags"] else "debug")
         for family in {b["api"].split()[0] for b in result["context"]["voxspring"]["backends"].values()}:
             self.assertIn(f"limits of {family}: ", table)

@@ -32,10 +32,6 @@
 #include "harness/scene/scene_runner.h"
 #include "tests/support.h"
 
-namespace voxspring::testing {
-namespace {
-
-using ::testing::ElementsAre;
 // Sanitizers start threads themselves.
 #if !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__) && !defined(__clang__)
 #define VOXSPRING_COUNTS_THREADS
@@ -55,6 +51,10 @@ extern "C" int pthread_create(pthread_t* thread, const pthread_attr_t* attribute
 }
 #endif
 
+namespace voxspring::testing {
+namespace {
+
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 std::string message_of(const std::function<void()>& action) {
@@ -293,10 +293,6 @@ public:
             }
         }
     }
-    /// Whether all that these borders await has been sent.
-    bool is_here() const {
-        return std::all_of(links_.begin(), links_.end(),
-                           [&](const Link& link) { return link.own->sent > received_; });
     void take_over(DeviceBorders& before) override {
         if (connected_ || !dynamic_cast<FakeBorders&>(before).connected_)
             throw std::logic_error("taken over when it is connected, or from what is not");
@@ -306,6 +302,10 @@ public:
     /// How often, of all.
     static inline std::atomic<int> taken_over = 0, disconnected = 0;
 
+    /// Whether all that these borders await has been sent.
+    bool is_here() const {
+        return std::all_of(links_.begin(), links_.end(),
+                           [&](const Link& link) { return link.own->sent > received_; });
     }
     void send() override {
         ++sent_;
@@ -605,9 +605,22 @@ TEST(RanksInProcessesOfTheirOwn, MakeEveryBackendOnTheirDevice) {
 }
 
 TEST(RankRuns, EndWhereARankFails) {
+    FakeBorders::disconnected = 0;
     for (const char* way : {"memory", "peer"})
         EXPECT_EQ(error_of("rank_throws", way), "rank 1: the device is lost");
+    EXPECT_EQ(FakeBorders::disconnected, 0);
 }
+
+#ifdef VOXSPRING_COUNTS_THREADS
+TEST(RankRuns, EndWhereTheSystemStartsNoFurtherThread) {
+    for (const int started : {0, 1}) {
+        threads_to_start = started;
+        const std::string message = error_of("cpu_reference");
+        threads_to_start = -1;
+        EXPECT_THAT(message, HasSubstr("rank " + std::to_string(started) + ": no thread for it: "));
+    }
+}
+#endif
 
 TEST(RankRuns, EndWhereARankHangs) {
     for (const char* way : {"memory", "peer"})
@@ -624,9 +637,14 @@ TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
         (void)run_ranks_as_threads(spec, whole, plan_of(1, "peer"), one);
         for (const glm::ivec3 cut : {glm::ivec3(1, 1, 2), {1, 1, 3}, {1, 1, 4}, {2, 1, 2}, {2, 2, 2}}) {
             State state = state_at_rest(whole.problem);
+            FakeBorders::taken_over = FakeBorders::disconnected = 0;
             const std::vector<RankReport> reports =
                 run_ranks_as_threads(spec, whole, plan_of(cut, "peer"), state);
             expect_same_bits(state, one);
+            const int ranks = int(reports.size());
+            // Edits have each repetition, and the one that takes times apart, upload anew.
+            EXPECT_EQ(FakeBorders::taken_over, edited ? (plan.repetitions + 1) * ranks : 0);
+            EXPECT_EQ(FakeBorders::disconnected, ranks);
             for (const RankReport& report : reports) {
                 ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
                 for (const RankBatch& batch : report.batches) {
@@ -648,10 +666,8 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
     const int last = whole.edits.back().step + 1;
     ASSERT_LT(last, plan.steps);
     Problem edited = problem_after(whole, last);
-    FakeBorders::disconnected = 0;
     const Spring lowest = list_springs(edited).front();
     SpringEditor editor(edited);
-    EXPECT_EQ(FakeBorders::disconnected, 0);
     const std::vector<std::pair<std::uint32_t, std::uint32_t>> ends = {{lowest.first, lowest.second}};
     whole.edits.push_back({last, editor.cut(ends)});
     const BackendSpec spec = BackendSpec::parse("rank_within_steps");
@@ -669,14 +685,9 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
         expect_same_bits(state, one);
     }
     EXPECT_THAT(error_of("rank_within_steps", "peer"), HasSubstr("its borders do not go by peer"));
-            FakeBorders::taken_over = FakeBorders::disconnected = 0;
     EXPECT_THAT(error_of("rank_within_steps"), HasSubstr("it gives no borders"));
 }
 
-            const int ranks = int(reports.size());
-            // Edits have each repetition, and the one that takes times apart, upload anew.
-            EXPECT_EQ(FakeBorders::taken_over, edited ? (plan.repetitions + 1) * ranks : 0);
-            EXPECT_EQ(FakeBorders::disconnected, ranks);
 TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
     const Scene whole = scene();
     State state = state_at_rest(whole.problem);

@@ -41,11 +41,11 @@
 #include "harness/process/journal.h"
 #include "harness/process/scene_stream.h"
 #include "harness/process/shared_state.h"
+#include "harness/process/signal_process.h"
 #include "harness/process/worker.h"
 #include "harness/process/worker_main.h"
 #include "harness/study/timing_runner.h"
 #include "harness/verification/reference.h"
-#include "harness/process/signal_process.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {
@@ -835,10 +835,6 @@ std::uint64_t bytes_said_by(Worker& worker) {
     return worker.ask({{"do", "step work"}}, "counting").at("bytes");
 }
 
-TEST(AWorkerThatIsKept, TakesUpTheNextWorkOfItsKindOnTheSceneOfThatTime) {
-    const Scene large = load_scene("box@9"), small = load_scene("box@5");
-    Workers workers({}, &large);
-    auto worker = workers.take("test", description_of("test_sound"), minute);
 TEST(Signals, GoToOneProcessAndNeverToAll) {
     // Signal 0 says whether there is such a process, and does nothing to it.
     EXPECT_TRUE(signal_process(getpid(), 0));
@@ -846,6 +842,10 @@ TEST(Signals, GoToOneProcessAndNeverToAll) {
         EXPECT_THROW(signal_process(none, 0), std::logic_error) << none;
 }
 
+TEST(AWorkerThatIsKept, TakesUpTheNextWorkOfItsKindOnTheSceneOfThatTime) {
+    const Scene large = load_scene("box@9"), small = load_scene("box@5");
+    Workers workers({}, &large);
+    auto worker = workers.take("test", description_of("test_sound"), minute);
     const auto process = worker->process();
     const std::uint64_t bytes = bytes_said_by(*worker);
     workers.keep_or_dismiss("test", worker);
@@ -1041,35 +1041,6 @@ class AWorkersProgram : public StudyFile {
 protected:
     std::filesystem::path program_ = folder_.path() / "worker";
     void SetUp() override { std::filesystem::copy_file("/proc/self/exe", program_); }
-    std::string refusal_of(const std::filesystem::path& program) {
-        StudyOptions options;
-        options.worker = program;
-        try {
-            const nlohmann::json result = run_study(study_of({"test_sound"}), options);
-            return "accepted, " + std::to_string(result.at("failed").size()) + " failed";
-        } catch (const BadInput& error) {
-            return error.what();
-        }
-    }
-};
-
-TEST_F(AWorkersProgram, MayBeAnotherFileOfTheSameBuild) {
-    EXPECT_EQ(refusal_of(program_), "accepted, 0 failed");
-}
-
-TEST_F(AWorkersProgram, OfAnotherBuildIsRefused) {
-    nlohmann::json build = build_of_workers();
-    const std::string commit = build.at("commit");
-    build["commit"] = "another one";
-    say({build});
-    EXPECT_THAT(refusal_of(program_), ::testing::AllOf(HasSubstr(program_.string()), HasSubstr("another one"),
-                                                       HasSubstr("the same build"), HasSubstr(commit)));
-}
-
-TEST_F(AWorkersProgram, ThatKnowsNothingOfWorkersIsRefused) {
-    EXPECT_THAT(refusal_of("/bin/true"), ::testing::AllOf(HasSubstr("/bin/true"), HasSubstr("worker_main")));
-    EXPECT_THAT(refusal_of(folder_.path() / "none"),
-                ::testing::AllOf(HasSubstr("none"), HasSubstr("No such file")));
     /// Makes it one that says these messages, the first of which is its build, and ignores what it is asked.
     void say(const std::vector<nlohmann::json>& messages) {
         const std::string words = (folder_.path() / "words").string();
@@ -1082,25 +1053,18 @@ TEST_F(AWorkersProgram, ThatKnowsNothingOfWorkersIsRefused) {
         }
         std::ofstream(program_) << "#!/bin/sh\ncat " + words + " >&3\nexec cat <&3 >/dev/null\n";
     }
-}
+    std::string refusal_of(const std::filesystem::path& program) {
+        StudyOptions options;
+        options.worker = program;
+        try {
+            const nlohmann::json result = run_study(study_of({"test_sound"}), options);
+            return "accepted, " + std::to_string(result.at("failed").size()) + " failed";
+        } catch (const BadInput& error) {
+            return error.what();
+        }
+    }
+};
 
-TEST(AScene, ArrivesInAnotherProcessAsItIs) {
-    Scene sent = load_scene("incision");
-    sent.source = "somewhere";
-    sent.problem.gravity.y = std::numeric_limits<double>::infinity();
-    take_hold(sent.problem, {.particles = {1, 5}, .held = {{0, 0, 1}, {0, 2, 0}}, .stiffness = 0.5});
-    const std::string still = fingerprint_of(sent);
-    sent.tool_motion = {.every = 3, .time = {0, 1}, .displacement = {{0, 0, 0}, {1, 2, 3}}};
-    EXPECT_NE(fingerprint_of(sent), still);
-    const auto arrived = [](const Scene* scene, pid_t receiver = getpid()) {
-        int ends[2];
-        if (socketpair(AF_UNIX, SOCK_STREAM, 0, ends) != 0) throw std::runtime_error("no sockets");
-        std::thread sender([&] { send_scene(ends[0], scene, receiver); });
-        std::optional<Scene> received = receive_scene(ends[1]);
-        sender.join();
-        for (const int end : ends) close(end);
-        return received;
-    };
 TEST(AProgramsOptions, ThatNothingCanBeMeasuredWithAreRefused) {
     const auto refusal_of = [](const auto& change) -> std::string {
         StudyOptions options;
@@ -1124,6 +1088,56 @@ TEST(AProgramsOptions, ThatNothingCanBeMeasuredWithAreRefused) {
     EXPECT_THAT(refusal_of([](Options& options) { options.timeout = {}; }), HasSubstr("timeout: 0 s is"));
 }
 
+TEST_F(AWorkersProgram, MayBeAnotherFileOfTheSameBuild) {
+    EXPECT_EQ(refusal_of(program_), "accepted, 0 failed");
+}
+
+TEST_F(AWorkersProgram, OfAnotherBuildIsRefused) {
+    nlohmann::json build = build_of_workers();
+    const std::string commit = build.at("commit");
+    build["commit"] = "another one";
+    say({build});
+    EXPECT_THAT(refusal_of(program_), ::testing::AllOf(HasSubstr(program_.string()), HasSubstr("another one"),
+                                                       HasSubstr("the same build"), HasSubstr(commit)));
+}
+
+// Otherwise the socket of its worker would be taken for the answer to the next request.
+TEST_F(AWorkersProgram, WhoseAnswerComesHalfIsLost) {
+    say({build_of_workers(), {{"ready", true}}, {{"process", 1}}});
+    Launcher launcher(program_, nullptr, std::chrono::milliseconds(200));
+    for (int n = 0; n < 2; ++n) {
+        EXPECT_THAT([&] { (void)launcher.start({}); },
+                    ThrowsMessage<std::runtime_error>(HasSubstr("the process that starts others")));
+        EXPECT_TRUE(launcher.is_lost());
+    }
+}
+
+TEST_F(AWorkersProgram, ThatKnowsNothingOfWorkersIsRefused) {
+    EXPECT_THAT(refusal_of("/bin/true"), ::testing::AllOf(HasSubstr("/bin/true"), HasSubstr("worker_main")));
+    EXPECT_THAT(refusal_of(folder_.path() / "none"),
+                ::testing::AllOf(HasSubstr("none"), HasSubstr("No such file")));
+}
+
+TEST(AScene, ArrivesInAnotherProcessAsItIs) {
+    Scene sent = load_scene("incision");
+    sent.source = "somewhere";
+    sent.problem.gravity.y = std::numeric_limits<double>::infinity();
+    take_hold(sent.problem, {.particles = {1, 5}, .held = {{0, 0, 1}, {0, 2, 0}}, .stiffness = 0.5});
+    const std::string still = fingerprint_of(sent);
+    sent.tool_motion = {.every = 3, .time = {0, 1}, .displacement = {{0, 0, 0}, {1, 2, 3}}};
+    const std::string whole = fingerprint_of(sent);
+    EXPECT_NE(whole, still);
+    sent.problem.ghosts = {2, 3};
+    EXPECT_NE(fingerprint_of(sent), whole);
+    const auto arrived = [](const Scene* scene, pid_t receiver = getpid()) {
+        int ends[2];
+        if (socketpair(AF_UNIX, SOCK_STREAM, 0, ends) != 0) throw std::runtime_error("no sockets");
+        std::thread sender([&] { send_scene(ends[0], scene, receiver); });
+        std::optional<Scene> received = receive_scene(ends[1]);
+        sender.join();
+        for (const int end : ends) close(end);
+        return received;
+    };
     EXPECT_FALSE(arrived(nullptr));
     // Of so many bytes that it is written into memory where that is allowed. No process has the number 0.
     ASSERT_GE(sent.problem.rest_position.size() * sizeof(glm::dvec3), std::size_t(1) << 22);
@@ -1160,17 +1174,15 @@ TEST(AJournal, ThatCannotBeReadIsNoEmptyOne) {
             Journal("/proc/self/mem", {{"scenes", {"box"}}}, true);
         },
         ThrowsMessage<Unwritten>(HasSubstr("cannot read /proc/self/mem: ")));
-// Otherwise the socket of its worker would be taken for the answer to the next request.
-TEST_F(AWorkersProgram, WhoseAnswerComesHalfIsLost) {
-    say({build_of_workers(), {{"ready", true}}, {{"process", 1}}});
-    Launcher launcher(program_, nullptr, std::chrono::milliseconds(200));
-    for (int n = 0; n < 2; ++n) {
-        EXPECT_THAT([&] { (void)launcher.start({}); },
-                    ThrowsMessage<std::runtime_error>(HasSubstr("the process that starts others")));
-        EXPECT_TRUE(launcher.is_lost());
-    }
 }
 
+TEST(AJournal, OfASceneWhoseNameIsNotUtf8IsGoneOnWith) {
+    const nlohmann::json study = {{"scenes", {"b\xf6x.json"}}};
+    const auto file = std::filesystem::temp_directory_path() / ("voxspring_utf8_" + std::to_string(getpid()));
+    std::filesystem::remove(file);
+    Journal(file, study, false);
+    EXPECT_NO_THROW(Journal(file, study, true));
+    std::filesystem::remove(file);
 }
 
 TEST(AJournal, SaysWhereTwoStudiesDifferInWords) {
@@ -1190,12 +1202,3 @@ TEST(AJournal, SaysWhereTwoStudiesDifferInWords) {
 
 }  // namespace
 }  // namespace voxspring::testing
-TEST(AJournal, OfASceneWhoseNameIsNotUtf8IsGoneOnWith) {
-    const nlohmann::json study = {{"scenes", {"b\xf6x.json"}}};
-    const auto file = std::filesystem::temp_directory_path() / ("voxspring_utf8_" + std::to_string(getpid()));
-    std::filesystem::remove(file);
-    Journal(file, study, false);
-    EXPECT_NO_THROW(Journal(file, study, true));
-    std::filesystem::remove(file);
-}
-

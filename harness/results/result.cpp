@@ -204,6 +204,7 @@ nlohmann::json build_context() {
             {"clean", version_clean},
             {"compiler", version_compiler},
             {"flags", version_flags},
+            {"study_flags", version_study_flags},
             {"cuda_compiler", or_null(version_cuda_compiler)},
             {"cuda_flags", or_null(version_cuda_flags)},
             {"cuda_architectures", or_null(version_cuda_architectures)},

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdint>
 #include <optional>
-#include <random>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -421,7 +420,7 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
 int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     std::vector<TimedCase*> order;
     for (TimedCase& one : cases) order.insert(order.end(), std::size_t(one.missing()), &one);
-    std::shuffle(order.begin(), order.end(), std::mt19937(std::random_device{}()));
+    std::shuffle(order.begin(), order.end(), bench.order());
     const int total = int(order.size());
     int done = 0;
     for (TimedCase* one : order) {

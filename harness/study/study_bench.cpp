@@ -3,8 +3,10 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <optional>
+#include <random>
 #include <stdexcept>
 #include <utility>
 
@@ -211,6 +213,15 @@ std::string StudyBench::refusal_of(Case& benchmark_case) {
         watch_card(uuid);
     }
     return unsupported;
+}
+
+std::mt19937& StudyBench::order() {
+    if (!order_) {
+        const std::uint32_t seed = std::random_device{}();
+        context()["order_seed"] = seed;
+        order_.emplace(seed);
+    }
+    return *order_;
 }
 
 /// All backends that compute on a card do so on one.

@@ -6,6 +6,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <random>
 #include <span>
 #include <string>
 #include <vector>
@@ -87,6 +88,8 @@ public:
     void add_failure(Case& benchmark_case);
 
     References& references() { return references_; }
+    /// Puts repetitions of several cases in a random order. The result tells its seed.
+    std::mt19937& order();
     const Card* card() const { return card_.get(); }  ///< null: there is none, or it cannot be watched
     /// What is being done, and how much of the scene's measurements is.
     void show(const std::string& what, int done, int total) { progress_.show(what, done, total); }
@@ -118,6 +121,7 @@ private:
     std::vector<BackendSpec> specs_;
     MeasuredLimits limits_;
     std::unique_ptr<Card> card_;
+    std::optional<std::mt19937> order_;
     References references_;  ///< tells how far they are, and ends with Interrupted
 };
 

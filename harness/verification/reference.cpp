@@ -84,33 +84,37 @@ void add(Hash& hash, const Spring& spring) {
 /// All that a trajectory is computed from.
 void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(steps);
-    const Problem& problem = scene.problem;
-    hash.add_numbers(problem.rest_position);
-    for (const Material& material : problem.materials) {
-        hash.add_number(material.mass);
-        hash.add_number(material.stiffness);
+    // Taken apart as a whole: a further member does not compile before it is here.
+    const auto& [rest_position, materials, material, pinned, ghosts, load, tool, lattice, rest_length,
+                 group_stiffness, group_bits, springs, gravity, damping, time_step] = scene.problem;
+    hash.add_numbers(rest_position);
+    for (const Material& one : materials) {
+        hash.add_number(one.mass);
+        hash.add_number(one.stiffness);
     }
-    hash.add_numbers(problem.material);
-    hash.add_numbers(problem.pinned);
-    hash.add_numbers(problem.load);
-    hash.add_number(problem.lattice.dims);
-    hash.add_number(problem.lattice.spacing);
-    hash.add_numbers(problem.lattice.voxel);
-    hash.add_numbers(problem.lattice.mask);
-    hash.add_number(problem.rest_length);
-    hash.add_number(problem.group_stiffness);
-    hash.add_number(problem.group_bits);
-    hash.add_number(problem.springs.size());
-    for (const Spring& spring : problem.springs) add(hash, spring);
-    hash.add_number(problem.gravity);
-    hash.add_number(problem.damping);
-    hash.add_number(problem.time_step);
-    add_start(hash, scene.state.displacement, problem.particle_count());
-    add_start(hash, scene.state.increment, problem.particle_count());
-    if (problem.has_tool()) {  // which leaves the seeds of scenes without one as they are
-        hash.add_numbers(problem.tool.particles);
-        hash.add_numbers(problem.tool.held);
-        hash.add_number(problem.tool.stiffness);
+    hash.add_numbers(material);
+    hash.add_numbers(pinned);
+    hash.add_numbers(load);
+    hash.add_number(lattice.dims);
+    hash.add_number(lattice.spacing);
+    hash.add_numbers(lattice.voxel);
+    hash.add_numbers(lattice.mask);
+    hash.add_number(rest_length);
+    hash.add_number(group_stiffness);
+    hash.add_number(group_bits);
+    hash.add_number(springs.size());
+    for (const Spring& spring : springs) add(hash, spring);
+    hash.add_number(gravity);
+    hash.add_number(damping);
+    hash.add_number(time_step);
+    add_start(hash, scene.state.displacement, scene.problem.particle_count());
+    add_start(hash, scene.state.increment, scene.problem.particle_count());
+    // These leave the seeds of scenes without them as they are.
+    if (!ghosts.empty()) hash.add_numbers(ghosts);
+    if (scene.problem.has_tool()) {
+        hash.add_numbers(tool.particles);
+        hash.add_numbers(tool.held);
+        hash.add_number(tool.stiffness);
         hash.add_number(scene.tool_motion.every);
         hash.add_numbers(scene.tool_motion.time);
         hash.add_numbers(scene.tool_motion.displacement);
