@@ -285,9 +285,8 @@ TEST_F(LiveDrawingTest, DrawsOnTheDeviceOrByTheHostAndFollowsEdits) {
 }
 
 TEST_F(LiveDrawingTest, ALaunchThatWaitsForTicksEndsForANewMesh) {
-    if (!registry().contains("cuda_resident")) GTEST_SKIP() << "no CUDA in this build";
     std::unique_ptr<Backend> backend;
-    make_or_skip(BackendSpec::parse("cuda_resident:ticks=resident"), backend);
+    make_or_skip("cuda_resident:ticks=resident", backend);
     if (IsSkipped()) return;
     Problem problem = stepped_body();
     take_hold(problem, {.particles = {0, 1}, .held = {glm::dvec3(0), glm::dvec3(0)}, .stiffness = 0.125});

@@ -19,6 +19,7 @@
 #include "backends/layout/work.h"
 #include "backends/limits.h"
 #include "backends/registry.h"
+#include "tests/required.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -477,16 +478,11 @@ TEST(CpuLimits, ArePositiveAndRepeat) {
 }
 
 TEST(CudaLimits, ArePositiveAndRepeat) {
-    if (!registry().contains("cuda_implicit_device")) GTEST_SKIP() << "no CUDA in this build";
-    const BackendSpec spec = BackendSpec::parse("cuda_implicit_device");
     std::unique_ptr<Backend> backend;
-    try {
-        backend = spec.make();
-    } catch (const Unavailable& absent) {
-        GTEST_SKIP() << absent.what();
-    }
+    make_or_skip("cuda_implicit_device", backend);
+    if (!backend) return;
     const DeviceLimits first = backend->measure_limits();
-    const DeviceLimits second = spec.make()->measure_limits();
+    const DeviceLimits second = BackendSpec::parse("cuda_implicit_device").make()->measure_limits();
     expect_rate(first.copy_bytes_per_second);
     expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
     expect_rate(first.cached_copy_bytes_per_second);

@@ -45,4 +45,12 @@ inline void make_or_skip(const BackendSpec& spec, std::unique_ptr<Backend>& back
     }
 }
 
+/// The same by its text, of a backend that this build may have left out.
+inline void make_or_skip(const std::string& text, std::unique_ptr<Backend>& backend) {
+    const auto absent = left_out().find(text.substr(0, text.find(':')));
+    if (absent == left_out().end()) return make_or_skip(BackendSpec::parse(text), backend);
+    if (is_required(absent->first)) FAIL() << "required and not in this build: " << absent->second;
+    GTEST_SKIP() << "not in this build: " << absent->second;
+}
+
 }  // namespace voxspring::testing

@@ -1,0 +1,128 @@
+#!/bin/bash
+# A newcomer's first hour: `./run study` and `./run test` of a clone of this tree's commit, in a minimal Debian 12 that has git and
+# neither a compiler, nor make, nor nvcc, nor a graphics card.
+#
+# Exit code: 0 both did what README says; 1 one of them did not; 77 it cannot be tried here, and the last line says why.
+#
+# The Debian is made by debootstrap from where this machine's apt-get takes its packages, and kept as build/bare/debian.tar; the
+# packages that `run` installs in it are kept in build/bare/archives. It lives in a temporary folder and runs in namespaces that are
+# private to it, where /dev is a file system with six devices: nothing in there can name one of this machine. Compilations
+# are taken from the cache of this machine's other stages, which is all that a newcomer does not have.
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+kept=$root/build/bare
+home=/root/voxspring
+
+# What is neither success nor failure.
+cannot() {
+    echo "$1"
+    exit 77
+}
+
+# "deb URI SUITE COMPONENT" of this release of Debian, from wherever this machine takes it.
+sources() {
+    local codename
+    # shellcheck source=/dev/null  # a file of the system
+    codename=$(. /etc/os-release && echo "${VERSION_CODENAME:-}")
+    # shellcheck disable=SC2016  # the format is apt-get's own
+    apt-get indextargets --format 'deb $(REPO_URI) $(CODENAME) $(COMPONENT)' 'Created-By: Packages' 'Origin: Debian' |
+        awk -v codename="$codename" '$3 == codename || index($3, codename "-") == 1' | sort -u
+}
+
+# --- In the namespaces --------------------------------------------------------------------------------
+# Mounts what a Debian has in the folder $1.
+mount_all() {
+    local system=$1 device
+    mount --bind "$system" "$system"
+    mount -t proc proc "$system/proc"
+    mount -t sysfs -o ro sysfs "$system/sys"
+    mount -t tmpfs -o mode=755,nosuid tmpfs "$system/dev"
+    for device in null:1:3 zero:1:5 full:1:7 random:1:8 urandom:1:9 tty:5:0; do
+        IFS=: read -r name major minor <<<"$device"
+        mknod -m 666 "$system/dev/$name" c "$major" "$minor"
+    done
+    mkdir "$system/dev/pts" "$system/dev/shm"
+    mount -t devpts -o newinstance,ptmxmode=666 devpts "$system/dev/pts"
+    mount -t tmpfs -o mode=1777 tmpfs "$system/dev/shm"
+    ln -s pts/ptmx "$system/dev/ptmx"
+    ln -s /proc/self/fd "$system/dev/fd"
+    mount -t tmpfs -o mode=1777 tmpfs "$system/tmp"
+    mkdir -p "$kept/archives/partial" "$system/ccache"
+    mount --bind "$kept/archives" "$system/var/cache/apt/archives"
+    mount --bind "$CCACHE_DIR" "$system/ccache"
+}
+
+# Runs a command and says how long it took.
+timed() {
+    local TIMEFORMAT="bare: took %R s, in which the processors worked for %U s and the kernel for %S s"
+    time "$@"
+}
+
+# Runs a command in the clone, with no variables but these.
+newcomer() {
+    local proxy keep=()
+    for proxy in http_proxy https_proxy no_proxy; do
+        [ -z "${!proxy:-}" ] || keep+=("$proxy=${!proxy}")
+    done
+    chroot "$system" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin "${keep[@]}" CCACHE_DIR=/ccache \
+        CCACHE_BASEDIR="$home" CCACHE_IGNOREOPTIONS=-Werror CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
+}
+
+try_both() {
+    local system=$1 result backend
+    mount_all "$system"
+    newcomer apt-get -q update --error-on=any >"$kept/log" 2>&1 || cannot "there is no network: $(grep '^E:' "$kept/log" | head -n 1)"
+    # Warnings are no errors in this build: what it compiles is not for stages whose warnings are.
+    for study in smoke default; do
+        echo "bare: ./run study $study"
+        timed newcomer ${BARE_RO-CCACHE_READONLY=1} "$home/run" study "$study" --out "$home/$study.json"
+    done
+    result=$system/$home/default.json
+    for backend in cpu_reference cpu_parallel gl_fragment_implicit gl_compute_implicit vulkan_implicit; do
+        grep -q "\"name\": \"heart/$backend/" "$result" || { echo "bare: no row of $backend on the heart"; return 1; }
+    done
+    echo "bare: ./run test"
+    timed newcomer "$home/run" test
+}
+
+if [ "${1:-}" = --in-namespaces ]; then
+    try_both "$2"
+    exit
+fi
+
+# --- Outside of them ----------------------------------------------------------------------------------
+[ "$(id -u)" = 0 ] || cannot "making a Debian takes root"
+for tool in debootstrap unshare apt-get; do
+    command -v $tool >/dev/null || cannot "there is no $tool"
+done
+unshare --mount --pid --fork true 2>/dev/null || cannot "this root may make no namespaces (docker: --privileged)"
+mapfile -t listed < <(sources)
+[ ${#listed[@]} -gt 0 ] || cannot "apt-get knows no Debian to install from: apt-get update?"
+
+mkdir -p "$kept"
+export CCACHE_DIR=${CCACHE_DIR:-$root/build/ccache}
+mkdir -p "$CCACHE_DIR"
+system=$(mktemp -d "$kept/system-XXXXXX")
+# Nothing of this machine is mounted in it out here.
+trap 'rm -rf --one-file-system "$system"' EXIT
+if [ ! -e "$kept/debian.tar" ]; then
+    echo "bare: making a minimal Debian"
+    read -r _ uri suite _ <<<"$(printf '%s\n' "${listed[@]}" | awk '$3 !~ /-/' | head -n 1)"
+    # ccache is there for speed alone.
+    if ! unshare --mount debootstrap --variant=minbase --include=git,ca-certificates,ccache "$suite" "$system" "$uri" >"$kept/log" 2>&1; then
+        cannot "debootstrap made no Debian from $uri: $(tail -n 1 "$kept/log")"
+    fi
+    chroot "$system" apt-get clean
+    tar --create --one-file-system --file "$kept/debian.tar.part" --directory "$system" --exclude=./dev/* .
+    mv "$kept/debian.tar.part" "$kept/debian.tar"
+else
+    tar --extract --file "$kept/debian.tar" --directory "$system"
+fi
+printf '%s\n' "${listed[@]}" >"$system/etc/apt/sources.list"
+apt-config dump | grep -iE '^Acquire::(https?|Check-Valid-Until|Retries)\b' >"$system/etc/apt/apt.conf.d/99-of-the-machine" || true
+cp /etc/resolv.conf "$system/etc/resolv.conf"
+echo "127.0.0.1 localhost $(hostname)" >"$system/etc/hosts"
+git -c safe.directory='*' clone --quiet --no-local "$root" "$system$home"
+git -c safe.directory='*' -C "$root" diff --quiet HEAD || echo "bare: of the commit, without what is not committed"
+unshare --mount --pid --fork --kill-child "${BASH_SOURCE[0]}" --in-namespaces "$system"
