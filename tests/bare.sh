@@ -2,6 +2,9 @@
 # A newcomer's first hour: `./run study` and `./run test` of a clone of this tree's commit, in a minimal Debian 12 that has git and
 # neither a compiler, nor make, nor nvcc, nor a graphics card.
 #
+# Usage: bare.sh [brief]. `brief` leaves out the default study and the tests that the package carries, which are the longest: these
+# run in other stages of `./run test all`.
+#
 # Exit code: 0 both did what README says; 1 one of them did not; 77 it cannot be tried here, and the last line says why.
 #
 # The Debian is made by debootstrap from where this machine's apt-get takes its packages, and kept as build/bare/debian.tar; the
@@ -66,28 +69,33 @@ newcomer() {
         [ -z "${!proxy:-}" ] || keep+=("$proxy=${!proxy}")
     done
     chroot "$system" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin "${keep[@]}" CCACHE_DIR=/ccache \
-        CCACHE_BASEDIR="$home" CCACHE_IGNOREOPTIONS=-Werror CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
+        CCACHE_BASEDIR="$home" CCACHE_IGNOREOPTIONS="${CCACHE_IGNOREOPTIONS--Werror}" CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
+}
+
+# The result of a study has a row of that backend on the scene.
+expect_row() {
+    grep -q "\"name\": \"$2/$3/" "$1" || { echo "bare: $1 has no row of $3 on $2"; return 1; }
 }
 
 try_both() {
-    local system=$1 result backend
+    local system=$1 how=$2 backend studies=(smoke default) leave_out=long
+    if [ "$how" = brief ]; then studies=(smoke) leave_out='long|packaged'; fi
     mount_all "$system"
     newcomer apt-get -q update --error-on=any >"$kept/log" 2>&1 || cannot "there is no network: $(grep '^E:' "$kept/log" | head -n 1)"
-    # Warnings are no errors in this build: what it compiles is not for stages whose warnings are.
-    for study in smoke default; do
+    for study in "${studies[@]}"; do
         echo "bare: ./run study $study"
-        timed newcomer ${BARE_RO-CCACHE_READONLY=1} "$home/run" study "$study" --out "$home/$study.json"
-    done
-    result=$system/$home/default.json
-    for backend in cpu_reference cpu_parallel gl_fragment_implicit gl_compute_implicit vulkan_implicit; do
-        grep -q "\"name\": \"heart/$backend/" "$result" || { echo "bare: no row of $backend on the heart"; return 1; }
+        # Warnings are no errors in this build: what it compiles is not for stages where they are.
+        timed newcomer CCACHE_READONLY=1 "$home/run" study "$study" --out "$home/$study.json"
+        for backend in cpu_reference cpu_parallel gl_fragment_implicit gl_compute_implicit vulkan_implicit; do
+            expect_row "$system$home/$study.json" box@8 $backend
+        done
     done
     echo "bare: ./run test"
-    timed newcomer "$home/run" test
+    timed newcomer VOXSPRING_LEAVE_OUT="$leave_out" "$home/run" test
 }
 
 if [ "${1:-}" = --in-namespaces ]; then
-    try_both "$2"
+    try_both "$2" "$3"
     exit
 fi
 
@@ -125,4 +133,4 @@ cp /etc/resolv.conf "$system/etc/resolv.conf"
 echo "127.0.0.1 localhost $(hostname)" >"$system/etc/hosts"
 git -c safe.directory='*' clone --quiet --no-local "$root" "$system$home"
 git -c safe.directory='*' -C "$root" diff --quiet HEAD || echo "bare: of the commit, without what is not committed"
-unshare --mount --pid --fork --kill-child "${BASH_SOURCE[0]}" --in-namespaces "$system"
+unshare --mount --pid --fork --kill-child "${BASH_SOURCE[0]}" --in-namespaces "$system" "${1:-whole}"

@@ -193,12 +193,33 @@ class Study(unittest.TestCase):
     def test_names_the_stages(self):
         done = self.run_script("test", "nosuch")
         self.assertEqual(done.returncode, 2)
-        self.assertIn("no stage nosuch; there are release format package", done.stderr)
+        self.assertIn("no stage nosuch; there are release bare format package", done.stderr)
 
     def test_says_how_it_is_used(self):
         self.assertEqual(self.run_script("help").returncode, 0)
         self.assertEqual(self.run_script("stduy").returncode, 2)
         self.assertIn("./run study", self.run_script("stduy").stderr)
+        self.assertIn("run: there is no command stduy\n", self.run_script("stduy").stderr)
+        self.assertEqual(self.run_script().returncode, 2)
+
+    def test_without_a_card_nvcc_compiles_for_one_architecture(self):
+        (self.tree / "build/release/build.ninja").unlink()
+        self.write(self.tools / "cmake", "#!/bin/bash\necho \"$1 ${CUDAARCHS-unset}\" >>$SEEN\n")
+        for smi, archs in ((False, "75"), (True, "unset")):
+            if smi:
+                self.write(self.tools / "nvidia-smi", "#!/bin/bash\n")
+            seen = self.tree / f"seen-{smi}"
+            self.assertEqual(self.run_script("study", SEEN=str(seen)).returncode, 0)
+            self.assertEqual(set(seen.read_text().splitlines()), {f"--preset {archs}", f"--build {archs}"})
+
+    def test_what_cannot_be_tried_is_skipped(self):
+        self.write(self.tree / "tests/bare.sh", "#!/bin/bash\necho 'there is no debootstrap'\nexit ${CODE-77}\n")
+        done = self.run_script("test", "bare")
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertIn("there is no debootstrap\nskipped: bare\n", done.stdout)
+        self.assertEqual(done.stdout.splitlines()[-1], "0 passed, 0 failed, 1 skipped")
+        self.assertEqual(self.run_script("test", "bare", CODE="1").returncode, 1)
+        self.assertEqual(self.run_script("test", "bare", CODE="0").stdout.splitlines()[-1], "1 passed, 0 failed, 0 skipped")
 
 
 if __name__ == "__main__":
