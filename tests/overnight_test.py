@@ -375,11 +375,33 @@ class Progress(Overnight):
 
     def test_in_a_pipe_is_a_line_a_scene(self):
         self.study(**self.STUDY)
-        ran = self.run_study()
+        # Without the line every ten seconds, which a busy machine would have in between.
+        ran = self.run_study(env={**os.environ, "VOXSPRING_PROGRESS_SECONDS": "3600"})
         first, second = ran.stderr.splitlines()
         self.assertRegex(first, r"^\[1/2\] box@4: 2 rows in \S+ s, about \d+ (s|min) left$")
         self.assertRegex(second, r"^\[2/2\] box@5: 1 row in \S+ s$")
         self.assertNotIn("rows in", ran.stdout)
+
+    def test_in_a_pipe_is_a_line_every_ten_seconds_while_a_case_says_nothing(self):
+        self.study(backends=["faulty_hangs"], scenes=[{"scene": "box@4"}])
+        ran = self.run_study("--timeout", 3, code=1, env={**os.environ, "VOXSPRING_PROGRESS_SECONDS": "0.5"})
+        lines = [line for line in ran.stderr.splitlines() if line.startswith("[1/1] box@4 0/1, 0/1 row: faulty_hangs/")]
+        self.assertGreater(len(lines), 3, ran.stderr)
+        self.assertRegex(lines[-1], r"float64, \d s$")
+
+    def test_counts_what_can_run(self):
+        """The three that can run are a third of all, and the others are found missing last."""
+        nowhere = {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json",
+                   "VOXSPRING_VULKAN_LOADER": "/nonexistent", "VOXSPRING_PROGRESS_SECONDS": "0.01"}
+        for study, rows in (({"kind": "overhead"}, 2), ({"kind": "pareto", "time_steps": [0.5, 0.25]}, 2),
+                            ({"kind": "stability"}, 7), ({"kind": "timing"}, 1)):
+            (self.folder / "study.json").write_text(json.dumps(
+                {"steps": 20, "repetitions": 2, "backends": ["gl_*", "slow", "cpu_*"], "scenes": [{"scene": "box@4"}]} | study))
+            ran = self.run_study(env={**os.environ, **nowhere})
+            shown = set(re.findall(r"(?m)^\[1/1\] box@4 \d+/\d+, 0/(\d+) rows", ran.stderr))
+            self.assertEqual(shown, {str(3 * rows)}, study)
+            self.assertEqual(len(self.result()["skipped"]), 4)
+            self.out.unlink()
 
     def test_on_a_terminal_is_a_line_that_is_overwritten(self):
         self.study(**self.STUDY)
@@ -402,7 +424,7 @@ class Progress(Overnight):
         lines = [line.removeprefix("\x1b[K") for line in shown.decode().split("\r")]
         self.assertEqual(lines[-1], "", "it is gone in the end")
         self.assertTrue(all(len(line) < columns for line in lines))
-        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows(?:, about \d+ (?:s|min) left)?: (?:judging )?(\S+)")
+        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows?(?:, about \d+ (?:s|min) left)?: (?:judging )?(\S+?)(?:, \d+ s)?")
         found = [form.fullmatch(line) for line in lines if line]
         self.assertNotIn(None, found, lines)
         self.assertEqual({match[6] for match in found}, {"slow/increment/float64", "cpu_reference/increment/float64"})

@@ -6,9 +6,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 #include <iostream>
 #include <utility>
+
+#include "harness/base/text.h"
 
 namespace voxspring {
 namespace {
@@ -40,127 +43,167 @@ std::string duration_text(double seconds) {
     return std::to_string(minutes / 60) + " h " + std::to_string(minutes % 60) + " min";
 }
 
-void Activity::end() {
-    if (!writer_.joinable()) return;
+void Ticker::start(Seconds first, Seconds between) {
+    if (thread_.joinable()) return;
+    between_ = between;
+    next_ = Clock::now() + first;
+    // What a signal asks for is asked of the thread that works, whose waits it ends.
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    thread_ = std::thread([this] { run(); });
+    pthread_sigmask(SIG_SETMASK, &before, nullptr);
+}
+
+void Ticker::stop() {
+    if (!thread_.joinable()) return;
     {
         const std::lock_guard lock(mutex_);
         ends_ = true;
     }
     changed_.notify_one();
-    writer_.join();
+    thread_.join();
     ends_ = false;
 }
 
+void Ticker::run() {
+    std::unique_lock lock(mutex_);
+    while (!ends_) {
+        if (changed_.wait_until(lock, next_, [this] { return ends_; })) return;
+        if (Clock::now() < next_) continue;  // it was postponed
+        postpone();
+        tick_();
+    }
+}
+
+void Activity::end() {
+    ticker_.stop();
+    if (std::exchange(drawn_, false)) overwrite_line("");
+}
+
 void Activity::begin(const std::string& what) {
+    constexpr Ticker::Seconds unseen{1}, redrawn{0.2};
     {
-        const std::lock_guard lock(mutex_);
+        const std::lock_guard lock(ticker_.mutex());
         what_ = what;
         detail_.clear();
         fraction_ = 0;
         begin_ = Clock::now();
     }
-    if (!writer_.joinable()) writer_ = std::thread([this] { write(); });
+    if (is_terminal()) {
+        ticker_.start(unseen, redrawn);
+    } else {
+        ticker_.start(pause(), pause());
+    }
 }
 
 void Activity::done(double fraction, const std::string& detail) {
-    const std::lock_guard lock(mutex_);
+    const std::lock_guard lock(ticker_.mutex());
     fraction_ = fraction;
     detail_ = detail;
 }
 
-std::string Activity::line() const {
+void Activity::write() {
     const std::chrono::duration<double> took = Clock::now() - begin_;
     std::string text = what_ + (detail_.empty() ? "" : ": " + detail_) + ", " + duration_text(took.count());
     if (fraction_ > 0) text += ", " + duration_text(took.count() * (1 - fraction_) / fraction_) + " left";
-    return text;
+    if (is_terminal()) {
+        overwrite_line(text);
+        drawn_ = true;
+    } else {
+        std::cerr << "voxspring: " + text + "\n" << std::flush;
+    }
 }
 
-void Activity::write() {
-    constexpr std::chrono::duration<double> unseen{1}, redrawn{0.2};
-    const bool terminal = is_terminal();
-    const std::chrono::duration<double> between = terminal ? redrawn : pause();
-    bool drawn = false;
-    std::unique_lock lock(mutex_);
-    auto next = Clock::now() + (terminal ? unseen : between);
-    while (!changed_.wait_until(lock, next, [this] { return ends_; })) {
-        if (terminal) {
-            overwrite_line(line());
-            drawn = true;
-        } else {
-            std::cerr << "voxspring: " + line() + "\n" << std::flush;
-        }
-        next = Clock::now() + between;
-    }
-    if (drawn) overwrite_line("");
-}
-
-Progress::Progress(std::vector<Scene> scenes)
-    : expected_(std::move(scenes)), scenes_(expected_), terminal_(is_terminal()) {
-    for (const Scene& scene : scenes_) {
-        all_work_ += scene.work;
-        all_rows_ += scene.rows;
-    }
+Progress::Progress(std::vector<Scene> scenes) : scenes_(std::move(scenes)), terminal_(is_terminal()) {
+    ticker_.start(pause(), pause());
 }
 
 Progress::~Progress() {
+    ticker_.stop();
     if (terminal_) overwrite_line("");
 }
 
 void Progress::begin(const std::string& scene) {
+    const std::lock_guard lock(ticker_.mutex());
     ++number_;
     heading_ = "[" + std::to_string(number_) + "/" + std::to_string(scenes_.size()) + "] " + scene;
+    what_.clear();
+    done_ = 0;
+    total_ = 0;
     scene_begin_ = Clock::now();
 }
 
 void Progress::show(const std::string& what, int done, int total) {
-    const double within = total > 0 ? double(done) / total : 0;
-    const double fraction = (work_done_ + within * scenes_[number_ - 1].work) / std::max(all_work_, 1.0);
-    if (fraction_at_begin_ < 0) {
-        fraction_at_begin_ = fraction;
+    const std::lock_guard lock(ticker_.mutex());
+    if (what != what_) what_begin_ = Clock::now();
+    what_ = what;
+    done_ = done;
+    total_ = total;
+    if (work_at_begin_ < 0) {
+        work_at_begin_ = work_done();
         begin_ = Clock::now();
     }
-    const std::string line = heading_ + " " + std::to_string(done) + "/" + std::to_string(total) + ", " +
-                             std::to_string(rows_done_) + "/" + std::to_string(all_rows_) + " rows" +
-                             left(fraction) + ": " + what;
-    if (terminal_) {
-        overwrite_line(line);
-    } else {
-        write_now_and_then(line);
-    }
+    if (terminal_) overwrite_line(line());
 }
 
-void Progress::narrow(double share) {
-    for (std::size_t i = number_ - 1; i < scenes_.size(); ++i) {
-        const Scene narrowed{int(std::lround(expected_[i].rows * share)), expected_[i].work * share};
-        all_work_ += narrowed.work - scenes_[i].work;
-        all_rows_ += narrowed.rows - scenes_[i].rows;
-        scenes_[i] = narrowed;
-    }
+void Progress::expect(std::size_t scene, int cases) {
+    const std::lock_guard lock(ticker_.mutex());
+    scenes_[scene].cases = cases;
 }
 
 void Progress::end(int rows) {
-    work_done_ += scenes_[number_ - 1].work;
-    rows_done_ += scenes_[number_ - 1].rows;
+    const std::lock_guard lock(ticker_.mutex());
+    what_.clear();
+    done_ = total_ = 1;
     if (terminal_) return;
     const std::chrono::duration<double> took = Clock::now() - scene_begin_;
-    std::cerr << fmt::format("{}: {} {} in {:.3g} s{}\n", heading_, rows, rows == 1 ? "row" : "rows",
-                             took.count(),
-                             number_ < scenes_.size() ? left(work_done_ / std::max(all_work_, 1.0)) : "")
+    std::cerr << fmt::format("{}: {} in {:.3g} s{}\n", heading_, counted(std::uint64_t(rows), "row"),
+                             took.count(), number_ < scenes_.size() ? left() : "")
               << std::flush;
-    written_ = Clock::now();
+    ticker_.postpone();
 }
 
-std::string Progress::left(double fraction) const {
-    const double done = fraction - fraction_at_begin_;
-    if (fraction_at_begin_ < 0 || done <= 0) return "";
+/// What takes long is seen to go on.
+void Progress::tick() {
+    if (what_.empty()) return;
+    const std::chrono::duration<double> took = Clock::now() - what_begin_;
+    const std::string text = line() + (took.count() >= 1 ? ", " + duration_text(took.count()) : "");
+    if (terminal_) {
+        overwrite_line(text);
+    } else {
+        std::cerr << text + "\n" << std::flush;
+    }
+}
+
+double Progress::work_of_all() const {
+    double work = 0;
+    for (const Scene& scene : scenes_) work += scene.work();
+    return work;
+}
+
+double Progress::work_done() const {
+    double work = 0;
+    for (std::size_t i = 0; i + 1 < number_; ++i) work += scenes_[i].work();
+    const double within = total_ > 0 ? double(done_) / total_ : 0;
+    return number_ > 0 ? work + within * scenes_[number_ - 1].work() : work;
+}
+
+std::string Progress::left() const {
+    const double work = work_done(), of_this_run = work - work_at_begin_;
+    if (work_at_begin_ < 0 || of_this_run <= 0) return "";
     const std::chrono::duration<double> took = Clock::now() - begin_;
-    return ", about " + duration_text(took.count() * (1 - fraction) / done) + " left";
+    return ", about " + duration_text(took.count() * (work_of_all() - work) / of_this_run) + " left";
 }
 
-void Progress::write_now_and_then(const std::string& line) {
-    if (Clock::now() - written_ < pause()) return;
-    written_ = Clock::now();
-    std::cerr << line + "\n" << std::flush;
+std::string Progress::line() const {
+    int rows_done = 0, rows = 0;
+    for (std::size_t i = 0; i < scenes_.size(); ++i) {
+        rows += scenes_[i].rows();
+        if (i + 1 < number_) rows_done += scenes_[i].rows();
+    }
+    return fmt::format("{} {}/{}, {}/{}{}: {}", heading_, done_, total_, rows_done,
+                       counted(std::uint64_t(rows), "row"), left(), what_);
 }
 
 }  // namespace voxspring

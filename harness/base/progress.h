@@ -4,9 +4,11 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <functional>
 #include <mutex>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace voxspring {
@@ -14,9 +16,39 @@ namespace voxspring {
 /// "3 h 20 min", "12 min", "45 s".
 std::string duration_text(double seconds);
 
-/// Work of one thing after the other, some of which cannot say how far it is. A thread of its own writes the
-/// line, so that what takes long in one call is seen as well; nothing is written of what takes less than a
-/// second.
+/// Calls a function now and then from a thread of its own, which takes no signals.
+class Ticker {
+public:
+    using Seconds = std::chrono::duration<double>;
+    explicit Ticker(std::function<void()> tick) : tick_(std::move(tick)) {}
+    Ticker(const Ticker&) = delete;
+    Ticker& operator=(const Ticker&) = delete;
+    ~Ticker() { stop(); }
+
+    /// The first call is in `first`, each further one `between` later; nothing changes where it runs already.
+    void start(Seconds first, Seconds between);
+    void stop();
+    /// The next call is as far away as if there had been one now. Under the mutex.
+    void postpone() { next_ = std::chrono::steady_clock::now() + between_; }
+    /// Held while the function is called.
+    std::mutex& mutex() { return mutex_; }
+
+private:
+    using Clock = std::chrono::steady_clock;
+
+    void run();
+
+    const std::function<void()> tick_;
+    std::mutex mutex_;
+    std::condition_variable changed_;
+    bool ends_ = false;
+    std::chrono::time_point<Clock, Seconds> next_;
+    Seconds between_{0};
+    std::thread thread_;  ///< last: it uses all of the others
+};
+
+/// Work of one thing after the other, some of which cannot say how far it is. Nothing is written of what
+/// takes less than a second.
 class Activity {
 public:
     Activity() = default;
@@ -35,15 +67,12 @@ private:
     using Clock = std::chrono::steady_clock;
 
     void write();
-    std::string line() const;
 
-    std::mutex mutex_;
-    std::condition_variable changed_;
-    bool ends_ = false;
     std::string what_, detail_;
     double fraction_ = 0;
     Clock::time_point begin_;
-    std::thread writer_;  ///< last: it uses all of the others
+    bool drawn_ = false;
+    Ticker ticker_{[this] { write(); }};  ///< last: it uses all of the others
 };
 
 /// Of a study, which elsewhere than on a terminal has a line for each scene too. The time left is a guess: it
@@ -51,8 +80,12 @@ private:
 class Progress {
 public:
     struct Scene {
-        int rows = 0;     ///< cases
-        double work = 0;  ///< in whatever unit, the same for all scenes
+        int cases = 0;
+        int rows_per_case = 0;
+        double work_per_case = 0;  ///< in whatever unit, the same for all scenes
+
+        int rows() const { return cases * rows_per_case; }
+        double work() const { return cases * work_per_case; }
     };
     explicit Progress(std::vector<Scene> scenes);
     Progress(const Progress&) = delete;
@@ -63,27 +96,28 @@ public:
     /// `what` is being done in the scene, of which `done` of `total` is done. Work that was done before the
     /// first call took no time of this run.
     void show(const std::string& what, int done, int total);
-    /// Of the scene's work only that share is left to do: the rest was skipped. So it is expected of later
-    /// scenes until one says otherwise.
-    void narrow(double share);
+    /// Only that many cases of a scene, by its number from 0, can run.
+    void expect(std::size_t scene, int cases);
     /// The scene has given that many rows.
     void end(int rows);
 
 private:
     using Clock = std::chrono::steady_clock;
 
-    std::string left(double fraction) const;
-    void write_now_and_then(const std::string& line);
+    void tick();
+    double work_of_all() const;
+    double work_done() const;
+    std::string left() const;
+    std::string line() const;
 
-    const std::vector<Scene> expected_;
-    std::vector<Scene> scenes_;  ///< what is left of them
-    double all_work_ = 0, work_done_ = 0;
-    int all_rows_ = 0, rows_done_ = 0;
+    std::vector<Scene> scenes_;
     std::size_t number_ = 0;  ///< of the scene, from 1
-    std::string heading_;
-    Clock::time_point scene_begin_, begin_ = Clock::now(), written_ = Clock::now();
-    double fraction_at_begin_ = -1;  ///< negative: nothing has been shown
+    std::string heading_, what_;
+    int done_ = 0, total_ = 0;  ///< within the scene
+    Clock::time_point scene_begin_, begin_, what_begin_;
+    double work_at_begin_ = -1;  ///< negative: nothing has been shown
     bool terminal_;
+    Ticker ticker_{[this] { tick(); }};  ///< last: it uses all of the others
 };
 
 }  // namespace voxspring

@@ -18,6 +18,10 @@ std::string joined(const std::vector<std::string>& words) {
     return fmt::format("{}", fmt::join(words, ", "));
 }
 
+std::string counted(std::uint64_t count, const std::string& noun) {
+    return std::to_string(count) + " " + noun + (count == 1 ? "" : "s");
+}
+
 std::string fixed_text(double value, int digits) { return fmt::format("{:.{}f}", value, digits); }
 
 std::string error_text(const nlohmann::json& value) {

@@ -1,6 +1,7 @@
 // Numbers and tables as text for people.
 #pragma once
 
+#include <cstdint>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
@@ -13,6 +14,9 @@ std::string percent_text(const nlohmann::json& fraction);
 
 /// With commas between them.
 std::string joined(const std::vector<std::string>& words);
+
+/// "1 step", "0 steps", "12 steps".
+std::string counted(std::uint64_t count, const std::string& noun);
 
 /// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".
 std::string si(double value, const std::string& unit);

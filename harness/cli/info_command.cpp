@@ -124,8 +124,9 @@ void print_body(const SceneFacts& facts, std::ostream& out) {
     }
     if (problem.has_tool()) {
         row(out, "tool",
-            fmt::format("holds {} particles; its motion ends after step {:.0f}",
-                        problem.tool.particles.size(), scene.tool_motion.time.back() / problem.time_step));
+            fmt::format("holds {}; its motion ends after step {:.0f}",
+                        counted(problem.tool.particles.size(), "particle"),
+                        scene.tool_motion.time.back() / problem.time_step));
     }
 }
 

@@ -49,8 +49,8 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     }
     constexpr double rounding = 1e-9;
     if (std::abs(steps * time_step - time) > rounding * time)
-        out << "time " << time << " is no whole number of time steps of " << time_step << ": " << steps
-            << (steps == 1 ? " step" : " steps") << ", to time " << steps * time_step << "\n";
+        out << "time " << time << " is no whole number of time steps of " << time_step << ": "
+            << counted(std::uint64_t(steps), "step") << ", to time " << steps * time_step << "\n";
     return int(steps);
 }
 
@@ -149,7 +149,7 @@ private:
         saved_ = read_saved_state(file, *scene_);
         if (saved_->step >= steps_)
             throw BadInput("command line", options_.time ? "--time" : "--steps",
-                           std::to_string(steps_) + " steps",
+                           counted(std::uint64_t(steps_), "step"),
                            "more than the " + std::to_string(saved_->step) + " that " + file.string() +
                                " has reached: they count from the scene's start");
         first_ = saved_->step;
@@ -272,10 +272,10 @@ private:
         if (forces_) forces_->write();
         activity_.end();
         const int steps = steps_ - first_;
-        out_ << scene_->name << ": " << steps << " steps";
+        out_ << scene_->name << ": " << counted(std::uint64_t(steps), "step");
         if (first_ > 0) out_ << ", " << first_ + 1 << " to " << steps_ << ",";
-        out_ << " of " << scene_->problem.particle_count() << " particles on " << spec_.label() << " in "
-             << timing_.host_seconds << " s, " << timing_.device_seconds / steps * 1e6
+        out_ << " of " << counted(scene_->problem.particle_count(), "particle") << " on " << spec_.label()
+             << " in " << timing_.host_seconds << " s, " << timing_.device_seconds / steps * 1e6
              << " us a step; largest displacement " << largest_ << "\n";
         if (const Pictures* pictures = exports_->pictures();
             pictures != nullptr && pictures->colouring() == Colouring::error)

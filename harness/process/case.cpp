@@ -65,12 +65,6 @@ private:
 const nlohmann::json construct_question = {{"do", "construct"}};
 std::string constructing(const BackendSpec& spec) { return "constructing " + spec.entry->name; }
 
-/// "cuda" of cuda_march: what a driver opens for one of an API it has for the next.
-std::string api_of(const BackendSpec& spec) {
-    const std::string& name = spec.entry->name;
-    return name.substr(0, name.find('_'));
-}
-
 nlohmann::json introduction_by(Worker& worker, const BackendSpec& spec) {
     return worker.ask(construct_question, constructing(spec));
 }
@@ -188,6 +182,11 @@ DeviceLimits Case::measure_limits(JournalScope scope) {
     const nlohmann::json& known = *scope.find(device);
     if (known.is_string()) throw DeviceError(known.get<std::string>());
     return device_limits_of(known);
+}
+
+std::string api_of(const BackendSpec& spec) {
+    const std::string& name = spec.entry->name;
+    return name.substr(0, name.find('_'));
 }
 
 std::optional<std::string> failure_of(const std::function<void()>& action) {

@@ -86,6 +86,9 @@ private:
     std::exception_ptr too_early_;  ///< what went wrong ahead of time
 };
 
+/// "cuda" of cuda_march: what a driver opens for one of an API it has for the next.
+std::string api_of(const BackendSpec& spec);
+
 /// Calls `action`, which is about one case. Why it failed; nothing if it did not or was interrupted
 /// (which is to go on when the study is resumed). Throws what is not the case's fault: BadInput,
 /// Unwritten.

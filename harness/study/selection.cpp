@@ -51,6 +51,10 @@ bool matches(const std::string& glob, const std::string& text) {
     return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
 }
 
+bool matches(const std::string& glob, const BackendSpec& spec) {
+    return matches(glob, spec.entry->name) || matches(glob, spec.label());
+}
+
 std::vector<BackendSpec> expand(const std::string& pattern) {
     const auto colon = pattern.find(':');
     const std::string glob = pattern.substr(0, colon);
@@ -91,12 +95,9 @@ std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns) {
 bool leaves_out(const std::string& glob) { return glob.starts_with('!'); }
 
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs) {
-    const auto is_of = [](const BackendSpec& spec, const std::string& glob) {
-        return matches(glob, spec.entry->name) || matches(glob, spec.label());
-    };
     for (const std::string& glob : globs) {
         if (leaves_out(glob))
-            std::erase_if(specs, [&](const BackendSpec& spec) { return is_of(spec, glob.substr(1)); });
+            std::erase_if(specs, [&](const BackendSpec& spec) { return matches(glob.substr(1), spec); });
     }
     if (std::all_of(globs.begin(), globs.end(), leaves_out)) return specs;
     std::vector<BackendSpec> kept;
@@ -104,7 +105,7 @@ std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vecto
         if (leaves_out(glob)) continue;
         std::vector<BackendSpec> found;
         std::copy_if(specs.begin(), specs.end(), std::back_inserter(found),
-                     [&](const BackendSpec& spec) { return is_of(spec, glob); });
+                     [&](const BackendSpec& spec) { return matches(glob, spec); });
         if (found.empty()) found = expand(glob);
         for (BackendSpec& spec : found) {
             const std::string label = spec.label();

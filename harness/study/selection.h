@@ -11,6 +11,9 @@ namespace voxspring {
 /// Whether `text` matches a shell's pattern.
 bool matches(const std::string& glob, const std::string& text);
 
+/// Whether a backend's name or its label does.
+bool matches(const std::string& glob, const BackendSpec& spec);
+
 /// The specifications that a pattern GLOB[:options] stands for, in the registry's order. KEY=* is each value
 /// that the backend has for it. Those that do not take the options are left out; throws BadSpecification if
 /// there are some and none does.

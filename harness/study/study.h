@@ -20,7 +20,8 @@ class MpiRanks;
 struct StudyScene {
     std::string scene;  ///< what load_scene() takes, or what the kind makes of it
     int steps = 0;      ///< in a batch, errors are taken after it; the kind may have it otherwise
-    std::vector<std::string> backends;             ///< backend patterns; empty: the study's
+    std::vector<std::string> backends;   ///< backend patterns; empty: the study's
+    std::vector<std::string> only = {};  ///< what select_backends() leaves of StudyOptions::backends
     std::shared_ptr<const Scene> built = nullptr;  ///< one that is at hand, in the place of load_scene(scene)
     nlohmann::json settings = nlohmann::json::object();  ///< keys of the kind, as in a study file
 };
@@ -55,8 +56,9 @@ constexpr int max_ranks = 1024;
 /// What the command line changes about a study.
 struct StudyOptions {
     /// Keep what matches one of these globs (a backend's name or its label; a scene's name); one that
-    /// matches nothing of the study but a backend or a scene outside of it adds that. "!GLOB" leaves out the
-    /// backends that match.
+    /// matches nothing of the study but a backend or a scene outside of it adds that, a backend to each scene
+    /// once.
+    /// "!GLOB" leaves out the backends that match.
     std::vector<std::string> backends;
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< of each scene that is a volume file

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <chrono>
 #include <memory>
 #include <optional>
 #include <random>
@@ -12,6 +13,7 @@
 
 #include "backends/disk_cache.h"
 #include "harness/base/interruption.h"
+#include "harness/base/text.h"
 #include "harness/results/capabilities.h"
 #include "harness/study/auto_choice.h"
 #include "harness/study/selection.h"
@@ -26,6 +28,10 @@ const std::vector<std::string>& patterns_of(const Study& study, const StudyScene
 
 bool has_driver(const BackendSpec& spec) { return !spec.entry->name.starts_with("cpu_"); }
 
+/// Longer than a driver takes to say whether there is a device. A backend that hangs does so where its row
+/// says it.
+constexpr std::chrono::seconds patience_for_devices{20};
+
 /// Empty, or why a backend on the card `uuid` is not for a table of `backends`.
 std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
     for (const auto& [name, backend] : backends.items()) {
@@ -38,13 +44,12 @@ std::string other_card(const nlohmann::json& backends, const std::string& uuid) 
 
 }  // namespace
 
-std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item,
-                                     const StudyOptions& options) {
+std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item) {
     const auto known = [](std::vector<std::string> patterns) {
         patterns.erase(std::remove_if(patterns.begin(), patterns.end(), asks_for_auto), patterns.end());
         return patterns;
     };
-    return select(expand_all(known(patterns_of(study, item))), known(options.backends));
+    return select(expand_all(known(patterns_of(study, item))), known(item.only));
 }
 
 StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal& journal, Progress& progress,
@@ -57,16 +62,53 @@ StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal&
       workers_(options.worker),
       references_(DiskCache{}, [this](int done, int steps) {
           if (interrupted()) throw Interrupted();
-          show("float64 reference, " + std::to_string(done) + " of " + std::to_string(steps) + " steps", 0,
-               1);
+          show("float64 reference, " + std::to_string(done) + " of " + counted(std::uint64_t(steps), "step"),
+               0, 1);
       }) {}
+
+void StudyBench::look_for_devices(const std::vector<StudyScene>& items) {
+    std::set<std::string> asked;
+    for (const StudyScene& item : items) {
+        for (const BackendSpec& spec : known_specs(study_, item)) {
+            if (interrupted() || !has_driver(spec) || !asked.insert(api_of(spec)).second) continue;
+            (void)failure_of([&] {
+                try {
+                    (void)introduce(spec, workers_, std::min(options_.timeout, {patience_for_devices}));
+                } catch (const Unavailable&) {
+                    absent_.insert(api_of(spec));
+                }
+            });
+        }
+    }
+    for (std::size_t n = 0; n < items.size(); ++n) {
+        const std::vector<BackendSpec> known = known_specs(study_, items[n]);
+        progress_.expect(n, int(std::count_if(known.begin(), known.end(),
+                                              [&](const auto& spec) { return !is_absent(spec); })));
+    }
+}
+
+bool StudyBench::is_absent(const BackendSpec& spec) const {
+    return absent_.contains(api_of(spec)) || absent_.contains(spec.entry->name);
+}
+
+int StudyBench::expected_cases() const { return int(specs_.size() - refused_.size()); }
+
+void StudyBench::expect_less(const BackendSpec& spec) {
+    refused_.insert(spec.label());
+    progress_.expect(number_ - 1, expected_cases());
+}
 
 void StudyBench::turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number) {
     item_ = &item;
     workers_.turn_to(scene.get());
     scene_ = std::move(scene);
     number_ = number;
-    specs_ = select(expand_all(with_choices(patterns_of(study_, item))), with_choices(options_.backends));
+    specs_ = select(expand_all(with_choices(patterns_of(study_, item))), with_choices(item.only));
+    refused_.clear();
+    for (const BackendSpec& spec : specs_) {
+        if (is_absent(spec)) refused_.insert(spec.label());
+    }
+    progress_.expect(number_ - 1, expected_cases());
 }
 
 std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
@@ -95,6 +137,7 @@ std::optional<Case> StudyBench::entered(Case one, bool limits) {
     const BackendSpec& spec = one.spec();
     if (const nlohmann::json* failed = one.scope().find("not entered")) {
         fail(spec, *failed);
+        expect_less(spec);
         return std::nullopt;
     }
     std::string unavailable, reason;
@@ -113,8 +156,10 @@ std::optional<Case> StudyBench::entered(Case one, bool limits) {
         fail(spec, *failure);
     }
     if (!unavailable.empty()) put(lost ? "failed" : "skipped", spec, unavailable);
+    if (!unavailable.empty() && !lost) absent_.insert(spec.entry->name);
     if (!reason.empty()) skip(spec, reason);
     if (!reason.empty()) one.dismiss();
+    if (failure || !unavailable.empty() || !reason.empty()) expect_less(spec);
     if (failure || !unavailable.empty() || !reason.empty() || interrupted()) return std::nullopt;
     return one;
 }
@@ -146,7 +191,7 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
         made.push_back(
             case_of(spec, how.at_once && has_driver(spec) ? with_its_share : program, how.at_once));
     if (how.at_once) {
-        show("constructing " + std::to_string(made.size()) + " backends", 0, 1);
+        show("constructing " + counted(made.size(), "backend"), 0, 1);
         introduce_at_once(made);
         workers_.end_kept();
     }
@@ -155,7 +200,6 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
         if (auto can = entered(std::move(one), how.limits)) cases.push_back(*std::move(can));
     }
     workers_.end_kept();  // those of cases that were refused
-    if (!specs.empty()) progress_.narrow(double(cases.size()) / double(specs.size()));
     return cases;
 }
 
@@ -167,6 +211,10 @@ void StudyBench::put(const char* list, const BackendSpec& spec, const std::strin
     add(list, row);
 }
 
+void StudyBench::refuse(const BackendSpec& spec, const std::string& reason) {
+    skip(spec, reason);
+    expect_less(spec);
+}
 void StudyBench::skip(const BackendSpec& spec, const std::string& reason) { put("skipped", spec, reason); }
 void StudyBench::fail(const BackendSpec& spec, const std::string& reason) { put("failed", spec, reason); }
 

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -53,6 +54,10 @@ public:
     StudyBench(const StudyBench&) = delete;
     StudyBench& operator=(const StudyBench&) = delete;
 
+    /// Looks for the devices that `items` need: a backend of each API is constructed. Whose device is not
+    /// here is not expected to run, which the time left is estimated by.
+    void look_for_devices(const std::vector<StudyScene>& items);
+
     /// Turns to a scene of the study, whose number, from 1, names it in the journal: one may be there twice.
     void turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number);
 
@@ -81,8 +86,14 @@ public:
     /// Adds a row to a list of the result.
     void add(const std::string& list, nlohmann::json row);
     void add(const std::string& list, const Row& row) { add(list, to_json(row)); }
-    /// Adds a row to `skipped` or `failed`.
+    /// How many of specs() run the scene, as far as that is known by now.
+    int expected_cases() const;
+
+    /// Adds a row to `skipped`: the backend does not run the scene, or there is something that it cannot do
+    /// there.
+    void refuse(const BackendSpec& spec, const std::string& reason);
     void skip(const BackendSpec& spec, const std::string& reason);
+    /// Adds a row to `failed`.
     void fail(const BackendSpec& spec, const std::string& reason);
     /// Adds to `failed` what the journal says of a case that failed.
     void add_failure(Case& benchmark_case);
@@ -91,7 +102,7 @@ public:
     /// Puts repetitions of several cases in a random order. The result tells its seed.
     std::mt19937& order();
     const Card* card() const { return card_.get(); }  ///< null: there is none, or it cannot be watched
-    /// What is being done, and how much of the scene's measurements is.
+    /// What is being done, and how much of the scene's measurements is; `total` is of expected_cases().
     void show(const std::string& what, int done, int total) { progress_.show(what, done, total); }
 
     /// Fills `context.voxspring` with the devices and limits of all scenes so far.
@@ -102,6 +113,8 @@ private:
     /// The case, unless it cannot run the scene.
     std::optional<Case> entered(Case one, bool limits);
     void introduce_at_once(std::vector<Case>& cases) const;
+    void expect_less(const BackendSpec& spec);
+    bool is_absent(const BackendSpec& spec) const;
     void put(const char* list, const BackendSpec& spec, const std::string& reason);
     std::vector<std::string> with_choices(std::vector<std::string> patterns);
     std::string refusal_of(Case& benchmark_case);
@@ -119,6 +132,8 @@ private:
     Workers workers_;
     std::size_t number_ = 0;
     std::vector<BackendSpec> specs_;
+    std::set<std::string> absent_;   ///< APIs and backends that have no device here
+    std::set<std::string> refused_;  ///< labels of specs_ that do not run the scene
     MeasuredLimits limits_;
     std::unique_ptr<Card> card_;
     std::optional<std::mt19937> order_;
@@ -126,6 +141,6 @@ private:
 };
 
 /// The backends that are known before the scene is loaded: without what the rules would take.
-std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item, const StudyOptions& options);
+std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item);
 
 }  // namespace voxspring

@@ -73,6 +73,9 @@ bool is_finished(const std::filesystem::path& file) {
 /// What the command line leaves of a study.
 Study narrowed(Study study, const StudyOptions& options) {
     select_scenes(study, options.scenes);
+    if (const auto without = select_backends(study, options.backends); !without.empty())
+        std::cerr << fmt::format("voxspring: --backend leaves out scenes that have none of these: {}\n",
+                                 fmt::join(without, ", "));
     study.repetitions = options.repetitions.value_or(study.repetitions);
     return study;
 }
@@ -108,7 +111,7 @@ private:
     nlohmann::json description();
     void open_journal();
     void check_devices();
-    Progress::Scene cost_of(const StudyScene& item, std::size_t cases) const;
+    Progress::Scene cost_of(const StudyScene& item) const;
     void run_scene(const StudyScene& item, std::size_t number);
     std::size_t row_count() const;
     void publish();
@@ -147,12 +150,16 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
         throw BadInput("command line", "--devices", fmt::format("{}", fmt::join(options.devices, ",")),
                        "none: study " + study_.name + " is not of the kind scaling");
     if (options.out) check_writable(*options.out, "--out", ".json");
-    for (const StudyScene& item : study_.scenes) check(item);
+    Activity reading;
+    for (const StudyScene& item : study_.scenes) {
+        reading.begin("reading " + item.scene);
+        check(item);
+    }
+    reading.end();
     begin_result();
     if (options.out) open_journal();
     std::vector<Progress::Scene> costs;
-    for (const StudyScene& item : study_.scenes)
-        costs.push_back(cost_of(item, known_specs(study_, item, options_).size()));
+    for (const StudyScene& item : study_.scenes) costs.push_back(cost_of(item));
     progress_ = std::make_unique<Progress>(std::move(costs));
     bench_ = std::make_unique<StudyBench>(study_, options_, *journal_, *progress_, result_);
 }
@@ -186,8 +193,7 @@ void StudyRun::check_backends(const StudyScene& item) const {
         if (leaves_out(glob) && expand(glob.substr(1)).empty())
             throw BadInput("command line", "--backend", glob, accepted_globs(glob.substr(1)));
     }
-    if (chooses(options_.backends) || (chooses(patterns) && options_.backends.empty()) ||
-        !known_specs(study_, item, options_).empty())
+    if (chooses(item.only) || (chooses(patterns) && item.only.empty()) || !known_specs(study_, item).empty())
         return;
     if (!options_.backends.empty())
         throw BadInput("command line", "--backend", options_.backends.front(),
@@ -197,12 +203,13 @@ void StudyRun::check_backends(const StudyScene& item) const {
 }
 
 /// What a scene costs, as far as it is known beforehand: steps of all its particles.
-Progress::Scene StudyRun::cost_of(const StudyScene& item, std::size_t cases) const {
+Progress::Scene StudyRun::cost_of(const StudyScene& item) const {
     constexpr double overhead = 5e6;  // steps of a particle, in the time of what else a case takes
-    if (too_large_.contains(item.scene)) return {int(cases), 0};
+    if (too_large_.contains(item.scene)) return {};
     const double steps = kind_->steps_of_case(study_, item);
-    return {int(cases) * kind_->rows_of_case(study_, item),
-            double(cases) * (overhead + particles_.at(item.scene) * steps)};
+    return {.cases = int(known_specs(study_, item).size()),
+            .rows_per_case = kind_->rows_of_case(study_, item),
+            .work_per_case = overhead + particles_.at(item.scene) * steps};
 }
 
 void StudyRun::begin_result() {
@@ -282,7 +289,11 @@ void StudyRun::check_devices() {
 
 nlohmann::json StudyRun::run() {
     const CaughtInterruptions caught;
+    Activity looking;
+    looking.begin("looking for devices");
     check_devices();
+    bench_->look_for_devices(study_.scenes);
+    looking.end();
     std::size_t number = 0;
     for (const StudyScene& item : study_.scenes) {
         progress_->begin(item.scene);
@@ -304,7 +315,7 @@ nlohmann::json StudyRun::run() {
 
 void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
     if (const auto refusal = too_large_.find(item.scene); refusal != too_large_.end()) {
-        for (const BackendSpec& spec : known_specs(study_, item, options_)) {
+        for (const BackendSpec& spec : known_specs(study_, item)) {
             Row row = row_of(item.scene, spec);
             row.reason = refusal->second;
             bench_->add("skipped", row);

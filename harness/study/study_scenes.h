@@ -16,6 +16,11 @@ namespace voxspring {
 /// What --scene leaves of the study's scenes, each once, and what it adds to them.
 void select_scenes(Study& study, const std::vector<std::string>& globs);
 
+/// Distributes what --backend asks for over the study's scenes, as StudyOptions::backends says: a glob that
+/// backends of the study match is for the scenes that have these. Scenes that are left without a backend are
+/// taken out; their names. Throws BadInput for a glob that no backend matches.
+std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
+
 /// Loads scenes and keeps them, up to a quarter of the machine's memory, as each is asked for twice. Where
 /// that is too little it keeps the largest, which take the longest to build.
 class StudyScenes {

@@ -1,6 +1,5 @@
 #include "harness/study/suite.h"
 
-#include <algorithm>
 #include <deque>
 #include <memory>
 #include <set>
@@ -15,8 +14,8 @@ namespace {
 /// A case on its way through its suite.
 class SuiteCase {
 public:
-    SuiteCase(StudyBench& bench, Case benchmark_case, const OnEvent& on_event)
-        : bench_(bench), case_(std::move(benchmark_case)), on_event_(on_event) {
+    SuiteCase(StudyBench& bench, Case benchmark_case, const OnEvent& on_event, const int& done)
+        : bench_(bench), case_(std::move(benchmark_case)), on_event_(on_event), done_(done) {
         while (const nlohmann::json* measurement = measured(finished_.size() + 1))
             finished_.insert(measurement->at("measured").get<std::string>());
         kept_ = finished_.size();
@@ -64,11 +63,7 @@ private:
     void hear(const nlohmann::json& event) {
         if (event.contains("begun")) {
             at_ = event.at("begun");
-            const auto& specs = bench_.specs();
-            const auto place = std::find_if(specs.begin(), specs.end(), [&](const BackendSpec& spec) {
-                return spec.label() == case_.spec().label();
-            });
-            bench_.show(case_.spec().label() + " " + at_, int(place - specs.begin()), int(specs.size()));
+            bench_.show(case_.spec().label() + " " + at_, done_, bench_.expected_cases());
         } else if (event.contains("measured")) {
             scope().keep(key_of(++kept_), event);
             if (interrupted()) throw Interrupted();
@@ -80,6 +75,7 @@ private:
     StudyBench& bench_;
     Case case_;
     const OnEvent& on_event_;
+    const int& done_;                 ///< cases before it
     std::set<std::string> finished_;  ///< before it began
     std::size_t kept_ = 0;            ///< measurements in the journal
     std::string at_ = "before its first measurement";
@@ -103,14 +99,18 @@ nlohmann::json SuiteRunner::answer(Backend& backend, const nlohmann::json& quest
 
 void measure_suites(StudyBench& bench, const Suites& suites) {
     std::deque<std::unique_ptr<SuiteCase>> working;
+    int done = 0;
     const auto finish_until = [&](std::size_t left) {
-        for (; working.size() > left; working.pop_front()) working.front()->finish();
+        for (; working.size() > left; working.pop_front()) {
+            working.front()->finish();
+            ++done;
+        }
     };
     bool first = true;
     for (const BackendSpec& spec : bench.specs()) {
         std::optional<Case> entered = suites.enter(spec);
         if (!entered) continue;
-        auto next = std::make_unique<SuiteCase>(bench, *std::move(entered), suites.on_event);
+        auto next = std::make_unique<SuiteCase>(bench, *std::move(entered), suites.on_event, done);
         const bool alone = std::exchange(first, false) || next->is_on_processor();
         finish_until(alone ? 0 : bench.side_by_side() - 1);
         next->begin(suites.known());

@@ -141,8 +141,8 @@ public:
     }
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
         if (!scene.edits.empty())
-            throw BadInput("study " + study.name, "scene " + scene.name,
-                           std::to_string(scene.edits.size()) + " edits", "none in an energy study");
+            throw BadInput("study " + study.name, "scene " + scene.name, counted(scene.edits.size(), "edit"),
+                           "none in an energy study");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 1; }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
@@ -159,20 +159,20 @@ private:
 void EnergyStudy::run(StudyBench& bench) {
     const Scene& scene = bench.scene();
     const std::uint64_t springs = count_springs(scene.problem).total();
-    const int total = int(bench.specs().size());
-    int begun = 0;
+    int done = 0;
     // One after another: a card that two processes hold draws more while it idles.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
-        bench.show(spec.label(), begun++, total);
+        bench.show(spec.label(), done, bench.expected_cases());
         auto entered = bench.enter(spec, {"energy", {{"steps", bench.item().steps}, {"seconds", seconds_}}});
         if (!entered) continue;
         try {
             (void)energy_meter_of(capabilities_of(entered->capabilities()));
         } catch (const std::runtime_error& error) {
-            bench.skip(spec, error.what());
+            bench.refuse(spec, error.what());
             continue;
         }
+        ++done;
         JournalScope& scope = entered->scope();
         if (scope.find("energy") == nullptr && scope.find("failed") == nullptr) {
             const auto failure = failure_of([&] {

@@ -428,7 +428,7 @@ public:
         if (!scene.problem.has_tool() || scene.tool_motion.empty())
             throw BadInput(where, "tool of " + what, missing, "one that moves, in a haptic study");
         if (!scene.edits.empty())
-            throw BadInput(where, what, std::to_string(scene.edits.size()) + " edits",
+            throw BadInput(where, what, counted(scene.edits.size(), "edit"),
                            "none in a haptic study, which makes its own");
     }
     int rows_of_case(const Study&, const StudyScene& item) const override {
@@ -441,7 +441,8 @@ public:
 
 private:
     Motions motions_of(const StudyScene& item) const;
-    void measure(StudyBench& bench, const BackendSpec& spec, const std::vector<glm::dvec3>& reference) const;
+    /// Whether the backend runs the scene.
+    bool measure(StudyBench& bench, const BackendSpec& spec, const std::vector<glm::dvec3>& reference) const;
     void add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
                   std::optional<double> force_error) const;
 
@@ -475,17 +476,16 @@ void HapticStudy::run(StudyBench& bench) {
     SceneRunner reference_runner(scene);
     bench.show("float64 reference", 0, 1);
     const std::vector<glm::dvec3> reference = forces_of(reference_runner, *float64, bench.item().steps);
-    const int total = int(bench.specs().size());
-    int begun = 0;
+    int done = 0;
     // One after another: nothing else is to ask the host or the device for anything.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
-        bench.show(spec.label(), begun++, total);
-        measure(bench, spec, reference);
+        bench.show(spec.label(), done, bench.expected_cases());
+        if (measure(bench, spec, reference)) ++done;
     }
 }
 
-void HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
+bool HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
                           const std::vector<glm::dvec3>& reference) const {
     const Motions motions = motions_of(bench.item());
     std::optional<JournalScope> scope;
@@ -512,12 +512,13 @@ void HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
             if (playing.drawn == drawn) once(playing.key(), playing.question());
         }
     }
-    if (!scope) return;
+    if (!scope) return false;
     const nlohmann::json* forces = scope->find("forces");
     add_rows(bench, spec, *scope, forces == nullptr ? std::nullopt : force_error(*forces, reference));
     if (const nlohmann::json* why = scope->find("not drawn"))
         bench.skip(spec, "while it is drawn: " + why->get<std::string>());
     if (const nlohmann::json* why = scope->find("failed")) bench.fail(spec, *why);
+    return true;
 }
 
 void HapticStudy::add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,

@@ -114,8 +114,8 @@ class OverheadStudy final : public StudyKind {
 public:
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
         if (!scene.edits.empty())
-            throw BadInput("study " + study.name, "scene " + scene.name,
-                           std::to_string(scene.edits.size()) + " edits", "none in an overhead study");
+            throw BadInput("study " + study.name, "scene " + scene.name, counted(scene.edits.size(), "edit"),
+                           "none in an overhead study");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 2; }
     double steps_of_case(const Study& study, const StudyScene& item) const override {
@@ -129,15 +129,15 @@ public:
 void OverheadStudy::run(StudyBench& bench) {
     const Scene& scene = bench.scene();
     const std::uint64_t springs = count_springs(scene.problem).total();
-    const int total = int(bench.specs().size());
-    int begun = 0;
+    int done = 0;
     // One after another: nothing else is to ask the host or the device for anything.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
-        bench.show(spec.label(), begun++, total);
+        bench.show(spec.label(), done, bench.expected_cases());
         auto entered = bench.enter(
             spec, {"overhead", {{"steps", bench.item().steps}, {"repetitions", bench.study().repetitions}}});
         if (!entered) continue;
+        ++done;
         JournalScope& scope = entered->scope();
         for (const char* const handed_over : {"one by one", "at once"}) {
             if (scope.find(handed_over) == nullptr && scope.find("failed") == nullptr) {

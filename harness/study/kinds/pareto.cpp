@@ -14,6 +14,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
+#include "harness/base/text.h"
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
 #include "harness/results/capabilities.h"
@@ -135,7 +136,7 @@ struct Step {
     SharedState& state;
 };
 
-std::string name_of_row(int steps) { return "row of " + std::to_string(steps) + " steps"; }
+std::string name_of_row(int steps) { return "row of " + counted(std::uint64_t(steps), "step"); }
 
 /// Has every case compile, several at once: what that gives is kept for the runs at every time step.
 void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int total) {
@@ -164,8 +165,8 @@ void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int tot
 ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& device) {
     const Scene& scene = step.scene;
     const int steps = step.solution.steps;
-    const nlohmann::json timed =
-        benchmark_case.ask({{"do", "run"}, {"steps", steps}}, "running " + std::to_string(steps) + " steps");
+    const nlohmann::json timed = benchmark_case.ask({{"do", "run"}, {"steps", steps}},
+                                                    "running " + counted(std::uint64_t(steps), "step"));
     State last;
     step.state.take(timed.at("state"), last);
     const Comparison comparison = judge(step.solution, last, benchmark_case.spec());
@@ -178,7 +179,7 @@ ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& de
                   .diverged = timed.contains("diverged")};
     if (!one.diverged && !comparison.passed())
         throw std::runtime_error("does not agree with cpu_reference: " + comparison.reason + " (in " +
-                                 std::to_string(steps) + " steps)");
+                                 counted(std::uint64_t(steps), "step") + ")");
     one.row.workpiece = Workpiece{.steps = steps,
                                   .particles = scene.problem.particle_count(),
                                   .springs = count_springs(scene.problem).total()};
@@ -263,7 +264,7 @@ void ParetoStudy::check(const Study& study, const StudyScene& item, const Scene&
     const TimeSteps time_steps = time_steps_of(study, item);
     const std::string where = "scene " + scene.name;
     if (!scene.edits.empty())
-        throw BadInput(where, "edits", std::to_string(scene.edits.size()) + " edits",
+        throw BadInput(where, "edits", counted(scene.edits.size(), "edit"),
                        "none in a pareto study: springs that change make the order in time one");
     if (!std::isfinite(scene.stable_time_step))
         throw BadInput(where, "stable time step", "infinite", "a scene with springs");
@@ -297,16 +298,16 @@ void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, Row
         "pareto",
         {{"time_step", span.time_step}, {"steps", span.steps}, {"repetitions", time_steps.repetitions}},
         &state};
-    const int total = int(counts.size() * bench.specs().size());
+    const auto total = [&] { return int(counts.size()) * bench.expected_cases(); };
     std::optional<Refined> refined;
     std::map<std::string, std::string> by_uuid;
     int begun = 0;
     for (const std::span<const BackendSpec> group : bench.groups()) {
         std::vector<Case> cases = bench.enter_all(group, program, {.at_once = true});
         if (cases.empty()) continue;
-        compile_all(bench, cases, counts.front(), total);
+        compile_all(bench, cases, counts.front(), total());
         if (!refined) {
-            bench.show("float64 references", 0, total);
+            bench.show("float64 references", 0, total());
             refined = bench.references().refined(scene, span, counts);
         }
         for (const int steps : counts) {
@@ -318,7 +319,7 @@ void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, Row
             solution.conserved = conserved(solution.problem, solution.same_step);
             const Step step{scene, stepped, solution, span.time_step * span.steps, state};
             for (Case& one : cases) {
-                bench.show(one.spec().label(), begun++, total);
+                bench.show(one.spec().label(), begun++, total());
                 const auto row =
                     row_of_case(one, step, device_of(capabilities_of(one.capabilities()), by_uuid));
                 if (row) rows_of[steps].push_back(*row);

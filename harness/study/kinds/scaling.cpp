@@ -389,8 +389,8 @@ ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std
                                 std::to_string(row.ranks) + " ranks on one)");
     if (here * busy > omp_get_num_procs())
         row.row.noisy.push_back("ranks share processors (" + std::to_string(here) + " ranks of " +
-                                std::to_string(busy) + " threads on " + std::to_string(omp_get_num_procs()) +
-                                ")");
+                                counted(std::uint64_t(busy), "thread") + " on " +
+                                std::to_string(omp_get_num_procs()) + ")");
     return row;
 }
 
@@ -541,11 +541,11 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
     }
     const bool by_device = !capabilities.border_ways.empty();
     if (by_device && bench.options().mpi == nullptr && bench.options().devices.empty()) {
-        bench.skip(of_rank, "its ranks are on devices: --devices says on how many, or on which");
+        bench.refuse(of_rank, "its ranks are on devices: --devices says on how many, or on which");
         return;
     }
     if (!capabilities.has_borders && !by_device) {
-        bench.skip(of_rank, "it cannot step a part of a body: it gives no borders");
+        bench.refuse(of_rank, "it cannot step a part of a body: it gives no borders");
         return;
     }
     Contender contender(bench, of_rank);
@@ -553,7 +553,7 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
         if (interrupted()) return;
         if (ranks > limit_of(bench)) continue;
         bench.show(of_rank.label() + ", ranks: " + std::to_string(ranks), begun_++,
-                   int(bench.specs().size() * counts_of(bench.item()).size()));
+                   bench.expected_cases() * int(cuts_of_ranks_.size()));
         const std::vector<std::string> ways = ways_of(ranks, bench.options().mpi, capabilities);
         if (ranks > 1 && !capabilities.has_borders) skip_other_ways(bench, of_rank, ranks, ways);
         for (const glm::ivec3 cut : cuts_of_ranks_.at(ranks)) {
