@@ -86,8 +86,14 @@ TEST(Noise, IsPrintedWithWhatItIsOf) {
     };
     print_noise({row("a", {"it rained (twice)"}), row("b", {}), row("c", {"it rained (once)"})}, out);
     EXPECT_EQ(out.str(),
-              "~ not to be trusted, it rained:\n    box a increment float32 (twice)\n    box c increment "
+              "~ 2 of 3 times not to be trusted, it rained: box: a increment float32 (twice), c increment "
               "float32 (once)\n");
+    // Which ones the table marks: a line stays a line however many there are.
+    out.str("");
+    print_noise(std::vector<Row>(40, row("cuda_a", {"it rained (once)", "a card slept (twice)"})), out);
+    EXPECT_EQ(out.str(),
+              "~ 40 of 40 times not to be trusted, a card slept: box: 40 cuda_* backends\n"
+              "~ 40 of 40 times not to be trusted, it rained: box: 40 cuda_* backends\n");
 }
 
 TEST(Noise, ASpinTakesTheSameTimeTwice) {

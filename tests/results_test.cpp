@@ -232,7 +232,7 @@ TEST(Table, NamesThatDifferStayApart) {
         print_columns(columns, rows, width, out);
         EXPECT_NE(out.str().find("cuda_implicit_d"), std::string::npos) << width << "\n" << out.str();
         EXPECT_NE(out.str().find("cuda_implicit_c"), std::string::npos) << width << "\n" << out.str();
-        EXPECT_EQ(out.str().find("error") != std::string::npos, width == 80) << out.str();
+        EXPECT_EQ(out.str().find("no room for: error") == std::string::npos, width == 80) << out.str();
     }
 }
 
@@ -254,37 +254,75 @@ TEST(Unmeasured, TakesOneLineAReason) {
     EXPECT_EQ(names_in_short({"a_1", "b_1", "c_1", "d_1"}), "4 backends");
 }
 
-TEST(Progress, ExpectsOfLaterScenesWhatIsLeftOfThisOne) {
+TEST(Table, WrapsHeadingsBeforeItCutsNamesAndNamesWhatItHasNoRoomFor) {
+    const std::vector<Column> columns = {
+        {"backend", 0, true}, {"error against the converged solution", 2}, {"particles/s", 1}, {"time"}};
+    const std::vector<std::vector<std::string>> rows = {
+        {"gl_fragment_implicit increment float32 mask=none", "1e-7", "3 G/s", "1.2 us"}};
+    const auto printed = [&](TableWidth width) {
+        std::ostringstream out;
+        print_columns(columns, rows, width, out);
+        return out.str();
+    };
+    const std::string name = rows[0][0], wide(name.size(), ' ');
+    EXPECT_EQ(printed(90),
+              wide + "      error                     \n" + wide + "    against                     \n" +
+                  wide + "        the                     \n" + wide + "  converged                     \n" +
+                  "backend" + wide.substr(7) + "   solution  particles/s    time\n" + name +
+                  "       1e-7        3 G/s  1.2 us\n");
+    EXPECT_THAT(printed(70),
+                HasSubstr("gl_fragment_implicit inc...2 mask=none       1e-7        3 G/s  1.2 us\n"));
+    EXPECT_EQ(printed(45),
+              "backend                   particles/s    time\ngl_fragment_im...sk=none        3 G/s  1.2 us\n"
+              "no room for: error against the converged solution\n");
+    EXPECT_THAT(printed(0), ::testing::Not(HasSubstr("no room")));
+}
+
+TEST(Text, CountsAreOfOneOrOfSeveral) {
+    EXPECT_EQ(counted(1, "step"), "1 step");
+    EXPECT_EQ(counted(0, "step"), "0 steps");
+    EXPECT_EQ(counted(12, "row"), "12 rows");
+}
+
+TEST(Progress, EstimatesByTheCasesThatCanRun) {
     setenv("VOXSPRING_PROGRESS_SECONDS", "0.01", 1);
     ::testing::internal::CaptureStderr();  // which is no terminal
-    Progress progress({{.rows = 100, .work = 100}, {.rows = 10, .work = 40}});
-    const auto show = [&](const char* what) {
-        std::this_thread::sleep_for(std::chrono::milliseconds(20));  // a line at most every 10
-        progress.show(what, 0, 10);
+    Progress progress({{.cases = 100, .rows_per_case = 1, .work_per_case = 1},
+                       {.cases = 10, .rows_per_case = 2, .work_per_case = 4}});
+    const auto show = [&](const char* what, int done, int total) {
+        progress.show(what, done, total);
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));  // in which it is written
     };
     progress.begin("first");
-    show("all of it");
-    const auto begin = std::chrono::steady_clock::now();
-    progress.narrow(0.01);
-    show("a hundredth");
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    show("all of it", 0, 100);
+    progress.expect(0, 2);
+    show("two of it", 1, 2);
     progress.end(1);
     progress.begin("second");
-    show("as the first");
-    progress.narrow(1);
-    show("all of it again");
-    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begin;
+    progress.expect(1, 5);
+    show("half of it", 1, 2);
     const std::string said = ::testing::internal::GetCapturedStderr();
     unsetenv("VOXSPRING_PROGRESS_SECONDS");
 
-    EXPECT_THAT(said, HasSubstr("0/110 rows: all of it\n"));
-    EXPECT_THAT(said, HasSubstr("0/1 rows: a hundredth\n"));
-    EXPECT_THAT(said, ContainsRegex("second 0/10, 1/1 rows, [^\n]*: as the first\n"));
-    EXPECT_THAT(said, ContainsRegex("second 0/10, 1/11 rows, [^\n]*: all of it again\n"));
-    // The second scene has 40 times the work that was left of the first.
-    const std::string left = said.substr(said.rfind(", about ") + 8);
-    const double seconds = std::stod(left) * (left.find("min left") < left.find(':') ? 60 : 1);
-    EXPECT_NEAR(seconds, 40 * took.count(), 20 * took.count()) << said;
+    EXPECT_THAT(said, HasSubstr("[1/2] first 0/100, 0/120 rows: all of it\n"));
+    EXPECT_THAT(said, ContainsRegex("first 1/2, 0/22 rows, about [^\n]* left: two of it\n"));
+    EXPECT_THAT(said, ContainsRegex("second 1/2, 2/12 rows, about [^\n]* left: half of it\n"));
+}
+
+TEST(Progress, IsHeardInAPipeWhileNothingEnds) {
+    setenv("VOXSPRING_PROGRESS_SECONDS", "0.05", 1);
+    ::testing::internal::CaptureStderr();
+    {
+        Progress progress({{.cases = 1, .rows_per_case = 1, .work_per_case = 1}});
+        progress.begin("a scene");
+        progress.show("a long case", 0, 1);
+        std::this_thread::sleep_for(std::chrono::milliseconds(1200));
+    }
+    const std::string said = ::testing::internal::GetCapturedStderr();
+    unsetenv("VOXSPRING_PROGRESS_SECONDS");
+    EXPECT_GT(std::count(said.begin(), said.end(), '\n'), 5) << said;
+    EXPECT_THAT(said, HasSubstr("[1/1] a scene 0/1, 0/1 row: a long case\n"));
+    EXPECT_THAT(said, HasSubstr("[1/1] a scene 0/1, 0/1 row: a long case, 1 s\n"));
 }
 
 }  // namespace

@@ -536,6 +536,15 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
                 ::testing::HasSubstr(
                     box + "does not pay: 2, cut into 1x1x2, by memory are 0.50 times as fast as one; by "
                           "the model they are faster from 2000000 particles of this shape on\n"));
+    // Of 512 particles the model is not to say the other way round what was measured.
+    for (auto& row : result.at("scaling"))
+        row["pays_from_particles"] = row.at("ranks") == 2 ? nlohmann::json(100) : nullptr;
+    std::ostringstream contradicted;
+    print_result(result, contradicted);
+    EXPECT_THAT(contradicted.str(),
+                ::testing::HasSubstr(
+                    "0.50 times as fast as one; the model, by which they are faster from 100 particles "
+                    "of this shape on, does not hold here\n"));
     EXPECT_THAT(said(2, 4),
                 ::testing::Not(::testing::HasSubstr("box@4x4x4 cpu_reference increment float64: more")))
         << "it grows";
@@ -764,6 +773,50 @@ TEST_F(StudyKinds, ALargeSceneTakesFewerStepsWhereTheStudySaysSo) {
     const std::map<std::string, int> expected = {{"box@4", 3}, {"box@5", 1}, {"box@6", 1}, {"cut.json", 3}};
     EXPECT_EQ(steps, expected);
     EXPECT_EQ(errors_after, expected);
+}
+
+TEST_F(StudyKinds, ASlowCaseMakesFewerRepetitionsWhichIsSaid) {
+    const std::string study =
+        write("slow.json", R"({"most_case_seconds": 0.001, "steps": 100, "repetitions": 5,
+        "total_error": false, "backends": ["cpu_reference"], "scenes": [{"scene": "box@2"}, {"scene": "box@8"}]})");
+    std::map<std::string, int> repetitions;
+    const nlohmann::json result = run_study(load_study(study), {});
+    for (const auto& row : result.at("benchmarks")) {
+        if (row.at("run_type") == "iteration") ++repetitions[row.at("scene")];
+    }
+    // A step of 512 particles takes more than 10 us.
+    const std::map<std::string, int> expected = {{"box@2", 5}, {"box@8", 2}};
+    EXPECT_EQ(repetitions, expected);
+    std::ostringstream printed;
+    print_result(result, printed);
+    expect_contains(printed.str(),
+                    "1 of 2 times with fewer than 5 repetitions, since these took long: box@8: cpu_reference "
+                    "increment float64 (2)\n");
+}
+
+TEST_F(StudyKinds, TheBackendThatIsAskedForIsPlayedWhereTheStudyHasIt) {
+    const auto rows_of = [&](const std::string& glob) {
+        Study study = timing_of({{"box@4", 3, {"cpu_reference"}},
+                                 {"box@4", 3, {"cpu_parallel"}},
+                                 {"box@5", 3, {"cpu_reference"}}});
+        StudyOptions options;
+        options.backends = {glob};
+        ::testing::internal::CaptureStderr();
+        const nlohmann::json result = run_study(study, options);
+        std::vector<std::string> rows = {::testing::internal::GetCapturedStderr()};
+        rows[0] = rows[0].substr(0, rows[0].find("[1/"));
+        for (const auto& row : result.at("verification"))
+            rows.push_back(row.at("scene").get<std::string>() + " " + row.at("backend").get<std::string>() +
+                           " " + row.at("precision").get<std::string>());
+        return rows;
+    };
+    const std::string left_out = "voxspring: --backend leaves out scenes that have none of these: ";
+    EXPECT_THAT(rows_of("cpu_parallel"),
+                ::testing::ElementsAre(left_out + "box@4, box@5\n", "box@4 cpu_parallel float32"));
+    // What no scene has is added to each once.
+    EXPECT_THAT(rows_of("cpu_parallel:precision=float64"),
+                ::testing::ElementsAre(left_out + "box@4\n", "box@4 cpu_parallel float64",
+                                       "box@5 cpu_parallel float64"));
 }
 
 TEST_F(StudyKinds, StepsBeyondWhatCanBeCountedAreRefused) {

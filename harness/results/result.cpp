@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 #include <string_view>
+#include <utility>
 
 #include "backends/cpu/cpu_backend.h"
 #include "harness/base/statistics.h"
@@ -42,8 +43,7 @@ struct Unmeasured {
 void print_skipped(const std::string& reason, const Unmeasured& of, std::ostream& out) {
     const auto& scenes = of.scenes.values();
     out << "skipped: " << names_in_short(of.backends.values()) << " on "
-        << (scenes.size() <= 3 ? joined(scenes) : std::to_string(scenes.size()) + " scenes") << ": " << reason
-        << "\n";
+        << (scenes.size() <= 3 ? joined(scenes) : counted(scenes.size(), "scene")) << ": " << reason << "\n";
 }
 
 void print_failed(const std::string& reason, const Unmeasured& of, std::ostream& out) {
@@ -84,6 +84,25 @@ void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth wid
     if (table.empty()) return;
     out << "\n";
     print_columns(columns, table, width, out);
+}
+
+/// What made fewer repetitions than the study asks for, in a line.
+void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream& out) {
+    std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
+    std::size_t count = 0;
+    for (const Row& row : rows) {
+        if (row.benchmark->repetitions >= repetitions) continue;
+        ++count;
+        if (scenes.empty() || scenes.back().first != row.identity.scene)
+            scenes.push_back({row.identity.scene, {}});
+        scenes.back().second.push_back(row.label() + " (" + std::to_string(row.benchmark->repetitions) + ")");
+    }
+    if (count == 0) return;
+    std::vector<std::string> names;
+    for (const auto& [scene, cases] : scenes) names.push_back(scene + ": " + names_in_short(cases));
+    out << fmt::format("{} of {} with fewer than {}, since these took long: {}\n", count,
+                       counted(rows.size(), "time"), counted(std::uint64_t(repetitions), "repetition"),
+                       fmt::join(names, "; "));
 }
 
 /// The medians of a result, by scene in the order of the study, fastest first within one.
@@ -150,16 +169,25 @@ std::string names_in_short(const std::vector<std::string>& names) {
 }
 
 void print_noise(const std::vector<Row>& rows, std::ostream& out) {
-    std::map<std::string, std::vector<std::string>> by_kind;
+    std::map<std::string, std::vector<std::pair<std::string, std::vector<std::string>>>> by_kind;
     for (const Row& row : rows) {
         for (const std::string& reason : row.noisy) {
             const std::string kind = kind_of(reason);
-            by_kind[kind].push_back(row.identity.scene + " " + row.label() + reason.substr(kind.size()));
+            auto& scenes = by_kind[kind];
+            const std::string& scene = row.identity.scene;
+            if (scenes.empty() || scenes.back().first != scene) scenes.push_back({scene, {}});
+            scenes.back().second.push_back(row.label() + reason.substr(kind.size()));
         }
     }
-    for (const auto& [kind, cases] : by_kind) {
-        out << "~ not to be trusted, " << kind << ":\n";
-        for (const std::string& one : cases) out << "    " << one << "\n";
+    for (const auto& [kind, scenes] : by_kind) {
+        std::size_t count = 0;
+        std::vector<std::string> names;
+        for (const auto& [scene, cases] : scenes) {
+            count += cases.size();
+            names.push_back(scene + ": " + names_in_short(cases));
+        }
+        out << fmt::format("~ {} of {} not to be trusted, {}: {}\n", count, counted(rows.size(), "time"),
+                           kind, fmt::join(names, "; "));
     }
 }
 
@@ -231,11 +259,12 @@ void print_table(const nlohmann::json& result, std::ostream& out, TableWidth wid
             chaotic.insert(row.identity.scene + " in " + row.identity.formulation + " " +
                            row.identity.precision + ": rounding alone carries it by " +
                            error_cell(row.errors->spread) + " of its motion in " +
-                           std::to_string(row.workpiece->steps) + " steps");
+                           counted(std::uint64_t(row.workpiece->steps), "step"));
         }
         all.insert(all.end(), rows.begin(), rows.end());
     }
     print_columns(columns, table, width, out);
+    print_shortened(all, result.at("context").at("voxspring").at("study").at("repetitions"), out);
     print_noise(all, out);
     print_above_limit(all, out);
     for (const std::string& scene : chaotic)

@@ -24,7 +24,8 @@ StepTimes step_times_of(const std::vector<Row>& rows);
 /// relative_spread() of its repetitions from 3% on.
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions);
 
-/// A line a reason for which rows are not to be trusted, with the cases that it holds for.
+/// A line per reason for which rows are not to be trusted: how many, and which in a few words. Each of them
+/// has a mark in the table, and the file its figures.
 void print_noise(const std::vector<Row>& rows, std::ostream& out);
 
 /// The cases that were faster than their limit, if any: the limit is wrong, not the time.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <map>
 #include <numeric>
+#include <sstream>
 
 #include "harness/base/text.h"
 
@@ -16,8 +17,8 @@ constexpr std::size_t min_name = 12;  ///< characters that a name keeps
 constexpr std::size_t gap = 2;
 
 struct Laid {
-    std::vector<std::size_t> columns;  ///< which are left
-    std::vector<std::size_t> widths;   ///< of all
+    std::vector<std::size_t> columns = {};  ///< which are left
+    std::vector<std::size_t> widths = {};   ///< of all
     std::size_t total() const {
         std::size_t sum = columns.empty() ? 0 : gap * (columns.size() - 1);
         for (const std::size_t c : columns) sum += widths[c];
@@ -50,6 +51,29 @@ void narrow_names(Laid& laid, const std::vector<Column>& columns, std::size_t wi
 }
 
 using Rows = std::vector<std::vector<std::string>>;
+
+/// `text` in lines of `width` characters, where words let it.
+std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
+    std::vector<std::string> lines;
+    std::istringstream words(text);
+    for (std::string word; words >> word;) {
+        if (!lines.empty() && lines.back().size() + 1 + word.size() <= width) {
+            lines.back() += " " + word;
+        } else {
+            lines.push_back(word);
+        }
+    }
+    return lines;
+}
+
+/// As wide as cells are, with headings in one line or as narrow as their longest word.
+std::size_t width_of(const Column& column, const Rows& rows, std::size_t c, bool wraps) {
+    std::size_t width = 0;
+    for (const std::string& line : wrapped(column.heading, wraps ? 1 : column.heading.size()))
+        width = std::max(width, line.size());
+    for (const auto& row : rows) width = std::max(width, row[c].size());
+    return width;
+}
 
 /// Whether what is left of the names in column `c` still tells them apart.
 bool tells_apart(const Rows& rows, std::size_t c, std::size_t width) {
@@ -105,11 +129,16 @@ void print_columns(const std::vector<Column>& columns, const std::vector<std::ve
     Laid laid;
     laid.columns.resize(columns.size());
     std::iota(laid.columns.begin(), laid.columns.end(), std::size_t(0));
-    for (std::size_t c = 0; c < columns.size(); ++c) {
-        laid.widths.push_back(columns[c].heading.size());
-        for (const auto& row : rows) laid.widths[c] = std::max(laid.widths[c], row[c].size());
+    const auto lay = [&](bool wraps) {
+        laid.widths.clear();
+        for (std::size_t c = 0; c < columns.size(); ++c)
+            laid.widths.push_back(width_of(columns[c], rows, c, wraps));
+    };
+    lay(false);
+    if (width > 0 && laid.total() > width) {
+        lay(true);
+        fit_into(laid, columns, rows, width);
     }
-    if (width > 0) fit_into(laid, columns, rows, width);
     const auto print = [&](const auto& cell_of) {
         std::string line;
         for (const std::size_t c : laid.columns) {
@@ -120,8 +149,25 @@ void print_columns(const std::vector<Column>& columns, const std::vector<std::ve
         }
         out << line << "\n";
     };
-    print([&](std::size_t c) { return columns[c].heading; });
+    std::vector<std::vector<std::string>> headings;
+    std::size_t height = 0;
+    for (std::size_t c = 0; c < columns.size(); ++c) {
+        headings.push_back(wrapped(columns[c].heading, laid.widths[c]));
+    }
+    for (const std::size_t c : laid.columns) height = std::max(height, headings[c].size());
+    for (std::size_t line = 0; line < height; ++line) {
+        print([&](std::size_t c) {
+            const std::size_t above = height - headings[c].size();
+            return line < above ? std::string() : headings[c][line - above];
+        });
+    }
     for (const auto& row : rows) print([&](std::size_t c) { return row[c]; });
+    std::vector<std::string> left_out;
+    for (std::size_t c = 0; c < columns.size(); ++c) {
+        if (std::find(laid.columns.begin(), laid.columns.end(), c) == laid.columns.end())
+            left_out.push_back(columns[c].heading);
+    }
+    if (!left_out.empty()) out << "no room for: " << joined(left_out) << "\n";
 }
 
 std::string error_cell(const std::optional<double>& error) { return error ? error_text(*error) : "-"; }

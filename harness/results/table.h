@@ -23,8 +23,9 @@ struct Column {
     bool is_name = false;
 };
 
-/// Prints rows of as many cells as there are columns. A line is longer than `width` where two names would be
-/// one otherwise.
+/// Prints rows of as many cells as there are columns, and a line that names the columns for which there was
+/// no room. Where there is too little, headings first take several lines. A line is longer than `width` where
+/// two names would be one otherwise.
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
                    TableWidth width, std::ostream& out);
 

@@ -12,6 +12,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
+#include "harness/base/text.h"
 #include "harness/device/noise.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/google_benchmark.h"
@@ -63,12 +64,17 @@ public:
     TimedCase(Case& benchmark_case, const MeasurementContext& context)
         : case_(benchmark_case), context_(context) {
         if (const nlohmann::json* reason = case_.scope().find("failed")) failure_ = *reason;
-        while (known(name_of_repetition(done_ + 1))) ++done_;
+        while (known(name_of_repetition(done_ + 1))) count(kept(name_of_repetition(done_ + 1)));
     }
 
     std::string label() const { return case_.spec().label(); }
     /// How many repetitions are missing; none of a case that failed.
-    int missing() const { return failure_.empty() ? context_.batch.repetitions - done_ : 0; }
+    int missing() const {
+        constexpr int least = 2;
+        const Batch& batch = context_.batch;
+        const bool took_long = done_ >= least && seconds_ >= batch.most_seconds;
+        return failure_.empty() && !took_long ? batch.repetitions - done_ : 0;
+    }
     /// Whether there is nothing left to ask.
     bool finished() const {
         return !failure_.empty() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")));
@@ -131,12 +137,12 @@ public:
         attempt([&] {
             const std::string name = name_of_repetition(done_ + 1);
             nlohmann::json answer = timed(name);
-            if (done_ + 1 == context_.batch.repetitions) {
+            count(answer);
+            if (missing() == 0) {
                 unjudged_ = std::move(answer);
             } else {
                 case_.scope().keep(name, answer);
             }
-            ++done_;
         });
     }
 
@@ -187,13 +193,17 @@ private:
         }
     }
 
+    void count(const nlohmann::json& repetition) {
+        ++done_;
+        seconds_ += repetition.at("host_seconds").get<double>();
+    }
     nlohmann::json timed(const std::string& name);
     Row judged() const;
     void look_at_card(nlohmann::json& answer);
 
     template <class Visit>
     void each_repetition(const Visit& visit) const {
-        for (int i = 1; i <= context_.batch.repetitions; ++i) visit(repetition(i));
+        for (int i = 1; i <= done_; ++i) visit(repetition(i));
     }
     bool resumed() const;
     EditPart edit_part() const;
@@ -208,6 +218,7 @@ private:
     const MeasurementContext& context_;
     std::string failure_;  ///< empty: none so far
     int done_ = 0;         ///< repetitions
+    double seconds_ = 0;   ///< that these took
     bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;
     std::optional<nlohmann::json> unjudged_;  ///< the last repetition
 };
@@ -254,7 +265,7 @@ void TimedCase::look_at_card(nlohmann::json& answer) {
 /// Whether its repetitions are of more than one session of the study.
 bool TimedCase::resumed() const {
     const auto session = [&](int number) { return case_.scope().session_of(name_of_repetition(number)); };
-    return session(1) != session(context_.batch.repetitions);
+    return session(1) != session(done_);
 }
 
 EditPart TimedCase::edit_part() const {
@@ -342,7 +353,7 @@ Row TimedCase::common_row() const {
 void TimedCase::add_rows(StudyBench& bench, int number) {
     Row row = common_row();
     if (failure_.empty()) {
-        const Row verified = row_from_json(repetition(context_.batch.repetitions).at("verified"));
+        const Row verified = row_from_json(repetition(done_).at("verified"));
         row.errors = verified.errors;
         row.verdict = verified.verdict;
         row.reason = verified.reason;
@@ -487,7 +498,7 @@ void check_batch(const Study& study, const Scene& scene, const Batch& batch) {
     if (steps > max_steps_in_all)
         throw BadInput(where, "steps of " + scene.name, std::to_string(batch.steps),
                        "at most " + std::to_string(max_steps_in_all) + " steps in the warm-up and " +
-                           std::to_string(batch.repetitions) + " repetitions together");
+                           counted(std::uint64_t(batch.repetitions), "repetition") + " together");
 }
 
 void measure(StudyBench& bench, const Batch& batch) {

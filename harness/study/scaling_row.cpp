@@ -154,9 +154,16 @@ void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
             << (times > 1 ? "more than one rank pays: " : "more than one rank does not pay: ") << best->ranks
             << ", cut into " << best->cut << ", by " << best->way << " are " << fmt::format("{:.2f}", times)
             << " times as fast as one";
-        if (best->pays_from_particles)
-            out << (times > 1 ? ", and are by the model from " : "; by the model they are faster from ")
-                << two_digits(*best->pays_from_particles) << " particles of this shape on";
+        if (best->pays_from_particles) {
+            const std::string from = two_digits(*best->pays_from_particles) + " particles of this shape on";
+            const bool by_model = double(one.row.workpiece->particles) >= *best->pays_from_particles;
+            if (by_model != (times > 1)) {
+                out << "; the model, by which they are faster from " << from << ", does not hold here";
+            } else {
+                out << (times > 1 ? ", and are by the model from " : "; by the model they are faster from ")
+                    << from;
+            }
+        }
         for (const std::string& reason : best->row.noisy) out << " (" << reason << ")";
         out << "\n";
     }

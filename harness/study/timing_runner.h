@@ -1,6 +1,8 @@
 // What is timed of a backend, in its process; measure.h asks it.
 #pragma once
 
+#include <limits>
+
 #include "harness/process/case_runner.h"
 
 namespace voxspring {
@@ -15,6 +17,9 @@ struct Batch {
     /// for scenes whose upload takes longer than many batches, and which have no edits: after the same number
     /// of steps all cases are at the same state but for rounding, and errors are taken after the last batch.
     bool rewind = true;
+    /// A case makes no further repetitions once they have taken that long together, two at least. Only with
+    /// rewind, without which all cases have to take the same steps.
+    double most_seconds = std::numeric_limits<double>::infinity();
 };
 
 /// Steps from the state that the last batch left back to the last rewind, the warm-up included.

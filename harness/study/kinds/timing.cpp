@@ -1,5 +1,6 @@
 // The kind of study `timing`: the time of a step, with its errors.
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 #include "harness/results/result.h"
@@ -16,6 +17,7 @@ public:
         if (const auto times = study.find("start_times")) start_times_ = times->boolean();
         if (const auto most = study.find("most_particle_steps"))
             most_particle_steps_ = most->integer(1, max_particle_steps);
+        if (const auto most = study.find("most_case_seconds")) most_case_seconds_ = most->number(1e-3, 1e6);
     }
     std::string read_scene(JsonObject& item) const override {
         if (const auto times = item.find("start_times")) (void)times->boolean();
@@ -23,6 +25,11 @@ public:
     }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
         check_batch(study, scene, batch_of(study, item, scene));
+    }
+    /// Where repetitions of slow cases are cut short those of large scenes are, which take most of the time.
+    double steps_of_case(const Study& study, const StudyScene& item) const override {
+        const bool cuts = std::isfinite(most_case_seconds_);
+        return double(item.steps) * (cuts ? std::min(study.repetitions, 2) : study.repetitions);
     }
     void run(StudyBench& bench) override {
         measure(bench, batch_of(bench.study(), bench.item(), bench.scene()));
@@ -39,13 +46,15 @@ private:
         return {.steps = fewer ? int(std::max<std::int64_t>(most, 1)) : item.steps,
                 .repetitions = study.repetitions,
                 .total_error = total_error_,
-                .start_times = item.settings.value("start_times", start_times_)};
+                .start_times = item.settings.value("start_times", start_times_),
+                .most_seconds = most_case_seconds_};
     }
 
     static constexpr std::int64_t max_particle_steps = 1'000'000'000'000;
 
     bool total_error_ = true, start_times_ = true;
     std::int64_t most_particle_steps_ = max_particle_steps;
+    double most_case_seconds_ = Batch().most_seconds;
 };
 
 const RegisteredStudyKind timing_kind("timing", [] { return std::make_unique<TimingStudy>(); });
