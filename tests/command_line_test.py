@@ -119,6 +119,13 @@ class Info(unittest.TestCase):
         self.assertIn("300000", large["time_step_limit_unknown"])
         self.assertIn("98.72%", voxspring("info", "beam").stdout)
 
+    def test_percentages_are_numbers_that_people_read(self):
+        with tempfile.TemporaryDirectory() as folder:
+            scene = pathlib.Path(folder) / "coarse.json"
+            for time_step, said in ((6.0, "1039%"), (0.5, "86.6%"), (0.05, "8.66%")):
+                scene.write_text(json.dumps({"dataset": {"type": "box", "dims": [5, 5, 5]}, "time_step": time_step}))
+                self.assertIn(f"({said} of the stable ", voxspring("info", scene).stdout)
+
     def test_text_says_the_same(self):
         text = voxspring("info", "heart").stdout
         for figure in ("140760", "29449", "220507", "60 x 51 x 46"):
@@ -352,6 +359,14 @@ class Study(InTemporaryFolder):
             self.assertRegex(line, r"^\[\d/\d\] \S+: \d+ rows? in \S+ s(, about \d+ \w+ left)?$", "in a pipe a line a scene")
         with open(out) as file:
             return result.stdout, json.load(file)
+
+    def test_says_that_nothing_is_kept_without_a_file(self):
+        arguments = ["study", "smoke", "--scene", "box@4", "--backend", "cpu_parallel", "--repetitions", "1"]
+        self.assertIn("this result is not kept: --out FILE.json keeps it", voxspring(*arguments).stderr)
+        out = self.folder / "kept.json"
+        kept = voxspring(*arguments, "--out", out)
+        self.assertNotIn("not kept", kept.stderr)
+        self.assertIn(f"written: {out}", kept.stdout)
 
     def test_result_follows_its_schema_and_leaves_nothing_out(self):
         table, result = self.run_smoke()

@@ -24,7 +24,8 @@ PFN_vkGetInstanceProcAddr open_loader() {
     const char* chosen = std::getenv("VOXSPRING_VULKAN_LOADER");
     const std::string library = chosen != nullptr && *chosen != '\0' ? chosen : "libvulkan.so.1";
     void* const handle = dlopen(library.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
-    if (handle == nullptr) throw Unavailable("no Vulkan loader: " + std::string(dlerror()));
+    if (handle == nullptr)
+        throw Unavailable("no Vulkan loader (Debian: libvulkan1): " + std::string(dlerror()));
     void* const entry = dlsym(handle, "vkGetInstanceProcAddr");
     if (entry == nullptr) throw Unavailable("no Vulkan loader: " + std::string(dlerror()));
     return reinterpret_cast<PFN_vkGetInstanceProcAddr>(entry);
@@ -221,6 +222,9 @@ Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), l
         if (tried.empty())
             reasons = devices.empty() ? ": no driver has a device"
                                       : " device is '" + asked + "': there are " + names_of(all);
+    } catch (const vk::IncompatibleDriverError&) {
+        reasons =
+            " driver is here (of a card, or Debian's mesa-vulkan-drivers, which compute on the processor)";
     } catch (const vk::SystemError& error) {
         reasons += std::string(": ") + error.what();
     }

@@ -30,7 +30,12 @@ int run_and_print_study(const std::string& argument, const StudyOptions& asked, 
     options.mpi = mpi.get();
     const nlohmann::json result = run_study(load_study(argument), options);
     print_result(result, out, &out == &std::cout ? terminal_width(STDOUT_FILENO) : 0);
-    if (options.out) out << "written: " << options.out->string() << "\n";
+    if (options.out) {
+        out << "written: " << options.out->string() << "\n";
+    } else {
+        std::cerr << "voxspring: this result is not kept: --out FILE.json keeps it, and each repetition as "
+                     "soon as it is measured\n";
+    }
     if (is_unfinished(result)) {
         out << "interrupted: this is what was finished"
             << (options.out ? "; the same command with --resume goes on" : "") << "\n";
