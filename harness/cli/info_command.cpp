@@ -91,6 +91,7 @@ nlohmann::json to_json(const SceneFacts& facts) {
         {"damping", problem.damping},
         {"edits", scene.edits.size()},
         {"held_particles", problem.tool.particles.size()},
+        {"notes", scene.notes},
         {"bytes", facts.bytes},
     };
 }
@@ -108,6 +109,7 @@ void print_body(const SceneFacts& facts, std::ostream& out) {
     const Problem& problem = scene.problem;
     row(out, "scene", scene.name);
     if (!scene.description.empty()) row(out, "", scene.description);
+    for (const std::string& note : scene.notes) row(out, "note", note);
     row(out, "dims", triple(problem.lattice.dims));
     row(out, "spacing", triple(problem.lattice.spacing));
     row(out, "voxels", problem.lattice.voxel_count());

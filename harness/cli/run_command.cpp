@@ -95,6 +95,8 @@ public:
         if (!options.time) exports_ = std::make_unique<Exports>(options.out, steps_);
         activity_.begin("reading " + argument);
         scene_ = std::make_unique<Scene>(load_scene(argument, options.volume));
+        activity_.end();
+        say_notes(*scene_);
         if (options.time_step) take_time_step(*options.time_step);
         if (options.time) {
             steps_ = steps_to(*options.time, *scene_, out);

@@ -91,8 +91,10 @@ template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step] = value;
-        pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step);
+        auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, notes] =
+            value;
+        pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,
+                 notes);
     } else if constexpr (std::is_same_v<Plain, Problem>) {
         auto& [rest_position, materials, material, pinned, ghosts, load, tool, lattice, rest_length,
                group_stiffness, group_bits, springs, gravity, damping, time_step] = value;

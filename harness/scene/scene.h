@@ -37,7 +37,13 @@ struct Scene {
     /// The largest stable time step for small displacements (stability.h), with the springs that edits add;
     /// infinite where nothing oscillates.
     double stable_time_step = 0;
+    /// What loading guessed, rounded or left out, for the user to know: a sentence each, which begins with a
+    /// small letter and has no full stop.
+    std::vector<std::string> notes = {};
 };
+
+/// Writes the notes to standard error, a line each. Every command that loads a scene does so once.
+void say_notes(const Scene& scene);
 
 /// Whether a process that has its state on a device takes much memory and many processors: more than a few
 /// such processes get into each other's way.

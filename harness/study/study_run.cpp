@@ -175,7 +175,9 @@ void StudyRun::check(const StudyScene& item) {
         return;
     }
     scenes_.check_name(item, *loaded);
-    particles_[item.scene] = double(loaded->problem.particle_count());
+    const double particles = double(loaded->problem.particle_count());
+    const bool is_new = particles_.emplace(item.scene, particles).second;
+    if (is_new) say_notes(*loaded);
     kind_->check(study_, item, *loaded);
     check_backends(item);
 }

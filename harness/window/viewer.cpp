@@ -387,6 +387,7 @@ int view_scene(const std::string& scene, const ViewOptions& options, std::ostrea
         (void)BackendSpec::parse(options.backend);
     }
     Scene loaded = load_scene(scene, options.volume);
+    say_notes(loaded);
     try {
         return Viewer(std::move(loaded), options, out).run();
     } catch (const Unavailable& absent) {
