@@ -126,6 +126,41 @@ class Volume(InTemporaryFolder):
         self.assertEqual(self.info("--spacing", 1.5)["spacing"], [1.5, 1.5, 1.5])
         self.assertEqual(self.info("--spacing", "1,2,4")["spacing"], [1, 2, 4])
 
+    def test_a_frame_of_a_4d_file(self):
+        data = self.file.read_bytes().split(b"\n\n", 1)[1]
+        self.file.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 4\nsizes: 6 5 4 2\nencoding: raw\nspacings: 2 2 3 1\n\n" +
+                              data + bytes([1] * 120))
+        self.assert_refused(voxspring("info", self.file), "body.nrrd", "--frame", "from 0 to 1")
+        self.assert_refused(voxspring("info", self.file, "--frame", 2), "body.nrrd", "frame", "0 to 1")
+        self.assert_refused(voxspring("info", self.file, "--frame=-1"), "--frame", "-1")
+        self.assertEqual(self.info("--frame", 0)["active_particles"], 90)
+        self.assertEqual(self.info("--frame", 1)["active_particles"], 120)
+        self.assertRegex(voxspring("info", self.file, "--frame", 1).stdout, r"(?m)^frame +1 of 2, counted from 0$")
+
+    def test_what_is_guessed_is_said_once(self):
+        self.file.write_bytes(self.file.read_bytes().replace(b"spacings: 2 2 3\n", b""))
+        note = "the file gives no distance between voxels: 1 is taken"
+        self.assertIn(note, self.info()["notes"])
+        said = voxspring("info", self.file)
+        self.assertRegex(said.stdout, rf"(?m)^note +{note}$")
+        self.assertNotIn(note, said.stderr)
+        study = ("study", "smoke", "--scene", self.file, "--backend", "cpu_parallel", "--repetitions", 1)
+        for command in (("run", self.file, "--backend", "cpu_reference", "--steps", 2), study):
+            ran = voxspring(*command)
+            self.assertEqual(ran.returncode, 0, ran.stderr)
+            self.assertEqual(ran.stderr.count(f"voxspring: body.nrrd: {note}\n"), 1, ran.stderr)
+
+    def test_segments_by_name(self):
+        self.file.write_bytes(self.file.read_bytes().replace(
+            b"\n\n", b"\nSegment0_ID:=a\nSegment0_Name:=the wall\nSegment0_LabelValue:=2\nSegment0_Layer:=0\n"
+            b"Segment1_ID:=b\nSegment1_Name:=valve\nSegment1_LabelValue:=7\nSegment1_Layer:=0\n\n", 1))
+        counts = [{"name": "the wall", "voxels": 60}, {"name": "valve", "voxels": 30}]
+        self.assertEqual(self.info()["volume"]["labels"], counts)
+        self.assertEqual(self.info("--labels", "the wall")["active_particles"], 60)
+        self.assertEqual(self.info("--labels", "the wall,7")["active_particles"], 90)
+        self.assertRegex(voxspring("info", self.file).stdout, r"(?m)^label +the wall: 60 voxels$")
+        self.assert_refused(voxspring("info", self.file, "--labels", "floor"), "body.nrrd", "floor", "the wall, valve")
+
     def test_a_run_is_that_of_the_scene_file_that_says_the_same(self):
         with open("harness/scenes/heart.json") as file:
             scene = json.load(file)

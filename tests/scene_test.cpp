@@ -473,6 +473,87 @@ TEST(Scene, VolumesByThresholdAndLabels) {
               "labels: 3 is not accepted; expected labels that some voxel carries");
 }
 
+/// "wall" and "valve" in one layer of 3D Slicer's, x to the left, y to the posterior, z to the superior.
+std::string segments_of_a_body() {
+    return nrrd_file(
+        "type: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 2 2 3\n"
+        "space directions: (1,0,0) (0,1.6,1.2) (0,-1.2,1.6)\nspace origin: (5,6,7)\nencoding: raw\n"
+        "Segment0_ID:=Segment_1\nSegment0_Name:=wall\nSegment0_LabelValue:=1\nSegment0_Layer:=0\n"
+        "Segment1_ID:=Segment_2\nSegment1_Name:=valve\nSegment1_LabelValue:=2\nSegment1_Layer:=0\n",
+        std::string{1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 0, 0});
+}
+
+TEST(Scene, SegmentsAreNamed) {
+    const TemporaryFolder folder;
+    folder.write("v.seg.nrrd", segments_of_a_body());
+    const auto scene = [&](const std::string& dataset, const std::string& keys) {
+        return load_scene(folder.write("s.json", R"({"dataset": {"type": "volume", "file": "v.seg.nrrd")" +
+                                                     dataset + "}" + keys + "}"),
+                          small);
+    };
+    EXPECT_EQ(scene("", "").problem.particle_count(), 10u);
+    EXPECT_EQ(scene(R"(, "labels": ["valve"])", "").problem.particle_count(), 4u);
+    const Scene by_name =
+        scene("", R"(, "mass": {"wall": 1, "Segment_2": 3}, "stiffness": {"1": 2, "valve": 4})");
+    ASSERT_EQ(by_name.problem.materials.size(), 2u);
+    EXPECT_EQ(by_name.problem.materials[1].mass, 3);
+    EXPECT_EQ(by_name.problem.materials[1].stiffness, 4);
+    ASSERT_TRUE(by_name.volume);
+    const std::vector<std::pair<std::string, std::uint64_t>> counts = {{"wall", 6}, {"valve", 4}};
+    EXPECT_EQ(by_name.volume->labels, counts);
+    const auto refused = [&](const std::string& keys) {
+        const std::string message = refusal([&] { scene("", keys); });
+        return message.substr(message.find(": ") + 2);
+    };
+    EXPECT_EQ(refused(R"(, "mass": {"wall": 1})"),
+              R"(mass: {"wall":1} is not accepted; expected a value for each of the labels wall, valve)");
+    EXPECT_EQ(
+        refused(R"(, "mass": {"wall": 1, "1": 1, "valve": 2})"),
+        R"(mass: {"1":1,"valve":2,"wall":1} is not accepted; expected one value for wall, not two by different names)");
+}
+
+TEST(Scene, SidesOfTheBodyAreThoseOfItsFile) {
+    const TemporaryFolder folder;
+    folder.write("v.seg.nrrd", segments_of_a_body());
+    const auto scene = [&](const std::string& keys) {
+        return load_scene(
+            folder.write("s.json", R"({"dataset": {"type": "volume", "file": "v.seg.nrrd"}, )" + keys + "}"),
+            small);
+    };
+    // z is 37 degrees off the superior, and the nearest to it.
+    const Scene pinned = scene(R"("pinned": {"side": "inferior"})");
+    EXPECT_EQ(pinned.problem.pinned, scene(R"("pinned": {"side": "z-"})").problem.pinned);
+    EXPECT_EQ(pinned.notes, std::vector<std::string>{"inferior is taken for z-, which is 37 degrees off"});
+    EXPECT_TRUE(scene(R"("pinned": {"side": "z-"})").notes.empty());
+    EXPECT_EQ(scene(R"("pinned": {"side": "right"})").problem.pinned,
+              scene(R"("pinned": {"side": "x-"})").problem.pinned);
+    // Gravity has the direction itself.
+    const glm::dvec3 gravity = scene(R"("gravity": {"toward": "inferior", "strength": 10})").problem.gravity;
+    EXPECT_NEAR(gravity.x, 0, 1e-14);
+    EXPECT_NEAR(gravity.y, -6, 1e-14);
+    EXPECT_NEAR(gravity.z, -8, 1e-14);
+    EXPECT_EQ(scene(R"("gravity": {"toward": "y+", "strength": 10})").problem.gravity, glm::dvec3(0, 10, 0));
+}
+
+TEST(Scene, AFrameAndASpacingAreChosenBeforeTheFileIsJudged) {
+    const TemporaryFolder folder;
+    folder.write("v.nrrd",
+                 nrrd_file("type: uint8\ndimension: 4\nsizes: 2 2 2 2\nkinds: space space space time\n"
+                           "spacings: 0 1 1 1\nencoding: raw\n",
+                           std::string(8, '\1') + std::string{0, 0, 0, 0, 0, 0, 1, 1}));
+    const std::string keys = R"({"dataset": {"type": "volume", "file": "v.nrrd", "frame": 1})";
+    const Scene scene = load_scene(folder.write("s.json", keys + R"(, "spacing": 3})"), small);
+    EXPECT_EQ(scene.problem.particle_count(), 2u);
+    EXPECT_EQ(scene.problem.lattice.spacing, glm::dvec3(3));
+    EXPECT_NE(
+        refusal([&] { load_scene(folder.write("s.json", keys + "}"), small); }).find("spacings: 0 1 1 1"),
+        std::string::npos);
+    VolumeOptions options;
+    options.frame = 0;
+    options.spacing = glm::dvec3(3);
+    EXPECT_EQ(load_scene((folder.path() / "v.nrrd").string(), options, small).problem.particle_count(), 8u);
+}
+
 TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
     const TemporaryFolder folder;
     const std::string data(4 * 5 * 6, '\3');

@@ -28,7 +28,8 @@ ODD_VALUES = [
     {"pairs": [[[0, 0, 0], [1, 1, 1]]]}, {"plane": {"point": [1, 1, 1], "normal": [0, 0.0, 0]}}, {"times": 2, "every": 3},
     {"random": 0.1, "seed": 3}, {"random": 0.1}, {"vector": [1, 0, 0]}, {"vector": [1, 0, 0], "side": "z-", "slices": 2},
     {"vector": [1, 0, 0], "to": [1, 1, 1]}, {"random": 0.1, "seed": 3, "voxel": [0, 0, 0]}, {"fraction_of_stable": 0.5},
-    {"fraction_of_limit": 0.5}, [{"side": "y+", "fraction": 1}],
+    {"fraction_of_limit": 0.5}, [{"side": "y+", "fraction": 1}], {"toward": "superior", "strength": 1}, {"toward": "z-"},
+    {"side": "left"}, ["wall", 1], [1, "1"], {"wall": 2}, {"": 1},
 ]
 
 

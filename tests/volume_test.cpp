@@ -3,11 +3,18 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <atomic>
+#include <cmath>
 #include <cstdlib>
 #include <limits>
 #include <new>
+#include <numbers>
 #include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/readers.h"
@@ -36,21 +43,23 @@ constexpr SceneSizeLimits large{1000000, 1000000};
 
 enum class Format : std::uint8_t { nifti, nrrd, metaimage };
 
-Volume read(Format format, const std::string& bytes, const SceneSizeLimits& limits = large) {
+Volume read(Format format, const std::string& bytes, const SceneSizeLimits& limits = large,
+            const VolumeChoice& choice = {}) {
     std::istringstream stream(bytes);
     switch (format) {
         case Format::nifti:
-            return read_nifti(stream, "f", limits);
+            return read_nifti(stream, "f", limits, choice);
         case Format::nrrd:
-            return read_nrrd(stream, "f", limits);
+            return read_nrrd(stream, "f", limits, choice);
         default:
-            return read_metaimage(stream, "f", limits);
+            return read_metaimage(stream, "f", limits, choice);
     }
 }
 
-std::string refusal(Format format, const std::string& bytes, const SceneSizeLimits& limits = large) {
+std::string refusal(Format format, const std::string& bytes, const SceneSizeLimits& limits = large,
+                    const VolumeChoice& choice = {}) {
     try {
-        read(format, bytes, limits);
+        read(format, bytes, limits, choice);
     } catch (const BadInput& refused) {
         return refused.what();
     }
@@ -67,8 +76,21 @@ std::string metaimage_fields(const std::string& type, const std::string& more = 
     return "NDims = 3\nDimSize = 2 3 2\nElementType = " + type + "\n" + more;
 }
 
+using Words = std::vector<std::string>;
+using Counts = std::vector<std::pair<std::string, std::uint64_t>>;
+
+Words names(const LabelledGrid& labelled) {
+    Words list;
+    for (const Label& label : labelled.labels) list.push_back(label.name);
+    return list;
+}
+
 /// Twelve values that every scalar type can hold.
 const std::vector<double> values = {0, 1, 2, 3, 0, 0, 7, 100, 0, 0, 0, 5};
+
+const std::string a_distance =
+    "a distance between voxels along each axis, other than 0; --spacing or \"spacing\" in a scene takes its "
+    "place";
 
 /// The values of a volume as its labels see them.
 std::vector<double> values_of(const Volume& volume) {
@@ -76,7 +98,7 @@ std::vector<double> values_of(const Volume& volume) {
     const LabelledGrid labelled = with_labels(volume, std::nullopt);
     for (std::size_t v = 0; v < out.size(); ++v) {
         const int material = labelled.grid.label[v];
-        out[v] = material == 0 ? 0 : double(labelled.labels[std::size_t(material - 1)]);
+        out[v] = material == 0 ? 0 : std::stod(labelled.labels[std::size_t(material - 1)].name);
     }
     return out;
 }
@@ -159,9 +181,10 @@ TEST(Volume, ThresholdAndLabels) {
         read(Format::nrrd, nrrd_file(nrrd_fields("double"), bytes_of_values<double>(signed_values)));
     EXPECT_EQ(above_threshold(volume, 0.5).grid.label,
               (std::vector<std::uint8_t>{0, 0, 0, 0, 1, 1, 0, 1, 0, 1, 0, 0}));
-    EXPECT_EQ(above_threshold(volume, 0.5).labels, std::vector<std::int64_t>{1});
-    const LabelledGrid labelled = with_labels(volume, std::vector<std::int64_t>{7, -3, 2});
-    EXPECT_EQ(labelled.labels, (std::vector<std::int64_t>{-3, 2, 7}));
+    EXPECT_EQ(names(above_threshold(volume, 0.5)), Words{"1"});
+    const LabelledGrid labelled = with_labels(volume, Words{"7", "-3", "2"});
+    EXPECT_EQ(names(labelled), (Words{"-3", "2", "7"}));
+    EXPECT_EQ(labelled.counts, (Counts{{"-3", 2}, {"2", 2}, {"7", 1}}));
     EXPECT_EQ(labelled.grid.label, (std::vector<std::uint8_t>{1, 0, 0, 0, 0, 2, 0, 2, 1, 3, 0, 0}));
 
     const auto refused = [&](const auto& use) {
@@ -176,7 +199,7 @@ TEST(Volume, ThresholdAndLabels) {
               "f: threshold: 7 is not accepted; expected one below the largest value in the volume, 7, so "
               "that some voxel is active");
     EXPECT_EQ(refused([&] {
-                  with_labels(volume, std::vector<std::int64_t>{7, 4});
+                  with_labels(volume, Words{"7", "4"});
               }),
               "f: labels: 4 is not accepted; expected labels that some voxel carries");
     EXPECT_EQ(refused([&] { with_labels(volume, std::nullopt); }),
@@ -224,7 +247,7 @@ TEST(Volume, NiftiExtensionsAreSkipped) {
     EXPECT_EQ(values_of(read(Format::nifti, nifti_file(header, data))), values);
     header.vox_offset = 352 + 5000;
     EXPECT_EQ(refusal(Format::nifti, nifti_file(header, data)),
-              "f: vox_offset: 5352 is not accepted; expected an offset within the file");
+              "f: vox_offset: 5352 is not accepted; expected a place within the data");
 }
 
 TEST(Volume, TrailingDimensionsOfOneAreAccepted) {
@@ -250,7 +273,7 @@ TEST(Volume, NrrdAsSlicerWritesIt) {
         "# Complete NRRD file format specification at:\r\n# http://teem.sourceforge.net/nrrd/format.html\r\n"
         "type: unsigned char\r\ndimension: 3\r\nspace: left-posterior-superior\r\nsizes: 2 3 2\r\n"
         "space directions: (0,0.5,0) (-0.8, 0, 0.6) (0.6e1,0,8)\r\nkinds: domain domain domain\r\n"
-        "Encoding: gzip\r\nspace origin: (1,2,3)\r\nSegment0_Name:=wall: left\r\n\r\n";
+        "Encoding: gzip\r\nspace origin: (1,2,3)\r\ncontent:=wall: left\r\n\r\n";
     const Volume volume =
         read(Format::nrrd, "NRRD0005\r\n" + fields + gzipped(bytes_of_values<std::uint8_t>(values)));
     EXPECT_EQ(volume.dims, glm::ivec3(2, 3, 2));
@@ -266,7 +289,7 @@ TEST(Volume, SeveralGzipMembersAreOneStream) {
     EXPECT_EQ(values_of(read(Format::nrrd, nrrd_file(nrrd_fields("uint8", "gzip"), members))), values);
 }
 
-// Every file that ends too early, wherever it does, is refused, and so is one with a byte too many.
+// Every file that ends too early, wherever it does, is refused.
 TEST(Volume, TruncatedFilesAreRefusedAtEveryLength) {
     const std::string data = bytes_of_values<std::uint16_t>(values);
     const std::vector<std::pair<Format, std::string>> files = {
@@ -284,7 +307,6 @@ TEST(Volume, TruncatedFilesAreRefusedAtEveryLength) {
         EXPECT_EQ(refusal(format, file), "accepted");
         for (std::size_t length = 0; length < file.size(); ++length)
             EXPECT_NE(refusal(format, file.substr(0, length)), "accepted") << length;
-        EXPECT_NE(refusal(format, file + '\0'), "accepted");
     }
     EXPECT_EQ(
         refusal(Format::nifti, files[0].second.substr(0, 360)),
@@ -375,28 +397,22 @@ TEST(Volume, NiftiHeadersThatLieAreRefused) {
                   std::memcpy(h.magic, "\x01\xff\n!", 4);
               }).rfind("f: magic: \\x01\xff\\x0a! is not", 0),
               0u);
-    EXPECT_EQ(
-        refused([](nifti_1_header& h) { h.dim[0] = 2; }),
-        "f: dim[0]: 2 is not accepted; expected 3 dimensions, or up to 7 of which all further ones are 1");
+    EXPECT_EQ(refused([](nifti_1_header& h) { h.dim[0] = 2; }),
+              "f: dim[0]: 2 is not accepted; expected 3 dimensions, or up to 7 of which the further ones are "
+              "time and "
+              "values of a voxel");
     EXPECT_NE(refused([](nifti_1_header& h) { h.dim[0] = -3; }), "accepted");
     EXPECT_NE(refused([](nifti_1_header& h) { h.dim[0] = 8; }), "accepted");
     EXPECT_EQ(refused([](nifti_1_header& h) { h.dim[2] = -3; }),
               "f: dim: 2 x -3 x 2 is not accepted; expected sides from 1 to 1048576");
-    EXPECT_EQ(refused([](nifti_1_header& h) {
-                  h.dim[0] = 4;
-                  h.dim[4] = 2;
-              }),
-              "f: dim[4]: 2 is not accepted; expected 1: a volume has 3 dimensions and one value a voxel");
     EXPECT_EQ(refused([](nifti_1_header& h) { h.datatype = 128; }),
               "f: datatype: 128 is not accepted; expected one of the scalar types 2, 4, 8, 16, 64, 256, 512, "
               "768, 1024, 1280");
     for (const float distance : {0.F, -0.F, std::numeric_limits<float>::infinity(),
                                  std::numeric_limits<float>::quiet_NaN(), 1e-30F, -1e30F}) {
-        EXPECT_EQ(refused([&](nifti_1_header& h) { h.pixdim[2] = distance; }),
-                  "f: pixdim[2]: " + std::to_string(distance) +
-                      " is not accepted; expected a distance between voxels other than 0");
+        EXPECT_EQ(refused([&](nifti_1_header& h) { h.pixdim[2] = distance; }).rfind("f: pixdim[2]: ", 0), 0u);
     }
-    for (const float offset : {0.F, 348.F, -1.F, 1e30F, std::numeric_limits<float>::quiet_NaN()})
+    for (const float offset : {348.F, -1.F, 1e30F, std::numeric_limits<float>::quiet_NaN()})
         EXPECT_EQ(refused([&](nifti_1_header& h) { h.vox_offset = offset; }).rfind("f: vox_offset: ", 0), 0u);
 }
 
@@ -415,12 +431,10 @@ TEST(Volume, NrrdHeadersThatLieAreRefused) {
               "f: type: block is not accepted; expected int8, uint8, int16, uint16, int32, uint32, int64, "
               "uint64, float or double");
     EXPECT_EQ(refused("type: uint8\ndimension: 2\nsizes: 4 3\nencoding: raw\n"),
-              "f: dimension: 2 is not accepted; expected 3, or more where all further sizes are 1");
+              "f: dimension: 2 is not accepted; expected 3 to 16");
     for (const std::string sizes : {"2 3", "2 3 2 1", "2 3 x", "2 3 2.0", "2 3 99999999999999999999", ""}) {
         EXPECT_EQ(refused(start + "sizes: " + sizes + "\nencoding: raw\n"),
-                  "f: sizes: " + sizes +
-                      " is not accepted; expected 3 whole numbers, 3 of them sides and all further ones 1: a "
-                      "volume has one value a voxel");
+                  "f: sizes: " + sizes + " is not accepted; expected 3 whole numbers");
     }
     EXPECT_EQ(refused(start + "sizes: 2 -3 2\nencoding: raw\n"),
               "f: sizes: 2 x -3 x 2 is not accepted; expected sides from 1 to 1048576");
@@ -440,27 +454,20 @@ TEST(Volume, NrrdHeadersThatLieAreRefused) {
               "f: byte skip: -2 is not accepted; expected a whole number of at least -1");
     EXPECT_EQ(refused(good + "line skip: 1e3\n"),
               "f: line skip: 1e3 is not accepted; expected a whole number of at least 0");
-    EXPECT_EQ(refused(start + "sizes: 2 3 2\nencoding: gzip\nbyte skip: -1\n"),
-              "f: byte skip: -1 is not accepted; expected 0 or more: -1 is for raw data");
-    EXPECT_EQ(refused(good + "type: uint8\n"),
-              "f: type: a second value is not accepted; expected each field once");
+    EXPECT_EQ(refused(good + "type: int8\n"), "f: type: two values is not accepted; expected one value");
     EXPECT_EQ(refused(good + "nonsense\n"),
               "f: header: nonsense is not accepted; expected lines of the form FIELD: VALUE");
-    for (const std::string spacings : {"1 1", "1 1 0", "1 1 -1", "1 nan 1", "1 1 inf", "1 1 one"}) {
+    for (const std::string spacings : {"1 1", "1 1 0", "1 nan 1", "1 1 inf", "1 1 one"}) {
         EXPECT_EQ(refused(good + "spacings: " + spacings + "\n"),
-                  "f: spacings: " + spacings +
-                      " is not accepted; expected a positive distance between voxels along each axis");
+                  "f: spacings: " + spacings + " is not accepted; expected " + a_distance);
     }
     for (const std::string directions :
-         {"(1,0,0) (0,1,0)", "(1,0,0) (0,1,0) none", "(1,0,0) (0,1,0) (0,0)", "(1,0,0) (0,1,0) (0,0,x)",
-          "(1,0,0) (0,1,0) (0,0,1", "(1,0,0) (0,1,0) 1", "(1,0,0) (0,1,0) (0,0,1,)", ""}) {
+         {"(1,0,0) (0,1,0)", "(1,0,0) (0,1,0) (0,0)", "(1,0,0) (0,1,0) (0,0,x)", "(1,0,0) (0,1,0) (0,0,1",
+          "(1,0,0) (0,1,0) 1", "(1,0,0) (0,1,0) (0,0,1,)", ""}) {
         EXPECT_EQ(refused(good + "space directions: " + directions + "\n"),
                   "f: space directions: " + directions +
                       " is not accepted; expected a vector (x,y,z) for each axis of space");
     }
-    EXPECT_EQ(
-        refused(good + "space directions: (1,0,0) (0.5,1,0) (0,0,1)\n"),
-        "f: space directions: (1,0,0) (0.5,1,0) (0,0,1) is not accepted; expected axes at right angles");
     EXPECT_EQ(
         refusal(Format::nrrd, "NRRD0004\n" + std::string(2000000, '#')).rfind("f: header: more than", 0), 0u);
 }
@@ -528,40 +535,11 @@ TEST(Volume, PairsOfHeaderAndImage) {
         EXPECT_EQ(values_of(read_volume(folder.path() / "b.hdr.gz", large)), values);
     }
     const TemporaryFolder folder;
-    EXPECT_EQ(refusal_of_file(folder.write("alone.img", data)),
-              (folder.path() / "alone.hdr").string() +
-                  ": a missing file is not accepted; expected the header of " +
-                  (folder.path() / "alone.img").string());
-}
-
-TEST(Volume, ADistanceAgainstTheAxisCountsAsItsLength) {
-    nifti_1_header header = nifti_header({2, 3, 2}, 2, {-0.5F, 1, -2});
-    header.pixdim[0] = -1;  // qfac
-    EXPECT_EQ(read(Format::nifti, nifti_file(header, bytes_of_values<std::uint8_t>(values))).spacing,
-              glm::dvec3(0.5, 1, 2));
-}
-
-TEST(Volume, LeadingDimensionsOfOneAreAccepted) {
-    const std::string data = bytes_of_values<std::uint8_t>(values);
-    nifti_1_header header = nifti_header({1, 2, 3}, 2, {9, 0.5F, 1});
-    header.dim[0] = 4;
-    header.dim[4] = 2;
-    header.pixdim[4] = 2;
-    const std::string fields =
-        "type: uchar\ndimension: 5\nsizes: 1 2 3 2 1\nencoding: raw\n"
-        "spacings: NaN 0.5 1 2 NaN\n";
-    const std::string fields_of_meta =
-        "NDims = 4\nDimSize = 1 2 3 2\nElementSpacing = 9 0.5 1 2\nElementType = MET_UCHAR\n";
-    for (const Volume& volume :
-         {read(Format::nifti, nifti_file(header, data)), read(Format::nrrd, nrrd_file(fields, data)),
-          read(Format::metaimage, metaimage_file(fields_of_meta, data))}) {
-        EXPECT_EQ(volume.dims, glm::ivec3(2, 3, 2));
-        EXPECT_EQ(volume.spacing, glm::dvec3(0.5, 1, 2));
-        EXPECT_EQ(values_of(volume), values);
-    }
-    header.dim[1] = 2;
-    EXPECT_EQ(refusal(Format::nifti, nifti_file(header, data)),
-              "f: dim[4]: 2 is not accepted; expected 1: a volume has 3 dimensions and one value a voxel");
+    EXPECT_EQ(
+        refusal_of_file(folder.write("alone.img", data)),
+        (folder.path() / "alone.img").string() +
+            ": an image without its header is not accepted; expected alone.hdr beside it, or alone.hdr.gz "
+            "if that has no other image");
 }
 
 TEST(Volume, NrrdAxesAreWhatTheirKindsSay) {
@@ -570,18 +548,14 @@ TEST(Volume, NrrdAxesAreWhatTheirKindsSay) {
     const auto refused = [&](const std::string& fields) {
         return refusal(Format::nrrd, nrrd_file(start + fields, data));
     };
+    const std::string three_axes = "three axes along which voxels lie: time, colours and lists are none";
     // One slice of an RGB picture is no volume of 3 x 2 x 2.
     for (const std::string kind : {"RGB-color", "vector", "list", "3-color", "time"}) {
-        EXPECT_EQ(
-            refused("dimension: 3\nsizes: 3 2 2\nkinds: " + kind + " domain domain\n"),
-            "f: kinds: " + kind +
-                " domain domain is not accepted; expected domain or space for the 3 axes of a volume, and "
-                "a size of 1 along any other: it has one value a voxel");
+        EXPECT_EQ(refused("dimension: 3\nsizes: 3 2 2\nkinds: " + kind + " domain domain\n"),
+                  "f: kinds: " + kind + " domain domain is not accepted; expected " + three_axes);
     }
-    EXPECT_EQ(
-        refused("dimension: 3\nsizes: 3 2 2\nspace directions: none (1,0,0) (0,1,0)\n"),
-        "f: space directions: none (1,0,0) (0,1,0) is not accepted; expected a vector (x,y,z) for each axis "
-        "of space");
+    EXPECT_EQ(refused("dimension: 3\nsizes: 3 2 2\nspace directions: none (1,0,0) (0,1,0)\n"),
+              "f: space directions: none (1,0,0) (0,1,0) is not accepted; expected " + three_axes);
     EXPECT_EQ(refused("dimension: 3\nsizes: 3 2 2\nkinds: domain domain\n"),
               "f: kinds: domain domain is not accepted; expected 3 words, one for each axis");
     // An axis beside those of space goes first, wherever it is.
@@ -615,6 +589,12 @@ TEST(Volume, NrrdWithDataInOtherFiles) {
     EXPECT_EQ(values_behind(nrrd_fields("uint16") + "line skip: 2\nbyte skip: 3\ndata file: skip.raw\n"),
               values);
     EXPECT_EQ(values_behind(nrrd_fields("uint16") + "byte skip: -1\ndata file: skip.raw\n"), values);
+    folder.write("tail.gz", gzipped("???" + data));
+    EXPECT_EQ(values_behind(nrrd_fields("uint16", "gzip") + "byte skip: -1\ndata file: tail.gz\n"), values);
+    EXPECT_EQ(
+        refused(nrrd_fields("uint32", "gzip") + "byte skip: -1\ndata file: tail.gz\n"),
+        "tail.gz: data: 27 bytes of data is not accepted; expected 48 bytes, 12 voxels of type uint32 as the "
+        "header says");
     folder.write("skip.gz", "one\n" + gzipped("???" + data));
     EXPECT_EQ(
         values_behind(nrrd_fields("uint16", "gzip") + "line skip: 1\nbyte skip: 3\ndata file: skip.gz\n"),
@@ -684,41 +664,683 @@ TEST(Volume, MetaImageHeadersThatLieAreRefused) {
               "name of a file, or LIST with names of files below it");
     EXPECT_EQ(refused(good + "nonsense\n"),
               "f: header: nonsense is not accepted; expected lines of the form NAME = VALUE");
-    EXPECT_EQ(refused(good + "NDims = 3\n"),
-              "f: NDims: a second value is not accepted; expected each field once");
+    EXPECT_EQ(refused(good + "NDims = 3\nComment = one\nComment = two\n"), "accepted");
+    EXPECT_EQ(refused(good + "NDims = 4\n"), "f: NDims: two values is not accepted; expected one value");
+    EXPECT_EQ(refused(good + "BinaryData = 1\nElementToIntensityFunctionSlope = 1.0\n"), "accepted");
     EXPECT_EQ(refused(good + "BinaryData = False\n"),
               "f: BinaryData: False is not accepted; expected True: voxels as bytes, not as text");
-    EXPECT_EQ(refused(good + "ElementNumberOfChannels = 3\n"),
-              "f: ElementNumberOfChannels: 3 is not accepted; expected 1: a volume has one value a voxel");
-    EXPECT_EQ(
-        refused(good + "ElementToIntensityFunctionSlope = 2\n"),
-        "f: ElementToIntensityFunctionSlope: 2 is not accepted; expected 1: voxels are taken as they are");
+    EXPECT_EQ(refused(good + "ElementToIntensityFunctionSlope = 0\n"),
+              "f: ElementToIntensityFunctionSlope: 0 is not accepted; expected a number other than 0");
     EXPECT_EQ(refused(good + "CompressedData = perhaps\n"),
               "f: CompressedData: perhaps is not accepted; expected True or False");
     EXPECT_EQ(refused(good + "CompressedData = True\n").rfind("f: zlib data: ", 0), 0u);
-    EXPECT_EQ(refused(good + "CompressedData = True\nHeaderSize = -1\n"),
-              "f: HeaderSize: -1 is not accepted; expected 0 or more: -1 is for raw data");
-    EXPECT_EQ(refused(good + "HeaderSize = 13\n"),
-              "f: HeaderSize: 13 is not accepted; expected a place within the data");
+    EXPECT_EQ(refused(good + "HeaderSize = 9999\n"),
+              "f: HeaderSize: 9999 is not accepted; expected a place within the file");
     EXPECT_EQ(
         refused(metaimage_fields("MET_STRING")).rfind("f: ElementType: MET_STRING is not accepted; ", 0), 0u);
     EXPECT_EQ(refused("NDims = 2\nDimSize = 4 3\nElementType = MET_UCHAR\n"),
-              "f: NDims: 2 is not accepted; expected 3, or more where all further sizes are 1");
+              "f: NDims: 2 is not accepted; expected 3 to 10");
     for (const std::string sizes : {"2 3", "2 3 x", "2 3 2 1", "", "2 3 99999999999999999999"}) {
         EXPECT_EQ(refused("NDims = 3\nDimSize = " + sizes + "\nElementType = MET_UCHAR\n"),
-                  "f: DimSize: " + sizes +
-                      " is not accepted; expected 3 whole numbers, 3 of them sides and all further ones 1: a "
-                      "volume has one value a voxel");
+                  "f: DimSize: " + sizes + " is not accepted; expected 3 whole numbers");
     }
     EXPECT_EQ(refused("NDims = 3\nDimSize = 2 99999999 2\nElementType = MET_UCHAR\n"),
               "f: DimSize: 2 x 99999999 x 2 is not accepted; expected sides from 1 to 1048576");
-    for (const std::string spacings : {"1 1 0", "1 -1 1", "nan 1 1", "1 1 one"}) {
+    for (const std::string spacings : {"1 1 0", "nan 1 1", "1 1 one", "1 1"}) {
         EXPECT_EQ(refused(good + "ElementSpacing = " + spacings + "\n"),
-                  "f: ElementSpacing: " + spacings +
-                      " is not accepted; expected a positive distance between voxels along each axis");
+                  "f: ElementSpacing: " + spacings + " is not accepted; expected " + a_distance);
     }
-    EXPECT_EQ(refused(good + "ElementSpacing = 1 1\n"),
-              "f: ElementSpacing: 1 1 is not accepted; expected 3 distances between voxels");
+}
+
+// --- One rule for each question, in every format --------------------------------------------------------
+
+const std::vector<Format> all_formats = {Format::nifti, Format::nrrd, Format::metaimage};
+
+/// What a file is to say of its grid, whatever the format.
+struct Described {
+    std::vector<int> sizes{2, 3, 2};
+    std::vector<double> spacing{0.5, 1, 2};
+    bool directed = true;
+    /// Unit vectors of the axes, by right, anterior and superior.
+    std::array<glm::dvec3, 3> direction{glm::dvec3(1, 0, 0), glm::dvec3(0, 1, 0), glm::dvec3(0, 0, 1)};
+    glm::dvec3 origin{10, 20, 30};
+    std::string unit{"mm"};
+    double slope = 1, intercept = 0;
+};
+
+template <class Numbers>
+std::string text_of(const Numbers& numbers) {
+    std::ostringstream text;
+    text.precision(17);
+    for (const auto number : numbers) text << (text.tellp() > 0 ? " " : "") << number;
+    return text.str();
+}
+
+std::string nifti_described(const Described& grid, const std::string& data) {
+    nifti_1_header header = nifti_header({1, 1, 1}, 4);
+    header.dim[0] = short(grid.sizes.size());
+    for (std::size_t a = 0; a < grid.sizes.size(); ++a) {
+        header.dim[a + 1] = short(grid.sizes[a]);
+        header.pixdim[a + 1] = float(grid.spacing[a]);
+    }
+    header.xyzt_units = char(grid.unit == "mm" ? 2 : grid.unit == "um" ? 3 : 0);
+    header.scl_slope = float(grid.slope);
+    header.scl_inter = float(grid.intercept);
+    if (grid.directed) {
+        header.sform_code = 1;
+        float* rows[] = {header.srow_x, header.srow_y, header.srow_z};
+        for (int row = 0; row < 3; ++row) {
+            for (int axis = 0; axis < 3; ++axis) {
+                const double distance =
+                    std::isnan(grid.spacing[std::size_t(axis)]) ? 1 : grid.spacing[std::size_t(axis)];
+                rows[row][axis] = float(distance * grid.direction[std::size_t(axis)][row]);
+            }
+            rows[row][3] = float(grid.origin[row]);
+        }
+    }
+    return nifti_file(header, data);
+}
+
+std::string nrrd_described(const Described& grid, const std::string& data) {
+    std::string fields = "type: short\ndimension: " + std::to_string(grid.sizes.size()) +
+                         "\nsizes: " + text_of(grid.sizes) + "\nencoding: raw\nendian: little\n";
+    if (grid.directed) {
+        fields += "space: right-anterior-superior\nspace directions:";
+        for (std::size_t a = 0; a < grid.sizes.size(); ++a) {
+            if (a >= 3) {
+                fields += " none";
+                continue;
+            }
+            const glm::dvec3 v = grid.spacing[a] * grid.direction[a];
+            std::string vector = text_of(std::vector<double>{v.x, v.y, v.z});
+            std::replace(vector.begin(), vector.end(), ' ', ',');
+            fields += " (" + vector + ")";
+        }
+        fields += "\nspace origin: (" + std::to_string(grid.origin.x) + "," + std::to_string(grid.origin.y) +
+                  "," + std::to_string(grid.origin.z) + ")\nspace units: \"" + grid.unit + "\" \"" +
+                  grid.unit + "\" \"" + grid.unit + "\"\n";
+    } else {
+        fields += "spacings: " + text_of(grid.spacing) + "\n";
+    }
+    return nrrd_file(fields, data);
+}
+
+std::string metaimage_described(const Described& grid, const std::string& data) {
+    const std::size_t n = grid.sizes.size();
+    std::string fields = "NDims = " + std::to_string(n) + "\nDimSize = " + text_of(grid.sizes) +
+                         "\nElementType = MET_SHORT\nElementSpacing = " + text_of(grid.spacing) +
+                         "\nDistanceUnits = " + grid.unit + "\n";
+    if (grid.slope != 1) {
+        fields += "ElementToIntensityFunctionSlope = " + text_of(std::vector<double>{grid.slope}) +
+                  "\nElementToIntensityFunctionOffset = " + text_of(std::vector<double>{grid.intercept}) +
+                  "\n";
+    }
+    if (grid.directed) {
+        // By left, posterior and superior.
+        std::vector<double> matrix(n * n), offset(n);
+        for (std::size_t a = 0; a < n; ++a) matrix[a * n + a] = 1;
+        for (std::size_t a = 0; a < 3; ++a) {
+            for (int c = 0; c < 3; ++c)
+                matrix[a * n + std::size_t(c)] = (c < 2 ? -1 : 1) * grid.direction[a][c];
+            offset[a] = (a < 2 ? -1 : 1) * grid.origin[int(a)];
+        }
+        fields += "TransformMatrix = " + text_of(matrix) + "\nOffset = " + text_of(offset) + "\n";
+    }
+    return metaimage_file(fields, data);
+}
+
+std::string file_of(Format format, const Described& grid, const std::string& data) {
+    return format == Format::nifti  ? nifti_described(grid, data)
+           : format == Format::nrrd ? nrrd_described(grid, data)
+                                    : metaimage_described(grid, data);
+}
+
+const std::string shorts = bytes_of_values<std::int16_t>(values);
+
+bool says(const Volume& volume, const std::string& words) {
+    return std::any_of(volume.notes.begin(), volume.notes.end(),
+                       [&](const std::string& note) { return note.find(words) != std::string::npos; });
+}
+
+std::string all_notes(const Volume& volume) {
+    std::string text;
+    for (const std::string& note : volume.notes) text += note + "\n";
+    return text;
+}
+
+TEST(VolumeRules, ThePlaceInABodyIsTheSame) {
+    Described grid;
+    grid.direction = {glm::dvec3(0, 0, -1), glm::dvec3(-1, 0, 0), glm::dvec3(0, 1, 0)};
+    for (const Format format : all_formats) {
+        const Volume volume = read(format, file_of(format, grid, shorts));
+        EXPECT_EQ(all_notes(volume), "");
+        EXPECT_EQ(volume.facts.unit, "mm");
+        ASSERT_TRUE(volume.facts.placement);
+        const Placement& placement = *volume.facts.placement;
+        EXPECT_EQ(placement.space, format == Format::metaimage ? "LPS" : "RAS");
+        const double sign = format == Format::metaimage ? -1 : 1;
+        EXPECT_EQ(placement.origin, glm::dvec3(sign * 10, sign * 20, 30));
+        EXPECT_EQ(placement.towards(AnatomicalSide::inferior), glm::dvec3(1, 0, 0));
+        EXPECT_EQ(placement.towards(AnatomicalSide::right), glm::dvec3(0, -1, 0));
+        EXPECT_EQ(placement.towards(AnatomicalSide::posterior), glm::dvec3(0, 0, -1));
+        EXPECT_EQ(nearest_side(placement, 0).first, AnatomicalSide::inferior);
+        EXPECT_EQ(nearest_side(placement, 1).first, AnatomicalSide::left);
+        EXPECT_EQ(nearest_side(placement, 2).first, AnatomicalSide::anterior);
+        const GridSide superior = nearest_grid_side(placement, AnatomicalSide::superior);
+        EXPECT_EQ(superior.axis, 0);
+        EXPECT_FALSE(superior.upper);
+        EXPECT_EQ(superior.degrees, 0);
+    }
+    grid.directed = false;
+    for (const Format format : all_formats)
+        EXPECT_FALSE(read(format, file_of(format, grid, shorts)).facts.placement);
+}
+
+TEST(VolumeRules, AQformAndLettersPlaceAGridToo) {
+    nifti_1_header header = nifti_header({2, 3, 2}, 4, {0.5F, 1, 2});
+    header.qform_code = 1;
+    header.quatern_b = 1;  // half a turn about x
+    header.qoffset_z = 7;
+    const Placement nifti = *read(Format::nifti, nifti_file(header, shorts)).facts.placement;
+    EXPECT_EQ(nifti.direction[1], glm::dvec3(0, -1, 0));
+    EXPECT_EQ(nifti.direction[2], glm::dvec3(0, 0, -1));
+    EXPECT_EQ(nifti.origin.z, 7);
+    header.pixdim[0] = -1;  // a mirror image
+    EXPECT_EQ(read(Format::nifti, nifti_file(header, shorts)).facts.placement->direction[2],
+              glm::dvec3(0, 0, 1));
+
+    const std::string fields = metaimage_fields("MET_SHORT", "AnatomicalOrientation = SLA\n");
+    const Placement letters = *read(Format::metaimage, metaimage_file(fields, shorts)).facts.placement;
+    EXPECT_EQ(nearest_side(letters, 0).first, AnatomicalSide::inferior);
+    EXPECT_EQ(nearest_side(letters, 1).first, AnatomicalSide::right);
+    EXPECT_EQ(nearest_side(letters, 2).first, AnatomicalSide::posterior);
+    const Volume both =
+        read(Format::metaimage, metaimage_file(metaimage_fields("MET_SHORT",
+                                                                "AnatomicalOrientation = SLA\n"
+                                                                "TransformMatrix = 1 0 0 0 1 0 0 0 1\n"),
+                                               shorts));
+    EXPECT_EQ(both.facts.placement->direction[0], glm::dvec3(1, 0, 0));
+    EXPECT_TRUE(says(both, "AnatomicalOrientation SLA contradicts TransformMatrix")) << all_notes(both);
+}
+
+TEST(VolumeRules, ANegativeDistanceIsItsLengthAndTurnsTheAxis) {
+    nifti_1_header header = nifti_header({2, 3, 2}, 4, {-0.5F, 1, 2});
+    header.qform_code = 1;
+    const std::string more = "ElementSpacing = -0.5 1 2\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n";
+    for (const Volume& volume :
+         {read(Format::nifti, nifti_file(header, shorts)),
+          read(Format::metaimage, metaimage_file(metaimage_fields("MET_SHORT", more), shorts)),
+          read(Format::nrrd, nrrd_file(nrrd_fields("short", "raw", "spacings: -0.5 1 2\n"), shorts))}) {
+        EXPECT_EQ(volume.spacing, glm::dvec3(0.5, 1, 2));
+        EXPECT_TRUE(says(volume, "it counts as its length, and x runs the other way")) << all_notes(volume);
+        if (volume.facts.placement) {
+            EXPECT_EQ(volume.facts.placement->direction[0], glm::dvec3(-1, 0, 0));
+        }
+    }
+}
+
+TEST(VolumeRules, AxesMustBeAtRightAngles) {
+    const auto sheared = [](double degrees) {
+        Described grid;
+        const double angle = degrees * std::numbers::pi / 180;
+        grid.direction[1] = {std::sin(angle), std::cos(angle), 0};
+        return grid;
+    };
+    for (const Format format : all_formats) {
+        const std::string key = format == Format::nifti  ? "sform"
+                                : format == Format::nrrd ? "space directions"
+                                                         : "TransformMatrix";
+        EXPECT_EQ(
+            refusal(format, file_of(format, sheared(2), shorts)),
+            "f: " + key +
+                ": 88 degrees between x and y is not accepted; expected axes at right angles, to within 0.5 "
+                "degrees; --spacing or \"spacing\" in a scene takes its place");
+        const VolumeChoice choice{.spacing = glm::dvec3(1, 2, 3)};
+        const Volume mended = read(format, file_of(format, sheared(2), shorts), large, choice);
+        EXPECT_EQ(mended.spacing, glm::dvec3(1, 2, 3));
+        EXPECT_TRUE(says(mended, "88 degrees between x and y, taken for a right angle")) << all_notes(mended);
+        const Volume nearly = read(format, file_of(format, sheared(0.4), shorts));
+        EXPECT_TRUE(says(nearly, "89.6 degrees between x and y, taken for a right angle"))
+            << all_notes(nearly);
+        EXPECT_EQ(all_notes(read(format, file_of(format, sheared(0.03), shorts))), "");
+    }
+}
+
+TEST(VolumeRules, AChosenSpacingTakesThePlaceOfABadOne) {
+    const VolumeChoice choice{.spacing = glm::dvec3(1, 2, 3)};
+    for (const double bad : {0.0, std::numeric_limits<double>::quiet_NaN()}) {
+        Described grid;
+        grid.directed = false;
+        grid.spacing[1] = bad;
+        for (const Format format : all_formats) {
+            EXPECT_NE(refusal(format, file_of(format, grid, shorts)).find("expected " + a_distance),
+                      std::string::npos);
+            const Volume volume = read(format, file_of(format, grid, shorts), large, choice);
+            EXPECT_EQ(volume.spacing, glm::dvec3(1, 2, 3));
+            EXPECT_TRUE(volume.facts.spacing_chosen);
+        }
+    }
+    // Directions of length 0 say nothing of the orientation.
+    const Volume flat =
+        read(Format::nrrd,
+             nrrd_file(nrrd_fields("short", "raw", "space: RAS\nspace directions: (1,0,0) (0,1,0) (0,0,0)\n"),
+                       shorts),
+             large, choice);
+    EXPECT_FALSE(flat.facts.placement);
+    EXPECT_TRUE(says(flat, "the orientation is not known")) << all_notes(flat);
+}
+
+TEST(VolumeRules, OtherUnitsAreSaid) {
+    Described grid;
+    grid.unit = "um";
+    for (const Format format : all_formats) {
+        const Volume volume = read(format, file_of(format, grid, shorts));
+        EXPECT_EQ(volume.facts.unit, "um");
+        EXPECT_EQ(all_notes(volume), "lengths are in um, as the file has them: nothing is converted\n");
+    }
+    const std::string mixed = nrrd_fields("short", "raw", "spacings: 1 1 1\nunits: \"mm\" \"mm\" \"s\"\n");
+    EXPECT_EQ(
+        refusal(Format::nrrd, nrrd_file(mixed, shorts)),
+        "f: units: mm, mm, s is not accepted; expected one unit for the three axes; --spacing or \"spacing\" "
+        "in a scene takes its place");
+    EXPECT_EQ(refusal(Format::nrrd, nrrd_file(mixed, shorts), large, {.spacing = glm::dvec3(1)}), "accepted");
+    const std::string none = nrrd_fields("short");
+    EXPECT_TRUE(says(read(Format::nrrd, nrrd_file(none, shorts)), "no distance between voxels: 1 is taken"));
+    EXPECT_TRUE(says(read(Format::metaimage, metaimage_file(metaimage_fields("MET_SHORT"), shorts)),
+                     "no distance between voxels: 1 is taken"));
+}
+
+TEST(VolumeRules, TwoLengthsOfAStepAreSaid) {
+    nifti_1_header header = nifti_header({2, 3, 2}, 4, {0.5F, 1, 2});
+    header.sform_code = 1;
+    header.srow_x[0] = 0.75F;
+    header.srow_y[1] = 1;
+    header.srow_z[2] = 2;
+    const Volume volume = read(Format::nifti, nifti_file(header, shorts));
+    EXPECT_EQ(volume.spacing, glm::dvec3(0.5, 1, 2));
+    EXPECT_EQ(all_notes(volume), "pixdim[1] says 0.5 and sform says 0.75: the first is taken\n");
+}
+
+TEST(VolumeRules, OneOfSeveralValuesIsChosen) {
+    std::vector<double> second = values;
+    std::reverse(second.begin(), second.end());
+    std::vector<double> mixed;
+    for (std::size_t v = 0; v < values.size(); ++v) {
+        mixed.push_back(values[v]);
+        mixed.push_back(second[v]);
+    }
+    Described grid;
+    grid.sizes.push_back(2);
+    grid.spacing.push_back(7);
+    const std::string both = shorts + bytes_of_values<std::int16_t>(second);
+    std::vector<std::pair<Format, std::string>> files;
+    for (const Format format : all_formats) files.emplace_back(format, file_of(format, grid, both));
+    files.emplace_back(Format::metaimage,
+                       metaimage_file(metaimage_fields("MET_SHORT", "ElementNumberOfChannels = 2\n"),
+                                      bytes_of_values<std::int16_t>(mixed)));
+    files.emplace_back(
+        Format::nrrd,
+        nrrd_file("type: short\ndimension: 4\nsizes: 2 2 3 2\nkinds: list domain domain domain\n"
+                  "encoding: raw\nendian: little\n",
+                  bytes_of_values<std::int16_t>(mixed)));
+    // Along an axis between those of space.
+    std::string between;
+    for (int z = 0; z < 2; ++z) {
+        const std::size_t half = shorts.size() / 2;
+        between += shorts.substr(std::size_t(z) * half, half) +
+                   both.substr(shorts.size() + std::size_t(z) * half, half);
+    }
+    files.emplace_back(
+        Format::nrrd,
+        nrrd_file("type: short\ndimension: 4\nsizes: 2 3 2 2\nkinds: domain domain time domain\n"
+                  "encoding: raw\nendian: little\n",
+                  between));
+    for (const auto& [format, file] : files) {
+        const std::string refused = refusal(format, file);
+        EXPECT_NE(refused.find(
+                      "expected one value per voxel; --frame or \"frame\" of a scene's dataset chooses one, "
+                      "from 0 to 1"),
+                  std::string::npos)
+            << refused;
+        EXPECT_EQ(refusal(format, file, large, {.frame = 2}),
+                  "f: frame: 2 is not accepted; expected 0 to 1: the file has 2 values per voxel");
+        const Volume first = read(format, file, large, {.frame = 0});
+        EXPECT_EQ(first.dims, glm::ivec3(2, 3, 2));
+        EXPECT_EQ(values_of(first), values);
+        const Volume last = read(format, file, large, {.frame = 1});
+        EXPECT_EQ(values_of(last), second);
+        EXPECT_EQ(last.facts.frame, 1);
+        EXPECT_EQ(last.facts.frames, 2);
+        EXPECT_NE(refusal(format, file.substr(0, file.size() - 1), large, {.frame = 0}), "accepted");
+    }
+    EXPECT_EQ(refusal(Format::nrrd, nrrd_described({}, shorts), large, {.frame = 1}),
+              "f: frame: 1 is not accepted; expected 0: the file has one value per voxel");
+    EXPECT_EQ(
+        refusal(Format::nifti, nifti_described({.sizes = {2, 3, 2, 2, 2}, .spacing = {1, 1, 1, 1, 1}}, both)),
+        "f: dim: 2 values along dim[4], which is time, and 2 along dim[5], values of a voxel, is not "
+        "accepted; "
+        "expected one value per voxel, or several along one axis");
+}
+
+TEST(VolumeRules, AFileOfOneFrameIsAVolume) {
+    Described grid;
+    grid.sizes.push_back(1);
+    grid.spacing.push_back(std::numeric_limits<double>::quiet_NaN());
+    for (const Format format : all_formats) {
+        const Volume volume = read(format, file_of(format, grid, shorts));
+        EXPECT_EQ(volume.dims, glm::ivec3(2, 3, 2));
+        EXPECT_EQ(volume.spacing, glm::dvec3(0.5, 1, 2));
+        EXPECT_EQ(values_of(volume), values);
+        EXPECT_EQ(all_notes(volume), "");
+    }
+}
+
+// dim[4] of NIfTI is time, whatever the sizes. Elsewhere an axis of size 1 before x is left out, and that is
+// said.
+TEST(VolumeRules, TimeIsNeverSpace) {
+    nifti_1_header header = nifti_header({1, 2, 3}, 4, {3, 0.5F, 1});
+    header.dim[0] = 4;
+    header.dim[4] = 2;
+    header.pixdim[4] = 2;
+    const std::string file = nifti_file(header, shorts);
+    EXPECT_EQ(
+        refusal(Format::nifti, file),
+        "f: dim: 2 along dim[4], which is time, is not accepted; expected one value per voxel; --frame or "
+        "\"frame\" of a scene's dataset chooses one, from 0 to 1");
+    const Volume frame = read(Format::nifti, file, large, {.frame = 0});
+    EXPECT_EQ(frame.dims, glm::ivec3(1, 2, 3));
+    EXPECT_EQ(frame.spacing, glm::dvec3(3, 0.5, 1));
+    EXPECT_TRUE(says(frame, "the grid has 1 voxel along x"));
+
+    const std::string fields =
+        "type: short\ndimension: 5\nsizes: 1 2 3 2 1\nencoding: raw\nendian: little\nspacings: NaN 0.5 1 2 "
+        "NaN\n";
+    const std::string fields_of_meta =
+        "NDims = 4\nDimSize = 1 2 3 2\nElementSpacing = 9 0.5 1 2\nElementType = MET_SHORT\n";
+    for (const Volume& volume : {read(Format::nrrd, nrrd_file(fields, shorts)),
+                                 read(Format::metaimage, metaimage_file(fields_of_meta, shorts))}) {
+        EXPECT_EQ(volume.dims, glm::ivec3(2, 3, 2));
+        EXPECT_EQ(volume.spacing, glm::dvec3(0.5, 1, 2));
+        EXPECT_EQ(values_of(volume), values);
+        EXPECT_EQ(all_notes(volume), "axis 1 has size 1 and is left out: x is axis 2\n");
+    }
+}
+
+TEST(VolumeRules, LabelsThatAreStoredScaledAreWholeNumbers) {
+    Described grid;
+    grid.slope = double(1.0F / 13107.0F);
+    std::vector<double> stored;
+    for (const double value : {0, 1, 2, 5, 0, 0, 2, 1, 0, 0, 0, 5}) stored.push_back(13107 * value / 2);
+    grid.slope *= 2;
+    const std::string data = bytes_of_values<std::int16_t>(stored);
+    for (const Format format : {Format::nifti, Format::metaimage}) {
+        const Volume volume = read(format, file_of(format, grid, data));
+        EXPECT_NE(volume.slope * 6553 + volume.intercept, 1);
+        const LabelledGrid labelled = with_labels(volume, Words{"1", "2", "5"});
+        EXPECT_EQ(labelled.counts, (Counts{{"1", 2}, {"2", 2}, {"5", 2}}));
+        EXPECT_EQ(names(with_labels(volume, std::nullopt)), (Words{"1", "2", "5"}));
+        ASSERT_EQ(labelled.notes.size(), 1u);
+        EXPECT_EQ(labelled.notes[0].rfind("values up to ", 0), 0u) << labelled.notes[0];
+    }
+    // A step of a quarter reaches 0.75, which is no 1.
+    grid.slope = 0.25;
+    const Volume coarse = read(
+        Format::nifti,
+        file_of(Format::nifti, grid, bytes_of_values<std::int16_t>({3, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0})));
+    EXPECT_EQ(with_labels(coarse, Words{"1"}).counts, (Counts{{"1", 1}}));
+    EXPECT_THROW(with_labels(coarse, std::nullopt), BadInput);
+    // A value that was stored for 1 is not above 1.
+    grid.slope = double(1.0F / 49.0F);  // 49 of them are above 1 by what a float rounds
+    const Volume threshold = read(
+        Format::nifti,
+        file_of(Format::nifti, grid, bytes_of_values<std::int16_t>({49, 98, 50, 0, 0, 0, 0, 0, 0, 0, 0, 0})));
+    EXPECT_NE(threshold.slope * 49, 1);
+    EXPECT_EQ(above_threshold(threshold, 1).grid.label,
+              (std::vector<std::uint8_t>{0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0}));
+    EXPECT_EQ(above_threshold(threshold, 2 - 1.0 / 49).grid.label[1], 1);
+}
+
+TEST(VolumeRules, NanIsBackground) {
+    std::vector<double> with_nan = values;
+    with_nan[0] = with_nan[5] = std::numeric_limits<double>::quiet_NaN();
+    const Volume volume =
+        read(Format::nrrd, nrrd_file(nrrd_fields("double"), bytes_of_values<double>(with_nan)));
+    EXPECT_EQ(names(with_labels(volume, std::nullopt)), (Words{"1", "2", "3", "5", "7", "100"}));
+    EXPECT_EQ(with_labels(volume, std::nullopt).grid.label[0], 0);
+}
+
+TEST(VolumeRules, BytesBehindCompressedDataAreIgnoredAndSaid) {
+    const std::vector<std::pair<Format, std::string>> files = {
+        {Format::nifti, gzipped(nifti_file(nifti_header({2, 3, 2}, 4), shorts))},
+        {Format::nrrd, nrrd_file(nrrd_fields("short", "gzip"), gzipped(shorts))},
+        {Format::nrrd, nrrd_file(nrrd_fields("short", "bzip2"), bzip2ed(shorts))},
+        {Format::metaimage,
+         metaimage_file(metaimage_fields("MET_SHORT", "CompressedData = True\nCompressedDataSize = 20\n"),
+                        zlib_packed(shorts))},
+        {Format::metaimage,
+         metaimage_file(metaimage_fields("MET_SHORT", "CompressedData = True\n"), gzipped(shorts))},
+    };
+    for (const auto& [format, file] : files) {
+        for (const std::string& behind :
+             {std::string("\n"), std::string(512, '\0'), std::string(200000, '\0'), std::string("\x1f")}) {
+            const Volume volume = read(format, file + behind);
+            EXPECT_EQ(values_of(volume), values);
+            EXPECT_TRUE(says(volume, std::to_string(behind.size()) +
+                                         (behind.size() == 1 ? " byte" : " bytes") +
+                                         " behind the compressed data ignored"))
+                << all_notes(volume);
+        }
+        EXPECT_FALSE(says(read(format, file), "ignored"));
+    }
+    EXPECT_NE(refusal(Format::nrrd, nrrd_file(nrrd_fields("short"), shorts + "\n")), "accepted");
+}
+
+TEST(VolumeRules, TheNamedFileIsRead) {
+    const std::string pair = nifti_pair_header(nifti_header({2, 3, 2}, 4));
+    std::vector<double> other = values;
+    std::reverse(other.begin(), other.end());
+    const std::string others = bytes_of_values<std::int16_t>(other);
+    const TemporaryFolder folder;
+    const auto read_name = [&](const std::string& name) {
+        return values_of(read_volume(folder.path() / name, large));
+    };
+    folder.write("a.hdr", pair);
+    folder.write("a.img", shorts);
+    folder.write("a.hdr.gz", gzipped(pair));
+    folder.write("a.img.gz", gzipped(others));
+    for (const std::string name : {"a.hdr", "a.img"}) EXPECT_EQ(read_name(name), values);
+    for (const std::string name : {"a.hdr.gz", "a.img.gz"}) EXPECT_EQ(read_name(name), other);
+    // One of each kind belong together where nothing else does.
+    folder.write("b.hdr", pair);
+    folder.write("b.img.gz", gzipped(others));
+    for (const std::string name : {"b.hdr", "b.img.gz"}) EXPECT_EQ(read_name(name), other);
+    // b.img has b.hdr now: what is left of the other pair does not borrow it.
+    folder.write("b.img", shorts);
+    EXPECT_EQ(read_name("b.hdr"), values);
+    EXPECT_EQ(
+        refusal_of_file((folder.path() / "b.img.gz").string()),
+        (folder.path() / "b.img.gz").string() +
+            ": an image without its header is not accepted; expected b.hdr.gz beside it, or b.hdr if that "
+            "has no other image");
+    // A header that has its voxels itself is no header of an image.
+    folder.write("c.hdr", nifti_file(nifti_header({2, 3, 2}, 4), shorts));
+    folder.write("c.img", others);
+    EXPECT_EQ(read_name("c.hdr"), values);
+    EXPECT_NE(refusal_of_file((folder.path() / "c.img").string()), "accepted");
+    // Capitals make no difference.
+    folder.write("D.HDR", pair);
+    folder.write("D.IMG", shorts);
+    EXPECT_EQ(read_name("D.IMG"), values);
+    EXPECT_EQ(read_name("D.HDR"), values);
+    folder.write("E.NII.GZ", gzipped(nifti_file(nifti_header({2, 3, 2}, 4), shorts)));
+    EXPECT_EQ(read_name("E.NII.GZ"), values);
+    folder.write("F.Nrrd", nrrd_file(nrrd_fields("short"), shorts));
+    EXPECT_EQ(read_name("F.Nrrd"), values);
+    // The magic of a pair in a file that is none.
+    nifti_1_header header = nifti_header({2, 3, 2}, 4);
+    std::memcpy(header.magic, "ni1", 4);
+    const std::string file = folder.write("g.nii", nifti_file(header, shorts));
+    EXPECT_EQ(
+        refusal_of_file(file),
+        file +
+            ": magic: ni1 is not accepted; expected \"n+1\" in a .nii: this is the magic of a header whose "
+            "voxels are in another file, of a pair of .hdr and .img");
+}
+
+TEST(VolumeRules, NiftiFieldsThatAreZero) {
+    nifti_1_header header = nifti_header({2, 3, 2}, 4);
+    header.dim[0] = 4;
+    header.dim[4] = 0;
+    Volume volume = read(Format::nifti, nifti_file(header, shorts));
+    EXPECT_EQ(values_of(volume), values);
+    EXPECT_EQ(all_notes(volume), "dim[4] is 0 and is taken for 1\n");
+    header = nifti_header({2, 3, 2}, 4);
+    header.vox_offset = 0;
+    std::string file = nifti_file(header, shorts);
+    for (const std::string& same : {file, gzipped(file)}) {
+        volume = read(Format::nifti, same);
+        EXPECT_EQ(values_of(volume), values);
+        EXPECT_EQ(all_notes(volume),
+                  "vox_offset is 0: voxels are taken to begin right behind the header, at 352\n");
+    }
+    file[348] = 1;  // extensions of unknown length follow
+    EXPECT_EQ(refusal(Format::nifti, file).rfind("f: vox_offset: 0", 0), 0u);
+}
+
+TEST(VolumeRules, WhatIsNoVolumeIsRefused) {
+    for (const int code : {3001, 3006, 1008, 1009, 2002, 2005}) {
+        nifti_1_header header = nifti_header({2, 3, 2}, 4);
+        header.intent_code = short(code);
+        EXPECT_EQ(
+            refusal(Format::nifti, nifti_file(header, shorts)),
+            "f: intent_code: " + std::to_string(code) +
+                " is not accepted; expected that of a volume of voxels: this one is for " +
+                (code > 3000 ? "connectivity between parts of a brain (CIFTI)" : "points of a surface"));
+    }
+    nifti_1_header header = nifti_header({2, 3, 2}, 4);
+    header.intent_code = 1002;  // labels
+    EXPECT_EQ(refusal(Format::nifti, nifti_file(header, shorts)), "accepted");
+}
+
+TEST(VolumeRules, MetaImageCountsItsHeaderBeforeItDecodes) {
+    const TemporaryFolder folder;
+    folder.write("a.zraw", "?????" + zlib_packed(shorts));
+    const std::string fields = metaimage_fields("MET_SHORT", "CompressedData = True\nHeaderSize = 5\n");
+    EXPECT_EQ(values_of(read_volume(folder.write("a.mhd", fields + "ElementDataFile = a.zraw\n"), large)),
+              values);
+    Described grid;
+    grid.slope = 2;
+    grid.intercept = -1;
+    const Volume volume = read(Format::metaimage, file_of(Format::metaimage, grid, shorts));
+    EXPECT_EQ(volume.slope, 2);
+    EXPECT_EQ(volume.intercept, -1);
+}
+
+// --- Segments of 3D Slicer ------------------------------------------------------------------------------
+
+/// Three segments in two layers: "wall" and "valve" in the first, "scar" in the second, over both of them.
+std::string segmentation(const std::string& more = "", bool layers = true) {
+    std::string text =
+        layers ? "type: uchar\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 2 3 1\n"
+                 "space directions: none (1,0,0) (0,1,0) (0,0,1)\nkinds: list domain domain domain\n"
+               : "type: uchar\ndimension: 3\nspace: left-posterior-superior\nsizes: 2 3 1\n"
+                 "space directions: (1,0,0) (0,1,0) (0,0,1)\nkinds: domain domain domain\n";
+    text +=
+        "encoding: raw\nspace origin: (0,0,0)\nSegment0_ID:=Segment_1\nSegment0_LabelValue:=1\n"
+        "Segment0_Layer:=0\nSegment0_Name:=wall\nSegment1_ID:=Segment_2\nSegment1_LabelValue:=2\n"
+        "Segment1_Layer:=0\nSegment1_Name:=valve: left\n" +
+        more;
+    return nrrd_file(
+        text, layers ? std::string{1, 0, 1, 1, 2, 1, 2, 0, 0, 1, 0, 0} : std::string{1, 1, 2, 2, 0, 3});
+}
+
+const std::string scar =
+    "Segment2_ID:=Segment_3\nSegment2_LabelValue:=1\nSegment2_Layer:=1\nSegment2_Name:=scar\n";
+
+TEST(Segments, AreChosenByNameIdOrValue) {
+    const Volume volume = read(Format::nrrd, segmentation(scar));
+    EXPECT_EQ(volume.dims, glm::ivec3(2, 3, 1));
+    EXPECT_EQ(volume.layers, 2u);
+    const Counts counts = {{"wall", 2}, {"valve: left", 2}, {"scar", 3}};
+    const LabelledGrid all = with_labels(volume, std::nullopt);
+    EXPECT_EQ(names(all), (Words{"wall", "valve: left", "scar"}));
+    EXPECT_EQ(all.counts, counts);
+    EXPECT_EQ(all.grid.label, (std::vector<std::uint8_t>{1, 3, 3, 2, 3, 0}));
+    EXPECT_EQ(all.notes,
+              Words{"2 voxels are in several segments: each is part of the one that comes last in the file"});
+    for (const std::string word : {"valve: left", "Segment_2", "2"}) {
+        const LabelledGrid one = with_labels(volume, Words{word});
+        EXPECT_EQ(one.grid.label, (std::vector<std::uint8_t>{0, 0, 1, 1, 0, 0}));
+        EXPECT_EQ(one.counts, counts);
+        EXPECT_TRUE(one.notes.empty());
+    }
+    const LabelledGrid turned = with_labels(volume, Words{"scar", "wall"});
+    EXPECT_EQ(names(turned), (Words{"scar", "wall"}));
+    EXPECT_EQ(turned.grid.label, (std::vector<std::uint8_t>{2, 2, 1, 0, 1, 0}));
+    EXPECT_EQ(
+        turned.notes,
+        Words{
+            "1 voxel is in several segments: each is part of the one that comes last in the list of labels"});
+
+    const auto refused = [&](const auto& use) {
+        try {
+            use();
+        } catch (const BadInput& bad) {
+            return std::string(bad.what());
+        }
+        return std::string("accepted");
+    };
+    // 1 is the value of two segments.
+    for (const std::string word : {"aorta", "1"}) {
+        EXPECT_EQ(
+            refused([&] { with_labels(volume, Words{word}); }),
+            "f: labels: " + word +
+                " is not accepted; expected a name, an ID or a value that one of the segments has alone: "
+                "wall, valve: left, scar");
+    }
+    EXPECT_EQ(refused([&] {
+                  with_labels(volume, Words{"wall", "Segment_1"});
+              }),
+              "f: labels: Segment_1 is not accepted; expected each segment once");
+    EXPECT_EQ(
+        refused([&] { above_threshold(volume, 0); }),
+        "f: threshold: 0 is not accepted; expected labels, by the names of segments: the file has 2 layers");
+    EXPECT_EQ(refusal(Format::nrrd, segmentation(scar), large, {.frame = 0}),
+              "f: frame: 0 is not accepted; expected none for a segmentation, whose segments are chosen by "
+              "their names");
+    EXPECT_EQ(refusal(Format::nrrd, segmentation(scar + "Segment3_Name:=far\nSegment3_Layer:=2\n")),
+              "f: Layer of segment far: 2 is not accepted; expected 0 to 1: the file has 2 layers");
+    EXPECT_EQ(refusal(Format::nrrd, segmentation("Segment2_Name:=far\nSegment2_Layer:=one\n")),
+              "f: Segment2_Layer: one is not accepted; expected a whole number of at least 0");
+    EXPECT_EQ(
+        refused([&] {
+            with_labels(read(Format::nifti, nifti_file(nifti_header({2, 3, 2}, 4), shorts)), Words{"wall"});
+        }),
+        "f: labels: wall is not accepted; expected whole numbers: the file has no segments that could be "
+        "named");
+}
+
+TEST(Segments, OfOneLayer) {
+    const std::string file =
+        segmentation("Segment2_ID:=Segment_3\nSegment2_LabelValue:=7\nSegment2_Layer:=0\n", false);
+    const Volume volume = read(Format::nrrd, file);
+    const LabelledGrid all = with_labels(volume, std::nullopt);
+    EXPECT_EQ(all.grid.label, (std::vector<std::uint8_t>{1, 1, 2, 2, 0, 0}));
+    EXPECT_EQ(all.counts, (Counts{{"wall", 2}, {"valve: left", 2}, {"Segment_3", 0}}));
+    EXPECT_EQ(all.notes, (Words{"segment Segment_3 has no voxel",
+                                "1 voxel has a value that no segment has, and is left out"}));
+    EXPECT_THROW(with_labels(volume, Words{"Segment_3"}), BadInput);
+    EXPECT_EQ(above_threshold(volume, 2).grid.label, (std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1}));
+}
+
+// As Slicer wrote them before segments could share a layer.
+TEST(Segments, WithoutLayersHaveOneEach) {
+    const Volume volume =
+        read(Format::nrrd,
+             nrrd_file("type: uchar\ndimension: 4\nsizes: 2 2 3 1\nkinds: list domain domain domain\n"
+                       "encoding: raw\nSegment0_ID:=a\nSegment1_ID:=b\n",
+                       std::string{1, 0, 1, 0, 0, 1, 0, 1, 0, 0, 0, 0}));
+    EXPECT_EQ(with_labels(volume, std::nullopt).grid.label, (std::vector<std::uint8_t>{1, 1, 2, 2, 0, 0}));
 }
 
 }  // namespace

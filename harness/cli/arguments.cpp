@@ -47,6 +47,7 @@ struct Asked {
 };
 
 constexpr std::int64_t max_steps = max_run_steps;
+constexpr std::int64_t last_frame = 1'000'000'000;
 constexpr std::int64_t max_repetitions = 10'000;
 constexpr std::int64_t max_steps_a_frame = 1'000'000;
 /// Errors below these are beyond float64, those above say nothing.
@@ -121,10 +122,12 @@ glm::dvec3 vector_of(const std::string& option, const std::string& text, double 
     return vector;
 }
 
-std::vector<std::int64_t> labels_of(const std::string& text) {
-    std::vector<std::int64_t> labels;
-    for (const std::string& part : split(text, ',')) {
-        const auto label = number_of<std::int64_t>("--labels", part, -max_label, max_label);
+/// What is between the commas: numbers, or names of segments, which only the volume's file knows.
+std::vector<std::string> labels_of(const std::string& text) {
+    std::vector<std::string> labels;
+    for (const std::string& label : split(text, ',')) {
+        if (label.empty())
+            throw BadInput("command line", "--labels", text, "whole numbers or names of segments: 1,2,5");
         if (std::find(labels.begin(), labels.end(), label) != labels.end())
             throw BadInput("command line", "--labels", text, "each label once");
         labels.push_back(label);
@@ -194,8 +197,11 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
         [&volume](double value) { volume.threshold = value; }, "Voxels above it are active; 0");
     CLI::Option* labels = command.add_option_function<std::string>(
         "--labels", [&volume](const std::string& text) { volume.labels = labels_of(text); },
-        "Voxels with one of these values are active: 1,2,5");
-    labels->type_name("N,...")->excludes(threshold);
+        "Voxels with one of these values are active, 1,2,5, or in one of these segments, by name");
+    labels->type_name("LABEL,...")->excludes(threshold);
+    CLI::Option* frame = add_number<std::int64_t>(
+        command, "--frame", 0, last_frame, [&volume](std::int64_t number) { volume.frame = number; },
+        "Which of several values per voxel: a time of a 4D file, from 0 on");
     CLI::Option* spacing = command.add_option_function<std::string>(
         "--spacing",
         [&volume](const std::string& text) {
@@ -210,7 +216,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
         },
         "Acceleration as X,Y,Z; that of the scene heart");
     gravity->type_name("X,Y,Z");
-    for (CLI::Option* option : {threshold, labels, spacing, gravity}) option->group(group);
+    for (CLI::Option* option : {threshold, labels, frame, spacing, gravity}) option->group(group);
 }
 
 // --- Commands ------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@
 #include "harness/cli/commands.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
+#include "harness/volume/volume.h"
 
 namespace voxspring {
 namespace {
@@ -55,6 +56,65 @@ SceneFacts facts_of(const std::string& argument, const VolumeOptions& volume) {
     return facts;
 }
 
+template <class Value>
+void row(std::ostream& out, const std::string& name, const Value& value) {
+    out << fmt::format("{:<18}{}\n", name, value);
+}
+
+std::string triple(const glm::ivec3& v) { return fmt::format("{} x {} x {}", v.x, v.y, v.z); }
+std::string triple(const glm::dvec3& v) { return fmt::format("{:g} x {:g} x {:g}", v.x, v.y, v.z); }
+
+/// "x to the left, y to the posterior, z to the superior".
+std::string orientation(const Placement& placement) {
+    if (placement.space.empty()) return "none: its axes are not said to be those of a body";
+    std::string text;
+    constexpr double said = 5;  // degrees
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto [side, degrees] = nearest_side(placement, axis);
+        text += fmt::format("{}{} to the {}", axis > 0 ? ", " : "", "xyz"[axis],
+                            anatomical_sides[std::size_t(side)]);
+        if (degrees > said) text += fmt::format(" ({:.0f} degrees off)", degrees);
+    }
+    return text;
+}
+
+/// What a volume's file says besides its voxels; null for another dataset.
+nlohmann::json volume_json(const Scene& scene) {
+    if (!scene.volume) return nullptr;
+    const VolumeFacts& volume = *scene.volume;
+    nlohmann::json labels = nlohmann::json::array(), placement;
+    for (const auto& [name, voxels] : volume.labels) labels.push_back({{"name", name}, {"voxels", voxels}});
+    if (volume.placement) {
+        const auto list = [](const glm::dvec3& v) { return nlohmann::json{v.x, v.y, v.z}; };
+        placement = {{"space", volume.placement->space}, {"origin", list(volume.placement->origin)}};
+        for (const glm::dvec3& direction : volume.placement->direction)
+            placement["directions"].push_back(list(direction));
+    }
+    return {{"unit", volume.unit},   {"spacing_chosen", volume.spacing_chosen},
+            {"frame", volume.frame}, {"frames", volume.frames},
+            {"labels", labels},      {"placement", placement}};
+}
+
+/// Behind the spacing.
+std::string unit_text(const Scene& scene) {
+    if (!scene.volume) return "";
+    if (scene.volume->spacing_chosen) return ", instead of the file's";
+    return scene.volume->unit.empty() ? ", the file names no unit" : " " + scene.volume->unit;
+}
+
+void print_volume(const VolumeFacts& volume, std::ostream& out) {
+    row(out, "orientation", volume.placement ? orientation(*volume.placement) : "none in the file");
+    if (volume.placement) {
+        const glm::dvec3& origin = volume.placement->origin;
+        row(out, "origin",
+            fmt::format("{:g}, {:g}, {:g} {}", origin.x, origin.y, origin.z, volume.placement->space));
+    }
+    if (volume.frames > 1)
+        row(out, "frame", fmt::format("{} of {}, counted from 0", volume.frame, volume.frames));
+    for (const auto& [name, voxels] : volume.labels)
+        row(out, "label", fmt::format("{}: {} voxel{}", name, voxels, voxels == 1 ? "" : "s"));
+}
+
 nlohmann::json to_json(const SceneFacts& facts) {
     const Scene& scene = facts.scene;
     const Problem& problem = scene.problem;
@@ -92,17 +152,10 @@ nlohmann::json to_json(const SceneFacts& facts) {
         {"edits", scene.edits.size()},
         {"held_particles", problem.tool.particles.size()},
         {"notes", scene.notes},
+        {"volume", volume_json(scene)},
         {"bytes", facts.bytes},
     };
 }
-
-template <class Value>
-void row(std::ostream& out, const std::string& name, const Value& value) {
-    out << fmt::format("{:<18}{}\n", name, value);
-}
-
-std::string triple(const glm::ivec3& v) { return fmt::format("{} x {} x {}", v.x, v.y, v.z); }
-std::string triple(const glm::dvec3& v) { return fmt::format("{:g} x {:g} x {:g}", v.x, v.y, v.z); }
 
 void print_body(const SceneFacts& facts, std::ostream& out) {
     const Scene& scene = facts.scene;
@@ -111,7 +164,8 @@ void print_body(const SceneFacts& facts, std::ostream& out) {
     if (!scene.description.empty()) row(out, "", scene.description);
     for (const std::string& note : scene.notes) row(out, "note", note);
     row(out, "dims", triple(problem.lattice.dims));
-    row(out, "spacing", triple(problem.lattice.spacing));
+    row(out, "spacing", triple(problem.lattice.spacing) + unit_text(scene));
+    if (scene.volume) print_volume(*scene.volume, out);
     row(out, "voxels", problem.lattice.voxel_count());
     row(out, "active particles", problem.particle_count());
     row(out, "pinned particles", facts.pinned);

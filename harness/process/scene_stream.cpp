@@ -91,8 +91,9 @@ template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, notes] =
-            value;
+        // What else a volume's file says is for people and for files, which no worker writes.
+        auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume,
+               notes] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,
                  notes);
     } else if constexpr (std::is_same_v<Plain, Problem>) {

@@ -26,8 +26,10 @@
 namespace voxspring {
 namespace {
 
-std::string join(const std::vector<std::int64_t>& labels) {
-    return fmt::format("{}", fmt::join(labels, ", "));
+std::string join(const std::vector<Label>& labels) {
+    std::string text;
+    for (const Label& label : labels) text += (text.empty() ? "" : ", ") + label.name;
+    return text;
 }
 
 bool ends_with(const std::string& text, const std::string& end) {
@@ -36,14 +38,23 @@ bool ends_with(const std::string& text, const std::string& end) {
 
 std::string file_name(const std::string& file) { return std::filesystem::path(file).filename().string(); }
 
-LabelledGrid load_dataset(const SceneFile& scene, const std::string& file, const SceneSizeLimits& limits) {
+/// A dataset and, of a volume, what else its file says.
+struct LoadedDataset {
+    LabelledGrid labelled;
+    std::optional<VolumeFacts> volume{};
+    std::vector<std::string> notes{};
+};
+
+LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, const SceneSizeLimits& limits) {
     const DatasetSpec& dataset = scene.dataset;
     if (dataset.type != DatasetType::volume) {
         checked_voxel_count(dataset.dims, limits, file, "dataset.dims");
         LabelledGrid labelled{
-            dataset.type == DatasetType::box ? make_box(dataset.dims) : make_heart(dataset.dims), {1}};
+            dataset.type == DatasetType::box ? make_box(dataset.dims) : make_heart(dataset.dims),
+            {numbered_label(1)}};
         if (dataset.missing > 0) remove_at_random(labelled.grid, dataset.missing, dataset.seed);
-        return labelled;
+        if (scene.spacing) labelled.grid.spacing = *scene.spacing;
+        return {std::move(labelled)};
     }
     const std::filesystem::path path = std::filesystem::path(file).parent_path() / dataset.file;
     if (dataset.file_source) {
@@ -52,18 +63,80 @@ LabelledGrid load_dataset(const SceneFile& scene, const std::string& file, const
             dataset.file_source->refuse("a volume file, whose name ends in " + volume_endings());
         if (!std::filesystem::is_regular_file(path, error)) dataset.file_source->refuse("a file that exists");
     }
-    const Volume volume = read_volume(path, limits);
-    const bool per_label = !scene.mass.by_label.empty() || !scene.stiffness.by_label.empty();
-    if (dataset.labels || (per_label && !dataset.threshold)) return with_labels(volume, dataset.labels);
-    return above_threshold(volume, dataset.threshold.value_or(0));
+    const Volume volume = read_volume(path, {scene.spacing, dataset.frame}, limits);
+    // A file of segments says itself what is the body.
+    const bool by_label =
+        !scene.mass.by_label.empty() || !scene.stiffness.by_label.empty() || !volume.segments.empty();
+    LoadedDataset loaded{dataset.labels || (by_label && !dataset.threshold)
+                             ? with_labels(volume, dataset.labels)
+                             : above_threshold(volume, dataset.threshold.value_or(0)),
+                         volume.facts, volume.notes};
+    loaded.volume->labels = std::move(loaded.labelled.counts);
+    loaded.notes.insert(loaded.notes.end(), loaded.labelled.notes.begin(), loaded.labelled.notes.end());
+    return loaded;
 }
 
+/// Replaces the sides of the body that `scene` names by sides of the grid, or by directions along its axes.
+class AnatomicalSides {
+public:
+    AnatomicalSides(const std::optional<VolumeFacts>& volume, std::vector<std::string>& notes)
+        : placement_(volume && volume->placement && !volume->placement->space.empty() ? &*volume->placement
+                                                                                      : nullptr),
+          notes_(notes) {}
+
+    void replace(SceneFile& scene) {
+        for (Region& region : scene.pinned) replace(region);
+        for (InitialField* field : {&scene.displacement, &scene.velocity}) {
+            if (field->region) replace(*field->region);
+        }
+        for (PointLoad& load : scene.loads) replace(load.region);
+        if (scene.tool) replace(scene.tool->region);
+        if (!scene.gravity_towards) return;
+        const GravityTowards& towards = *scene.gravity_towards;
+        glm::dvec3 direction{0};
+        direction[towards.axis] = towards.upper ? 1 : -1;
+        if (towards.anatomical) direction = placement(towards.source).towards(*towards.anatomical);
+        scene.gravity = towards.strength * direction;
+    }
+
+private:
+    const Placement& placement(const JsonValue& source) const {
+        if (placement_ == nullptr)
+            source.refuse(
+                "a side of the grid, x- to z+: the dataset does not say where left, anterior and "
+                "superior are");
+        return *placement_;
+    }
+
+    void replace(Region& region) {
+        if (!region.anatomical) return;
+        const GridSide side = nearest_grid_side(placement(region.source), *region.anatomical);
+        region.axis = side.axis;
+        region.upper = side.upper;
+        constexpr double said = 5;  // what nobody would see
+        const std::string note = fmt::format("{} is taken for {}{}, which is {:.0f} degrees off",
+                                             anatomical_sides[std::size_t(*region.anatomical)],
+                                             "xyz"[side.axis], side.upper ? '+' : '-', side.degrees);
+        if (side.degrees > said && std::find(notes_.begin(), notes_.end(), note) == notes_.end())
+            notes_.push_back(note);
+    }
+
+    const Placement* placement_;  ///< null where left and right are not known
+    std::vector<std::string>& notes_;
+};
+
 /// The parameter's value for each of `labels`; nothing if it is one a spring group.
-std::vector<double> value_per_label(const Parameter& parameter, const std::vector<std::int64_t>& labels) {
+std::vector<double> value_per_label(const Parameter& parameter, const std::vector<Label>& labels) {
     if (parameter.everywhere) return std::vector<double>(labels.size(), *parameter.everywhere);
     std::vector<double> values;
-    for (const std::int64_t label : labels) {
-        const auto value = parameter.by_label.find(label);
+    for (const Label& label : labels) {
+        auto value = parameter.by_label.end();
+        for (const std::string& word : label.words) {
+            const auto found = parameter.by_label.find(word);
+            if (found != parameter.by_label.end() && value != parameter.by_label.end())
+                parameter.source->refuse("one value for " + label.name + ", not two by different names");
+            if (found != parameter.by_label.end()) value = found;
+        }
         if (value == parameter.by_label.end())
             parameter.source->refuse("a value for each of the labels " + join(labels));
         values.push_back(value->second);
@@ -271,10 +344,11 @@ void take_tool(Scene& scene, const ToolSpec& spec, const std::string& file, bool
     scene.tool_motion.every = spec.every;
 }
 
-Scene build(const SceneFile& file_says, const std::string& file, const SceneSizeLimits& limits,
+Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits& limits,
             bool is_builtin = false) {
-    LabelledGrid labelled = load_dataset(file_says, file, limits);
-    if (file_says.spacing) labelled.grid.spacing = *file_says.spacing;
+    LoadedDataset dataset = load_dataset(file_says, file, limits);
+    AnatomicalSides(dataset.volume, dataset.notes).replace(file_says);
+    LabelledGrid& labelled = dataset.labelled;
     const auto& label = labelled.grid.label;
     const std::size_t active =
         label.size() - std::size_t(std::count(label.begin(), label.end(), std::uint8_t{0}));
@@ -288,6 +362,8 @@ Scene build(const SceneFile& file_says, const std::string& file, const SceneSize
 
     Scene scene;
     scene.description = file_says.description;
+    scene.volume = std::move(dataset.volume);
+    scene.notes = std::move(dataset.notes);
     Problem& problem = scene.problem;
     problem = make_problem(file_says, std::move(labelled));
     pin_regions(problem, file_says);
@@ -373,6 +449,7 @@ SceneFile volume_with_parameters_of_heart(const std::string& file) {
 void apply(const VolumeOptions& volume, SceneFile& scene) {
     scene.dataset.labels = volume.labels;
     scene.dataset.threshold = volume.threshold;
+    scene.dataset.frame = volume.frame;
     if (volume.spacing) scene.spacing = volume.spacing;
     if (volume.gravity) scene.gravity = *volume.gravity;
 }
@@ -393,9 +470,9 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
         return scene;
     }
     if (volume.any())
-        throw BadInput(
-            argument, "scene", argument,
-            "a volume file: labels, threshold, spacing and gravity of another scene stand in its file");
+        throw BadInput(argument, "scene", argument,
+                       "a volume file: labels, threshold, frame, spacing and gravity of another scene stand "
+                       "in its file");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !ends_with(resize.base, ".json")) {

@@ -12,6 +12,7 @@
 #include "backends/physics/problem.h"
 #include "harness/scene/tool_motion.h"
 #include "harness/volume/dataset.h"
+#include "harness/volume/volume.h"
 
 namespace voxspring {
 
@@ -37,6 +38,7 @@ struct Scene {
     /// The largest stable time step for small displacements (stability.h), with the springs that edits add;
     /// infinite where nothing oscillates.
     double stable_time_step = 0;
+    std::optional<VolumeFacts> volume = {};  ///< where the voxels come from a volume file
     /// What loading guessed, rounded or left out, for the user to know: a sentence each, which begins with a
     /// small letter and has no full stop.
     std::vector<std::string> notes = {};
@@ -64,12 +66,14 @@ Scene load_scene(const std::string& argument,
 /// What is asked of a volume that has no scene file; what is not comes from the file or from the scene
 /// `heart`.
 struct VolumeOptions {
-    std::optional<std::vector<std::int64_t>> labels;  ///< each once; never together with a threshold
+    /// Whole numbers or names of segments, each once; never together with a threshold.
+    std::optional<std::vector<std::string>> labels;
     std::optional<double> threshold;
+    std::optional<std::int64_t> frame;  ///< which of several values per voxel, from 0 on
     std::optional<glm::dvec3> spacing;
     std::optional<glm::dvec3> gravity;
 
-    bool any() const { return labels || threshold || spacing || gravity; }
+    bool any() const { return labels || threshold || frame || spacing || gravity; }
 };
 
 /// The same, of a volume with these options. Throws BadInput if there are any and `argument` is no volume

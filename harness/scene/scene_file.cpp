@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
+#include <set>
 #include <string_view>
 
 #include "harness/base/bad_input.h"
@@ -18,6 +18,7 @@ constexpr int max_edit_steps = 1'000'000'000;
 constexpr int max_edits = 1'000;
 constexpr std::size_t max_triangles = 100'000;
 constexpr std::size_t max_pairs = 100'000;
+constexpr std::int64_t max_frame = 1'000'000'000;
 
 constexpr std::string_view accepted_regions =
     R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
@@ -52,15 +53,16 @@ DatasetSpec read_dataset(JsonObject object) {
         if (threshold && labels) labels->refuse("either a threshold or labels, not both");
         if (labels) {
             dataset.labels.emplace();
+            std::set<std::string> seen;
             for (const JsonValue& label : labels->array(1, max_labels)) {
-                const std::int64_t number = label.integer(-max_label, max_label);
-                if (std::find(dataset.labels->begin(), dataset.labels->end(), number) !=
-                    dataset.labels->end()) {
+                const std::string word =
+                    label.is_string() ? label.string() : std::to_string(label.integer(-max_label, max_label));
+                if (!seen.insert((label.is_string() ? "\"" : "") + word).second)
                     label.refuse("each label once");
-                }
-                dataset.labels->push_back(number);
+                dataset.labels->push_back(word);
             }
         }
+        if (const auto frame = object.find("frame")) dataset.frame = frame->integer(0, max_frame);
     } else {
         dataset.type = type == "box" ? DatasetType::box : DatasetType::heart;
         dataset.dims = voxel_triple(object.require("dims", "voxels along x, y and z"), 1, max_side);
@@ -90,15 +92,6 @@ std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
     return groups;
 }
 
-/// The label that `key` spells, as JSON spells a whole number.
-std::optional<std::int64_t> parse_label(const std::string& key) {
-    std::int64_t label = 0;
-    const char* end = key.data() + key.size();
-    const auto [stop, error] = std::from_chars(key.data(), end, label);
-    if (error != std::errc() || stop != end || std::to_string(label) != key) return std::nullopt;
-    return label >= -max_label && label <= max_label ? std::optional(label) : std::nullopt;
-}
-
 Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
     Parameter parameter;
     parameter.source = value;
@@ -113,16 +106,32 @@ Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
     for (const auto& [key, element] : value.object().items()) {
         const auto group = std::find_if(all_groups.begin(), all_groups.end(),
                                         [&name = key](SpringGroup g) { return to_string(g) == name; });
-        if (groups_allowed && group != all_groups.end()) {
+        if (group == all_groups.end()) {
+            parameter.by_label[key] = positive(element);
+        } else if (groups_allowed) {
             parameter.by_group[*group] = positive(element);
-        } else if (const auto label = parse_label(key)) {
-            parameter.by_label[*label] = positive(element);
         } else {
             throw BadInput(value.file(), value.path(), "the key \"" + key + "\"", accepted);
         }
     }
     if (parameter.by_group.empty() == parameter.by_label.empty()) value.refuse(accepted);
     return parameter;
+}
+
+/// Reads one side: of the grid, "x-" to "z+", or of the body, "left" and so on. `Side` has members
+/// anatomical, axis and upper.
+template <class Side>
+void read_side(const JsonValue& value, Side& side) {
+    std::vector<std::string> names = {"x-", "x+", "y-", "y+", "z-", "z+"};
+    names.insert(names.end(), anatomical_sides.begin(), anatomical_sides.end());
+    const std::string name = value.one_of(names);
+    const auto found = std::find(anatomical_sides.begin(), anatomical_sides.end(), name);
+    if (found != anatomical_sides.end()) {
+        side.anatomical = AnatomicalSide(found - anatomical_sides.begin());
+    } else {
+        side.axis = name[0] - 'x';
+        side.upper = name[1] == '+';
+    }
 }
 
 /// The region whose keys `object` has, if it has any; it may have others, which the caller asks for.
@@ -140,10 +149,8 @@ std::optional<Region> find_region(JsonObject& object) {
         object.value().refuse(accepted_regions);
     }
     if (side) {
-        const std::string name = side->one_of({"x-", "x+", "y-", "y+", "z-", "z+"});
         region.at_side = true;
-        region.axis = name[0] - 'x';
-        region.upper = name[1] == '+';
+        read_side(*side, region);
         if (slices) region.slices = int(slices->integer(1, max_side));
         if (fraction) region.fraction = fraction->number(min_quantity, 1);
     } else if (voxel) {
@@ -308,6 +315,21 @@ ToolSpec read_tool(const JsonValue& value) {
     return tool;
 }
 
+void read_gravity(const JsonValue& value, SceneFile& scene) {
+    if (value.is_array()) {
+        scene.gravity = vector(value);
+        return;
+    }
+    if (!value.is_object()) value.refuse(R"([x, y, z] or {"toward": SIDE, "strength": NUMBER})");
+    JsonObject object = value.object();
+    const JsonValue side = object.require("toward", "a side of the grid or of the body");
+    GravityTowards towards{.source = side};
+    read_side(side, towards);
+    towards.strength = positive(object.require("strength", "an acceleration"));
+    object.finish();
+    scene.gravity_towards = towards;
+}
+
 }  // namespace
 
 std::string to_string(SpringGroup group) {
@@ -345,7 +367,7 @@ SceneFile read_scene_file(JsonObject document) {
         scene.damping = damping->number();
         if (!(scene.damping >= 0 && scene.damping < 2)) damping->refuse("a number from 0 to below 2");
     }
-    if (const auto gravity = document.find("gravity")) scene.gravity = vector(*gravity);
+    if (const auto gravity = document.find("gravity")) read_gravity(*gravity, scene);
     if (const auto time_step = document.find("time_step")) scene.time_step = read_time_step(*time_step);
     if (const auto pinned = document.find("pinned")) {
         if (pinned->is_array()) {

@@ -13,6 +13,7 @@
 #include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 #include "harness/base/json.h"
+#include "harness/volume/volume.h"
 
 namespace voxspring {
 
@@ -20,35 +21,47 @@ enum class DatasetType : std::uint8_t { box, heart, volume };
 
 struct DatasetSpec {
     DatasetType type = DatasetType::box;
-    glm::ivec3 dims{0};                               ///< of a box or heart
-    double missing = 0;                               ///< share of its voxels, at random
-    std::uint64_t seed = 0;                           ///< of those
-    std::string file;                                 ///< of a volume, relative to the scene file
-    std::optional<JsonValue> file_source;             ///< for messages; absent for a volume by itself
-    std::optional<double> threshold;                  ///< of a volume; never together with labels
-    std::optional<std::vector<std::int64_t>> labels;  ///< of a volume; no label twice
+    glm::ivec3 dims{0};                    ///< of a box or heart
+    double missing = 0;                    ///< share of its voxels, at random
+    std::uint64_t seed = 0;                ///< of those
+    std::string file;                      ///< of a volume, relative to the scene file
+    std::optional<JsonValue> file_source;  ///< for messages; absent for a volume by itself
+    std::optional<double> threshold;       ///< of a volume; never together with labels
+    /// Of a volume, no label twice: whole numbers, or names of segments.
+    std::optional<std::vector<std::string>> labels;
+    std::optional<std::int64_t> frame;  ///< of a volume with several values per voxel
 };
 
 /// A material parameter: one value, one a spring group, or one a label. One of the three is there.
 struct Parameter {
     std::optional<double> everywhere;
     std::map<SpringGroup, double> by_group;
-    std::map<std::int64_t, double> by_label;
-    std::optional<JsonValue> source;  ///< for messages; absent for a default
+    std::map<std::string, double> by_label;  ///< by any of a label's words
+    std::optional<JsonValue> source;         ///< for messages; absent for a default
 };
 
 /// Particles chosen by where they are: those in the outermost slices on a side of the grid, counted from the
 /// first slice that has any, or those in the voxels from `from` to `to`, both included.
 struct Region {
     bool at_side = false;
-    int axis = 0;        ///< of the side
-    bool upper = false;  ///< the side with the larger coordinate
-    int slices = 1;      ///< how many from the side
+    std::optional<AnatomicalSide> anatomical{};  ///< which side, until what follows is known
+    int axis = 0;                                ///< of the side
+    bool upper = false;                          ///< the side with the larger coordinate
+    int slices = 1;                              ///< how many from the side
     double fraction =
         0;  ///< > 0, instead of `slices`: of the extent of the active voxels, one slice at least
     glm::ivec3 from{0};
     glm::ivec3 to{0};
     JsonValue source;  ///< for messages
+};
+
+/// Gravity that a scene gives by where it pulls to.
+struct GravityTowards {
+    std::optional<AnatomicalSide> anatomical{};  ///< or, if there is none, along an axis of the grid
+    int axis = 0;
+    bool upper = false;
+    double strength = 0;
+    JsonValue source;  ///< of the side, for messages
 };
 
 struct PointLoad {
@@ -104,6 +117,7 @@ struct SceneFile {
     Parameter stiffness;
     double damping = 0;
     glm::dvec3 gravity{0};
+    std::optional<GravityTowards> gravity_towards;  ///< instead
     TimeStep time_step;
     std::vector<Region> pinned;
     InitialField displacement;

@@ -8,6 +8,7 @@
 #include <limits>
 #include <new>
 #include <optional>
+#include <utility>
 
 #include "harness/base/bad_input.h"
 
@@ -21,6 +22,8 @@ public:
     /// Decodes what fits from `from` to `to` and shortens both by what it took and gave. True at the end of a
     /// member. Throws what is wrong with the data as a string.
     virtual bool decode(std::span<char>& from, std::span<std::byte>& to) = 0;
+    /// What every member begins with; empty: there is never a second one.
+    virtual std::string_view magic() const = 0;
     /// Prepares for another member.
     virtual void restart() = 0;
 
@@ -46,8 +49,8 @@ namespace {
 class Inflater final : public ByteStream::Decoder {
 public:
     explicit Inflater(bool gzip) : gzip_(gzip) {
-        // 16: a gzip header and its checksum are expected.
-        if (inflateInit2(&z_, (gzip ? 16 : 0) + MAX_WBITS) != Z_OK) throw std::bad_alloc();
+        // 16: a gzip header and its checksum are expected; 32: that or a zlib header.
+        if (inflateInit2(&z_, (gzip ? 16 : 32) + MAX_WBITS) != Z_OK) throw std::bad_alloc();
     }
     ~Inflater() override { inflateEnd(&z_); }
     Inflater(const Inflater&) = delete;
@@ -61,6 +64,7 @@ public:
             throw std::string(z_.msg != nullptr ? z_.msg : "a damaged stream");
         return status == Z_STREAM_END;
     }
+    std::string_view magic() const override { return gzip_ ? "\x1f\x8b" : ""; }
     void restart() override { inflateReset(&z_); }
 
 private:
@@ -82,6 +86,7 @@ public:
         if (status != BZ_OK && status != BZ_STREAM_END) throw std::string("a damaged stream");
         return status == BZ_STREAM_END;
     }
+    std::string_view magic() const override { return "BZh"; }
     void restart() override {
         BZ2_bzDecompressEnd(&z_);
         start();
@@ -109,16 +114,6 @@ void skip_lines(std::istream& stream, const std::string& file, std::int64_t line
     }
 }
 
-/// Moves to the last `count` bytes of `stream`, which are not before where it stands.
-void seek_last(std::istream& stream, const std::string& file, std::uint64_t count, std::string_view key,
-               const std::string& accepted) {
-    const auto first = stream.tellg();
-    stream.seekg(0, std::ios::end);
-    const auto held = std::uint64_t(std::max<std::streamoff>(stream.tellg() - first, 0));
-    if (held < count) throw BadInput(file, key, std::to_string(held) + " bytes of data", accepted);
-    stream.seekg(-std::streamoff(count), std::ios::end);
-}
-
 }  // namespace
 
 ByteStream::ByteStream(std::istream& stream, Encoding encoding, std::string file)
@@ -131,6 +126,29 @@ std::size_t ByteStream::read_raw(std::span<std::byte> bytes) {
     return std::size_t(stream_.gcount());
 }
 
+/// Whether another member begins here; otherwise passes over what is left, which is no data.
+bool ByteStream::next_member() {
+    if (at_end_) return false;
+    const std::string_view magic = decoder_->magic();
+    if (encoded_.size() < magic.size()) {  // what is left is moved to the front
+        std::copy(encoded_.begin(), encoded_.end(), buffer_.begin());
+        const auto room = std::span(buffer_).subspan(encoded_.size());
+        encoded_ = std::span(buffer_).first(encoded_.size() + read_raw(std::as_writable_bytes(room)));
+    }
+    if (!magic.empty() && encoded_.size() >= magic.size() &&
+        std::equal(magic.begin(), magic.end(), encoded_.begin())) {
+        decoder_->restart();
+        at_member_end_ = false;
+        return true;
+    }
+    at_end_ = true;
+    while (!encoded_.empty()) {
+        ignored_ += encoded_.size();
+        encoded_ = std::span(buffer_).first(read_raw(std::as_writable_bytes(std::span(buffer_))));
+    }
+    return false;
+}
+
 std::size_t ByteStream::read(std::span<std::byte> bytes) {
     if (!decoder_) return read_raw(bytes);
     std::span<std::byte> left = bytes;
@@ -139,11 +157,8 @@ std::size_t ByteStream::read(std::span<std::byte> bytes) {
             encoded_ = std::span(buffer_).first(read_raw(std::as_writable_bytes(std::span(buffer_))));
         const std::string key = decoder_->name() + " data";
         const std::string accepted = "a whole " + decoder_->name() + " stream";
-        if (encoded_.empty()) {
-            if (at_member_end_) break;
-            throw BadInput(file_, key, "a stream that ends early", accepted);
-        }
-        if (at_member_end_) decoder_->restart();
+        if (at_member_end_ && !next_member()) break;
+        if (encoded_.empty()) throw BadInput(file_, key, "a stream that ends early", accepted);
         try {
             at_member_end_ = decoder_->decode(encoded_, left);
         } catch (const std::string& why) {
@@ -163,41 +178,119 @@ bool ByteStream::skip(std::uint64_t count) {
     return true;
 }
 
-void ByteStream::read_rest(std::vector<std::byte>& bytes, std::uint64_t count, std::string_view key,
-                           const std::string& count_means) {
-    const std::string accepted = std::to_string(count) + " bytes, " + count_means;
-    const std::size_t before = bytes.size();
-    while (bytes.size() - before < count) {
-        const std::size_t held = bytes.size() - before;
-        const std::size_t chunk =
-            std::min<std::uint64_t>(count - held, std::max(before + held, std::size_t{1} << 16));
-        bytes.resize(before + held + chunk);
-        const std::size_t got = read(std::span(bytes).subspan(before + held));
-        if (got < chunk) throw BadInput(file_, key, std::to_string(held + got) + " bytes of data", accepted);
+std::uint64_t ByteStream::skip_rest() {
+    std::array<std::byte, 4096> scratch{};
+    std::uint64_t count = 0;
+    for (std::size_t got = read(scratch); got > 0; got = read(scratch)) count += got;
+    return count;
+}
+
+namespace {
+
+/// Appends what is kept of bytes that come piece by piece.
+class Keeper {
+public:
+    Keeper(const KeptBytes& kept, std::uint64_t count)
+        : kept_(kept), wanted_(count / kept.period * kept.length) {}
+
+    void take(std::span<const std::byte> piece) {
+        // The vector grows with what was really read, at most to twice that.
+        const std::uint64_t needed = bytes.size() + piece.size();
+        if (needed > bytes.capacity())
+            bytes.reserve(std::min(wanted_, std::max<std::uint64_t>(needed, 2 * bytes.size())));
+        while (!piece.empty()) {
+            const bool keeps = at_ >= kept_.first && at_ < kept_.first + kept_.length;
+            const std::uint64_t end = at_ < kept_.first ? kept_.first
+                                      : keeps           ? kept_.first + kept_.length
+                                                        : kept_.period;
+            const auto step = std::size_t(std::min<std::uint64_t>(end - at_, piece.size()));
+            if (keeps) bytes.insert(bytes.end(), piece.begin(), piece.begin() + std::ptrdiff_t(step));
+            piece = piece.subspan(step);
+            at_ = (at_ + step) % kept_.period;
+        }
+    }
+
+    std::vector<std::byte> bytes{};
+
+private:
+    const KeptBytes kept_;
+    const std::uint64_t wanted_;
+    std::uint64_t at_ = 0;  ///< within a period
+};
+
+/// Passes the rest of `stream` to `keeper`, `count` bytes.
+void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count, Keeper& keeper,
+               std::string_view key, const std::string& accepted) {
+    constexpr std::size_t piece = std::size_t{1} << 16;
+    std::vector<std::byte> buffer(std::size_t(std::min<std::uint64_t>(count, piece)));
+    for (std::uint64_t held = 0; held < count;) {
+        const auto chunk = std::size_t(std::min<std::uint64_t>(count - held, buffer.size()));
+        const std::size_t got = stream.read(std::span(buffer).first(chunk));
+        if (got < chunk) throw BadInput(file, key, std::to_string(held + got) + " bytes of data", accepted);
+        keeper.take(std::span(buffer).first(chunk));
+        held += chunk;
     }
     std::byte beyond{};
-    if (read({&beyond, 1}) != 0)
-        throw BadInput(file_, key, "more than " + std::to_string(count) + " bytes of data", accepted);
+    if (stream.read({&beyond, 1}) != 0)
+        throw BadInput(file, key, "more than " + std::to_string(count) + " bytes of data", accepted);
+}
+
+/// How many decoded bytes lie before the last `count` ones.
+std::uint64_t before_last(std::istream& stream, Encoding encoding, const std::string& file,
+                          std::uint64_t count, std::string_view key, const std::string& accepted) {
+    const auto first = stream.tellg();
+    std::uint64_t held = 0;
+    if (encoding == Encoding::raw) {
+        stream.seekg(0, std::ios::end);
+        held = std::uint64_t(std::max<std::streamoff>(stream.tellg() - first, 0));
+    } else {
+        held = ByteStream(stream, encoding, file).skip_rest();
+    }
+    stream.clear();
+    stream.seekg(first);
+    if (held < count) throw BadInput(file, key, std::to_string(held) + " bytes of data", accepted);
+    return held - count;
+}
+
+}  // namespace
+
+Encoding encoding_at(std::istream& stream) {
+    const auto place = stream.tellg();
+    const bool gzip = stream.get() == 0x1F && stream.get() == 0x8B;
+    stream.clear();
+    stream.seekg(place);
+    return gzip ? Encoding::gzip : Encoding::raw;
 }
 
 std::vector<std::byte> read_data(std::istream& behind_header, const std::string& file, const DataPlace& place,
-                                 std::uint64_t count, std::string_view key, const std::string& count_means) {
-    std::vector<std::byte> bytes;
+                                 std::uint64_t count, const KeptBytes& kept, std::string_view key,
+                                 const std::string& count_means, std::vector<std::string>& notes) {
+    Keeper keeper(kept, count);
+    std::uint64_t ignored = 0;
     const auto read_part = [&](std::istream& stream, const std::string& name, std::uint64_t part) {
+        const std::string accepted = std::to_string(part) + " bytes, " + count_means;
+        if (place.begin) {
+            stream.clear();
+            stream.seekg(0, std::ios::end);
+            if (stream.tellg() < *place.begin)
+                throw BadInput(name, place.bytes_key, std::to_string(*place.begin),
+                               "a place within the file");
+            stream.seekg(*place.begin);
+        }
         skip_lines(stream, name, place.skipped_lines);
-        if (place.skipped_bytes == DataPlace::at_end)
-            seek_last(stream, name, part, key, std::to_string(part) + " bytes, " + count_means);
-        ByteStream decoded(stream, place.encoding, name);
-        if (place.skipped_bytes > 0 && !decoded.skip(std::uint64_t(place.skipped_bytes)))
-            throw BadInput(name, place.bytes_key, std::to_string(place.skipped_bytes),
-                           "a place within the data");
-        decoded.read_rest(bytes, part, key, count_means);
+        const Encoding encoding = place.encoding ? *place.encoding : encoding_at(stream);
+        const std::uint64_t skipped = place.skipped_bytes != DataPlace::at_end
+                                          ? std::uint64_t(place.skipped_bytes)
+                                          : before_last(stream, encoding, name, part, key, accepted);
+        ByteStream decoded(stream, encoding, name);
+        if (!decoded.skip(skipped))
+            throw BadInput(name, place.bytes_key, std::to_string(skipped), "a place within the data");
+        read_rest(decoded, name, part, keeper, key, accepted);
+        ignored += decoded.ignored();
     };
     if (place.files.empty()) {
         read_part(behind_header, file, count);
-        return bytes;
-    }
-    if (count % place.files.size() != 0) {
+    } else if (count % place.files.size() != 0) {
         throw BadInput(file, place.files_key, std::to_string(place.files.size()) + " files",
                        "files with an equal part of " + std::to_string(count) + " bytes, " + count_means);
     }
@@ -212,7 +305,11 @@ std::vector<std::byte> read_data(std::istream& behind_header, const std::string&
         if (!stream) throw BadInput(data.string(), "", "an unreadable file", "a file that can be read");
         read_part(stream, data.string(), count / place.files.size());
     }
-    return bytes;
+    if (ignored > 0) {
+        notes.push_back(std::to_string(ignored) + (ignored == 1 ? " byte" : " bytes") +
+                        " behind the compressed data ignored");
+    }
+    return std::move(keeper.bytes);
 }
 
 }  // namespace voxspring

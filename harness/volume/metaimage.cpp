@@ -1,8 +1,16 @@
 // MetaImage (.mha, .mhd): a text header whose last field says where the data is, behind it or in other files.
 // Format: https://itk.org/Wiki/MetaIO/Documentation
-#include <array>
+#include <fmt/format.h>
+
+#include <cmath>
 #include <filesystem>
+#include <glm/geometric.hpp>
+#include <glm/vec3.hpp>
+#include <limits>
 #include <map>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/byte_stream.h"
@@ -46,13 +54,18 @@ Header read_header(std::istream& stream, const std::string& file) {
     return header;
 }
 
-/// False where there is no such field.
-bool flag(const TextHeader& header, const std::string& name) {
+/// `otherwise` where there is no such field.
+bool flag(const TextHeader& header, const std::string& name, bool otherwise = false) {
     const std::string* text = header.find(name);
-    if (text == nullptr) return false;
+    if (text == nullptr) return otherwise;
     const std::string word = lower_case(*text);
-    if (word != "true" && word != "false") header.refuse(name, "True or False");
-    return word == "true";
+    for (const std::string yes : {"true", "t", "1"}) {
+        if (word == yes) return true;
+    }
+    for (const std::string no : {"false", "f", "0"}) {
+        if (word == no) return false;
+    }
+    header.refuse(name, "True or False");
 }
 
 ScalarType scalar_type(const TextHeader& header) {
@@ -76,11 +89,12 @@ ScalarType scalar_type(const TextHeader& header) {
 
 DataPlace data_place(const Header& header) {
     DataPlace place;
-    if (flag(header, "CompressedData")) place.encoding = Encoding::zlib;
+    place.encoding = flag(header, "CompressedData") ? Encoding::zlib : Encoding::raw;
     place.bytes_key = "HeaderSize";
-    place.skipped_bytes = header.whole_number("HeaderSize", DataPlace::at_end);
-    if (place.skipped_bytes == DataPlace::at_end && place.encoding != Encoding::raw)
-        header.refuse("HeaderSize", "0 or more: -1 is for raw data");
+    // A size counts from the start of the file, before anything is decoded.
+    const std::int64_t before = header.whole_number("HeaderSize", DataPlace::at_end);
+    if (before == DataPlace::at_end) place.skipped_bytes = DataPlace::at_end;
+    if (before > 0) place.begin = before;
     const std::string& data_file = header.require("ElementDataFile");
     if (data_file == "LOCAL" || data_file == "Local" || data_file == "local") return place;
     place.files_key = "ElementDataFile";
@@ -100,74 +114,167 @@ DataPlace data_place(const Header& header) {
 
 /// Refuses what would have to be understood for the voxels to be right.
 void check_kind(const TextHeader& header) {
-    const auto expect = [&](const std::string& name, const std::string& value, const std::string& why) {
-        const std::string* text = header.find(name);
-        if (text != nullptr && lower_case(*text) != lower_case(value)) header.refuse(name, value + why);
-    };
-    expect("ObjectType", "Image", "");
-    expect("BinaryData", "True", ": voxels as bytes, not as text");
-    expect("ElementNumberOfChannels", "1", ": a volume has one value a voxel");
-    expect("ElementToIntensityFunctionSlope", "1", ": voxels are taken as they are");
-    expect("ElementToIntensityFunctionOffset", "0", ": voxels are taken as they are");
+    const std::string* type = header.find("ObjectType");
+    if (type != nullptr && lower_case(*type) != "image") header.refuse("ObjectType", "Image");
+    if (!flag(header, "BinaryData", true)) header.refuse("BinaryData", "True: voxels as bytes, not as text");
 }
 
-struct Grid {
-    GridSides sides{1};
-    glm::dvec3 spacing{1};
-};
+/// `otherwise` where there is no such field.
+double number(const TextHeader& header, const std::string& name, double otherwise) {
+    const std::string* text = header.find(name);
+    if (text == nullptr) return otherwise;
+    const auto value = parse_number<double>(*text);
+    if (!value || !std::isfinite(*value)) header.refuse(name, "a number");
+    return *value;
+}
 
-Grid read_grid(const TextHeader& header) {
+/// The value of the first of `names` that the header has.
+std::optional<std::string> first_of(const TextHeader& header, const std::vector<std::string>& names,
+                                    std::string& found) {
+    for (const std::string& name : names) {
+        if (const std::string* text = header.find(name)) {
+            found = name;
+            return *text;
+        }
+    }
+    return {};
+}
+
+std::optional<std::vector<double>> numbers_of(const std::string& text, std::size_t count) {
+    std::vector<double> numbers;
+    for (const std::string& word : words(text)) {
+        const auto number = parse_number<double>(word);
+        if (!number) return {};
+        numbers.push_back(*number);
+    }
+    return numbers.size() == count ? std::optional(numbers) : std::nullopt;
+}
+
+/// Which axes are values of one voxel the format says by a number of channels alone: they come first.
+std::vector<AxisClaim> read_axes(const TextHeader& header) {
     const auto dimensions = parse_number<int>(header.require("NDims"));
     if (!dimensions || *dimensions < 3 || *dimensions > max_dimensions)
-        header.refuse("NDims", "3, or more where all further sizes are 1");
+        header.refuse("NDims", fmt::format("3 to {}", max_dimensions));
     const std::vector<std::string> list = words(header.require("DimSize"));
-    std::vector<std::int64_t> sizes;
-    for (const std::string& word : list) {
-        const auto size = parse_number<std::int64_t>(word);
-        if (!size) break;
-        sizes.push_back(*size);
+    std::vector<AxisClaim> axes(static_cast<std::size_t>(*dimensions));
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+        const auto size = list.size() == axes.size() ? parse_number<std::int64_t>(list[a]) : std::nullopt;
+        if (!size) header.refuse("DimSize", std::to_string(*dimensions) + " whole numbers");
+        axes[a].name = "axis " + std::to_string(a + 1);
+        axes[a].size = *size;
     }
-    std::optional<std::array<std::size_t, 3>> axes;
-    if (list.size() == std::size_t(*dimensions) && sizes.size() == list.size()) axes = axes_of_space(sizes);
-    if (!axes) header.refuse("DimSize", sizes_accepted(*dimensions));
+    std::string field;
+    if (const auto text = first_of(header, {"ElementSpacing", "ElementSize"}, field)) {
+        const std::vector<std::string> distances = words(*text);
+        for (std::size_t a = 0; a < axes.size(); ++a) {
+            const auto distance = distances.size() == axes.size() ? parse_number<double>(distances[a])
+                                                                  : std::optional<double>();
+            axes[a].distance = distance.value_or(std::numeric_limits<double>::quiet_NaN());
+            axes[a].distance_key = field;
+            axes[a].distance_text = *text;
+        }
+    }
+    if (const std::string* unit = header.find("DistanceUnits"); unit != nullptr && *unit != "?") {
+        for (AxisClaim& axis : axes) axis.unit = *unit;
+    }
+    return axes;
+}
 
-    const std::string field = header.find("ElementSpacing") != nullptr ? "ElementSpacing" : "ElementSize";
-    std::vector<std::string> distances;
-    if (header.find(field) != nullptr) {
-        distances = words(header.require(field));
-        if (distances.size() != sizes.size())
-            header.refuse(field, std::to_string(*dimensions) + " distances between voxels");
+/// The direction of an axis by the letter of the side that it comes from, in the space LPS.
+std::optional<glm::dvec3> direction_from(char letter) {
+    switch (letter) {
+        case 'R':
+            return glm::dvec3(1, 0, 0);
+        case 'L':
+            return glm::dvec3(-1, 0, 0);
+        case 'A':
+            return glm::dvec3(0, 1, 0);
+        case 'P':
+            return glm::dvec3(0, -1, 0);
+        case 'I':
+            return glm::dvec3(0, 0, 1);
+        case 'S':
+            return glm::dvec3(0, 0, -1);
+        default:
+            return {};
     }
-    Grid grid;
-    for (int a = 0; a < 3; ++a) {
-        const std::size_t axis = (*axes)[std::size_t(a)];
-        grid.sides[a] = sizes[axis];
-        if (distances.empty()) continue;
-        grid.spacing[a] = parse_number<double>(distances[axis]).value_or(0);
-        if (!is_spacing(grid.spacing[a]))
-            header.refuse(field, "a positive distance between voxels along each axis");
+}
+
+/// The matrix has a row for each axis of the file, in LPS, as ITK takes it; AnatomicalOrientation counts
+/// where there is none.
+void place_axes(const TextHeader& header, VolumeClaims& claims) {
+    std::string field;
+    const std::size_t count = claims.axes.size();
+    if (const auto text = first_of(header, {"TransformMatrix", "Rotation", "Orientation"}, field)) {
+        const auto matrix = numbers_of(*text, count * count);
+        if (!matrix) header.refuse(field, fmt::format("{} x {} numbers", count, count));
+        for (std::size_t a = 0; a < count; ++a) {
+            const auto row = matrix->begin() + std::ptrdiff_t(a * count);
+            claims.axes[a].direction = glm::dvec3(row[0], row[1], row[2]);
+        }
+        claims.directions_key = field;
+        claims.space = "LPS";
     }
-    return grid;
+    const std::string* letters = header.find("AnatomicalOrientation");
+    if (letters != nullptr && letters->size() >= 3) {
+        bool differs = false;
+        for (std::size_t a = 0; a < 3; ++a) {
+            const auto direction = direction_from(upper_case(*letters)[a]);
+            if (!direction) continue;
+            if (claims.directions_key.empty() || claims.directions_key == "AnatomicalOrientation") {
+                claims.axes[a].direction = direction;
+                claims.directions_key = "AnatomicalOrientation";
+                claims.space = "LPS";
+            } else {
+                differs = differs || glm::dot(*direction, *claims.axes[a].direction) <= 0;
+            }
+        }
+        if (differs) {
+            claims.notes.push_back(fmt::format("AnatomicalOrientation {} contradicts {}, which is followed",
+                                               *letters, claims.directions_key));
+        }
+    }
+    if (const auto text = first_of(header, {"Offset", "Position", "Origin"}, field)) {
+        const auto offset = numbers_of(*text, count);
+        if (!offset) header.refuse(field, std::to_string(count) + " numbers");
+        claims.origin = glm::dvec3((*offset)[0], (*offset)[1], (*offset)[2]);
+    }
+}
+
+/// Values of a voxel that follow each other are an axis before the others.
+void add_channels(const TextHeader& header, VolumeClaims& claims) {
+    const std::string* text = header.find("ElementNumberOfChannels");
+    if (text == nullptr) return;
+    const auto channels = parse_number<std::int64_t>(*text);
+    if (!channels || *channels < 1) header.refuse("ElementNumberOfChannels", "a whole number of at least 1");
+    if (*channels == 1) return;
+    AxisClaim axis;
+    axis.size = *channels;
+    axis.kind = AxisKind::other;
+    axis.name = "ElementNumberOfChannels";
+    claims.axes.insert(claims.axes.begin(), axis);
 }
 
 }  // namespace
 
-Volume read_metaimage(std::istream& stream, const std::string& file, const SceneSizeLimits& limits) {
+VolumeClaims read_metaimage_header(std::istream& stream, const std::string& file) {
     const Header header = read_header(stream, file);
     check_kind(header);
-    Volume volume;
-    volume.file = file;
-    const Grid grid = read_grid(header);
-    const std::uint64_t voxels = checked_voxel_count(grid.sides, limits, file, "DimSize");
-    volume.dims = glm::ivec3(grid.sides);
-    volume.spacing = grid.spacing;
-    volume.type = scalar_type(header);
-    const bool big_endian = flag(header, "BinaryDataByteOrderMSB") || flag(header, "ElementByteOrderMSB");
-    volume.data = read_data(
-        stream, file, data_place(header), voxels * bytes_of(volume.type), "data",
-        std::to_string(voxels) + " voxels of " + header.require("ElementType") + " as the header says");
-    to_native_order(volume.data, volume.type, big_endian);
-    return volume;
+    VolumeClaims claims;
+    claims.file = file;
+    claims.sizes_key = claims.kinds_key = "DimSize";
+    claims.kinds_text = header.require("DimSize");
+    claims.axes = read_axes(header);
+    place_axes(header, claims);
+    add_channels(header, claims);
+    claims.type = scalar_type(header);
+    claims.type_text = header.require("ElementType");
+    claims.big_endian = flag(header, "BinaryDataByteOrderMSB") || flag(header, "ElementByteOrderMSB");
+    claims.slope = number(header, "ElementToIntensityFunctionSlope", 1);
+    claims.intercept = number(header, "ElementToIntensityFunctionOffset", 0);
+    if (claims.slope == 0) header.refuse("ElementToIntensityFunctionSlope", "a number other than 0");
+    claims.place = data_place(header);
+    return claims;
 }
 
 }  // namespace voxspring

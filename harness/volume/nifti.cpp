@@ -1,19 +1,25 @@
 // NIfTI-1 and NIfTI-2, as one file or as a pair of header and image. libnifti knows the headers and their
 // byte orders; the rest is read here, since libnifti mends headers that lie and allocates what they ask for.
+#include <fmt/format.h>
 #include <nifti/nifti2_io.h>
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
+#include <glm/vec3.hpp>
 #include <map>
 #include <span>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/byte_stream.h"
 #include "harness/volume/readers.h"
+#include "harness/volume/text_header.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
@@ -30,14 +36,6 @@ const std::map<int, ScalarType>& scalar_types() {
     return types;
 }
 
-/// Gzip streams begin with these two bytes; a NIfTI header with its size.
-Encoding encoding_of(std::istream& stream) {
-    const bool gzip = stream.get() == 0x1F && stream.get() == 0x8B;
-    stream.clear();
-    stream.seekg(0);
-    return gzip ? Encoding::gzip : Encoding::raw;
-}
-
 /// What is needed of a header of either version, in this machine's byte order.
 struct Header {
     int version = 1;
@@ -50,6 +48,10 @@ struct Header {
     double vox_offset = 0;
     double slope = 0;
     double intercept = 0;
+    int intent = 0, units = 0;
+    int qform = 0, sform = 0;
+    std::array<double, 3> quaternion{}, qoffset{};
+    std::array<std::array<double, 4>, 3> srow{};
 };
 
 template <class Raw>
@@ -72,6 +74,15 @@ Header header_of(const Raw& raw, int version, const std::string& file) {
     const auto finite_or_0 = [](double number) { return std::isfinite(number) ? number : 0; };
     header.slope = finite_or_0(raw.scl_slope);
     header.intercept = finite_or_0(raw.scl_inter);
+    header.intent = raw.intent_code;
+    header.units = raw.xyzt_units;
+    header.qform = raw.qform_code;
+    header.sform = raw.sform_code;
+    header.quaternion = {double(raw.quatern_b), double(raw.quatern_c), double(raw.quatern_d)};
+    header.qoffset = {double(raw.qoffset_x), double(raw.qoffset_y), double(raw.qoffset_z)};
+    std::size_t row = 0;
+    for (const auto* srow : {raw.srow_x, raw.srow_y, raw.srow_z})
+        std::copy_n(srow, 4, header.srow[row++].begin());
     return header;
 }
 
@@ -112,29 +123,82 @@ Header read_header(ByteStream& bytes, const std::string& file) {
                    "348, the mark of a NIfTI-1 file, or 540, that of NIfTI-2");
 }
 
-/// Which of dim[1] to dim[7] are the sides of the grid.
-std::array<std::size_t, 3> grid_axes(const Header& header, const std::string& file) {
+/// dim[1] to dim[3] are space, dim[4] is time and what follows are values of one voxel, whatever the sizes.
+std::vector<AxisClaim> axes_of(const Header& header, VolumeClaims& claims) {
     const std::int64_t count = header.dim[0];
     if (count < 3 || count > 7) {
-        throw BadInput(file, "dim[0]", std::to_string(count),
-                       "3 dimensions, or up to 7 of which all further ones are 1");
+        throw BadInput(claims.file, "dim[0]", std::to_string(count),
+                       "3 dimensions, or up to 7 of which the further ones are time and values of a voxel");
     }
-    const std::vector<std::int64_t> sizes(header.dim.begin() + 1, header.dim.begin() + 1 + count);
-    if (const auto axes = axes_of_space(sizes)) return {(*axes)[0] + 1, (*axes)[1] + 1, (*axes)[2] + 1};
-    auto last = std::size_t(count);
-    while (sizes[last - 1] == 1) --last;
-    throw BadInput(file, "dim[" + std::to_string(last) + "]", std::to_string(sizes[last - 1]),
-                   "1: a volume has 3 dimensions and one value a voxel");
+    std::vector<AxisClaim> axes;
+    for (std::size_t a = 1; a <= std::size_t(count); ++a) {
+        AxisClaim axis;
+        axis.size = header.dim[a];
+        axis.name = "dim[" + std::to_string(a) + "]" +
+                    (a == 4  ? ", which is time,"
+                     : a > 4 ? ", values of a voxel,"
+                             : "");
+        axis.kind = a <= 3 ? AxisKind::space : AxisKind::other;
+        axis.distance = header.pixdim[a];
+        axis.distance_key = "pixdim[" + std::to_string(a) + "]";
+        axis.distance_text = fmt::format("{}", header.pixdim[a]);
+        // Writers of three dimensions leave 0 behind them.
+        if (axis.size == 0 && a > 3) {
+            axis.size = 1;
+            claims.notes.push_back(axis.name.substr(0, 6) + " is 0 and is taken for 1");
+        }
+        axes.push_back(std::move(axis));
+    }
+    return axes;
 }
 
-/// A negative distance says that the axis runs the other way, which the grid does not need to know.
-double spacing(const Header& header, std::size_t axis, const std::string& file) {
-    const double distance = std::abs(header.pixdim[axis]);
-    if (!is_spacing(distance)) {
-        throw BadInput(file, "pixdim[" + std::to_string(axis) + "]", std::to_string(header.pixdim[axis]),
-                       "a distance between voxels other than 0");
+/// Of the three axes of space.
+std::string unit_of(const Header& header) {
+    switch (XYZT_TO_SPACE(header.units)) {
+        case NIFTI_UNITS_METER:
+            return "m";
+        case NIFTI_UNITS_MM:
+            return "mm";
+        case NIFTI_UNITS_MICRON:
+            return "um";
+        default:
+            return {};
     }
-    return distance;
+}
+
+/// Directions of the axes and the origin, by the sform if there is one and by the qform otherwise, as other
+/// readers do. A file with neither has no orientation.
+void place_axes(const Header& header, VolumeClaims& claims) {
+    if (header.sform <= 0 && header.qform <= 0) return;
+    claims.space = "RAS";
+    claims.directions_have_lengths = header.sform > 0;
+    claims.directions_key = header.sform > 0 ? "sform" : "qform";
+    std::array<std::array<double, 4>, 3> rows = header.srow;
+    if (header.sform <= 0) {
+        const auto& [b, c, d] = header.quaternion;
+        const auto& [x, y, z] = header.qoffset;
+        const nifti_dmat44 matrix =
+            nifti_quatern_to_dmat44(b, c, d, x, y, z, 1, 1, 1, header.pixdim[0] < 0 ? -1 : 1);
+        for (std::size_t row = 0; row < 3; ++row) std::copy_n(matrix.m[row], 4, rows[row].begin());
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis)
+        claims.axes[axis].direction = glm::dvec3(rows[0][axis], rows[1][axis], rows[2][axis]);
+    claims.origin = glm::dvec3(rows[0][3], rows[1][3], rows[2][3]);
+}
+
+/// Refuses what is stored in the format and has no voxels.
+void check_intent(const Header& header, const std::string& file) {
+    constexpr int first_of_cifti = 3000, last_of_cifti = 3099;
+    const int code = header.intent;
+    const bool is_cifti = code >= first_of_cifti && code <= last_of_cifti;
+    const bool is_surface = code == NIFTI_INTENT_POINTSET || code == NIFTI_INTENT_TRIANGLE ||
+                            code == NIFTI_INTENT_NODE_INDEX || code == NIFTI_INTENT_SHAPE;
+    if (is_cifti || is_surface) {
+        throw BadInput(
+            file, "intent_code", std::to_string(code),
+            std::string("that of a volume of voxels: this one is for ") +
+                (is_cifti ? "connectivity between parts of a brain (CIFTI)" : "points of a surface"));
+    }
 }
 
 ScalarType scalar_type(const Header& header, const std::string& file) {
@@ -147,69 +211,76 @@ ScalarType scalar_type(const Header& header, const std::string& file) {
 }
 
 /// Where the voxels begin in their file.
-std::uint64_t data_offset(const Header& header, const std::string& file) {
-    // Of one file, four bytes after the header say whether there are extensions.
+std::int64_t data_offset(const Header& header, ByteStream& bytes, VolumeClaims& claims) {
+    // In one file, four bytes after the header say whether there are extensions.
     const std::uint64_t min = header.pair ? 0 : header.bytes + 4;
     constexpr std::uint64_t max = 1 << 24;  // beyond it NIfTI-1's float skips whole numbers
+    if (header.vox_offset == 0 && !header.pair) {
+        std::array<std::byte, 4> extensions{};
+        if (bytes.read(extensions) == extensions.size() && extensions[0] == std::byte{0}) {
+            claims.notes.push_back(fmt::format(
+                "vox_offset is 0: voxels are taken to begin right behind the header, at {}", min));
+            return std::int64_t(min);
+        }
+    }
     if (!(header.vox_offset >= double(min) && header.vox_offset <= double(max))) {
-        throw BadInput(file, "vox_offset", std::to_string(header.vox_offset),
+        throw BadInput(claims.file, "vox_offset", std::to_string(header.vox_offset),
                        "an offset from " + std::to_string(min) + " to " + std::to_string(max) +
                            (header.pair ? "" : ", behind the header"));
     }
-    return std::uint64_t(header.vox_offset);
+    return std::int64_t(header.vox_offset);
 }
 
-/// The image that belongs to a header file: its name with .img, or with .img.gz where only that is there.
-std::filesystem::path image_of(const std::filesystem::path& file) {
-    std::filesystem::path image = file;
-    if (image.extension() == ".gz") image.replace_extension();
-    image.replace_extension(".img");
-    std::error_code error;
-    if (std::filesystem::is_regular_file(image, error)) return image;
-    const std::filesystem::path packed = image.string() + ".gz";
-    return std::filesystem::is_regular_file(packed, error) ? packed : image;
+DataPlace data_place(const Header& header, ByteStream& bytes, const std::filesystem::path& image,
+                     VolumeClaims& claims) {
+    DataPlace place;
+    place.begin = 0;
+    place.bytes_key = "vox_offset";
+    place.skipped_bytes = data_offset(header, bytes, claims);
+    if (!header.pair) return place;
+    const std::string name = lower_case(claims.file);
+    if (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
+        throw BadInput(
+            claims.file, "magic", fmt::format("ni{}", header.version),
+            fmt::format("\"n+{}\" in a .nii: this is the magic of a header whose voxels are in another "
+                        "file, of a pair of .hdr and .img",
+                        header.version));
+    }
+    place.files_key = "image";
+    place.files = {image.empty() ? partner_of(claims.file) : image};
+    if (place.files[0].empty()) {
+        std::filesystem::path missing = claims.file;
+        if (lower_case(missing.extension().string()) == ".gz") missing.replace_extension();
+        missing.replace_extension(".img");
+        throw BadInput(claims.file, "", "a header without its image",
+                       "the file " + missing.string() + " beside it");
+    }
+    return place;
 }
 
 }  // namespace
 
-Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits) {
-    ByteStream bytes(stream, encoding_of(stream), file);
+VolumeClaims read_nifti_header(std::istream& stream, const std::string& file,
+                               const std::filesystem::path& image) {
+    ByteStream bytes(stream, encoding_at(stream), file);
     const Header header = read_header(bytes, file);
-    const std::array<std::size_t, 3> axes = grid_axes(header, file);
-    const GridSides sides(header.dim[axes[0]], header.dim[axes[1]], header.dim[axes[2]]);
-    const std::uint64_t voxels = checked_voxel_count(sides, limits, file, "dim");
-    Volume volume;
-    volume.file = file;
-    volume.dims = glm::ivec3(sides);
-    volume.type = scalar_type(header, file);
-    const std::uint64_t offset = data_offset(header, file);
-    for (int a = 0; a < 3; ++a) volume.spacing[a] = spacing(header, axes[std::size_t(a)], file);
+    check_intent(header, file);
+    VolumeClaims claims;
+    claims.file = file;
+    claims.sizes_key = claims.kinds_key = "dim";
+    claims.axes = axes_of(header, claims);
+    for (std::size_t axis = 0; axis < 3; ++axis) claims.axes[axis].unit = unit_of(header);
+    place_axes(header, claims);
+    claims.type = scalar_type(header, file);
+    claims.type_text = "datatype " + std::to_string(header.datatype);
+    claims.data_key = "voxels";
+    claims.big_endian = header.big_endian;
     if (header.slope != 0) {  // 0: the file holds the values themselves
-        volume.slope = header.slope;
-        volume.intercept = header.intercept;
+        claims.slope = header.slope;
+        claims.intercept = header.intercept;
     }
-
-    const auto read_voxels = [&](ByteStream& data, std::uint64_t before) {
-        if (!data.skip(before))
-            throw BadInput(file, "vox_offset", std::to_string(offset), "an offset within the file");
-        data.read_rest(volume.data, voxels * bytes_of(volume.type), "voxels",
-                       std::to_string(voxels) + " voxels of datatype " + std::to_string(header.datatype) +
-                           " as the header says");
-    };
-    if (header.pair) {
-        const std::filesystem::path image = image_of(file);
-        std::error_code error;
-        if (!std::filesystem::is_regular_file(image, error))
-            throw BadInput(file, "", "a header without its image",
-                           "the file " + image.string() + " beside it");
-        std::ifstream image_stream(image, std::ios::binary);
-        ByteStream data(image_stream, encoding_of(image_stream), image.string());
-        read_voxels(data, offset);
-    } else {
-        read_voxels(bytes, offset - header.bytes);
-    }
-    to_native_order(volume.data, volume.type, header.big_endian);
-    return volume;
+    claims.place = data_place(header, bytes, image, claims);
+    return claims;
 }
 
 }  // namespace voxspring

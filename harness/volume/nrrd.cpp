@@ -1,12 +1,18 @@
 // NRRD: a text header, then the data: behind an empty line in the same file, or in files that it names.
 // Format: https://teem.sourceforge.net/nrrd/format.html
+#include <fmt/format.h>
+
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <filesystem>
 #include <glm/geometric.hpp>
+#include <glm/vec3.hpp>
+#include <limits>
 #include <map>
 #include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/byte_stream.h"
@@ -22,7 +28,8 @@ const std::string directions_key = "space directions";
 
 struct Header : TextHeader {
     using TextHeader::TextHeader;
-    std::vector<std::string> listed_files;  ///< of "data file: LIST"
+    std::vector<std::string> listed_files;    ///< of "data file: LIST"
+    std::map<std::string, std::string> said;  ///< keys and values, "key:=value"
 };
 
 bool is_list(const std::string& data_file) { return words(data_file + " .")[0] == "LIST"; }
@@ -44,8 +51,11 @@ Header read_header(std::istream& stream, const std::string& file) {
             header.listed_files.push_back(trimmed(*line));
             continue;
         }
-        // Comments and key/value pairs say nothing that is needed here.
-        if (line->front() == '#' || line->find(":=") != std::string::npos) continue;
+        if (line->front() == '#') continue;
+        if (const auto assigned = line->find(":="); assigned != std::string::npos) {
+            header.said.emplace(trimmed(line->substr(0, assigned)), trimmed(line->substr(assigned + 2)));
+            continue;
+        }
         const auto colon = line->find(':');
         if (colon == std::string::npos)
             throw BadInput(file, "header", *line, "lines of the form FIELD: VALUE");
@@ -118,8 +128,6 @@ DataPlace data_place(const Header& header) {
     place.encoding = encoding(header);
     place.skipped_lines = header.whole_number("line skip", 0);
     place.skipped_bytes = header.whole_number("byte skip", DataPlace::at_end);
-    if (place.skipped_bytes == DataPlace::at_end && place.encoding != Encoding::raw)
-        header.refuse("byte skip", "0 or more: -1 is for raw data");
     const std::string* data_file = header.find("data file");
     if (data_file == nullptr) return place;
     place.files_key = "data file";
@@ -159,113 +167,177 @@ std::vector<std::optional<glm::dvec3>> space_directions(const TextHeader& header
             direction[component] = *number;
             vector.erase(0, comma + 1);
         }
-        directions.emplace_back(direction);
+        // Some writers spell "none" so.
+        const bool is_none = std::isnan(direction.x) && std::isnan(direction.y) && std::isnan(direction.z);
+        directions.push_back(is_none ? std::nullopt : std::optional(direction));
         at = end + 1;
     }
     return directions;
 }
 
-/// An axis of the file.
-struct Axis {
-    std::size_t index = 0;  ///< in the file
-    std::int64_t size = 0;
-    std::optional<glm::dvec3> direction{};
-    bool is_of_space = true;
-    std::string why_not{};  ///< of space: the field that says so
-};
-
-/// What `kinds` calls an axis along which voxels lie; "???" and "none" are axes of an unknown kind.
-bool is_kind_of_space(const std::string& kind) {
-    return kind == "domain" || kind == "space" || kind == "???" || kind == "none";
+/// `axis` as its kind says, where the file has kinds. Domains and axes of an unknown kind may be of space.
+void apply_kind(AxisClaim& axis, const std::string& kind) {
+    if (kind == "domain" || kind == "???" || kind == "none") return;
+    axis.kind = kind == "space" ? AxisKind::space : AxisKind::other;
+    if (axis.kind == AxisKind::other) axis.name += " (" + kind + ")";
 }
 
-std::vector<Axis> read_axes(const TextHeader& header) {
+/// `"mm" "mm" "um"`, a text for each axis.
+std::vector<std::string> quoted_texts(const std::string& text) {
+    std::vector<std::string> list;
+    for (auto from = text.find('"'); from != std::string::npos;) {
+        const auto to = text.find('"', from + 1);
+        if (to == std::string::npos) break;
+        list.push_back(trimmed(text.substr(from + 1, to - from - 1)));
+        from = text.find('"', to + 1);
+    }
+    return list;
+}
+
+void read_distances(const TextHeader& header, std::vector<AxisClaim>& axes) {
+    const std::string* text = header.find("spacings");
+    if (header.find(directions_key) != nullptr || text == nullptr) return;
+    const std::vector<std::string> list = words(*text);
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+        const auto distance =
+            list.size() == axes.size() ? parse_number<double>(list[a]) : std::optional<double>();
+        axes[a].distance = distance.value_or(std::numeric_limits<double>::quiet_NaN());
+        axes[a].distance_key = "spacings";
+        axes[a].distance_text = *text;
+    }
+}
+
+/// Axes with a vector are of space, those without are not.
+void read_directions(const TextHeader& header, std::vector<AxisClaim>& axes) {
+    const std::string* text = header.find(directions_key);
+    if (text == nullptr) return;
+    const auto directions = space_directions(header);
+    if (directions.size() != axes.size())
+        header.refuse(directions_key, "a vector (x,y,z) for each axis of space");
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+        if (axes[a].kind == AxisKind::other) continue;
+        axes[a].kind = directions[a] ? AxisKind::space : AxisKind::other;
+        if (!directions[a]) continue;
+        axes[a].direction = directions[a];
+        axes[a].distance = glm::length(*directions[a]);
+        axes[a].distance_key = directions_key;
+        axes[a].distance_text = *text;
+    }
+}
+
+/// "space units" has one for each axis of the space, "units" one for each axis of the file.
+void read_units(const TextHeader& header, std::vector<AxisClaim>& axes) {
+    if (const std::string* text = header.find("units")) {
+        const auto list = quoted_texts(*text);
+        if (list.size() == axes.size()) {
+            for (std::size_t a = 0; a < axes.size(); ++a) axes[a].unit = list[a];
+        }
+    }
+    if (const std::string* text = header.find("space units")) {
+        const auto list = quoted_texts(*text);
+        // A direction mixes the axes of the space, which so have one unit or none that could be used.
+        const bool same =
+            !list.empty() && std::count(list.begin(), list.end(), list[0]) == std::ptrdiff_t(list.size());
+        std::size_t next = 0;
+        for (AxisClaim& axis : axes) {
+            if (axis.direction && !list.empty())
+                axis.unit = same ? list[0] : list[std::min(next++, list.size() - 1)];
+        }
+    }
+}
+
+std::vector<AxisClaim> read_axes(const TextHeader& header, VolumeClaims& claims) {
     const auto dimension = parse_number<int>(header.require("dimension"));
     if (!dimension || *dimension < 3 || *dimension > max_dimensions)
-        header.refuse("dimension", "3, or more where all further sizes are 1");
-    std::vector<Axis> axes(static_cast<std::size_t>(*dimension));
+        header.refuse("dimension", fmt::format("3 to {}", max_dimensions));
+    std::vector<AxisClaim> axes(static_cast<std::size_t>(*dimension));
     const std::vector<std::string> sizes = words(header.require("sizes"));
     for (std::size_t a = 0; a < axes.size(); ++a) {
         const auto size = sizes.size() == axes.size() ? parse_number<std::int64_t>(sizes[a]) : std::nullopt;
-        if (!size) header.refuse("sizes", sizes_accepted(*dimension));
-        axes[a].index = a;
+        if (!size) header.refuse("sizes", std::to_string(*dimension) + " whole numbers");
+        axes[a].name = "axis " + std::to_string(a + 1);
         axes[a].size = *size;
     }
+    claims.kinds_key = "sizes";
+    claims.kinds_text = header.require("sizes");
     if (const std::string* kinds = header.find("kinds")) {
         const std::vector<std::string> list = words(*kinds);
         if (list.size() != axes.size())
             header.refuse("kinds", std::to_string(*dimension) + " words, one for each axis");
-        for (std::size_t a = 0; a < axes.size(); ++a) {
-            if (is_kind_of_space(lower_case(list[a]))) continue;
-            axes[a].is_of_space = false;
-            axes[a].why_not = "kinds";
-        }
+        for (std::size_t a = 0; a < axes.size(); ++a) apply_kind(axes[a], lower_case(list[a]));
+        claims.kinds_key = "kinds";
+        claims.kinds_text = *kinds;
     }
+    read_distances(header, axes);
+    read_directions(header, axes);
     if (header.find(directions_key) != nullptr) {
-        const auto directions = space_directions(header);
-        if (directions.size() != axes.size())
-            header.refuse(directions_key, "a vector (x,y,z) for each axis of space");
-        for (std::size_t a = 0; a < axes.size(); ++a) {
-            axes[a].direction = directions[a];
-            if (directions[a]) continue;
-            axes[a].is_of_space = false;
-            axes[a].why_not = directions_key;
-        }
+        claims.kinds_key = directions_key;
+        claims.kinds_text = header.require(directions_key);
     }
+    read_units(header, axes);
     return axes;
 }
 
-/// Those of the axes that are x, y and z of the grid.
-std::array<Axis, 3> grid_axes(const TextHeader& header, const std::vector<Axis>& axes) {
-    std::vector<std::int64_t> sizes;
-    std::vector<bool> is_of_space;
-    for (const Axis& axis : axes) {
-        if (!axis.is_of_space && axis.size != 1) {
-            header.refuse(axis.why_not, axis.why_not == directions_key
-                                            ? "a vector (x,y,z) for each axis of space"
-                                            : "domain or space for the 3 axes of a volume, and a size of 1 "
-                                              "along any other: it has one value a voxel");
-        }
-        sizes.push_back(axis.size);
-        is_of_space.push_back(axis.is_of_space);
+/// The sides that the coordinates of the file's space grow towards; empty for one without anatomy.
+std::string space_of(const TextHeader& header) {
+    const std::string* text = header.find("space");
+    if (text == nullptr) return {};
+    std::string name = lower_case(*text);
+    for (const std::string time : {"-time", "t"}) {
+        if (name.size() > 3 && name.ends_with(time)) name.resize(name.size() - time.size());
     }
-    const auto chosen = axes_of_space(sizes, is_of_space);
-    if (!chosen) header.refuse("sizes", sizes_accepted(int(axes.size())));
-    return {axes[(*chosen)[0]], axes[(*chosen)[1]], axes[(*chosen)[2]]};
+    static const std::map<std::string, std::string> spaces = {
+        {"right-anterior-superior", "RAS"}, {"ras", "RAS"}, {"left-anterior-superior", "LAS"}, {"las", "LAS"},
+        {"left-posterior-superior", "LPS"}, {"lps", "LPS"}};
+    const auto found = spaces.find(name);
+    return found == spaces.end() ? std::string() : found->second;
 }
 
-void check_right_angles(const TextHeader& header, const std::array<Axis, 3>& axes) {
-    for (std::size_t a = 0; a < 3; ++a) {
-        const auto& one = axes[a].direction;
-        const auto& other = axes[(a + 1) % 3].direction;
-        if (!one || !other) continue;
-        const double cosine = glm::dot(*one, *other) / (glm::length(*one) * glm::length(*other));
-        // What is left of a right angle in a header written with a few digits.
-        if (!(std::abs(cosine) < 1e-3)) header.refuse(directions_key, "axes at right angles");
+/// The vector "(1,2,3)".
+std::optional<glm::dvec3> vector_of(const std::string& text) {
+    std::string numbers = trimmed(text);
+    if (numbers.size() < 2 || numbers.front() != '(' || numbers.back() != ')') return {};
+    std::replace(numbers.begin(), numbers.end(), ',', ' ');
+    const std::vector<std::string> list = words(numbers.substr(1, numbers.size() - 2));
+    if (list.size() != 3) return {};
+    glm::dvec3 vector{0};
+    for (int c = 0; c < 3; ++c) {
+        const auto number = parse_number<double>(list[std::size_t(c)]);
+        if (!number || !std::isfinite(*number)) return {};
+        vector[c] = *number;
     }
+    return vector;
 }
 
-glm::dvec3 spacing(const TextHeader& header, const std::vector<Axis>& all, const std::array<Axis, 3>& axes) {
-    glm::dvec3 lengths(1);
-    const bool by_directions = header.find(directions_key) != nullptr;
-    if (!by_directions && header.find("spacings") == nullptr) return lengths;
-    const std::string& field = by_directions ? directions_key : "spacings";
-    std::vector<std::string> list;
-    if (!by_directions) list = words(header.require("spacings"));
-    const bool complete = by_directions || list.size() == all.size();
-    for (int a = 0; a < 3; ++a) {
-        const Axis& axis = axes[std::size_t(a)];
-        if (!axis.is_of_space) continue;
-        if (by_directions) {
-            lengths[a] = glm::length(*axis.direction);
-        } else {
-            lengths[a] = complete ? parse_number<double>(list[axis.index]).value_or(0) : 0;
+/// The segments of 3D Slicer: Segment0_ID, Segment0_Name and so on, numbered without a gap.
+std::vector<Segment> segments_of(const Header& header) {
+    std::vector<Segment> segments;
+    const auto find = [&](const std::string& key) -> const std::string* {
+        const auto found = header.said.find("Segment" + std::to_string(segments.size()) + "_" + key);
+        return found == header.said.end() ? nullptr : &found->second;
+    };
+    const auto number = [&](const std::string& key, std::int64_t otherwise, std::int64_t min) {
+        const std::string* text = find(key);
+        if (text == nullptr) return otherwise;
+        const auto value = parse_number<std::int64_t>(*text);
+        if (!value || *value < min || *value > max_label) {
+            throw BadInput(header.file(), fmt::format("Segment{}_{}", segments.size(), key), *text,
+                           fmt::format("a whole number of at least {}", min));
         }
-        if (!is_spacing(lengths[a]))
-            header.refuse(field, "a positive distance between voxels along each axis");
+        return *value;
+    };
+    while (true) {
+        const std::string* id = find("ID");
+        const std::string* name = find("Name");
+        if (id == nullptr && name == nullptr) return segments;
+        // Files from before layers could be shared have a layer for each segment, of zeros and ones.
+        Segment segment;
+        segment.id = id != nullptr ? *id : *name;
+        segment.name = name != nullptr ? *name : *id;
+        segment.value = number("LabelValue", 1, -max_label);
+        segment.layer = std::size_t(number("Layer", std::int64_t(segments.size()), 0));
+        segments.push_back(std::move(segment));
     }
-    if (by_directions) check_right_angles(header, axes);
-    return lengths;
 }
 
 /// Whether the most significant byte of a scalar comes first.
@@ -278,23 +350,25 @@ bool is_big_endian(const TextHeader& header, ScalarType type) {
 
 }  // namespace
 
-Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits) {
+VolumeClaims read_nrrd_header(std::istream& stream, const std::string& file) {
     const Header header = read_header(stream, file);
-    Volume volume;
-    volume.file = file;
-    const std::vector<Axis> all = read_axes(header);
-    const std::array<Axis, 3> axes = grid_axes(header, all);
-    const GridSides sides(axes[0].size, axes[1].size, axes[2].size);
-    const std::uint64_t voxels = checked_voxel_count(sides, limits, file, "sizes");
-    volume.dims = glm::ivec3(sides);
-    volume.type = scalar_type(header);
-    volume.spacing = spacing(header, all, axes);
-    const bool big_endian = is_big_endian(header, volume.type);
-    volume.data = read_data(
-        stream, file, data_place(header), voxels * bytes_of(volume.type), "data",
-        std::to_string(voxels) + " voxels of type " + header.require("type") + " as the header says");
-    to_native_order(volume.data, volume.type, big_endian);
-    return volume;
+    VolumeClaims claims;
+    claims.file = file;
+    claims.sizes_key = "sizes";
+    claims.axes = read_axes(header, claims);
+    claims.directions_key = directions_key;
+    claims.directions_have_lengths = header.find(directions_key) != nullptr;
+    claims.space = space_of(header);
+    if (const std::string* origin = header.find("space origin")) {
+        claims.origin = vector_of(*origin);
+        if (!claims.origin) claims.notes.push_back("space origin is no vector of three numbers: 0 is taken");
+    }
+    claims.type = scalar_type(header);
+    claims.type_text = "type " + header.require("type");
+    claims.big_endian = is_big_endian(header, claims.type);
+    claims.place = data_place(header);
+    claims.segments = segments_of(header);
+    return claims;
 }
 
 }  // namespace voxspring

@@ -1,37 +1,44 @@
-// What the readers of volume files share.
+// One reader a format, which reports what a header says, and what they share.
 #pragma once
 
-#include <array>
 #include <cstddef>
-#include <cstdint>
+#include <filesystem>
 #include <istream>
-#include <optional>
 #include <string>
 #include <vector>
 
+#include "harness/volume/claims.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
 
-/// One reader a format. `stream` has the header; `file` is what messages name and what the names of data
-/// files in the header are relative to. Throw BadInput.
-Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits);
-Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits);
-Volume read_metaimage(std::istream& stream, const std::string& file, const SceneSizeLimits& limits);
+/// `stream` has the header; `file` is what messages name and what the names of data files in the header are
+/// relative to. Throw BadInput.
+VolumeClaims read_nrrd_header(std::istream& stream, const std::string& file);
+VolumeClaims read_metaimage_header(std::istream& stream, const std::string& file);
+/// `image` has the voxels of a pair; empty: the one that belongs to the header's name.
+VolumeClaims read_nifti_header(std::istream& stream, const std::string& file,
+                               const std::filesystem::path& image = {});
 
-/// Which of a file's axes are x, y and z of the grid, where it has three or more: axes of size 1 are left out
-/// until there are three, first those that are not of space, then the last ones, then the first ones. Nothing
-/// if there are more than three without them. `is_of_space` is empty or has a word about each axis.
-std::optional<std::array<std::size_t, 3>> axes_of_space(const std::vector<std::int64_t>& sizes,
-                                                        const std::vector<bool>& is_of_space = {});
-/// What messages say of `dimensions` sizes.
-std::string sizes_accepted(int dimensions);
+/// Decides what the claims mean and reads the voxels. `stream` has the header and stands behind it.
+Volume read_voxels(std::istream& stream, const VolumeClaims& claims, const VolumeChoice& choice,
+                   const SceneSizeLimits& limits);
 
-/// Whether a scene takes it for the distance between neighbouring voxels.
-bool is_spacing(double distance);
+/// All of it.
+Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
+                  const VolumeChoice& choice = {});
+Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
+                 const VolumeChoice& choice = {});
+Volume read_metaimage(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
+                      const VolumeChoice& choice = {});
 
 /// Makes scalars of the other byte order those of this machine.
 void to_native_order(std::vector<std::byte>& data, ScalarType type, bool big_endian);
+
+/// The file that belongs to one of a pair: x.img for x.hdr, and so on. One that is compressed alike goes
+/// first; the other kind is taken only where it does not have a partner that it would be parted from. Empty
+/// where there is none. In capitals where `file` is.
+std::filesystem::path partner_of(const std::filesystem::path& file);
 
 }  // namespace voxspring

@@ -32,6 +32,13 @@ std::string lower_case(std::string text) {
     return text;
 }
 
+std::string upper_case(std::string text) {
+    for (char& c : text) {
+        if (c >= 'a' && c <= 'z') c = char(c - 'a' + 'A');
+    }
+    return text;
+}
+
 std::vector<std::string> words(const std::string& text) {
     std::istringstream stream(text);
     std::vector<std::string> list;
@@ -56,13 +63,15 @@ std::optional<std::string> HeaderLines::next() {
     return text;
 }
 
-void TextHeader::add(const std::string& name, std::string value) {
-    if (!fields_.emplace(key_of(name), std::move(value)).second)
-        throw BadInput(file_, name, "a second value", "each field once");
+void TextHeader::add(const std::string& name, const std::string& value) {
+    const auto [field, is_new] = fields_.emplace(key_of(name), value);
+    if (!is_new && field->second != value) ambiguous_.insert(field->first);
 }
 
 const std::string* TextHeader::find(const std::string& name) const {
-    const auto found = fields_.find(key_of(name));
+    const std::string key = key_of(name);
+    if (ambiguous_.contains(key)) throw BadInput(file_, name, "two values", "one value");
+    const auto found = fields_.find(key);
     return found == fields_.end() ? nullptr : &found->second;
 }
 

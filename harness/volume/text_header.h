@@ -6,6 +6,7 @@
 #include <istream>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -15,6 +16,7 @@ namespace voxspring {
 /// `text` without the blanks around it.
 std::string trimmed(std::string_view text);
 std::string lower_case(std::string text);
+std::string upper_case(std::string text);
 /// What blanks part.
 std::vector<std::string> words(const std::string& text);
 
@@ -43,13 +45,13 @@ private:
 };
 
 /// Fields by name; capitals and blanks in names make no difference. Refusals are BadInput and name the file.
+/// A field may be there twice; one that is asked for must have the same value each time.
 class TextHeader {
 public:
     explicit TextHeader(std::string file) : file_(std::move(file)) {}
 
     const std::string& file() const { return file_; }
-    /// Throws BadInput for a second value.
-    void add(const std::string& name, std::string value);
+    void add(const std::string& name, const std::string& value);
     const std::string* find(const std::string& name) const;
     const std::string& require(const std::string& name) const;
     [[noreturn]] void refuse(const std::string& name, std::string_view accepted) const;
@@ -59,6 +61,7 @@ public:
 private:
     std::string file_;
     std::map<std::string, std::string> fields_;
+    std::set<std::string> ambiguous_;  ///< those with two values
 };
 
 }  // namespace voxspring

@@ -1,116 +1,79 @@
 #include "harness/volume/volume.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
-#include <cmath>
 #include <fstream>
-#include <limits>
-#include <map>
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/readers.h"
+#include "harness/volume/text_header.h"
 
 namespace voxspring {
 namespace {
 
-/// Calls `use(first)` with a pointer to the scalars of `volume`, whatever their type.
-template <class Use>
-void visit_scalars(const Volume& volume, const Use& use) {
-    // operator new aligns for every scalar type.
-    const void* first = volume.data.data();
-    switch (volume.type) {
-        case ScalarType::int8:
-            return use(static_cast<const std::int8_t*>(first));
-        case ScalarType::uint8:
-            return use(static_cast<const std::uint8_t*>(first));
-        case ScalarType::int16:
-            return use(static_cast<const std::int16_t*>(first));
-        case ScalarType::uint16:
-            return use(static_cast<const std::uint16_t*>(first));
-        case ScalarType::int32:
-            return use(static_cast<const std::int32_t*>(first));
-        case ScalarType::uint32:
-            return use(static_cast<const std::uint32_t*>(first));
-        case ScalarType::int64:
-            return use(static_cast<const std::int64_t*>(first));
-        case ScalarType::uint64:
-            return use(static_cast<const std::uint64_t*>(first));
-        case ScalarType::float32:
-            return use(static_cast<const float*>(first));
-        case ScalarType::float64:
-            return use(static_cast<const double*>(first));
-    }
-}
-
-/// Calls `use(voxel, value)` for every voxel in order.
-template <class Use>
-void for_each_value(const Volume& volume, const Use& use) {
-    const std::size_t count = volume.data.size() / bytes_of(volume.type);
-    visit_scalars(volume, [&](const auto* scalar) {
-        for (std::size_t voxel = 0; voxel < count; ++voxel)
-            use(voxel, volume.slope * double(scalar[voxel]) + volume.intercept);
-    });
-}
-
-VoxelGrid inactive_grid(const Volume& volume) {
-    return {volume.dims, volume.spacing,
-            std::vector<std::uint8_t>(volume.data.size() / bytes_of(volume.type))};
-}
-
-/// The distinct values other than zero, which must be at most 255 whole numbers.
-std::vector<std::int64_t> occurring_labels(const Volume& volume) {
-    std::vector<std::int64_t> labels;
-    double latest = 0;  // neighbouring voxels mostly carry the same label
-    for_each_value(volume, [&](std::size_t voxel, double value) {
-        if (value == latest || value == 0) return;
-        if (!(std::abs(value) <= double(max_label)) || std::floor(value) != value) {
-            throw BadInput(volume.file, "voxel " + std::to_string(voxel), fmt::format("{:g}", value),
-                           "whole numbers where materials are given per label");
-        }
-        latest = value;
-        const auto label = static_cast<std::int64_t>(value);
-        const auto place = std::lower_bound(labels.begin(), labels.end(), label);
-        if (place != labels.end() && *place == label) return;
-        labels.insert(place, label);
-        if (labels.size() > max_labels) {
-            throw BadInput(volume.file, "labels", "more than " + std::to_string(max_labels) + " labels",
-                           "a list of those to use");
-        }
-    });
-    return labels;
+VolumeClaims read_nifti_alone(std::istream& stream, const std::string& file) {
+    return read_nifti_header(stream, file);
 }
 
 struct Format {
     std::string_view ending;
-    Volume (*read)(std::istream&, const std::string&, const SceneSizeLimits&) = nullptr;
+    VolumeClaims (*read)(std::istream&, const std::string&) = nullptr;  ///< null: of a NIfTI pair
     bool is_image = false;  ///< of a pair, whose header is read first
 };
 
 const std::vector<Format>& formats() {
     static const std::vector<Format> all = {
-        {".nii", read_nifti},     {".nii.gz", read_nifti},    {".hdr", read_nifti},
-        {".hdr.gz", read_nifti},  {".img", read_nifti, true}, {".img.gz", read_nifti, true},
-        {".nrrd", read_nrrd},     {".nhdr", read_nrrd},       {".mha", read_metaimage},
-        {".mhd", read_metaimage},
+        {".nii", read_nifti_alone},
+        {".nii.gz", read_nifti_alone},
+        {".hdr"},
+        {".hdr.gz"},
+        {".img", nullptr, true},
+        {".img.gz", nullptr, true},
+        {".nrrd", read_nrrd_header},
+        {".nhdr", read_nrrd_header},
+        {".mha", read_metaimage_header},
+        {".mhd", read_metaimage_header},
     };
     return all;
 }
 
 /// Null for a name that is no volume's.
 const Format* format_of(const std::string& name) {
+    const std::string lower = lower_case(name);
     const auto found = std::find_if(formats().begin(), formats().end(),
-                                    [&](const Format& format) { return name.ends_with(format.ending); });
+                                    [&](const Format& format) { return lower.ends_with(format.ending); });
     return found == formats().end() ? nullptr : &*found;
 }
 
-/// The header that belongs to x.img or x.img.gz: x.hdr, or x.hdr.gz where only that is there.
-std::string header_of_image(const std::string& image) {
-    const std::string plain = image.substr(0, image.rfind(".img")) + ".hdr";
-    std::error_code error;
-    const bool packed = !std::filesystem::is_regular_file(plain, error) &&
-                        std::filesystem::is_regular_file(plain + ".gz", error);
-    return packed ? plain + ".gz" : plain;
+std::ifstream opened(const std::string& file, const std::string& as) {
+    require_regular_file(file, as);
+    std::ifstream stream(file, std::ios::binary);
+    if (!stream) throw BadInput(file, "", "an unreadable file", "a file that can be read");
+    return stream;
+}
+
+/// Which header belongs to an image, for people.
+std::string header_of(const std::filesystem::path& image) {
+    const std::string name = image.filename().string();
+    const std::string plain = name.substr(0, lower_case(name).rfind(".img")) + ".hdr";
+    const bool gzipped = lower_case(name).ends_with(".gz");
+    return (gzipped ? plain + ".gz beside it, or " + plain : plain + " beside it, or " + plain + ".gz") +
+           " if that has no other image";
+}
+
+/// The pair that the named file belongs to. Messages about the header name that.
+Volume read_pair(const std::filesystem::path& file, bool is_image, const VolumeChoice& choice,
+                 const SceneSizeLimits& limits) {
+    const std::filesystem::path partner = partner_of(file);
+    if (partner.empty() && is_image)
+        throw BadInput(file.string(), "", "an image without its header", header_of(file));
+    const std::string header = (is_image ? partner : file).string();
+    std::ifstream stream = opened(header, is_image ? "the header of " + file.string() : "a volume file");
+    const VolumeClaims claims = read_nifti_header(stream, header, is_image ? file : partner);
+    if (is_image && claims.place.files.empty()) {
+        throw BadInput(header, "magic", "of a file that has its voxels itself",
+                       "that of a pair, of which " + file.string() + " is the image");
+    }
+    return read_voxels(stream, claims, choice, limits);
 }
 
 }  // namespace
@@ -146,68 +109,47 @@ std::string volume_endings() {
     return text;
 }
 
-Volume read_volume(const std::filesystem::path& file, const SceneSizeLimits& limits) {
+Volume read_volume(const std::filesystem::path& file, const VolumeChoice& choice,
+                   const SceneSizeLimits& limits) {
     const std::string name = file.string();
     const Format* format = format_of(name);
     if (format == nullptr) {
         throw BadInput(name, "file name", file.filename().string(),
                        "a volume file, whose name ends in " + volume_endings());
     }
-    const std::string header = format->is_image ? header_of_image(name) : name;
-    require_regular_file(header, format->is_image ? "the header of " + name : "a volume file");
-    std::ifstream stream(header, std::ios::binary);
-    if (!stream) throw BadInput(header, "", "an unreadable file", "a file that can be read");
-    return format->read(stream, header, limits);
+    if (format->read == nullptr) return read_pair(file, format->is_image, choice, limits);
+    std::ifstream stream = opened(name, "a volume file");
+    return read_voxels(stream, format->read(stream, name), choice, limits);
 }
 
-LabelledGrid above_threshold(const Volume& volume, double threshold) {
-    LabelledGrid result{inactive_grid(volume), {1}};
-    double largest = -std::numeric_limits<double>::infinity();
-    bool any = false;
-    for_each_value(volume, [&](std::size_t voxel, double value) {
-        if (value > threshold) {
-            result.grid.label[voxel] = 1;
-            any = true;
-        } else if (value > largest) {
-            largest = value;
-        }
-    });
-    if (!any) {
-        throw BadInput(volume.file, "threshold", fmt::format("{:g}", threshold),
-                       "one below the largest value in the volume, " + fmt::format("{:g}", largest) +
-                           ", so that some voxel is active");
-    }
-    return result;
+Volume read_voxels(std::istream& stream, const VolumeClaims& claims, const VolumeChoice& choice,
+                   const SceneSizeLimits& limits) {
+    DecidedVolume decided = decide(claims, choice, limits);
+    Volume& volume = decided.volume;
+    const std::uint64_t each = bytes_of(volume.type);
+    const KeptBytes kept{each * decided.period, each * decided.first, each * decided.length};
+    volume.data = read_data(stream, claims.file, claims.place, each * decided.scalars, kept, claims.data_key,
+                            std::to_string(decided.scalars) +
+                                (decided.scalars > decided.length ? " values of " : " voxels of ") +
+                                claims.type_text + " as the header says",
+                            volume.notes);
+    to_native_order(volume.data, volume.type, claims.big_endian);
+    return std::move(volume);
 }
 
-LabelledGrid with_labels(const Volume& volume, const std::optional<std::vector<std::int64_t>>& labels) {
-    LabelledGrid result{inactive_grid(volume), labels ? *labels : occurring_labels(volume)};
-    if (result.labels.empty())
-        throw BadInput(volume.file, "labels", "a volume of zeros", "a label that some voxel carries");
-    std::sort(result.labels.begin(), result.labels.end());
+Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
+                  const VolumeChoice& choice) {
+    return read_voxels(stream, read_nifti_header(stream, file), choice, limits);
+}
 
-    std::map<double, std::uint8_t> material;  // counted from 1
-    for (const std::int64_t label : result.labels)
-        material.emplace(double(label), std::uint8_t(material.size() + 1));
-    std::vector<bool> occurs(material.size() + 1);
-    double latest = std::numeric_limits<double>::quiet_NaN();
-    std::uint8_t latest_material = 0;
-    for_each_value(volume, [&](std::size_t voxel, double value) {
-        if (value != latest) {
-            const auto found = std::isnan(value) ? material.end() : material.find(value);
-            latest_material = found == material.end() ? std::uint8_t{0} : found->second;
-            occurs[latest_material] = true;
-            latest = value;
-        }
-        result.grid.label[voxel] = latest_material;
-    });
-    for (std::size_t m = 0; m < result.labels.size(); ++m) {
-        if (!occurs[m + 1]) {
-            throw BadInput(volume.file, "labels", std::to_string(result.labels[m]),
-                           "labels that some voxel carries");
-        }
-    }
-    return result;
+Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
+                 const VolumeChoice& choice) {
+    return read_voxels(stream, read_nrrd_header(stream, file), choice, limits);
+}
+
+Volume read_metaimage(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
+                      const VolumeChoice& choice) {
+    return read_voxels(stream, read_metaimage_header(stream, file), choice, limits);
 }
 
 }  // namespace voxspring

@@ -45,13 +45,22 @@ NRRD_WORDS = [
     "NRRD0004", "NRRD0005", "type: ", "uint8", "int16", "unsigned short", "float", "double", "long long",
     "dimension: ", "sizes: ", "encoding: ", "raw", "gzip", "endian: ", "little", "big", "spacings: ", "nan", "inf",
     "space directions: ", "none", "(1,0,0) (0,1,0) (0,0,1)", "data file: ", "line skip: ", "byte skip: ", ":=", "#",
-    "bzip2", "kinds: ", "domain", "space", "scalar", "RGB-color", "LIST", "voxels.raw", "-1",
+    "bzip2", "kinds: ", "domain", "space", "scalar", "RGB-color", "LIST", "voxels.raw", "-1", "space origin: ", "units: ", "\"um\"", "Segment0_Name:=", "Segment0_ID:=", "_LabelValue:=",
+    "_Layer:=", "wall",
 ]
+
+SEGMENTS = (
+    "NRRD0004\ntype: uint8\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 2 2 2\n"
+    "space directions: none (1,0,0) (0,1,0) (0,0,-1)\nkinds: list domain domain domain\nencoding: raw\n"
+    "space origin: (1,2,3)\nSegment0_ID:=Segment_1\nSegment0_Name:=wall\nSegment0_LabelValue:=1\n"
+    "Segment0_Layer:=0\nSegment1_ID:=Segment_2\nSegment1_Name:=valve\nSegment1_LabelValue:=1\n"
+    "Segment1_Layer:=1\n\n")
 
 METAIMAGE_WORDS = [
     "NDims = ", "DimSize = ", "ElementType = ", "MET_UCHAR", "MET_SHORT", "MET_DOUBLE", "ElementSpacing = ", "ElementSize = ",
     "CompressedData = ", "BinaryData = ", "BinaryDataByteOrderMSB = ", "True", "False", "HeaderSize = ", "-1",
-    "ElementNumberOfChannels = ", "ElementDataFile = ", "LOCAL", "LIST", "voxels.raw", "nan", "inf", "ObjectType = Image",
+    "ElementNumberOfChannels = ", "TransformMatrix = ", "Offset = ", "AnatomicalOrientation = ", "LPS", "DistanceUnits = ",
+    "ElementToIntensityFunctionSlope = ", "ElementDataFile = ", "LOCAL", "LIST", "voxels.raw", "nan", "inf", "ObjectType = Image",
 ]
 
 
@@ -95,6 +104,8 @@ def main():
         nrrd("double", "little", "gzip", "key:=value\n# comment\n", gzip.compress(scalars("<", "d"), mtime=0)),
         nrrd("float", "little", "bz2", "kinds: domain domain space\n", bz2.compress(scalars("<", "f"))),
         nrrd("uint8", "little", "raw", "byte skip: -1\ndata file: voxels.raw\n", b""),
+        nrrd("uint8", "little", "gzip", "byte skip: -1\n", gzip.compress(VOXELS, mtime=0) + b"\0\n"),
+        SEGMENTS.encode() + VOXELS * 2,
         nrrd("uint8", "little", "raw", "line skip: 0\ndata file: LIST\nvoxels.raw\n", b""),
     ]
     seeds["nifti"] = [
@@ -110,6 +121,8 @@ def main():
         metaimage("MET_UCHAR", "ElementSpacing = 1 2 0.5\n", VOXELS),
         metaimage("MET_SHORT", "BinaryDataByteOrderMSB = True\n", scalars(">", "h")),
         metaimage("MET_DOUBLE", "CompressedData = True\nCompressedDataSize = 20\n", zlib.compress(scalars("<", "d"))),
+        metaimage("MET_UCHAR", "TransformMatrix = 1 0 0 0 -1 0 0 0 1\nOffset = 1 2 3\nDistanceUnits = um\n", VOXELS),
+        metaimage("MET_UCHAR", "ElementNumberOfChannels = 2\nAnatomicalOrientation = RAI\n", VOXELS * 2),
         metaimage("MET_UCHAR", "HeaderSize = -1\n", b"", "voxels.raw"),
         metaimage("MET_UCHAR", "", b"voxels.raw\n", "LIST"),
     ]

@@ -30,13 +30,20 @@ void try_to(const Select& select) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const voxspring::SceneSizeLimits limits{1 << 16, 1 << 16};
+    // What a user may choose: the last byte decides, so that both kinds of inputs are found.
+    voxspring::VolumeChoice choice;
+    if (size > 0 && data[size - 1] % 2 == 1) choice.frame = 1;
+    if (size > 0 && data[size - 1] % 4 > 1) choice.spacing = {1, 2, 3};
     std::istringstream stream(std::string(reinterpret_cast<const char*>(data), size));
     try {
-        const voxspring::Volume volume = voxspring::READER(stream, "volume", limits);
+        const voxspring::Volume volume = voxspring::READER(stream, "volume.hdr", limits, choice);
+        require(volume.voxel_count() ==
+                std::size_t(volume.dims.x) * std::size_t(volume.dims.y) * std::size_t(volume.dims.z));
         require(volume.spacing.x > 0 && volume.spacing.y > 0 && volume.spacing.z > 0);
         try_to([&] { return above_threshold(volume, 0); });
         try_to([&] { return with_labels(volume, std::nullopt); });
-        try_to([&] { return with_labels(volume, std::vector<std::int64_t>{2, 1}); });
+        try_to([&] { return with_labels(volume, std::vector<std::string>{"2", "1"}); });
+        try_to([&] { return with_labels(volume, std::vector<std::string>{"wall"}); });
     } catch (const voxspring::BadInput&) {
     }
     return 0;

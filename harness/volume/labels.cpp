@@ -1,0 +1,352 @@
+// Which voxels of a volume are active, and what their labels are.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "harness/base/bad_input.h"
+#include "harness/volume/volume.h"
+
+namespace voxspring {
+namespace {
+
+/// Calls `use(first)` with a pointer to the scalars of `volume`, whatever their type.
+template <class Use>
+void visit_scalars(const Volume& volume, const Use& use) {
+    // operator new aligns for every scalar type.
+    const void* first = volume.data.data();
+    switch (volume.type) {
+        case ScalarType::int8:
+            return use(static_cast<const std::int8_t*>(first));
+        case ScalarType::uint8:
+            return use(static_cast<const std::uint8_t*>(first));
+        case ScalarType::int16:
+            return use(static_cast<const std::int16_t*>(first));
+        case ScalarType::uint16:
+            return use(static_cast<const std::uint16_t*>(first));
+        case ScalarType::int32:
+            return use(static_cast<const std::int32_t*>(first));
+        case ScalarType::uint32:
+            return use(static_cast<const std::uint32_t*>(first));
+        case ScalarType::int64:
+            return use(static_cast<const std::int64_t*>(first));
+        case ScalarType::uint64:
+            return use(static_cast<const std::uint64_t*>(first));
+        case ScalarType::float32:
+            return use(static_cast<const float*>(first));
+        case ScalarType::float64:
+            return use(static_cast<const double*>(first));
+    }
+}
+
+/// Calls `use(voxel, value)` for every voxel of a layer in order.
+template <class Use>
+void for_each_value(const Volume& volume, std::size_t layer, const Use& use) {
+    const std::size_t count = volume.voxel_count(), inner = volume.inner;
+    visit_scalars(volume, [&](const auto* scalar) {
+        for (std::size_t voxel = 0; voxel < count; ++voxel) {
+            const std::size_t at =
+                volume.layers == 1 ? voxel : (voxel / inner * volume.layers + layer) * inner + voxel % inner;
+            use(voxel, volume.slope * double(scalar[at]) + volume.intercept);
+        }
+    });
+}
+
+VoxelGrid inactive_grid(const Volume& volume) {
+    return {volume.dims, volume.spacing, std::vector<std::uint8_t>(volume.voxel_count())};
+}
+
+bool is_integer(ScalarType type) { return type != ScalarType::float32 && type != ScalarType::float64; }
+
+/// Values as labels. A file that stores them scaled keeps a label as the nearest number that its slope
+/// reaches, and has slope and intercept in 24 bits.
+class Rounding {
+public:
+    explicit Rounding(const Volume& volume)
+        : scaled_(volume.slope != 1 || volume.intercept != 0),
+          intercept_(std::abs(volume.intercept)),
+          step_(scaled_ && is_integer(volume.type) ? std::abs(volume.slope) / 2 : 0) {}
+
+    /// How far slope and intercept may have moved a value when they were rounded to 24 bits.
+    double error(double value) const {
+        return scaled_ ? std::ldexp(std::abs(value) + 2 * intercept_, -23) : 0;
+    }
+
+    /// The whole number that `value` was stored for, if it was for one: it is as near to that as a scaled
+    /// integer gets, but never further than a twentieth, or differs by 4 units in the last place of a 32-bit
+    /// float, which is what a resampled label map leaves.
+    std::optional<std::int64_t> label(double value) {
+        if (!(std::abs(value) <= double(max_label))) return {};
+        const double whole = std::round(value), off = std::abs(value - whole);
+        constexpr double furthest = 0.05;
+        if (off > std::min(furthest, step_ + error(value) + std::ldexp(std::abs(value), -22))) return {};
+        furthest_ = std::max(furthest_, off);
+        return std::int64_t(whole);
+    }
+
+    void say(std::vector<std::string>& notes) const {
+        if (furthest_ > 0)
+            notes.push_back(
+                fmt::format("values up to {:.1g} off a whole number are taken for that label", furthest_));
+    }
+
+private:
+    bool scaled_;
+    double intercept_, step_, furthest_ = 0;
+};
+
+/// A particle's material is a byte.
+void check_count(const Volume& volume, std::size_t labels) {
+    if (labels <= max_labels) return;
+    throw BadInput(volume.file, "labels", "more than " + std::to_string(max_labels) + " labels",
+                   "a list of those to use, at most " + std::to_string(max_labels));
+}
+
+/// The distinct values other than zero and NaN, which must be at most 255 whole numbers; ascending.
+std::vector<std::int64_t> occurring_labels(const Volume& volume) {
+    Rounding rounding(volume);
+    std::vector<std::int64_t> labels;
+    double latest = 0;  // neighbouring voxels mostly carry the same label
+    for_each_value(volume, 0, [&](std::size_t voxel, double value) {
+        if (value == latest || std::isnan(value)) return;
+        const auto label = rounding.label(value);
+        if (!label) {
+            throw BadInput(volume.file, "voxel " + std::to_string(voxel), fmt::format("{:g}", value),
+                           "whole numbers where materials are given per label");
+        }
+        latest = value;
+        if (*label == 0) return;
+        const auto place = std::lower_bound(labels.begin(), labels.end(), *label);
+        if (place != labels.end() && *place == *label) return;
+        labels.insert(place, *label);
+        check_count(volume, labels.size());
+    });
+    return labels;
+}
+
+/// The number that `word` spells as JSON spells a whole number.
+std::optional<std::int64_t> number_of(const std::string& word) {
+    std::int64_t number = 0;
+    const char* end = word.data() + word.size();
+    const auto [stop, error] = std::from_chars(word.data(), end, number);
+    if (error != std::errc() || stop != end || std::to_string(number) != word) return {};
+    return number >= -max_label && number <= max_label ? std::optional(number) : std::nullopt;
+}
+
+std::string quoted(const std::vector<Label>& labels) {
+    std::string text;
+    for (const Label& label : labels) text += (text.empty() ? "" : ", ") + label.name;
+    return text;
+}
+
+[[noreturn]] void refuse_absent(const Volume& volume, const std::string& label) {
+    throw BadInput(volume.file, "labels", label, "labels that some voxel carries");
+}
+
+LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<std::string>>& words) {
+    std::vector<std::int64_t> numbers;
+    if (words) {
+        for (const std::string& word : *words) {
+            const auto number = number_of(word);
+            if (!number) {
+                throw BadInput(volume.file, "labels", word,
+                               "whole numbers: the file has no segments that could be named");
+            }
+            numbers.push_back(*number);
+        }
+        std::sort(numbers.begin(), numbers.end());
+        const auto twice = std::adjacent_find(numbers.begin(), numbers.end());
+        if (twice != numbers.end())
+            throw BadInput(volume.file, "labels", std::to_string(*twice), "each label once");
+    } else {
+        numbers = occurring_labels(volume);
+    }
+    check_count(volume, numbers.size());
+    if (numbers.empty())
+        throw BadInput(volume.file, "labels", "a volume of zeros", "a label that some voxel carries");
+
+    LabelledGrid result{inactive_grid(volume), {}};
+    std::map<std::int64_t, std::uint8_t> material;  // counted from 1
+    for (const std::int64_t number : numbers) {
+        result.labels.push_back(numbered_label(number));
+        material.emplace(number, std::uint8_t(material.size() + 1));
+    }
+    std::vector<std::uint64_t> voxels(numbers.size() + 1);
+    Rounding rounding(volume);
+    double latest = std::numeric_limits<double>::quiet_NaN();
+    std::uint8_t latest_material = 0;
+    for_each_value(volume, 0, [&](std::size_t voxel, double value) {
+        if (value != latest) {
+            latest = value;
+            latest_material = 0;
+            // Only a value that may be one of the labels is rounded.
+            const auto found = material.find(std::abs(value) <= double(max_label) ? std::llround(value) : 0);
+            if (found != material.end() && rounding.label(value)) latest_material = found->second;
+        }
+        ++voxels[latest_material];
+        result.grid.label[voxel] = latest_material;
+    });
+    for (std::size_t m = 0; m < numbers.size(); ++m) {
+        if (voxels[m + 1] == 0) refuse_absent(volume, result.labels[m].name);
+        result.counts.emplace_back(result.labels[m].name, voxels[m + 1]);
+    }
+    rounding.say(result.notes);
+    return result;
+}
+
+/// Every segment with the words that mean it and no other.
+std::vector<Label> labels_of(const std::vector<Segment>& segments) {
+    const auto words_of = [](const Segment& segment) {
+        return std::vector<std::string>{segment.name, segment.id, std::to_string(segment.value)};
+    };
+    std::vector<Label> labels;
+    for (const Segment& segment : segments) {
+        Label label{segment.name, {}};
+        for (const std::string& word : words_of(segment)) {
+            const auto has = [&](const Segment& s) {
+                const auto all = words_of(s);
+                return std::find(all.begin(), all.end(), word) != all.end();
+            };
+            const bool known = std::find(label.words.begin(), label.words.end(), word) != label.words.end();
+            if (!known && std::count_if(segments.begin(), segments.end(), has) == 1)
+                label.words.push_back(word);
+        }
+        labels.push_back(std::move(label));
+    }
+    return labels;
+}
+
+/// The segments that `words` name, in that order.
+std::vector<std::size_t> chosen_segments(const Volume& volume, const std::vector<Label>& labels,
+                                         const std::vector<std::string>& words) {
+    std::vector<std::size_t> chosen;
+    for (const std::string& word : words) {
+        const auto found = std::find_if(labels.begin(), labels.end(), [&](const Label& label) {
+            return std::find(label.words.begin(), label.words.end(), word) != label.words.end();
+        });
+        if (found == labels.end()) {
+            throw BadInput(volume.file, "labels", word,
+                           "a name, an ID or a value that one of the segments has alone: " + quoted(labels));
+        }
+        chosen.push_back(std::size_t(found - labels.begin()));
+        if (std::count(chosen.begin(), chosen.end(), chosen.back()) > 1)
+            throw BadInput(volume.file, "labels", word, "each segment once");
+    }
+    return chosen;
+}
+
+LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector<std::string>>& words) {
+    const std::vector<Segment>& segments = volume.segments;
+    const std::vector<Label> all = labels_of(segments);
+    LabelledGrid result{inactive_grid(volume), {}};
+    std::vector<std::uint64_t> voxels(segments.size());
+    std::vector<std::size_t> chosen;
+    if (words) {
+        chosen = chosen_segments(volume, all, *words);
+    } else {
+        for (std::size_t s = 0; s < segments.size(); ++s) chosen.push_back(s);
+    }
+    check_count(volume, chosen.size());
+    std::vector<std::uint8_t> rank(segments.size());  // from 1 on, of those that are chosen
+    for (std::size_t c = 0; c < chosen.size(); ++c) rank[chosen[c]] = std::uint8_t(c + 1);
+
+    std::vector<bool> shared(volume.voxel_count());
+    std::uint64_t overlap = 0, without = 0;
+    for (std::size_t layer = 0; layer < volume.layers; ++layer) {
+        std::unordered_map<double, std::vector<std::size_t>> of_value;
+        for (std::size_t s = 0; s < segments.size(); ++s) {
+            if (segments[s].layer == layer) of_value[double(segments[s].value)].push_back(s);
+        }
+        for_each_value(volume, layer, [&](std::size_t voxel, double value) {
+            if (value == 0 || std::isnan(value)) return;
+            const auto found = of_value.find(value);
+            if (found == of_value.end()) {
+                ++without;
+                return;
+            }
+            std::uint8_t& label = result.grid.label[voxel];
+            for (const std::size_t s : found->second) {
+                ++voxels[s];
+                if (rank[s] == 0) continue;
+                if (label != 0 && !shared[voxel]) {
+                    shared[voxel] = true;
+                    ++overlap;
+                }
+                label = std::max(label, rank[s]);
+            }
+        });
+    }
+    for (std::size_t s = 0; s < segments.size(); ++s) {
+        result.counts.emplace_back(segments[s].name, voxels[s]);
+        if (voxels[s] > 0 || rank[s] == 0) continue;
+        if (words) refuse_absent(volume, segments[s].name);
+        result.notes.push_back("segment " + segments[s].name + " has no voxel");
+    }
+    // Materials are those that have voxels.
+    std::vector<std::uint8_t> material(chosen.size() + 1);
+    for (std::size_t c = 0; c < chosen.size(); ++c) {
+        if (voxels[chosen[c]] == 0) continue;
+        result.labels.push_back(all[chosen[c]]);
+        material[c + 1] = std::uint8_t(result.labels.size());
+    }
+    if (result.labels.empty())
+        throw BadInput(volume.file, "labels", "segments without voxels", "a label that some voxel carries");
+    for (std::uint8_t& label : result.grid.label) label = material[label];
+    if (overlap > 0) {
+        result.notes.push_back(
+            fmt::format("{} {} in several segments: each is part of the one that comes last in {}", overlap,
+                        overlap == 1 ? "voxel is" : "voxels are", words ? "the list of labels" : "the file"));
+    }
+    if (without > 0) {
+        result.notes.push_back(fmt::format("{} {} that no segment has, and {} left out", without,
+                                           without == 1 ? "voxel has a value" : "voxels have values",
+                                           without == 1 ? "is" : "are"));
+    }
+    return result;
+}
+
+}  // namespace
+
+Label numbered_label(std::int64_t number) { return {std::to_string(number), {std::to_string(number)}}; }
+
+LabelledGrid above_threshold(const Volume& volume, double threshold) {
+    if (volume.layers > 1) {
+        throw BadInput(
+            volume.file, "threshold", fmt::format("{:g}", threshold),
+            fmt::format("labels, by the names of segments: the file has {} layers", volume.layers));
+    }
+    LabelledGrid result{inactive_grid(volume), {numbered_label(1)}};
+    const Rounding rounding(volume);
+    double largest = -std::numeric_limits<double>::infinity();
+    bool any = false;
+    for_each_value(volume, 0, [&](std::size_t voxel, double value) {
+        if (value > threshold + rounding.error(value)) {
+            result.grid.label[voxel] = 1;
+            any = true;
+        } else if (value > largest) {
+            largest = value;
+        }
+    });
+    if (!any) {
+        throw BadInput(volume.file, "threshold", fmt::format("{:g}", threshold),
+                       "one below the largest value in the volume, " + fmt::format("{:g}", largest) +
+                           ", so that some voxel is active");
+    }
+    return result;
+}
+
+LabelledGrid with_labels(const Volume& volume, const std::optional<std::vector<std::string>>& labels) {
+    return volume.segments.empty() ? with_numbers(volume, labels) : with_segments(volume, labels);
+}
+
+}  // namespace voxspring
