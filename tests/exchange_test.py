@@ -166,6 +166,29 @@ class Formats(InTemporaryFolder):
         self.assertEqual(read_vtk(grid)[1]["mass"].tolist(), [1, 3, 0, 3, 1, 1])
         self.assertEqual(read_vtk(body)[1]["material"].tolist(), [0, 1, 1, 0, 0])
 
+    def test_a_body_lies_where_its_file_puts_it(self):
+        scene = self.folder / "placed.json"
+        scene.write_text(json.dumps({"dataset": {"type": "volume", "file": "placed.nrrd"}, "gravity": [0, 0, -1e-3]}))
+        (self.folder / "placed.nrrd").write_bytes(
+            b"NRRD0004\ntype: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 3 2 2\n"
+            b"space directions: (0,2,0) (0,0,-3) (4,0,0)\nspace origin: (10,20,30)\nencoding: raw\n\n" + bytes([1, 0, 1] * 4))
+        numpys, grid, body = self.run_scene(scene, ".npz", ".vti", ".vtu", steps=3)
+        loaded = numpy.load(numpys)
+        axes = numpy.array([[0, 1, 0], [0, 0, -1], [1, 0, 0]], float)
+        image, voxels = read_vtk(grid)[:2]
+        self.assertEqual(image.GetOrigin(), (10, 20, 30))
+        self.assertEqual(image.GetSpacing(), (2, 3, 4))
+        matrix = image.GetDirectionMatrix()
+        self.assertEqual([[matrix.GetElement(row, axis) for row in range(3)] for axis in range(3)], axes.tolist())
+        points = vtk_to_numpy(read_vtk(body)[0].GetPoints().GetData())
+        numpy.testing.assert_array_equal(points, loaded["position"] @ axes + (10, 20, 30))
+        # The grid's points are where the body's were, and its vectors lead to where they are.
+        at = numpy.flatnonzero(voxels["active"])
+        rest = numpy.array([image.GetPoint(int(v)) for v in at])
+        numpy.testing.assert_allclose(rest + voxels["displacement"][at], points, rtol=0, atol=1e-12)
+        self.assertLess(points[:, 0].min(), 10, "gravity along the grid's z is along the file's x")
+        self.assertEqual(read_vtk(body)[1]["velocity"].tolist(), (loaded["velocity"] @ axes).tolist())
+
     def test_a_body_without_springs_opens(self):
         scene = self.folder / "one.json"
         scene.write_text(json.dumps({"dataset": {"type": "box", "dims": [1, 1, 1]}, "time_step": 0.1,

@@ -1,12 +1,12 @@
 #include "harness/export/export_formats.h"
 
+#include <fmt/format.h>
 #include <minizip/zip.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <charconv>
-#include <cstdio>
 #include <glm/geometric.hpp>
 #include <limits>
 #include <memory>
@@ -70,6 +70,20 @@ std::vector<double> masses(const Problem& problem) {
 /// `values`, or as many zeros as there are particles where the problem has none.
 std::vector<std::uint8_t> or_zeros(const std::vector<std::uint8_t>& values, const Problem& problem) {
     return values.empty() ? std::vector<std::uint8_t>(problem.particle_count()) : values;
+}
+
+/// Where a volume's file puts the grid; null: nowhere.
+const Placement* placement_of(const Snapshot& snapshot) {
+    const auto& volume = snapshot.scene.volume;
+    return volume && volume->placement ? &*volume->placement : nullptr;
+}
+
+/// Vectors along the grid's axes, in the coordinates of the volume's file if it has any.
+std::vector<glm::dvec3> in_file(const Snapshot& snapshot, std::vector<glm::dvec3> vectors) {
+    if (const Placement* placement = placement_of(snapshot)) {
+        for (glm::dvec3& v : vectors) v = placement->to_file(v);
+    }
+    return vectors;
 }
 
 std::vector<glm::ivec3> voxels(const Lattice& lattice) {
@@ -178,6 +192,11 @@ void add_lines(VtkFile& file, const std::vector<std::uint32_t>& ends) {
     std::vector<Index> offsets(ends.size() / 2);
     for (std::size_t cell = 0; cell < offsets.size(); ++cell) offsets[cell] = Index(2 * (cell + 1));
     file.array("offsets", std::move(offsets));
+}
+
+/// Numbers in an attribute, such as `"1 0 0.5"`.
+std::string attribute_of(const std::vector<double>& numbers) {
+    return fmt::format("\"{:.17g}\"", fmt::join(numbers, " "));
 }
 
 std::string attribute(const std::string& name, std::size_t value) {
@@ -335,9 +354,13 @@ std::string vti(const Snapshot& snapshot) {
             text += (axis > 0 ? " 0 " : "0 ") + std::to_string(lattice.dims[axis] - 1);
         return "\"" + text + "\"";
     }();
-    std::array<char, 100> spacing{};
-    std::snprintf(spacing.data(), spacing.size(), "\"%.17g %.17g %.17g\"", lattice.spacing.x,
-                  lattice.spacing.y, lattice.spacing.z);
+    std::string placed = "Origin=\"0 0 0\"";
+    if (const Placement* placement = placement_of(snapshot)) {
+        const auto& [x, y, z] = placement->direction;
+        placed = "Origin=" + attribute_of({placement->origin.x, placement->origin.y, placement->origin.z}) +
+                 // Row after row of the matrix whose columns are the axes.
+                 " Direction=" + attribute_of({x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z});
+    }
     std::vector<std::uint8_t> label = or_zeros(problem.material, problem);
     for (std::uint8_t& material : label) ++material;
     std::vector<std::uint8_t> springs;
@@ -346,7 +369,8 @@ std::string vti(const Snapshot& snapshot) {
         springs.push_back(std::uint8_t(std::popcount(mask & NEIGHBOUR_BITS)));
 
     VtkFile file("ImageData");
-    file.begin("ImageData WholeExtent=" + extent + " Origin=\"0 0 0\" Spacing=" + spacing.data());
+    file.begin("ImageData WholeExtent=" + extent + " " + placed +
+               " Spacing=" + attribute_of({lattice.spacing.x, lattice.spacing.y, lattice.spacing.z}));
     add_time(file, snapshot);
     file.begin("Piece Extent=" + extent);
     file.begin("PointData");
@@ -355,8 +379,8 @@ std::string vti(const Snapshot& snapshot) {
     file.array("pinned", on_grid(lattice, or_zeros(problem.pinned, problem)));
     file.array("springs", on_grid(lattice, springs));
     file.array("mass", on_grid(lattice, masses(problem)));
-    file.array("displacement", on_grid(lattice, snapshot.state.displacement));
-    file.array("velocity", on_grid(lattice, velocities(snapshot)));
+    file.array("displacement", on_grid(lattice, in_file(snapshot, snapshot.state.displacement)));
+    file.array("velocity", on_grid(lattice, in_file(snapshot, velocities(snapshot))));
     for (int open = 0; open < 3; ++open) file.end();
     return file.bytes();
 }
@@ -372,8 +396,8 @@ std::string vtu(const Snapshot& snapshot) {
     file.begin("Piece" + attribute("NumberOfPoints", problem.particle_count()) +
                attribute("NumberOfCells", count));
     file.begin("PointData");
-    file.array("displacement", snapshot.state.displacement);
-    file.array("velocity", velocities(snapshot));
+    file.array("displacement", in_file(snapshot, snapshot.state.displacement));
+    file.array("velocity", in_file(snapshot, velocities(snapshot)));
     file.array("mass", masses(problem));
     file.array("pinned", or_zeros(problem.pinned, problem));
     file.array("material", or_zeros(problem.material, problem));
@@ -385,7 +409,11 @@ std::string vtu(const Snapshot& snapshot) {
     file.array("tension", std::move(springs.tension));
     file.end();
     file.begin("Points");
-    file.array("Points", positions(snapshot));
+    std::vector<glm::dvec3> points = in_file(snapshot, positions(snapshot));
+    if (const Placement* placement = placement_of(snapshot)) {
+        for (glm::dvec3& point : points) point += placement->origin;
+    }
+    file.array("Points", std::move(points));
     file.end();
     file.begin("Cells");
     if (std::max(2 * count, problem.particle_count()) <= std::numeric_limits<std::int32_t>::max()) {
