@@ -53,7 +53,7 @@ public:
           joint_(device().ends_long_kernels()) {}
 
     void upload(const Problem& problem, const State& state) override {
-        begin_upload();
+        begin_upload<float>();
         set_problem(problem);
         const std::optional<BrickPlan> plan = planned(problem);
         if (!plan) throw DeviceError(too_large);

@@ -53,7 +53,7 @@ public:
           interior_(options.tuning.at("interior") == "vote") {}
 
     void upload(const Problem& problem, const State& state) override {
-        this->begin_upload();
+        this->template begin_upload<Real>();
         const Placement placement = place_guarded(problem);
         DeltaLists lists = compress_lists(problem);
         slices_ = std::move(lists.slices);

@@ -96,7 +96,7 @@ public:
           tiles_(tiles_of(tuned_, precision)) {}
 
     void upload(const Problem& problem, const State& state) override {
-        this->begin_upload();
+        this->template begin_upload<Real>();
         this->set_problem(problem);
         interior_ = {};
         MarchPlan plan = planned(problem, tiles_);

@@ -120,7 +120,6 @@ public:
         }
         sent_.upload(sent_by_lanes(*layout_, sendings_), stream_);
         links_.sent = sent_.data();
-        load_divergence_check();
         stream_.synchronize();  // the exchange is empty before anybody writes to it
     }
 
@@ -189,7 +188,7 @@ public:
     }
 
     void upload(const Problem& problem, const State& state) override {
-        begin_upload();
+        begin_upload<float>();
         borders_.reset();
         if (tool_mode_for(problem) == ToolMode::ticks) ticks_.open(problem.tool.particles.size());
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));

@@ -38,7 +38,7 @@ public:
     }
 
     void upload(const Problem& problem, const State& state) override {
-        this->begin_upload();
+        this->template begin_upload<Real>();
         const SpringArrays<Real> springs = list_every_spring<Real>(problem, this->formulation());
         slots_ = SpringSlots(problem, springs.begin, this->formulation());
         ends_.upload(springs.ends, this->stream());

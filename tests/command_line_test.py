@@ -379,8 +379,7 @@ class Study(InTemporaryFolder):
         build = result["context"]["voxspring"]
         has_cuda = any(name.startswith("cuda_") for name in
                        {row["backend"] for row in result["benchmarks"] + result["skipped"]})
-        for key in ("cuda_compiler", "cuda_flags", "cuda_architectures"):
-            self.assertEqual(build[key] is not None, has_cuda, key)
+        self.assertEqual(build["cuda_compiler"] is not None, has_cuda)
         measured = {(r["scene"], r["backend"]) for r in result["benchmarks"]}
         skipped = {(r["scene"], r["backend"]) for r in result["skipped"]}
         listed = [b["name"] for b in json.loads(voxspring("list", "--json").stdout)["backends"]

@@ -112,6 +112,29 @@ TEST_P(Compiler, CompilesEveryKernel) {
     }
 }
 
+// The names that cuda/common/support_kernels.cpp and cuda/device/limits.cpp look kernels up by are symbols of the
+// machine code.
+TEST(Compiler, CompilesWhatRunsBetweenStepsAndMeasuresLimits) {
+    const auto expect_kernels = [](const KernelSource& source, const std::vector<const char*>& names) {
+        for (const int architecture : {75, 90, 120}) {
+            const std::string code = compile(source, architecture).code;
+            for (const char* name : names)
+                EXPECT_NE(code.find(std::string(".text.") + name), std::string::npos) << name;
+        }
+    };
+    for (const char* real : {"float", "double"}) {
+        expect_kernels(
+            {"between_steps.cu", {{"REAL", real}}},
+            {"gather_border", "scatter_border", "check_words", "check_axes", "write_particle_bits",
+             "write_bare_words", "write_slots_and_bits", "write_rows", "write_slices", "write_springs",
+             "write_short_argument", "write_long_argument", "feed", "pull_held_particles", "measure_lengths",
+             "measure_springs", "measure_inverse_roots"});
+    }
+    expect_kernels({"limits.cu", {{"THREADS", "256"}}},
+                   {"do_nothing", "sweep_1_0_1", "sweep_1_0_2", "sweep_1_1_1", "sweep_1_1_2", "sweep_2_1_1",
+                    "sweep_2_1_2", "meet", "exchange", "multiply_add_float32", "multiply_add_float64"});
+}
+
 TEST(Compiler, SaysWhatItCompilesWith) {
     const std::string said = compiler_and_options(90);
     EXPECT_TRUE(said.starts_with("NVRTC " + compiler_build())) << said;

@@ -13,6 +13,7 @@
 #include "backends/layout/border_blocks.h"
 #include "cuda/common/borders_first.h"
 #include "cuda/common/divergence_check.h"
+#include "cuda/common/support_kernels.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/device.h"
 #include "cuda/device/event.h"
@@ -44,7 +45,7 @@ public:
     std::optional<Divergence> divergence() final;
     void synchronize() final;
     CompileTime compile_time() const final { return compile_time_; }
-    DeviceLimits measure_limits() final { return cuda::measure_limits(stream_); }
+    DeviceLimits measure_limits() final { return cuda::measure_limits(device_, stream_); }
 
 protected:
     const Device& device() const { return device_; }
@@ -72,8 +73,13 @@ protected:
     /// Throws DeviceError, with what a launch has said that waited in vain.
     void check_waits() const;
 
-    /// To be called first in upload(): waits for the device and frees the copy of the last start.
-    void begin_upload();
+    /// To be called first in upload(): waits for the device, frees the copy of the last start and loads the
+    /// kernels that run between steps.
+    template <class Real>
+    void begin_upload() {
+        begin_upload();
+        load_support_kernels<Real>(device_, compile_time_);
+    }
     std::shared_ptr<const Kernel> kernel(const KernelSource& source) {
         return Kernel::get(source, device_, compile_time_);
     }
@@ -96,6 +102,8 @@ protected:
     virtual void enqueue_steps(int count);
 
 private:
+    void begin_upload();
+
     /// Empty, or why the strategy cannot run `problem`, memory aside.
     virtual std::string refused(const Problem& problem) const = 0;
     /// Device memory that upload(problem) would take, and that the last one took.

@@ -5,6 +5,7 @@
 
 #include "backends/layout/records/particle.h"
 #include "cuda/device/stream.h"
+#include "cuda/kernels/divergence_check.h"
 
 namespace voxspring::cuda {
 
@@ -12,11 +13,6 @@ struct DivergenceCheck {
     std::int64_t step;         ///< after which it checks
     std::int64_t last_check;   ///< the step of the check before
     double largest_increment;  ///< |x(t) - x(t - dt)|
-};
-
-/// On the device: the step of the first check that failed, and of the check before it (Divergence).
-struct FirstDivergence {
-    long long last_good, found;
 };
 
 /// Enqueues a check. An increment is the difference from `before` to `words` or, where that is null, three
@@ -31,9 +27,5 @@ template <class Real>
 void launch_divergence_check_on_axes(const Real* now, const Real* before, const Real* increment,
                                      std::size_t pitch, std::size_t count, const DivergenceCheck& parameters,
                                      FirstDivergence* first, const Stream& stream);
-
-/// Loads the kernel of the former, of float32, on the current device. Otherwise the first launch does, which
-/// may wait until nothing runs there.
-void load_divergence_check();
 
 }  // namespace voxspring::cuda

@@ -15,8 +15,6 @@
 
 namespace voxspring::cuda {
 
-/// Bytes of the longest argument that a kernel may have on every device and driver.
-constexpr std::size_t max_argument_bytes = 3840;
 /// Writes up to so many bytes to `to`, which is aligned to 16 and has room for a multiple of that. They
 /// travel with the launch of a kernel, so that `from` may change at once, and steps before and after need not
 /// wait for the engine that copies: that takes longer than many an edit. Enqueues one kernel.

@@ -47,7 +47,7 @@ public:
         : ParticleBackend<Real, ExplicitStep<Real>>(family), options_(options) {}
 
     void upload(const Problem& problem, const State& state) override {
-        this->begin_upload();
+        this->template begin_upload<Real>();
         const auto [launch, bits] = lay_out(problem);
         this->start(problem, state, place_compact(problem), bits, launch);
     }

@@ -36,7 +36,7 @@ public:
           resting_(options) {}
 
     void upload(const Problem& problem, const State& state) override {
-        this->begin_upload();
+        this->template begin_upload<Real>();
         const Lattice& lattice = problem.lattice;
         const Placement placement = place_on_grid(lattice);
         const std::vector<BlockOrigin> origins =

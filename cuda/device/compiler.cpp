@@ -94,12 +94,18 @@ private:
     nvrtcProgram program_ = nullptr;
 };
 
-/// The architecture to compile for, and whether its machine code will run on the card.
-std::pair<int, bool> nearest(int architecture) {
+/// Compute capabilities that NVRTC compiles for, ascending.
+std::vector<int> known_architectures() {
     int count = 0;
     check(nvrtcGetNumSupportedArchs(&count));
     std::vector<int> known(std::size_t(count), 0);
     check(nvrtcGetSupportedArchs(known.data()));
+    return known;
+}
+
+/// The architecture to compile for, and whether its machine code will run on the card.
+std::pair<int, bool> nearest(int architecture) {
+    const std::vector<int> known = known_architectures();
     if (std::find(known.begin(), known.end(), architecture) != known.end()) return {architecture, true};
     // A driver compiles the PTX of an older one.
     int best = 0;
@@ -170,6 +176,8 @@ const std::string& compiler_build() {
     }();
     return build;
 }
+
+int oldest_architecture() { return std::max(75, known_architectures().front()); }
 
 bool moves_registers(int architecture) { return architecture >= 90 && nearest(architecture).second; }
 

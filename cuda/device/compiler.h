@@ -25,6 +25,10 @@ struct CompiledKernel {
 /// wrong.
 CompiledKernel compile(const KernelSource& source, int architecture);
 
+/// The oldest compute capability that NVRTC compiles for, and kernels run on: kernels/exchange.h loads 16
+/// bytes at once, which came with 7.5.
+int oldest_architecture();
+
 /// Whether threads of a block may have more registers than others.
 bool moves_registers(int architecture);
 

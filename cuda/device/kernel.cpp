@@ -1,40 +1,63 @@
 #include "cuda/device/kernel.h"
 
+#include <algorithm>
+#include <iterator>
+#include <map>
 #include <mutex>
+#include <string>
 #include <utility>
 #include <vector>
 
 namespace voxspring::cuda {
 
-std::shared_ptr<const Kernel> Kernel::get(const KernelSource& source, const Device& device,
-                                          CompileTime& time) {
+namespace {
+
+std::shared_ptr<const Library> load_library(const CompiledKernel& compiled) {
+    cudaLibrary_t library{};
+    check(cudaLibraryLoadData(&library, compiled.code.data(), nullptr, nullptr, 0, nullptr, nullptr, 0));
+    return std::make_shared<const Library>(library);
+}
+
+}  // namespace
+
+std::shared_ptr<const Kernel> Kernel::get(const KernelSource& source, const Device& device, CompileTime& time,
+                                          const std::string& name) {
     struct Loaded {
         KernelSource source;
         int architecture;
-        std::shared_ptr<const Kernel> kernel;
+        std::shared_ptr<const Library> library;
+        std::map<std::string, std::shared_ptr<const Kernel>> kernels;
     };
     static std::vector<Loaded> loaded;
     static std::mutex mutex;
     const std::lock_guard lock(mutex);
-    for (const Loaded& known : loaded) {
-        if (known.source != source || known.architecture != device.architecture()) continue;
-        known.kernel->load();
-        return known.kernel;
+    auto found = std::find_if(loaded.begin(), loaded.end(), [&](const Loaded& known) {
+        return known.source == source && known.architecture == device.architecture();
+    });
+    if (found == loaded.end()) {
+        const CompiledKernel compiled = compile(source, device.architecture());
+        time += {compiled.found ? 0 : compiled.seconds, compiled.seconds};
+        loaded.push_back({source, device.architecture(), load_library(compiled), {}});
+        found = std::prev(loaded.end());
     }
-    const CompiledKernel compiled = compile(source, device.architecture());
-    time += {compiled.found ? 0 : compiled.seconds, compiled.seconds};
-    auto kernel = std::make_shared<const Kernel>(compiled);
+    std::shared_ptr<const Kernel>& kernel = found->kernels[name];
+    if (kernel == nullptr) kernel = std::make_shared<const Kernel>(found->library, name);
     kernel->load();
-    return loaded.emplace_back(Loaded{source, device.architecture(), std::move(kernel)}).kernel;
+    return kernel;
 }
 
-Kernel::Kernel(const CompiledKernel& compiled) {
-    cudaLibrary_t library{};
-    check(cudaLibraryLoadData(&library, compiled.code.data(), nullptr, nullptr, 0, nullptr, nullptr, 0));
-    library_ = Library(library);
+Kernel::Kernel(std::shared_ptr<const Library> library, const std::string& name)
+    : library_(std::move(library)) {
     cudaKernel_t kernel{};
-    check(cudaLibraryGetKernel(&kernel, library, kernel_name));
+    check(cudaLibraryGetKernel(&kernel, library_->get(), name.c_str()));
     kernel_ = reinterpret_cast<const void*>(kernel);
+}
+
+unsigned Kernel::blocks_at_once(const Device& device, unsigned block) const {
+    int blocks = 0;
+    check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel_, int(block), 0));
+    if (blocks < 1) throw DeviceError("a multiprocessor has no room for a block of " + std::to_string(block));
+    return unsigned(blocks * device.multiprocessors());
 }
 
 void Kernel::load() const {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <memory>
+#include <string>
 
 #include "backends/backend.h"
 #include "cuda/device/compiler.h"
@@ -16,14 +17,16 @@ using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 /// Shared by all that launch it, on any device of its architecture.
 class Kernel {
 public:
-    /// Compiles what this process has not loaded yet, and loads it on the device, which is current. Any
-    /// thread may call this; one at a time compiles. `time` grows by what compiling took.
+    /// Compiles what this process has not loaded yet, and loads its function `name` on the device, which is
+    /// current. Any thread may call this; one at a time compiles. `time` grows by what compiling took.
     static std::shared_ptr<const Kernel> get(const KernelSource& source, const Device& device,
-                                             CompileTime& time);
+                                             CompileTime& time, const std::string& name = kernel_name);
 
-    explicit Kernel(const CompiledKernel& compiled);
+    Kernel(std::shared_ptr<const Library> library, const std::string& name);
 
-    /// That a thread begins with.
+    /// Blocks of `block` threads that the device, which is current, holds at once.
+    unsigned blocks_at_once(const Device& device, unsigned block) const;
+    /// Registers that a thread begins with.
     int registers() const;
     /// Lets a block have `bytes` of shared memory, where that is more than every kernel may have.
     void allow_shared(std::size_t bytes) const;
@@ -73,8 +76,8 @@ private:
     /// On the current device, where that has not happened: it must not happen first in a capture.
     void load() const;
 
-    Library library_;
-    const void* kernel_ = nullptr;  // a cudaKernel_t, which launches like a function's address
+    std::shared_ptr<const Library> library_;  ///< shared by all kernels of a file
+    const void* kernel_ = nullptr;            // a cudaKernel_t, which launches like a function's address
 };
 
 }  // namespace voxspring::cuda

@@ -36,10 +36,9 @@ void worker_main(int argc, char** argv) {
 }
 
 nlohmann::json build_of_workers() {
-    return {{"version", version_number},        {"commit", version_commit},
-            {"clean", version_clean},           {"compiler", version_compiler},
-            {"flags", version_flags},           {"cuda_compiler", version_cuda_compiler},
-            {"cuda_flags", version_cuda_flags}, {"cuda_architectures", version_cuda_architectures}};
+    return {{"version", version_number}, {"commit", version_commit},
+            {"clean", version_clean},    {"compiler", version_compiler},
+            {"flags", version_flags},    {"cuda_compiler", version_cuda_compiler}};
 }
 
 }  // namespace voxspring

@@ -234,8 +234,6 @@ nlohmann::json build_context() {
             {"flags", version_flags},
             {"study_flags", version_study_flags},
             {"cuda_compiler", or_null(version_cuda_compiler)},
-            {"cuda_flags", or_null(version_cuda_flags)},
-            {"cuda_architectures", or_null(version_cuda_architectures)},
             {"cpu", cpu_name()},
             {"os", os_name()}};
 }

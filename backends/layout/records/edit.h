@@ -40,4 +40,18 @@ struct EditedSpring {
     bool squared;  ///< as in EditedRows
 };
 
+/// 16 bytes, which a thread moves at once.
+struct alignas(16) ArgumentWord {
+    std::uint32_t part[4];  // NOLINT(modernize-avoid-c-arrays)
+};
+/// Values that travel with a kernel's launch, as its argument.
+template <std::size_t words>
+struct Argument {
+    ArgumentWord word[words];  // NOLINT(modernize-avoid-c-arrays)
+};
+/// Bytes of the longest argument that a kernel may have on every device and driver.
+inline constexpr std::size_t max_argument_bytes = 3840;
+using ShortArgument = Argument<16>;
+using LongArgument = Argument<max_argument_bytes / sizeof(ArgumentWord)>;
+
 }  // namespace voxspring::cuda

@@ -1,5 +1,5 @@
 // A particle in memory: a vector, and the word that holds a position and its bits. Like all of this folder it
-// is read by C++, nvcc and the run-time compiler.
+// is read by C++ and NVRTC.
 #pragma once
 
 #include <cstddef>

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "cuda/common/support_kernels.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/check.h"
 #include "cuda/device/handle.h"
@@ -17,23 +18,13 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr unsigned block = 128;
-
-template <class Real>
-__global__ void feed_kernel(Feeding<Real> feeding, FedDisplacement* displacements) {
-    const std::size_t n = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (n < feeding.count) displacements[n] = fed_displacement(feeding, n);
-}
-
 /// Has the device put what `feeding` says into `displacements`, which it reaches.
 template <class Real>
 void enqueue_feed(Feeding<Real> feeding, const Buffer<FedWord<Real>>& fed, void* displacements,
                   const Stream& stream) {
     feeding.fed = fed.data();
     feeding.count = fed.size();
-    const auto blocks = unsigned((feeding.count + block - 1) / block);
-    feed_kernel<<<blocks, block, 0, stream.get()>>>(feeding, static_cast<FedDisplacement*>(displacements));
-    check(cudaGetLastError());
+    launch_for_each(*support_kernels<Real>().feed, feeding.count, stream, feeding, displacements);
 }
 
 /// Before what a feed holds is freed, which waits for whatever the device runs: a launch that waits for ticks

@@ -1,29 +1,14 @@
+#include "cuda/common/border.h"
+
 #include <cstring>
 #include <utility>
 
-#include "cuda/common/border.h"
-#include "cuda/device/check.h"
+#include "cuda/common/support_kernels.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"
 
 namespace voxspring::cuda {
 namespace {
-
-constexpr unsigned block = 128;
-
-__device__ std::size_t thread_number() { return std::size_t(blockIdx.x) * blockDim.x + threadIdx.x; }
-
-template <class Real>
-__global__ void gather_kernel(BorderPlaces<Real> places, Real* message) {
-    if (thread_number() < places.count) gather_place(places, thread_number(), message);
-}
-
-template <class Real>
-__global__ void scatter_kernel(BorderPlaces<Real> places, const Real* message) {
-    if (thread_number() < places.count) scatter_place(places, thread_number(), message);
-}
-
-unsigned blocks_for(std::size_t count) { return unsigned((count + block - 1) / block); }
 
 /// By way of the host's memory, which the kernels read and write themselves.
 template <class Real>
@@ -63,16 +48,12 @@ private:
 
 template <class Real>
 void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream) {
-    if (places.count == 0) return;
-    gather_kernel<<<blocks_for(places.count), block, 0, stream.get()>>>(places, message);
-    check(cudaGetLastError());
+    launch_for_each(*support_kernels<Real>().gather_border, places.count, stream, places, message);
 }
 
 template <class Real>
 void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream) {
-    if (places.count == 0) return;
-    scatter_kernel<<<blocks_for(places.count), block, 0, stream.get()>>>(places, message);
-    check(cudaGetLastError());
+    launch_for_each(*support_kernels<Real>().scatter_border, places.count, stream, places, message);
 }
 
 template <class Real>

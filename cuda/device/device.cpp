@@ -1,3 +1,5 @@
+#include "cuda/device/device.h"
+
 #include <algorithm>
 #include <array>
 #include <fstream>
@@ -6,12 +8,10 @@
 
 #include "backends/device_choice.h"
 #include "cuda/device/check.h"
-#include "cuda/device/device.h"
+#include "cuda/device/compiler.h"
 
 namespace voxspring::cuda {
 namespace {
-
-__global__ void probe() {}
 
 void require(cudaError_t status, const std::string& what) {
     if (status == cudaSuccess) return;
@@ -22,6 +22,11 @@ void require(cudaError_t status, const std::string& what) {
 // CUDA writes 13.0 as 13000.
 std::string version_text(int version) {
     return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
+}
+
+/// Compute capability 90 is 9.0.
+std::string version_of(int architecture) {
+    return std::to_string(architecture / 10) + "." + std::to_string(architecture % 10);
 }
 
 int attribute(cudaDeviceAttr which, int device) {
@@ -71,10 +76,9 @@ Device::Device() {
     architecture_ = 10 * properties.major + properties.minor;
     launches_together_ = attribute(cudaDevAttrCooperativeLaunch, number_) != 0;
     ends_long_kernels_ = attribute(cudaDevAttrKernelExecTimeout, number_) != 0;
-    cudaFuncAttributes attributes{};
-    require(cudaFuncGetAttributes(&attributes, probe),
-            "this build has no code for " + name_ + " (compute capability " +
-                std::to_string(properties.major) + "." + std::to_string(properties.minor) + ")");
+    if (const int oldest = oldest_architecture(); architecture_ < oldest)
+        throw Unavailable(name_ + " has compute capability " + version_of(architecture_) +
+                          ", and this build's NVRTC compiles for " + version_of(oldest) + " and later");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
     check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, number_));
     sm_mhz_ = megahertz(cudaDevAttrClockRate, number_);

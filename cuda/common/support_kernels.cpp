@@ -1,0 +1,83 @@
+#include "cuda/common/support_kernels.h"
+
+#include <array>
+#include <atomic>
+#include <deque>
+#include <mutex>
+#include <string>
+
+#include "cuda/device/check.h"
+
+namespace voxspring::cuda {
+namespace {
+
+/// CUDA shows no more devices of one host.
+constexpr std::size_t max_devices = 64;
+
+/// Null where none are loaded.
+template <class Real>
+std::array<std::atomic<const SupportKernels*>, max_devices> kernels_by_device;
+
+std::size_t current_device() {
+    int device = 0;
+    check(cudaGetDevice(&device));
+    return std::size_t(device);
+}
+
+template <class Real>
+SupportKernels load(const Device& device, CompileTime& time) {
+    const KernelSource source{"between_steps.cu",
+                              {{"REAL", sizeof(Real) == sizeof(float) ? "float" : "double"}}};
+    SupportKernels loaded;
+#define LOAD(name) loaded.name = Kernel::get(source, device, time, #name)
+    LOAD(gather_border);
+    LOAD(scatter_border);
+    LOAD(check_words);
+    LOAD(check_axes);
+    LOAD(write_particle_bits);
+    LOAD(write_bare_words);
+    LOAD(write_slots_and_bits);
+    LOAD(write_rows);
+    LOAD(write_slices);
+    LOAD(write_springs);
+    LOAD(write_short_argument);
+    LOAD(write_long_argument);
+    LOAD(feed);
+    LOAD(pull_held_particles);
+    LOAD(measure_lengths);
+    LOAD(measure_springs);
+    LOAD(measure_inverse_roots);
+#undef LOAD
+    return loaded;
+}
+
+}  // namespace
+
+template <class Real>
+void load_support_kernels(const Device& device, CompileTime& time) {
+    static std::mutex mutex;
+    static std::deque<SupportKernels> loaded;
+    const std::lock_guard lock(mutex);
+    std::atomic<const SupportKernels*>& kernels = kernels_by_device<Real>.at(std::size_t(device.number()));
+    if (kernels == nullptr) kernels = &loaded.emplace_back(load<Real>(device, time));
+}
+
+template <class Real>
+const SupportKernels& support_kernels() {
+    const SupportKernels* const kernels = kernels_by_device<Real>.at(current_device());
+    if (kernels == nullptr)
+        throw DeviceError("the kernels between steps are not loaded on the current device");
+    return *kernels;
+}
+
+const SupportKernels& any_support_kernels() {
+    const SupportKernels* const kernels = kernels_by_device<float>.at(current_device());
+    return kernels != nullptr ? *kernels : support_kernels<double>();
+}
+
+template void load_support_kernels<float>(const Device&, CompileTime&);
+template void load_support_kernels<double>(const Device&, CompileTime&);
+template const SupportKernels& support_kernels<float>();
+template const SupportKernels& support_kernels<double>();
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,243 @@
+#include "cuda/device/limits.h"
+
+#include <cuda_runtime_api.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/layout/records/resident.h"
+#include "cuda/device/buffer.h"
+#include "cuda/device/event.h"
+#include "cuda/device/graph.h"
+#include "cuda/device/kernel.h"
+#include "cuda/kernels/limits.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr unsigned block = 256;
+
+/// The kernels of limits.cu, each loaded when it is first asked for.
+class LimitKernels {
+public:
+    explicit LimitKernels(const Device& device) : device_(device) {}
+    const Device& device() const { return device_; }
+    /// What compiling takes is no start of a backend.
+    std::shared_ptr<const Kernel> get(const std::string& name) const {
+        CompileTime time;
+        return Kernel::get({"limits.cu", {{"THREADS", std::to_string(block)}}}, device_, time, name);
+    }
+
+private:
+    const Device& device_;
+};
+
+class Stopwatch {
+public:
+    explicit Stopwatch(const Stream& stream) : stream_(stream) {}
+    /// What `enqueue()` puts into the stream takes, between two events.
+    template <class Enqueue>
+    double seconds(Enqueue enqueue) {
+        begin_.record(stream_);
+        enqueue();
+        end_.record(stream_);
+        stream_.synchronize();
+        return end_.seconds_since(begin_);
+    }
+
+private:
+    const Stream& stream_;
+    Event begin_, end_;
+};
+
+double launch_seconds(const LimitKernels& kernels, const Stream& stream, Stopwatch& stopwatch) {
+    constexpr int launches = 512;
+    const auto kernel = kernels.get("do_nothing");
+    const Graph graph = Graph::capture(stream, [&] {
+        for (int n = 0; n < launches; ++n) kernel->launch(stream, dim3(1), dim3(32), 0);
+    });
+    const double graph_seconds = min_seconds([&](int count) {
+        return stopwatch.seconds([&] {
+            for (int n = 0; n < count; ++n) graph.launch(stream);
+        });
+    });
+    return graph_seconds / launches;
+}
+
+/// Passes over parts of one buffer of zeros.
+class Sweeps {
+public:
+    /// A footprint is a multiple of this: one to three arrays of whole blocks of two words a thread.
+    static constexpr std::size_t unit = 6 * 2 * block * sizeof(float4);
+
+    Sweeps(std::size_t max_footprint, const LimitKernels& kernels, const Stream& stream, Stopwatch& stopwatch)
+        : kernels_(kernels), stream_(stream), stopwatch_(stopwatch) {
+        buffer_.resize(max_footprint / sizeof(float4));
+        buffer_.fill_with_zeros(stream);
+    }
+
+    /// The three shares of writing at one footprint, in place where something is written and not.
+    void add(std::size_t footprint, std::vector<Bandwidth>& table) {
+        const auto add_best = [&](double written_share, double bytes_per_second) {
+            table.push_back({double(footprint), written_share, bytes_per_second});
+        };
+        add_best(0, of_arrays<1, false>(footprint, 1));
+        add_best(1.0 / 3, std::max(of_arrays<2, true>(footprint, 2), of_arrays<2, true>(footprint, 3)));
+        add_best(1.0 / 2, std::max(of_arrays<1, true>(footprint, 1), of_arrays<1, true>(footprint, 2)));
+    }
+
+private:
+    /// The last of the arrays is the one that is written.
+    template <int reads, bool writes>
+    double of_arrays(std::size_t footprint, std::size_t arrays) {
+        const std::size_t count = footprint / sizeof(float4) / arrays;
+        float4* const first = buffer_.data();
+        const Sweep moved{.first = first,
+                          .second = first + (reads - 1) * count,
+                          .written = first + (arrays - 1) * count,
+                          .count = count,
+                          .shift = 0,
+                          .impossible = -1};
+        const double seconds = std::min(of_words<reads, writes, 1>(moved), of_words<reads, writes, 2>(moved));
+        return double((reads + (writes ? 1 : 0)) * count * sizeof(float4)) / seconds;
+    }
+
+    /// Seconds of a pass: of blocks that stay, or of new ones for every few words.
+    template <int reads, bool writes, int words>
+    double of_words(const Sweep& moved) {
+        const auto kernel = kernels_.get(fmt::format("sweep_{}_{}_{}", reads, writes ? 1 : 0, words));
+        const Patience patience = one_of_many(moved.count * sizeof(float4));
+        const unsigned resident = kernel->blocks_at_once(kernels_.device(), block);
+        const double staying = min_seconds(
+            [&](int count) {
+                return stopwatch_.seconds(
+                    [&] { kernel->launch(stream_, dim3(resident), dim3(block), 0, count, moved); });
+            },
+            patience);
+        constexpr int max_rows = 65535;
+        const auto columns = unsigned(moved.count / (block * words));
+        const double fresh = min_seconds(
+            [&](int count) {
+                return stopwatch_.seconds([&] {
+                    for (int left = count; left > 0; left -= max_rows) {
+                        const dim3 grid(columns, unsigned(std::min(left, max_rows)));
+                        constexpr int passes = 1;
+                        kernel->launch(stream_, grid, dim3(block), 0, passes, moved);
+                    }
+                });
+            },
+            patience);
+        return std::min(staying, fresh);
+    }
+
+    const LimitKernels& kernels_;
+    const Stream& stream_;
+    Stopwatch& stopwatch_;
+    Buffer<float4> buffer_;
+};
+
+/// Fills in the table and the two rates of copies that are taken from it.
+void measure_bandwidth(DeviceLimits& limits, const LimitKernels& kernels, const Stream& stream,
+                       Stopwatch& stopwatch) {
+    const auto cache = std::size_t(kernels.device().cache_bytes());
+    const auto whole = [](std::size_t bytes) {
+        return std::max<std::size_t>(bytes / Sweeps::unit, 1) * Sweeps::unit;
+    };
+    // Eight times the cache leaves no line in it until its next use.
+    const std::size_t beyond = whole(std::max(8 * cache, std::size_t(128) << 20));
+    const std::size_t within = whole(cache / 4);
+    std::vector<std::size_t> footprints;
+    if (cache != 0) {
+        // Of a cache in two halves, each of which keeps a copy of what its own processors read, half may be
+        // all there is; a few arrays that just do not fit are still found there in part.
+        footprints = {whole(cache / 32),    whole(cache / 8),     within,
+                      whole(cache / 2),     whole(cache / 4 * 3), whole(cache),
+                      whole(cache / 2 * 3), whole(3 * cache)};
+    }
+    footprints.push_back(beyond);
+    Sweeps sweeps(beyond, kernels, stream, stopwatch);
+    for (const std::size_t footprint : footprints) sweeps.add(footprint, limits.bandwidth);
+    const auto copy = [&](std::size_t of) {
+        return bytes_per_second_of({.bytes = 3, .written_bytes = 1, .footprint_bytes = of}, limits);
+    };
+    limits.copy_bytes_per_second = copy(beyond);
+    if (cache == 0) return;
+    limits.cache_bytes = double(cache);
+    limits.cached_copy_bytes_per_second = copy(within);
+}
+
+std::optional<double> grid_barrier_seconds(const LimitKernels& kernels, const Stream& stream,
+                                           Stopwatch& stopwatch) {
+    if (!kernels.device().launches_together()) return std::nullopt;
+    const auto kernel = kernels.get("meet");
+    const auto blocks = unsigned(kernels.device().multiprocessors());
+    Buffer<std::uint32_t> arrived;
+    arrived.resize(1);
+    arrived.fill_with_zeros(stream);
+    std::uint32_t before = 0;
+    return min_seconds([&](int count) {
+        const double seconds = stopwatch.seconds([&] {
+            kernel->launch_together(stream, dim3(blocks), dim3(block), 0, count, arrived.data(), before);
+        });
+        before += std::uint32_t(count) * blocks;
+        return seconds;
+    });
+}
+
+std::optional<double> exchange_seconds(const LimitKernels& kernels, const Stream& stream,
+                                       Stopwatch& stopwatch) {
+    if (!kernels.device().launches_together()) return std::nullopt;
+    const auto kernel = kernels.get("exchange");
+    const auto blocks = unsigned(kernels.device().multiprocessors());
+    Buffer<TaggedPoint> points;
+    points.resize(std::size_t(2) * blocks * block);
+    points.fill_with_zeros(stream);
+    std::uint32_t tag = 0;
+    return min_seconds([&](int count) {
+        const double seconds = stopwatch.seconds([&] {
+            kernel->launch_together(stream, dim3(blocks), dim3(block), 0, points.data(), count, tag);
+        });
+        tag += std::uint32_t(count);
+        return seconds;
+    });
+}
+
+template <class Real>
+double operations_per_second(const LimitKernels& kernels, const char* name, const Stream& stream,
+                             Stopwatch& stopwatch) {
+    Buffer<Real> result;
+    result.resize(1);
+    const auto kernel = kernels.get(name);
+    const unsigned blocks = kernel->blocks_at_once(kernels.device(), block);
+    constexpr Real factor = 0.5, impossible = -1;
+    const double seconds = min_seconds([&](int count) {
+        return stopwatch.seconds([&] {
+            kernel->launch(stream, dim3(blocks), dim3(block), 0, count, factor, impossible, result.data());
+        });
+    });
+    return double(blocks) * block * limit_sums * limit_multiply_adds / seconds;
+}
+
+}  // namespace
+
+DeviceLimits measure_limits(const Device& device, const Stream& stream) {
+    const LimitKernels kernels(device);
+    Stopwatch stopwatch(stream);
+    DeviceLimits limits;
+    measure_bandwidth(limits, kernels, stream, stopwatch);
+    limits.launch_seconds = launch_seconds(kernels, stream, stopwatch);
+    limits.grid_barrier_seconds = grid_barrier_seconds(kernels, stream, stopwatch);
+    limits.exchange_seconds = exchange_seconds(kernels, stream, stopwatch);
+    limits.float32_operations_per_second =
+        operations_per_second<float>(kernels, "multiply_add_float32", stream, stopwatch);
+    limits.float64_operations_per_second =
+        operations_per_second<double>(kernels, "multiply_add_float64", stream, stopwatch);
+    return limits;
+}
+
+}  // namespace voxspring::cuda

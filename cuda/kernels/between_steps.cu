@@ -1,0 +1,94 @@
+// The kernels that run between two steps or before the first: borders, edits, feeds, the tool, checks for
+// divergence, and rest lengths by the device's own root. REAL is the one macro. SupportKernels
+// (cuda/common/support_kernels.h) has them by their names.
+#include "cuda/kernels/border.h"
+#include "cuda/kernels/divergence_check.h"
+#include "cuda/kernels/edit.h"
+#include "cuda/kernels/feed.h"
+#include "cuda/kernels/tool.h"
+
+namespace voxspring::cuda {
+
+using Real = REAL;
+
+#define KERNEL extern "C" __global__ void
+
+__device__ inline std::size_t thread_number() { return std::size_t(blockIdx.x) * blockDim.x + threadIdx.x; }
+
+KERNEL gather_border(BorderPlaces<Real> places, Real* message) {
+    if (thread_number() < places.count) gather_place(places, thread_number(), message);
+}
+KERNEL scatter_border(BorderPlaces<Real> places, const Real* message) {
+    if (thread_number() < places.count) scatter_place(places, thread_number(), message);
+}
+
+KERNEL check_words(ParticlesInWords<Real> particles, std::size_t count, Real max_squared, long long step,
+                   long long last_check, FirstDivergence* first) {
+    check_divergence(particles, count, max_squared, step, last_check, first);
+}
+KERNEL check_axes(ParticlesInAxes<Real> particles, std::size_t count, Real max_squared, long long step,
+                  long long last_check, FirstDivergence* first) {
+    check_divergence(particles, count, max_squared, step, last_check, first);
+}
+
+KERNEL write_particle_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count) {
+    if (thread_number() < count) write_bits(words, edited[thread_number()]);
+}
+KERNEL write_bare_words(std::uint32_t* words, const EditedWord* edited, std::size_t count) {
+    if (thread_number() < count) words[edited[thread_number()].word] = edited[thread_number()].bits;
+}
+KERNEL write_slots_and_bits(std::uint16_t* slot, std::size_t slots, ParticleRecord<Real>* words,
+                            const EditedWord* edited, std::size_t count) {
+    if (thread_number() < count) write_slot_or_bits(slot, slots, words, edited, thread_number());
+}
+KERNEL write_rows(EditedRows<Real> rows, std::size_t slots, ListShape shape, ParticleRecord<Real>* words,
+                  std::uint32_t* neighbour, SpringConstants<Real>* constants,
+                  SpringRest<Real>* off_lattice_rest) {
+    const std::size_t n = thread_number();
+    if (n >= slots) return;
+    write_slot(rows, n, shape, neighbour, constants, off_lattice_rest);
+    // One thread of a row.
+    const std::size_t row = n / shape.slots;
+    if (words != nullptr && n % shape.slots == 0)
+        write_bits(words, EditedWord{rows.particle[row], rows.bits[row]});
+}
+KERNEL write_slices(const EditedSlice* edited, std::size_t count, Slice* slices) {
+    if (thread_number() < count) slices[edited[thread_number()].number] = edited[thread_number()].slice;
+}
+KERNEL write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
+                     SpringConstants<Real>* constants, SpringRest<Real>* off_lattice_rest) {
+    if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, off_lattice_rest);
+}
+
+// What travels as an argument, for values too few to be worth a copy.
+KERNEL write_short_argument(__grid_constant__ const ShortArgument argument, unsigned words,
+                            ArgumentWord* to) {
+    if (thread_number() < words) to[thread_number()] = argument.word[thread_number()];
+}
+KERNEL write_long_argument(__grid_constant__ const LongArgument argument, unsigned words, ArgumentWord* to) {
+    if (thread_number() < words) to[thread_number()] = argument.word[thread_number()];
+}
+
+KERNEL feed(Feeding<Real> feeding, FedDisplacement* displacements) {
+    const std::size_t n = thread_number();
+    if (n < feeding.count) displacements[n] = fed_displacement(feeding, n);
+}
+
+KERNEL pull_held_particles(Holding<Real> holding) {
+    if (thread_number() < holding.count) pull_held(holding, thread_number());
+}
+
+KERNEL measure_lengths(Real* lengths, std::size_t count) {
+    const std::size_t i = thread_number();
+    if (i < count) lengths[i] = measured_or_zero(lengths[i]);
+}
+KERNEL measure_springs(SpringConstants<Real>* springs, std::size_t count) {
+    const std::size_t i = thread_number();
+    if (i < count) springs[i].rest_length = measured_or_zero(springs[i].rest_length);
+}
+KERNEL measure_inverse_roots(Real* squared, std::size_t count) {
+    const std::size_t i = thread_number();
+    if (i < count) squared[i] = inverse_root(squared[i]);
+}
+
+}  // namespace voxspring::cuda

@@ -1,0 +1,29 @@
+// The arguments of the kernels that measure a card's limits (cuda/kernels/limits.cu). Device code, and the
+// host that launches it, alone.
+#pragma once
+
+#ifndef __CUDACC_RTC__
+#include <vector_types.h>
+#endif
+
+#include <cstddef>
+
+namespace voxspring::cuda {
+
+/// What passes move. Arrays of `count` words of 16 bytes; `written` may be one of those that are read.
+struct Sweep {
+    const float4* first;
+    const float4* second;  ///< of two arrays that are read
+    float4* written;
+    std::size_t count;
+    /// Zero and a sum that there is not, but only the caller knows that: every pass has to read anew.
+    std::size_t shift;
+    float impossible;
+};
+
+/// Independent sums of a thread: with 8 warps or more per scheduler, each has a multiply-add ready in every
+/// cycle.
+inline constexpr int limit_sums = 8;
+inline constexpr int limit_multiply_adds = 2048;  ///< of each sum and repetition
+
+}  // namespace voxspring::cuda
