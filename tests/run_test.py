@@ -202,16 +202,6 @@ class Study(unittest.TestCase):
         self.assertIn("run: there is no command stduy\n", self.run_script("stduy").stderr)
         self.assertEqual(self.run_script().returncode, 2)
 
-    def test_without_a_card_nvcc_compiles_for_one_architecture(self):
-        (self.tree / "build/release/build.ninja").unlink()
-        self.write(self.tools / "cmake", "#!/bin/bash\necho \"$1 ${CUDAARCHS-unset}\" >>$SEEN\n")
-        for smi, archs in ((False, "75"), (True, "unset")):
-            if smi:
-                self.write(self.tools / "nvidia-smi", "#!/bin/bash\n")
-            seen = self.tree / f"seen-{smi}"
-            self.assertEqual(self.run_script("study", SEEN=str(seen)).returncode, 0)
-            self.assertEqual(set(seen.read_text().splitlines()), {f"--preset {archs}", f"--build {archs}"})
-
     def test_what_cannot_be_tried_is_skipped(self):
         self.write(self.tree / "tests/bare.sh", "#!/bin/bash\necho 'there is no debootstrap'\nexit ${CODE-77}\n")
         done = self.run_script("test", "bare")
