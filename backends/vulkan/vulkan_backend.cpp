@@ -128,7 +128,10 @@ void VulkanBackend::upload(const Problem& problem, const State& state) {
         problem_ = &problem;
         compile_time_ = {};
         start_ = {};
+        const std::size_t words_before = layout_.placement.words;
         layout_ = lay_out(problem);
+        // Another upload of as large a body, as before each repetition, is not measured again.
+        if (layout_.placement.words != words_before) pace_.forget();
         if (is_single(options_)) {
             upload_state<float>(problem, state);
         } else {
@@ -139,7 +142,6 @@ void VulkanBackend::upload(const Problem& problem, const State& state) {
         if (problem.has_tool() && is_single(options_)) make_holding<float>();
         if (problem.has_tool() && !is_single(options_)) make_holding<double>();
         stand_at_start();
-        pace_.forget();
         held_bytes_ = bytes_needed(problem);
         queue_.wait();
     });
