@@ -130,6 +130,16 @@ class Study(unittest.TestCase):
         self.assertEqual(lines[:3], ["Building."] + 2 * ["Building 34 of 171 ..."])
         self.assertEqual(lines[3], "study")
 
+    def test_what_takes_long_is_heard_in_a_pipe(self):
+        for tool in ("git", "clang-format-14", "shellcheck"):
+            self.write(self.tools / tool, "#!/bin/bash\n")
+        self.write(self.tools / "ctest", "#!/bin/bash\necho '      Start  1: a'\nsleep 1.2\n"
+                   "echo ' 3/47 Test #12: b ...   Passed'\nsleep 1.3\nexit 1\n")
+        self.write(self.tools / "cmake", "#!/bin/bash\n[ $1 = --build ] || sleep 1.2\n")
+        done = self.run_script("test", "release", VOXSPRING_PROGRESS_SECONDS="1")
+        for line in ("Working, 1 s ...", "Testing, 1 s ...", "Testing 3 of 47 ..."):
+            self.assertIn(line, done.stdout.splitlines())
+
     def asked_for(self, *arguments):
         """The packages that a command looks for; none is there, and it gives up."""
         self.write(self.tools / "dpkg-query", "#!/bin/bash\n")
