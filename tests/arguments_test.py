@@ -160,6 +160,8 @@ class Volume(InTemporaryFolder):
         self.assertEqual(self.info("--labels", "the wall,7")["active_particles"], 90)
         self.assertRegex(voxspring("info", self.file).stdout, r"(?m)^label +the wall: 60 voxels$")
         self.assert_refused(voxspring("info", self.file, "--labels", "floor"), "body.nrrd", "floor", "the wall, valve")
+        self.file.write_bytes(self.file.read_bytes().replace(b"valve", b"valv\xe9"))
+        self.assertEqual(self.info()["volume"]["labels"][1]["name"], "valv\ufffd")
 
     def test_a_run_is_that_of_the_scene_file_that_says_the_same(self):
         with open("harness/scenes/heart.json") as file:

@@ -143,7 +143,7 @@ std::optional<std::int64_t> number_of(const std::string& word) {
     return number >= -max_label && number <= max_label ? std::optional(number) : std::nullopt;
 }
 
-std::string quoted(const std::vector<Label>& labels) {
+std::string listed(const std::vector<Label>& labels) {
     std::string text;
     for (const Label& label : labels) text += (text.empty() ? "" : ", ") + label.name;
     return text;
@@ -236,7 +236,7 @@ std::vector<std::size_t> chosen_segments(const Volume& volume, const std::vector
         });
         if (found == labels.end()) {
             throw BadInput(volume.file, "labels", word,
-                           "a name, an ID or a value that one of the segments has alone: " + quoted(labels));
+                           "a name, an ID or a value that one of the segments has alone: " + listed(labels));
         }
         chosen.push_back(std::size_t(found - labels.begin()));
         if (std::count(chosen.begin(), chosen.end(), chosen.back()) > 1)

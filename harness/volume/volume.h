@@ -133,7 +133,7 @@ struct LabelledGrid {
     std::vector<std::string> notes{};  ///< as Scene::notes
 };
 
-/// Labels and their only word.
+/// A label whose only word is its number.
 Label numbered_label(std::int64_t number);
 
 /// Active where the value exceeds `threshold` (NaN does not), all with label 1. Throws BadInput if nothing
