@@ -1,0 +1,27 @@
+// Ranks that all send to all before any of them receives: tests/scaling_test.py has mpirun start them.
+#include <chrono>
+#include <string>
+#include <thread>
+
+#include "harness/ranks/open_mpi.h"
+
+int main() {
+    constexpr int tag = 1;
+    const std::string text(std::size_t(1) << 20, 'x');  // which MPI sends once somebody receives it
+    const auto mpi = voxspring::OpenMpi::join();
+    if (mpi == nullptr) return 1;
+    for (int other = 0; other < mpi->ranks(); ++other) {
+        if (other != mpi->rank()) mpi->send_json(other, tag, {{"from", mpi->rank()}, {"text", text}});
+    }
+    for (int heard = 1; heard < mpi->ranks() || !mpi->has_sent_all();) {
+        const auto message = mpi->arrived(tag);
+        if (!message) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+            continue;
+        }
+        ++heard;
+        const nlohmann::json said = mpi->receive_json(*message, tag);
+        if (said.at("from") != message->from || said.at("text") != text) return 1;
+    }
+    return 0;
+}
