@@ -118,6 +118,11 @@ class Includes(unittest.TestCase):
         found = {path.as_posix() for path in harness.rglob("*.cpp") if re.search(r"\bkill\(\S", path.read_text())}
         self.assertEqual(found, {"harness/process/signal_process.cpp"})
 
+    def test_no_source_changes_the_umask(self):
+        """It is of all threads: a file that another one makes meanwhile is open to everybody."""
+        harness = pathlib.Path("harness")
+        self.assertEqual([path for path in sorted(harness.rglob("*.cpp")) if re.search(r"\bumask\(", path.read_text())], [])
+
     def test_json_is_written_by_json_text(self):
         """nlohmann::json::dump() throws for a name whose bytes are not UTF-8, after all that was measured."""
         harness = pathlib.Path("harness")
