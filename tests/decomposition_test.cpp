@@ -258,7 +258,8 @@ State stepped_as(glm::ivec3 cut, const BackendSpec& spec, const Problem& whole, 
         for (Part& part : parts) {
             if (std::size_t(step) < edits.size()) {
                 const SpringEdit edit = part.subdomain.part_of(edits[std::size_t(step)]);
-                apply(part.edited, edit);
+                const SpringDifference kept = part.subdomain.part_of(whole, edits[std::size_t(step)]);
+                EXPECT_EQ(SpringEditor(part.edited).make(kept), edit);
                 part.backend->edit(part.edited, edit);
             }
             step_once(*part.backend, part.edited, step);

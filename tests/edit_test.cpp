@@ -336,6 +336,41 @@ TEST(SpringEditor, NetworksAreCutAndSutured) {
     expect_same_springs(replayed, problem);
 }
 
+/// Makes each of `edits` again from its difference.
+void expect_differences_to_say_all(const Problem& before, const std::vector<SpringEdit>& edits) {
+    Problem made = before, applied = before;
+    SpringEditor editor(made);
+    for (const SpringEdit& edit : edits) {
+        const SpringDifference difference = edit;
+        EXPECT_EQ(changed_springs(made, difference.removed), edit.removed);
+        EXPECT_EQ(difference.leaves_lattice(), edit.leaves_lattice());
+        EXPECT_EQ(editor.make(difference), edit);
+        EXPECT_EQ(changed_springs(made, difference.added), edit.added);
+        apply(applied, difference);
+        expect_same_springs(applied, made);
+    }
+}
+
+TEST(SpringDifference, SaysAllThatItsEditDoes) {
+    Problem full = paper_box({9, 8, 7});
+    Problem porous = make_lattice_problem(
+        make_grid({9, 8, 7}, [](int x, int y, int z) { return (x + 2 * y + 3 * z) % 7 != 0; }),
+        NEIGHBOUR_BITS);
+    porous.materials = {{1, 1}, {1, 3}};
+    for (std::size_t i = 0; i < porous.particle_count(); ++i) porous.material.push_back(i % 3 == 0 ? 1 : 0);
+    for (const Problem& whole : {full, porous}) {
+        Problem edited = whole;
+        expect_differences_to_say_all(whole, edit_everything(edited, true));
+        edited = whole;
+        // Among them joins whose springs are in no order.
+        expect_differences_to_say_all(whole, random_edits(edited, 8, 3));
+    }
+    Problem network = random_network(40, 120, 5);
+    const Problem whole = network;
+    const std::vector<SpringEdit> cut = {SpringEditor(network).cut(Plane{{2, 2, 2}, {1, 1, 0}})};
+    expect_differences_to_say_all(whole, cut);
+}
+
 TEST(SpringEditor, PinnedParticlesStayPinned) {
     Problem problem = make_lattice_problem(random_grid({8, 7, 9}, 0.9, 6), FACE_BITS | EDGE_BITS);
     pin_base(problem);

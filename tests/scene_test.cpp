@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <malloc.h>
 
 #include <algorithm>
 #include <cmath>
@@ -112,7 +113,8 @@ TEST(Scene, EditsAreFoundOneAfterTheOther) {
         apply(edited, scheduled.edit);
     }
     EXPECT_EQ(steps, (std::vector<int>{10, 20, 30, 40, 45, 50}));
-    EXPECT_EQ(scene.edits[0].edit.removed.size(), scene.edits[2].edit.added.size());
+    EXPECT_EQ(changed_springs(edited, scene.edits[0].edit.removed).size(),
+              changed_springs(edited, scene.edits[2].edit.added).size());
     ASSERT_EQ(edited.springs.size(), 1u);
     EXPECT_EQ(edited.springs[0].rest_length, 3);
     EXPECT_EQ(edited.springs[0].stiffness, 0.5);
@@ -121,6 +123,23 @@ TEST(Scene, EditsAreFoundOneAfterTheOther) {
         {"step": 1, "suture": {"pairs": [[[0, 0, 0], [3, 0, 0]]], "stiffness": 100}}])");
     EXPECT_LT(stiff.stable_time_step, scene.stable_time_step / 2);
     EXPECT_EQ(stiff.problem.time_step, 0.8 * stiff.stable_time_step);
+}
+
+TEST(Scene, ManyEditsTakeLittleMemory) {
+    // A blade through the middle and back, a thousand times each: 400 particles on either side of it.
+    const std::string plane = R"("plane": {"point": [9.5, 0, 0], "normal": [1, 0, 0]})";
+    const std::string often = R"("repeat": {"times": 1000, "every": 2}})";
+    const auto held = [] { return mallinfo2().uordblks + mallinfo2().hblkhd; };
+    const std::size_t before = held();
+    const Scene scene = parse(R"({"dataset": {"type": "box", "dims": [20, 20, 20]}, "edits": [
+        {"step": 1, "cut": {)" +
+                              plane + "}, " + often + R"(, {"step": 2, "suture": {)" + plane +
+                              R"(, "within": 1.5}, )" + often + "]}");
+    ASSERT_EQ(scene.edits.size(), 2000u);
+    constexpr std::size_t mebibyte = std::size_t(1) << 20;
+    EXPECT_LT(held() - before, 25 * mebibyte) << "400 KiB an edit as backends are told of it";
+    const SceneRunner runner(scene);
+    EXPECT_LT(held() - before, 45 * mebibyte);
 }
 
 constexpr const char* samples = "time,x,y,z\n0.5,1,1,1\n1,1.5,1,1\r\n2,1.5,0,3\n";
@@ -205,11 +224,12 @@ TEST(Scene, EditsPlayBetweenTheirSteps) {
     const auto backend = BackendSpec::parse("cpu_reference").make();
     Problem edited = scene.problem;
     backend->upload(scene.problem, scene.state);
-    apply(edited, scene.edits[0].edit);
-    backend->edit(edited, scene.edits[0].edit);
+    SpringEditor editor(edited);
+    const SpringEdit first = editor.make(scene.edits[0].edit);
+    backend->edit(edited, first);
     backend->step(7);
-    apply(edited, scene.edits[1].edit);
-    backend->edit(edited, scene.edits[1].edit);
+    const SpringEdit second = editor.make(scene.edits[1].edit);
+    backend->edit(edited, second);
     backend->step(3);
     const State by_hand = backend->download();
 
@@ -258,6 +278,33 @@ private:
     std::vector<std::uint32_t> mask_;
     std::size_t springs_ = 0;
 };
+
+TEST(Scene, EditsThatAreMadeWhenTheyAreDueAreThoseThatWerePrepared) {
+    // Of 700 KiB each, so that the last ones are beyond what is prepared.
+    const Scene scene =
+        parse_scene(R"({"dataset": {"type": "box", "dims": [4, 90, 90]}, "gravity": [0, 0.01, 0],
+        "edits": [
+        {"step": 0, "cut": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}}, "repeat": {"times": 5, "every": 2}},
+        {"step": 1, "suture": {"plane": {"point": [1.5, 0, 0], "normal": [1, 0, 0]}, "within": 1.5},
+         "repeat": {"times": 5, "every": 2}}]})",
+                    "scene", {100000, 100000});
+    ASSERT_EQ(scene.edits.size(), 10u);
+    SceneRunner runner(scene);
+    Remembering backend;
+    for (int time = 0; time < 2; ++time) {
+        Problem edited = scene.problem;
+        SpringEditor editor(edited);
+        std::size_t next = 0, bytes = 0;
+        runner.rewind(backend);
+        runner.run(backend, 10, [&](const Problem& now, const SpringEdit& edit) {
+            EXPECT_EQ(edit, editor.make(scene.edits[next++].edit));
+            EXPECT_EQ(now.lattice.mask, edited.lattice.mask);
+            bytes += edit.listed.size() * sizeof(ListedSpring);
+        });
+        EXPECT_EQ(next, 10u);
+        EXPECT_GT(bytes, SceneRunner::max_prepared_bytes);
+    }
+}
 
 TEST(Scene, EditsLeaveTheUploadedProblemAsItWas) {
     const Scene scene = box_with(R"("edits": [

@@ -327,6 +327,18 @@ SpringEdit Subdomain::part_of(const SpringEdit& edit) const {
     return part;
 }
 
+SpringDifference Subdomain::part_of(const Problem& whole, const SpringDifference& edit) const {
+    const auto take = [&](const SpringDifference::Springs& from, std::vector<ChangedSpring>& to) {
+        for (const ChangedSpring& changed : changed_springs(whole, from)) {
+            if (const auto here = changed_in(*this, changed)) to.push_back(*here);
+        }
+    };
+    SpringEdit part;
+    take(edit.removed, part.removed);
+    take(edit.added, part.added);
+    return part;
+}
+
 glm::ivec3 Decomposition::slabs(const Problem& problem, int subdomains) {
     glm::ivec3 all(1);
     all[axes_by_length(problem.lattice.dims).front()] = subdomains;

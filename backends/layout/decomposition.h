@@ -44,6 +44,8 @@ struct Subdomain {
     /// What an edit of the whole problem changes here: every spring that an own particle has at one of its
     /// ends. Both subdomains at a border so make the same edit. The springs are the lattice's.
     SpringEdit part_of(const SpringEdit& edit) const;
+    /// The same of an edit of `whole`, kept as its difference.
+    SpringDifference part_of(const Problem& whole, const SpringDifference& edit) const;
 };
 
 /// How a problem is cut: between layers of voxels across its longest axis, then each of these slabs across

@@ -1,6 +1,7 @@
 #include "backends/physics/edit.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
@@ -389,6 +390,14 @@ SpringEdit SpringEditor::join(std::span<const ChangedSpring> springs) {
     return edit;
 }
 
+SpringEdit SpringEditor::make(const SpringDifference& difference) {
+    SpringEdit edit;
+    edit.removed = changed_springs(problem_, difference.removed);
+    edit.added = changed_springs(problem_, difference.added);
+    finish(edit);
+    return edit;
+}
+
 void SpringEditor::leave_out_joined(std::vector<Pair>& pairs) const {
     std::vector<Pair> joined;
     for (const Spring& spring : problem_.springs) {
@@ -443,6 +452,62 @@ void SpringEditor::finish(SpringEdit& edit) {
         edit.listed.insert(edit.listed.end(), beyond[n].begin(), beyond[n].end());
         edit.touched.push_back({i, mask, begin, std::uint32_t(edit.listed.size())});
     }
+}
+
+SpringDifference::SpringDifference(const SpringEdit& edit) {
+    const auto take = [](const std::vector<ChangedSpring>& from, Springs& to) {
+        for (const auto& [spring, bit] : from) {
+            if (bit < 0) {
+                to.beyond.push_back(spring);
+                continue;
+            }
+            const std::uint32_t flag = 1U << bit;
+            const bool goes_on = !to.on_lattice.empty() && to.on_lattice.back().particle == spring.first &&
+                                 to.on_lattice.back().bits < flag;
+            if (goes_on) {
+                to.on_lattice.back().bits |= flag;
+            } else {
+                to.on_lattice.push_back({spring.first, flag});
+            }
+        }
+        to.on_lattice.shrink_to_fit();
+        to.beyond.shrink_to_fit();
+    };
+    take(edit.removed, removed);
+    take(edit.added, added);
+}
+
+std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringDifference::Springs& springs) {
+    const Lattice& lattice = problem.lattice;
+    const bool is_full = lattice.voxel.size() == lattice.voxel_count();
+    std::vector<ChangedSpring> changed;
+    std::size_t count = springs.beyond.size();
+    for (const auto& [particle, bits] : springs.on_lattice) count += std::size_t(std::popcount(bits));
+    changed.reserve(count);
+    for (const auto& [particle, bits] : springs.on_lattice) {
+        // The lambda takes no structured binding.
+        const std::uint32_t first = particle;
+        visit_directions(bits, [&](const Direction& direction) {
+            const auto voxel =
+                std::uint32_t(std::ptrdiff_t(lattice.voxel[first]) + lattice.stride(direction));
+            const auto second = is_full ? voxel
+                                        : std::uint32_t(std::lower_bound(lattice.voxel.begin() + first,
+                                                                         lattice.voxel.end(), voxel) -
+                                                        lattice.voxel.begin());
+            changed.push_back({{first, second, problem.spring_stiffness(first, second, direction),
+                                problem.rest_length[std::size_t(direction.bit)]},
+                               direction.bit});
+        });
+    }
+    for (const Spring& spring : springs.beyond) changed.push_back({spring, -1});
+    return changed;
+}
+
+void apply(Problem& problem, const SpringDifference& difference) {
+    SpringEdit edit;
+    edit.removed = changed_springs(problem, difference.removed);
+    edit.added = changed_springs(problem, difference.added);
+    apply(problem, edit);
 }
 
 void apply(Problem& problem, const SpringEdit& edit) {

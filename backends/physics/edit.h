@@ -42,6 +42,8 @@ bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b);
 struct ChangedSpring {
     Spring spring;
     int bit;  ///< of the direction from `first` to `second`, an odd one; -1: a spring beyond the lattice
+
+    friend bool operator==(const ChangedSpring&, const ChangedSpring&) = default;
 };
 
 /// A spring as one of its two particles lists it.
@@ -50,6 +52,8 @@ struct ListedSpring {
     int bit;  ///< of the direction to the neighbour; -1: a spring beyond the lattice
     double stiffness;
     double rest_length;
+
+    friend bool operator==(const ListedSpring&, const ListedSpring&) = default;
 };
 
 /// One change of springs. Holds all that a backend needs in order to bring what it keeps up to date.
@@ -59,6 +63,8 @@ struct SpringEdit {
         std::uint32_t particle;
         std::uint32_t mask;        ///< as in Lattice::mask; active and pinned bits alone without a lattice
         std::uint32_t begin, end;  ///< its springs in `listed`
+
+        friend bool operator==(const Touched&, const Touched&) = default;
     };
 
     std::vector<ChangedSpring> removed;  ///< lattice springs first
@@ -74,7 +80,39 @@ struct SpringEdit {
     }
     /// Whether it adds a spring that no mask bit stands for.
     bool leaves_lattice() const { return !added.empty() && added.back().bit < 0; }
+
+    friend bool operator==(const SpringEdit&, const SpringEdit&) = default;
 };
+
+/// What an edit changes, and no more, in a few bytes per spring: for scenes of thousands of edits. Together
+/// with the problem as it was before the edit this says all that a SpringEdit says (SpringEditor::make()).
+struct SpringDifference {
+    /// Lattice springs from one particle to later ones: the (odd) mask bits of their directions.
+    struct OnLattice {
+        std::uint32_t particle;
+        std::uint32_t bits;
+    };
+    /// In the order of the edit. A particle whose springs are not in the order of their directions is there
+    /// several times.
+    struct Springs {
+        std::vector<OnLattice> on_lattice;
+        std::vector<Spring> beyond;  ///< of Problem::springs
+
+        bool empty() const { return on_lattice.empty() && beyond.empty(); }
+    };
+    Springs removed, added;
+
+    SpringDifference() = default;
+    /// Implicit: wherever an edit is kept, its difference is all that has to be.
+    SpringDifference(const SpringEdit& edit);  // NOLINT(google-explicit-constructor)
+
+    /// Whether it adds a spring that no mask bit stands for.
+    bool leaves_lattice() const { return !added.beyond.empty(); }
+};
+
+/// The springs of a difference, one by one and in the order of its edit. `problem` is the one that was
+/// edited, with or without the edit.
+std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringDifference::Springs& springs);
 
 /// Edits a problem's springs, in place, and says what each edit changed. Keeps a reference to the problem,
 /// which nobody else may edit meanwhile.
@@ -105,6 +143,9 @@ public:
     /// whose particles a spring joins: undoes a cut, or makes a suture once more.
     SpringEdit join(std::span<const ChangedSpring> springs);
 
+    /// Makes an edit of which the difference was kept. The problem is as it was before that edit.
+    SpringEdit make(const SpringDifference& difference);
+
 private:
     /// For each voxel the particle in it, or no_particle; empty without a lattice.
     const std::vector<std::uint32_t>& particle_by_voxel() const { return springs_.particle_by_voxel(); }
@@ -133,5 +174,6 @@ private:
 
 /// Does to `problem` what `edit` did to a problem equal to it.
 void apply(Problem& problem, const SpringEdit& edit);
+void apply(Problem& problem, const SpringDifference& difference);
 
 }  // namespace voxspring

@@ -116,10 +116,13 @@ void pass_members(const Stream& stream, Value& value) {
     } else if constexpr (std::is_same_v<Plain, ScheduledEdit>) {
         auto& [step, edit] = value;
         pass_all(stream, step, edit);
+    } else if constexpr (std::is_same_v<Plain, SpringDifference>) {
+        auto& [removed, added] = value;
+        pass_all(stream, removed, added);
     } else {
-        static_assert(std::is_same_v<Plain, SpringEdit>);
-        auto& [removed, added, touched, listed] = value;
-        pass_all(stream, removed, added, touched, listed);
+        static_assert(std::is_same_v<Plain, SpringDifference::Springs>);
+        auto& [on_lattice, beyond] = value;
+        pass_all(stream, on_lattice, beyond);
     }
 }
 

@@ -44,7 +44,7 @@ Scene part_of(const Scene& scene, Subdomain& subdomain) {
                .tool_motion = scene.tool_motion,
                .stable_time_step = scene.stable_time_step};
     for (const ScheduledEdit& scheduled : scene.edits)
-        part.edits.push_back({scheduled.step, subdomain.part_of(scheduled.edit)});
+        part.edits.push_back({scheduled.step, subdomain.part_of(scene.problem, scheduled.edit)});
     return part;
 }
 

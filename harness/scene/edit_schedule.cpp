@@ -119,11 +119,11 @@ std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, co
     std::vector<ScheduledEdit> scheduled;
     std::vector<bool> changes(specs.size(), false);
     for (const Due& due : by_step(specs)) {
-        SpringEdit edit = make_edit(due, editor, problem.lattice, particle);
+        const SpringEdit edit = make_edit(due, editor, problem.lattice, particle);
         if (edit.empty()) continue;
         changes[std::size_t(due.spec - specs.data())] = true;
         if (due.step > std::numeric_limits<int>::max()) due.spec->source.refuse("at most 2147483647 steps");
-        scheduled.push_back({int(due.step), std::move(edit)});
+        scheduled.push_back({int(due.step), edit});
     }
     for (std::size_t s = 0; s < specs.size(); ++s) {
         if (changes[s]) continue;

@@ -504,9 +504,8 @@ Scene parse_scene(const std::string& text, const std::string& file, const SceneS
 Problem with_all_springs(const Scene& scene) {
     Problem problem = scene.problem;
     for (const ScheduledEdit& scheduled : scene.edits) {
-        for (const ChangedSpring& changed : scheduled.edit.added) {
-            if (changed.bit < 0) problem.springs.push_back(changed.spring);
-        }
+        const std::vector<Spring>& beyond = scheduled.edit.added.beyond;
+        problem.springs.insert(problem.springs.end(), beyond.begin(), beyond.end());
     }
     return problem;
 }

@@ -19,7 +19,7 @@ namespace voxspring {
 /// A change of springs after `step` steps.
 struct ScheduledEdit {
     int step = 0;
-    SpringEdit edit;
+    SpringDifference edit;
 };
 
 struct Scene {

@@ -1,11 +1,36 @@
 #include "harness/scene/scene_runner.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace voxspring {
 
+namespace {
+
+std::size_t bytes_of(const SpringEdit& edit) {
+    return edit.removed.capacity() * sizeof(ChangedSpring) + edit.added.capacity() * sizeof(ChangedSpring) +
+           edit.touched.capacity() * sizeof(SpringEdit::Touched) +
+           edit.listed.capacity() * sizeof(ListedSpring);
+}
+
+}  // namespace
+
 SceneRunner::SceneRunner(const Scene& scene) : scene_(scene) {
-    if (!scene.edits.empty()) edited_ = scene.problem;
+    if (scene.edits.empty()) return;
+    edited_ = scene.problem;
+    editor_.emplace(*edited_);
+    prepare();
+}
+
+void SceneRunner::prepare() {
+    std::size_t bytes = 0;
+    for (const ScheduledEdit& scheduled : scene_.edits) {
+        SpringEdit edit = editor_->make(scheduled.edit);
+        bytes += bytes_of(edit);
+        if (bytes > max_prepared_bytes) break;
+        prepared_.push_back(std::move(edit));
+    }
+    restart();
 }
 
 void SceneRunner::restart() {
@@ -71,11 +96,18 @@ void SceneRunner::run(Backend& backend, int steps, const Edit& edit) {
     for (; next_ < scene_.edits.size() && scene_.edits[next_].step < end; ++next_) {
         const ScheduledEdit& scheduled = scene_.edits[next_];
         step_to(backend, scheduled.step);
-        apply(*edited_, scheduled.edit);
-        if (edit) {
-            edit(*edited_, scheduled.edit);
+        SpringEdit made_now;
+        const bool is_prepared = next_ < prepared_.size();
+        if (is_prepared) {
+            apply(*edited_, prepared_[next_]);
         } else {
-            backend.edit(*edited_, scheduled.edit);
+            made_now = editor_->make(scheduled.edit);
+        }
+        const SpringEdit& made = is_prepared ? prepared_[next_] : made_now;
+        if (edit) {
+            edit(*edited_, made);
+        } else {
+            backend.edit(*edited_, made);
         }
     }
     step_to(backend, end);

@@ -5,17 +5,27 @@
 #include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "backends/backend.h"
+#include "backends/physics/edit.h"
 #include "harness/scene/scene.h"
 
 namespace voxspring {
 
 /// Runs a scene on one backend at a time.
+///
+/// What a backend is told of an edit takes tens of times the bytes that the scene keeps of it. The first
+/// edits, up to max_prepared_bytes, are made ready by the constructor, so that timed steps do not wait for
+/// that; later ones when they are due.
 class SceneRunner {
 public:
+    static constexpr std::size_t max_prepared_bytes = std::size_t(16) << 20;
+
     /// The scene must outlive it.
     explicit SceneRunner(const Scene& scene);
+    SceneRunner(const SceneRunner&) = delete;
+    SceneRunner& operator=(const SceneRunner&) = delete;
 
     /// Empty, or why `backend` cannot run the scene from its first edit to its last.
     std::string unsupported(const Backend& backend);
@@ -42,6 +52,7 @@ public:
     int edits_within(int steps) const;
 
 private:
+    void prepare();
     void restart();
     const Problem& start_problem() const { return uploaded_ ? *uploaded_ : scene_.problem; }
     bool has_the_springs_of_the_start() const;
@@ -50,6 +61,8 @@ private:
 
     const Scene& scene_;
     std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty where a scene has none
+    std::optional<SpringEditor> editor_;    ///< of `edited_`
+    std::vector<SpringEdit> prepared_;      ///< the scene's first edits
     std::optional<Problem> uploaded_;       ///< the problem at a start other than the scene's own; else empty
     const State* start_ = nullptr;          ///< null: the scene's own
     int first_ = 0;                         ///< step of the start

@@ -122,9 +122,10 @@ void add(Hash& hash, const Scene& scene, int steps) {
     for (const ScheduledEdit& scheduled : scene.edits) {
         if (scheduled.step >= steps) break;
         hash.add_number(scheduled.step);
-        for (const auto* list : {&scheduled.edit.removed, &scheduled.edit.added}) {
-            hash.add_number(list->size());
-            for (const ChangedSpring& changed : *list) {
+        for (const auto* springs : {&scheduled.edit.removed, &scheduled.edit.added}) {
+            const std::vector<ChangedSpring> list = changed_springs(problem, *springs);
+            hash.add_number(list.size());
+            for (const ChangedSpring& changed : list) {
                 add(hash, changed.spring);
                 hash.add_number(changed.bit);
             }

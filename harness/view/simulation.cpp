@@ -93,9 +93,8 @@ std::string Simulation::refusal(const Backend& backend, const Problem& problem, 
     if (!why.empty() || first == scene_.edits.end()) return why;
     Problem joined = problem;
     for (auto scheduled = first; scheduled != scene_.edits.end(); ++scheduled) {
-        for (const ChangedSpring& added : scheduled->edit.added) {
-            if (added.bit < 0) joined.springs.push_back(added.spring);
-        }
+        const std::vector<Spring>& beyond = scheduled->edit.added.beyond;
+        joined.springs.insert(joined.springs.end(), beyond.begin(), beyond.end());
     }
     why = backend.unsupported(joined);
     if (!why.empty()) why += fmt::format(" (edit after step {})", first->step);
@@ -137,17 +136,17 @@ void Simulation::step(int count) {
 }
 
 void Simulation::make_next_edit() {
-    const SpringEdit& edit = scene_.edits[next_edit_++].edit;
+    const SpringDifference& edit = scene_.edits[next_edit_++].edit;
     if (edits_as_scheduled_) {
-        change_springs(edit);
+        tell_of(SpringEditor(problem_).make(edit));
         return;
     }
     std::vector<std::pair<std::uint32_t, std::uint32_t>> removed;
-    for (const ChangedSpring& changed : edit.removed)
+    for (const ChangedSpring& changed : changed_springs(scene_.problem, edit.removed))
         removed.emplace_back(changed.spring.first, changed.spring.second);
     if (!removed.empty()) change_if_supported([&](SpringEditor& editor) { return editor.cut(removed); });
-    if (!edit.added.empty())
-        change_if_supported([&](SpringEditor& editor) { return editor.join(edit.added); });
+    const std::vector<ChangedSpring> added = changed_springs(scene_.problem, edit.added);
+    if (!added.empty()) change_if_supported([&](SpringEditor& editor) { return editor.join(added); });
 }
 
 void Simulation::follow_motion() {
@@ -314,13 +313,12 @@ Simulation::Change Simulation::change_if_supported(Find find) {
     if (edit.empty()) return {};
     std::string why = ask([&](const Backend& backend) { return refusal(backend, edited, next_edit_); });
     if (!why.empty()) return {0, std::move(why)};
-    change_springs(edit);
+    apply(problem_, edit);
+    tell_of(edit);
     return {edit.removed.size() + edit.added.size(), {}};
 }
 
-void Simulation::change_springs(const SpringEdit& edit) {
-    if (edit.empty()) return;
-    apply(problem_, edit);
+void Simulation::tell_of(const SpringEdit& edit) {
     ++springs_version_;
     tell([&](Backend& backend) { backend.edit(problem_, edit); });
 }

@@ -162,7 +162,8 @@ private:
     Change change_if_supported(Find find);
     template <class Find>
     Change by_hand(Find find);
-    void change_springs(const SpringEdit& edit);
+    /// Has the backends make the edit that `problem_` has by now.
+    void tell_of(const SpringEdit& edit);
 
     const Scene scene_;
     BackendSpec spec_;
