@@ -10,6 +10,7 @@ import math
 import os
 import pathlib
 import re
+import resource
 import shlex
 import subprocess
 import sys
@@ -125,6 +126,17 @@ class Info(unittest.TestCase):
             for time_step, said in ((6.0, "1039%"), (0.5, "86.6%"), (0.05, "8.66%")):
                 scene.write_text(json.dumps({"dataset": {"type": "box", "dims": [5, 5, 5]}, "time_step": time_step}))
                 self.assertIn(f"({said} of the stable ", voxspring("info", scene).stdout)
+
+    def test_without_memory_a_sentence_says_so(self):
+        program = pathlib.Path(VOXSPRING).read_bytes()
+        if b"__asan_init" in program or b"__tsan_init" in program:
+            self.skipTest("a sanitizer needs the memory that is taken away")
+        limit = 600 << 20
+        ran = subprocess.run([VOXSPRING, "info", "box@200"], capture_output=True, text=True,
+                             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (limit, limit)))
+        self.assertEqual(ran.returncode, 1, ran.stderr)
+        self.assertIn("voxspring: out of memory", ran.stderr)
+        self.assertNotIn("bad_alloc", ran.stderr)
 
     def test_text_says_the_same(self):
         text = voxspring("info", "heart").stdout

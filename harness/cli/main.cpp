@@ -7,6 +7,7 @@
 #include <exception>
 #include <filesystem>
 #include <iostream>
+#include <new>
 #include <string>
 #include <system_error>
 
@@ -51,6 +52,11 @@ int exit_code_of(int argc, char** argv) {
     } catch (const voxspring::BadSpecification& error) {
         std::cerr << "voxspring: " << error.what() << "\n";
         return 2;
+    } catch (const std::bad_alloc&) {
+        std::cerr
+            << "voxspring: out of memory: this takes more than the machine gives it; `voxspring info SCENE` "
+               "shows what a scene takes on each backend\n";
+        return 1;
     } catch (const std::exception& error) {
         std::cerr << "voxspring: " << error.what() << "\n";
         return 1;
