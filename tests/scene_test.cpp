@@ -14,9 +14,12 @@
 #include "backends/physics/neighbours.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
+#include "harness/export/export_formats.h"
+#include "harness/scene/parts.h"
 #include "harness/scene/scene_file.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/scene/stability.h"
+#include "tests/support.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {
@@ -623,6 +626,91 @@ TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
                   load_scene(file, {200, 100});
               }),
               file + ": dataset: 120 active voxels is not accepted; expected at most 100 on this machine");
+}
+
+/// A body of 12 voxels, islands of 3 and 1, and a blank slice between; by face springs.
+std::string body_with_islands(const std::string& dataset, const std::string& keys = "") {
+    return R"({"dataset": {"type": "volume", "file": "v.nrrd")" + dataset +
+           R"(}, "spring_groups": ["face"], "gravity": [0, 0, -1e-3], "pinned": {"side": "x-"})" + keys + "}";
+}
+
+TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
+    const TemporaryFolder folder;
+    // Two slices of 6 x 3: a block of 12, a row of three and one voxel alone.
+    std::string data;
+    for (const char c : std::string("110001110001110101110000110000110000")) data.push_back(char(c - '0'));
+    const std::string header = "type: uint8\ndimension: 3\nsizes: 6 3 2\nencoding: raw\n";
+    folder.write("v.nrrd", nrrd_file(header, data));
+    const auto loaded = [&](const std::string& dataset, const std::string& keys = "") {
+        return load_scene(folder.write("s.json", body_with_islands(dataset, keys)), small);
+    };
+    const Scene all = loaded("");
+    EXPECT_EQ(all.notes,
+              (std::vector<std::string>{"the body has 3 parts: 12, 3 and 1 particles; 4 particles are in "
+                                        "parts that nothing pins, and fall"}));
+    EXPECT_EQ(parts_of(all.problem).loose(), (std::vector<std::uint32_t>{2, 5, 8, 9}));
+    EXPECT_EQ(parts_of(all.problem).sizes, (std::vector<std::size_t>{12, 3, 1}));
+
+    const Scene largest = loaded(R"(, "parts": "largest")");
+    EXPECT_EQ(largest.problem.particle_count(), 12u);
+    EXPECT_EQ(largest.notes,
+              (std::vector<std::string>{"4 particles in 2 of 3 parts are left out (parts: largest)"}));
+    const Scene some = loaded(R"(, "parts": 3)");
+    EXPECT_EQ(some.problem.particle_count(), 15u);
+    EXPECT_EQ(some.notes.size(), 2u);
+    EXPECT_EQ(some.notes[0], "1 particle in 1 of 3 parts is left out (parts: 3)");
+    EXPECT_THAT(some.notes[1], HasSubstr("2 parts: 12 and 3 particles; 3 particles are in"));
+    EXPECT_THAT(
+        refusal([&] { loaded(R"(, "parts": 13)"); }),
+        HasSubstr("dataset.parts: 13 is not accepted; expected at most as many particles as the largest part "
+                  "has"));
+    // The spring groups decide what hangs together.
+    std::string joined = body_with_islands("");
+    joined.replace(joined.find("\"face\""), 6, R"("face", "edge", "corner")");
+    EXPECT_THAT(load_scene(folder.write("s.json", joined), small).notes.at(0), HasSubstr("3 parts"));
+    // Where nothing is pinned no part is loose.
+    std::string free = body_with_islands("");
+    free.replace(free.find(R"(, "pinned")"), free.size(), "}");
+    const Scene nothing_pinned = load_scene(folder.write("s.json", free), small);
+    EXPECT_EQ(nothing_pinned.notes,
+              (std::vector<std::string>{"the body has 3 parts: 12, 3 and 1 particles"}));
+    EXPECT_TRUE(parts_of(nothing_pinned.problem).loose().empty());
+
+    const VolumeOptions options{
+        .labels = {}, .threshold = {}, .spacing = {}, .gravity = glm::dvec3(0), .parts = PartsToKeep{}};
+    EXPECT_EQ(load_scene((folder.path() / "v.nrrd").string(), options, small).problem.particle_count(), 12u);
+}
+
+TEST(Parts, OfABoxAreFoundHoweverItIsCut) {
+    Problem box = make_lattice_problem(solid({5, 4, 3}), FACE_BITS | EDGE_BITS);
+    EXPECT_EQ(parts_of(box).sizes, (std::vector<std::size_t>{60}));
+    EXPECT_EQ(parts_of(box).is_held, (std::vector<std::uint8_t>{0}));
+    pin_base(box);
+    EXPECT_EQ(parts_of(box).is_held, (std::vector<std::uint8_t>{1}));
+    (void)SpringEditor(box).cut(Plane{{0, 0, 0.5}, {0, 0, 1}});
+    EXPECT_EQ(parts_of(box).sizes, (std::vector<std::size_t>{40, 20}));
+    EXPECT_EQ(parts_of(box).is_held, (std::vector<std::uint8_t>{0, 1}));
+    EXPECT_EQ(parts_of(box).loose().size(), 40u);
+    // Edge springs alone join every second voxel.
+    EXPECT_EQ(parts_of(make_lattice_problem(solid({4, 4, 4}), EDGE_BITS)).sizes,
+              (std::vector<std::size_t>{32, 32}));
+}
+
+TEST(Parts, AreDescribedShortly) {
+    EXPECT_EQ(with_commas(999), "999");
+    EXPECT_EQ(with_commas(10437), "10,437");
+    EXPECT_EQ(with_commas(1234567), "1,234,567");
+    BodyParts parts{.sizes = {10437, 9, 5}, .part = {}, .is_held = {1, 0, 0}};
+    parts.part.insert(parts.part.end(), 10437, 0);
+    parts.part.insert(parts.part.end(), 9, 1);
+    parts.part.insert(parts.part.end(), 5, 2);
+    EXPECT_EQ(describe(parts, true),
+              "the body has 3 parts: 10,437, 9 and 5 particles; 14 particles are in parts that nothing pins, "
+              "and fall");
+    EXPECT_THAT(describe(parts, false), HasSubstr("nothing pins, and nothing holds them back"));
+    EXPECT_EQ(describe({.sizes = {40, 4, 3, 2, 1, 1}, .part = {}, .is_held = {1, 1, 1, 1, 1, 1}}, true),
+              "the body has 6 parts: 40, 4 and 3 particles, and 3 of at most 2");
+    EXPECT_EQ(describe({.sizes = {40}, .part = {}, .is_held = {0}}, true), "");
 }
 
 // The heart is pinned at one side of x, where a rod along z is but one slice.

@@ -216,7 +216,17 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
         },
         "Acceleration as X,Y,Z; that of the scene heart");
     gravity->type_name("X,Y,Z");
-    for (CLI::Option* option : {threshold, labels, frame, spacing, gravity}) option->group(group);
+    CLI::Option* parts = command.add_option_function<std::string>(
+        "--parts",
+        [&volume](const std::string& text) {
+            volume.parts = PartsToKeep{};
+            if (text != "largest")
+                volume.parts->least =
+                    std::size_t(number_of<std::int64_t>("--parts", text, 2, max_part_particles));
+        },
+        "Parts that hang together by springs: the largest alone, or those of N particles or more; all");
+    parts->type_name("largest|N");
+    for (CLI::Option* option : {threshold, labels, frame, spacing, gravity, parts}) option->group(group);
 }
 
 // --- Commands ------------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ std::string bytes_text(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", d
 struct SceneFacts {
     Scene scene;
     SpringCounts springs;
+    BodyParts parts;
     std::size_t pinned = 0;
     std::map<std::string, std::uint64_t> bytes;  ///< of each backend
     double undamped = 0;                         ///< the stable time step without damping
@@ -41,6 +42,7 @@ SceneFacts facts_of(const std::string& argument, const VolumeOptions& volume) {
     facts.scene = load_scene(argument, volume);
     const Problem& problem = facts.scene.problem;
     facts.springs = count_springs(problem);
+    facts.parts = parts_of(problem);
     for (const auto p : problem.pinned) facts.pinned += p;
     for (const auto& [name, entry] : registry())
         facts.bytes[name] = entry.bytes(problem, BackendSpec::parse(name).options);
@@ -135,6 +137,9 @@ nlohmann::json to_json(const SceneFacts& facts) {
         {"voxels", problem.lattice.voxel_count()},
         {"active_particles", problem.particle_count()},
         {"pinned_particles", facts.pinned},
+        {"parts", facts.parts.sizes.size()},
+        {"largest_part_particles", facts.parts.sizes.front()},
+        {"loose_particles", facts.parts.loose().size()},
         {"materials", problem.materials.size()},
         {"springs",
          {{"face", facts.springs.group[0]},

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
@@ -18,6 +19,7 @@
 #include "harness/export/pictures.h"
 #include "harness/export/saved_state.h"
 #include "harness/export/tool_forces.h"
+#include "harness/scene/parts.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
@@ -27,13 +29,24 @@
 namespace voxspring {
 namespace {
 
-/// Not finite where any is not.
-double largest_displacement(const State& state) {
-    double largest = 0;
-    for (const glm::dvec3& u : state.displacement) {
+/// How far particles are from rest: those of the body, and those of parts that nothing holds, which fall away
+/// from it. Not finite where any is not.
+struct Largest {
+    double held = 0, loose = 0;
+};
+
+/// `loose`: ascending.
+Largest largest_displacement(const State& state, const std::vector<std::uint32_t>& loose) {
+    Largest largest;
+    auto next = loose.begin();
+    for (std::size_t i = 0; i < state.displacement.size(); ++i) {
+        const bool is_loose = next != loose.end() && *next == i;
+        if (is_loose) ++next;
+        double& of_kind = is_loose ? largest.loose : largest.held;
+        const double length = glm::length(state.displacement[i]);
         // NaN and infinity stay.
-        if (!(glm::length(u) <= largest)) largest = glm::length(u);
-        if (!std::isfinite(largest)) break;
+        if (!(length <= of_kind)) of_kind = length;
+        if (!std::isfinite(of_kind)) break;
     }
     return largest;
 }
@@ -106,6 +119,7 @@ public:
             forces_ =
                 std::make_unique<ToolForces>(*options.out.tool_force, *scene_, options.out.every, steps_);
         if (options.resume) resume(*options.resume);
+        loose_ = parts_of(scene_->problem).loose();
         runner_ = std::make_unique<SceneRunner>(*scene_);
         if (saved_) runner_->start_from(first_, saved_->state);
         activity_.begin(scene_->name + ": starting " + options.backend);
@@ -256,8 +270,8 @@ private:
     State checked_state() {
         State state = backend_->download();
         auto divergence = find_divergence(*backend_, *runner_, monitor_, state, reached_ - first_);
-        largest_ = largest_displacement(state);
-        if (!divergence && std::isfinite(largest_)) return state;
+        largest_ = largest_displacement(state, loose_);
+        if (!divergence && std::isfinite(largest_.held + largest_.loose)) return state;
         if (divergence) {
             divergence->last_good += first_;
             divergence->found += first_;
@@ -278,7 +292,11 @@ private:
         if (first_ > 0) out_ << ", " << first_ + 1 << " to " << steps_ << ",";
         out_ << " of " << counted(scene_->problem.particle_count(), "particle") << " on " << spec_.label()
              << " in " << timing_.host_seconds << " s, " << timing_.device_seconds / steps * 1e6
-             << " us a step; largest displacement " << largest_ << "\n";
+             << " us a step; largest displacement " << largest_.held;
+        if (!loose_.empty())
+            out_ << ", and " << largest_.loose << " of the " << loose_.size()
+                 << " particles that nothing pins";
+        out_ << "\n";
         if (const Pictures* pictures = exports_->pictures();
             pictures != nullptr && pictures->colouring() == Colouring::error)
             out_ << "largest error against float64 " << pictures->largest() << "\n";
@@ -334,7 +352,8 @@ private:
     std::unique_ptr<Backend> backend_;
     DivergenceMonitor monitor_;
     Timing timing_;
-    double largest_ = 0;
+    std::vector<std::uint32_t> loose_;  ///< particles of parts that nothing holds, ascending
+    Largest largest_;
     Activity activity_;
 };
 

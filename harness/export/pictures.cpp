@@ -7,6 +7,7 @@
 
 #include "backends/registry.h"
 #include "harness/base/json.h"
+#include "harness/scene/parts.h"
 #include "harness/verification/reference.h"
 
 namespace voxspring {
@@ -25,6 +26,12 @@ Pictures::Reference::Reference(const Scene& scene, int steps)
 
 Pictures::Pictures(Colouring colouring, glm::ivec2 size) : colouring_(colouring), painter_(size) {}
 
+const std::vector<std::uint32_t>& Pictures::loose_of(const Scene& scene) {
+    if (scene_ != &scene) loose_ = parts_of(scene.problem).loose();
+    scene_ = &scene;
+    return loose_;
+}
+
 std::vector<double> Pictures::values_of(const Snapshot& snapshot) {
     std::vector<glm::dvec3> difference = snapshot.state.displacement;
     if (colouring_ == Colouring::error) {
@@ -38,12 +45,24 @@ std::vector<double> Pictures::values_of(const Snapshot& snapshot) {
     std::vector<double> values;
     values.reserve(difference.size());
     for (const glm::dvec3& vector : difference) values.push_back(glm::length(vector));
-    largest_ = values.empty() ? 0 : *std::max_element(values.begin(), values.end());
+    largest_ = 0;
+    const std::vector<std::uint32_t>& loose = loose_of(snapshot.scene);
+    auto next = loose.begin();
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        if (next != loose.end() && *next == i) {
+            ++next;
+        } else {
+            largest_ = std::max(largest_, values[i]);
+        }
+    }
     return values;
 }
 
 void Pictures::look_at(const Snapshot& snapshot) {
-    camera_.include(surface_of(snapshot, values_of(snapshot)));
+    const std::vector<double> values = values_of(snapshot);
+    std::vector<glm::dvec3> displacement = snapshot.state.displacement;
+    for (const std::uint32_t i : loose_of(snapshot.scene)) displacement[i] = glm::dvec3(0);
+    camera_.include(surface_of(snapshot.problem, displacement, values));
     largest_of_all_ = std::max(largest_of_all_, largest_);
 }
 

@@ -344,6 +344,18 @@ void take_tool(Scene& scene, const ToolSpec& spec, const std::string& file, bool
     scene.tool_motion.every = spec.every;
 }
 
+void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file,
+                std::vector<std::string>& notes) {
+    if (!scene.dataset.parts) return;
+    const std::string note = leave_out_parts(grid, bits_of(scene.spring_groups), *scene.dataset.parts);
+    if (!note.empty()) notes.push_back(note);
+    if (std::any_of(grid.label.begin(), grid.label.end(), [](std::uint8_t label) { return label != 0; }))
+        return;
+    const std::string accepted = "at most as many particles as the largest part has";
+    if (scene.dataset.parts_source) scene.dataset.parts_source->refuse(accepted);
+    throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
+}
+
 Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits& limits,
             bool is_builtin = false) {
     LoadedDataset dataset = load_dataset(file_says, file, limits);
@@ -364,6 +376,7 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     scene.description = file_says.description;
     scene.volume = std::move(dataset.volume);
     scene.notes = std::move(dataset.notes);
+    keep_parts(labelled.grid, file_says, file, scene.notes);
     Problem& problem = scene.problem;
     problem = make_problem(file_says, std::move(labelled));
     pin_regions(problem, file_says);
@@ -374,6 +387,8 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     if (file_says.tool) take_tool(scene, *file_says.tool, file, is_builtin);
     problem.gravity = file_says.gravity;
     problem.damping = file_says.damping;
+    if (const std::string note = describe(parts_of(problem), problem.has_gravity()); !note.empty())
+        scene.notes.push_back(note);
     if (!file_says.edits.empty()) scene.edits = schedule_edits(file_says.edits, problem, limits);
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = with_all_springs(scene);
@@ -451,6 +466,7 @@ void apply(const VolumeOptions& volume, SceneFile& scene) {
     scene.dataset.threshold = volume.threshold;
     scene.dataset.frame = volume.frame;
     if (volume.spacing) scene.spacing = volume.spacing;
+    scene.dataset.parts = volume.parts;
     if (volume.gravity) scene.gravity = *volume.gravity;
 }
 
@@ -470,9 +486,10 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
         return scene;
     }
     if (volume.any())
-        throw BadInput(argument, "scene", argument,
-                       "a volume file: labels, threshold, frame, spacing and gravity of another scene stand "
-                       "in its file");
+        throw BadInput(
+            argument, "scene", argument,
+            "a volume file: labels, threshold, frame, parts, spacing and gravity of another scene stand "
+            "in its file");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !ends_with(resize.base, ".json")) {

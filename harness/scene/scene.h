@@ -10,6 +10,7 @@
 
 #include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
+#include "harness/scene/parts.h"
 #include "harness/scene/tool_motion.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/volume.h"
@@ -72,8 +73,9 @@ struct VolumeOptions {
     std::optional<std::int64_t> frame;  ///< which of several values per voxel, from 0 on
     std::optional<glm::dvec3> spacing;
     std::optional<glm::dvec3> gravity;
+    std::optional<PartsToKeep> parts;  ///< absent: all
 
-    bool any() const { return labels || threshold || frame || spacing || gravity; }
+    bool any() const { return labels || threshold || frame || spacing || gravity || parts; }
 };
 
 /// The same, of a volume with these options. Throws BadInput if there are any and `argument` is no volume

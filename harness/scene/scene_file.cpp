@@ -39,6 +39,14 @@ std::uint64_t required_seed(JsonObject& object) {
     return std::uint64_t(object.require("seed", "a whole number").integer(0, (std::int64_t{1} << 53) - 1));
 }
 
+PartsToKeep read_parts(const JsonValue& value) {
+    if (value.is_string() && value.string() == "largest") return {};
+    if (!value.is_number())
+        value.refuse(
+            "\"largest\", or the particles that a part has at least to stay: a whole number from 2 on");
+    return {std::size_t(value.integer(2, max_part_particles))};
+}
+
 DatasetSpec read_dataset(JsonObject object) {
     DatasetSpec dataset;
     const std::string type =
@@ -73,6 +81,10 @@ DatasetSpec read_dataset(JsonObject object) {
             dataset.seed = required_seed(holes);
             holes.finish();
         }
+    }
+    if (const auto parts = object.find("parts")) {
+        dataset.parts_source = parts;
+        dataset.parts = read_parts(*parts);
     }
     object.finish();
     return dataset;

@@ -13,6 +13,7 @@
 #include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 #include "harness/base/json.h"
+#include "harness/scene/parts.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
@@ -29,7 +30,9 @@ struct DatasetSpec {
     std::optional<double> threshold;       ///< of a volume; never together with labels
     /// Of a volume, no label twice: whole numbers, or names of segments.
     std::optional<std::vector<std::string>> labels;
-    std::optional<std::int64_t> frame;  ///< of a volume with several values per voxel
+    std::optional<std::int64_t> frame;      ///< of a volume with several values per voxel
+    std::optional<PartsToKeep> parts;       ///< absent: all
+    std::optional<JsonValue> parts_source;  ///< for messages
 };
 
 /// A material parameter: one value, one a spring group, or one a label. One of the three is there.

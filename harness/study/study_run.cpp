@@ -139,8 +139,8 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
                        "none: the suite has its own scenes");
     const auto is_volume = [](const StudyScene& item) { return is_volume_name(item.scene); };
     if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_volume))
-        throw BadInput("command line", "--labels, --threshold, --frame, --spacing or --gravity", study_.name,
-                       "a study with a volume file among its scenes: --scene FILE adds one");
+        throw BadInput("command line", "--labels, --threshold, --frame, --parts, --spacing or --gravity",
+                       study_.name, "a study with a volume file among its scenes: --scene FILE adds one");
     if (options.mpi != nullptr && study_.kind != "scaling")
         throw BadInput("command line", "mpirun", "study " + study_.name, "a study of the kind scaling");
     if (options.ranks && study_.kind != "scaling")
