@@ -614,7 +614,7 @@ TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
     EXPECT_EQ(scene.name, "wall.seg.nii.gz");
     EXPECT_EQ(scene.problem.particle_count(), 120u);
     EXPECT_EQ(scene.problem.lattice.spacing, glm::dvec3(0.5, 0.5, 2));
-    EXPECT_EQ(scene.problem.gravity, heart.problem.gravity);
+    EXPECT_EQ(scene.problem.gravity, heart.problem.gravity * glm::dvec3(0.5, 0.5, 2));
     EXPECT_EQ(scene.problem.damping, heart.problem.damping);
     EXPECT_EQ(pinned_particles(scene.problem).size(), 30u);
     EXPECT_EQ(
@@ -737,6 +737,42 @@ TEST(Scene, ARodByItselfIsPinnedAtItsEnd) {
         file +
             ": time_step: {\"fraction_of_stable\":0.5} is not accepted; expected a number of units of time: "
             "every particle is pinned, so that nothing limits the time step");
+}
+
+TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
+    const TemporaryFolder folder;
+    const auto bar = [&](glm::vec3 spacing, const VolumeOptions& options = {}) {
+        const std::string data(12 * 3 * 4, '\1');
+        return load_scene(folder.write("bar.nii", nifti_file(nifti_header({12, 3, 4}, 2, spacing), data)),
+                          options, small);
+    };
+    const auto sag_in_voxels = [](const Scene& scene) {
+        const auto backend = BackendSpec::parse("cpu_reference").make();
+        backend->upload(scene.problem, scene.state);
+        backend->step(200);
+        std::vector<glm::dvec3> sag = backend->download().displacement;
+        for (glm::dvec3& u : sag) u /= scene.problem.lattice.spacing;
+        return sag;
+    };
+    const Scene unit = bar({1, 1, 1});
+    EXPECT_EQ(unit.problem.gravity, load_scene("heart").problem.gravity);
+    EXPECT_EQ(unit.notes, (std::vector<std::string>{
+                              "gravity is (0.0008, 0, -0.002), chosen so that the body sags by as many "
+                              "voxels as it would with a spacing of 1; --gravity sets it"}));
+    const std::vector<glm::dvec3> expected = sag_in_voxels(unit);
+    EXPECT_GT(glm::length(expected.back()), 0.02);
+    for (const float side : {0.035F, 3.5e-5F, 2.0F, 700.0F}) {
+        const std::vector<glm::dvec3> sag = sag_in_voxels(bar({side, side, side}));
+        for (std::size_t i = 0; i < sag.size(); ++i)
+            EXPECT_LT(glm::distance(sag[i], expected[i]), 1e-9) << side;
+    }
+    // Where voxels are no cubes, gravity is the same in voxels of its axis.
+    EXPECT_EQ(bar({0.5F, 0.5F, 2}).problem.gravity, unit.problem.gravity * glm::dvec3(0.5, 0.5, 2));
+    const Scene chosen =
+        bar({0.5F, 0.5F, 2},
+            {.labels = {}, .threshold = {}, .spacing = {}, .gravity = glm::dvec3(0, 1, 0), .parts = {}});
+    EXPECT_EQ(chosen.problem.gravity, glm::dvec3(0, 1, 0));
+    EXPECT_TRUE(chosen.notes.empty());
 }
 
 TEST(Scene, WhereNothingOscillatesItIsSaidWhy) {

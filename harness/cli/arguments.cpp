@@ -214,7 +214,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
         [&volume](const std::string& text) {
             volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
         },
-        "Acceleration as X,Y,Z; that of the scene heart");
+        "Acceleration as X,Y,Z; that of the scene heart, times the spacing");
     gravity->type_name("X,Y,Z");
     CLI::Option* parts = command.add_option_function<std::string>(
         "--parts",

@@ -356,6 +356,17 @@ void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file
     throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
 }
 
+/// Gravity, and what is to be said where nobody has chosen it.
+glm::dvec3 gravity_of(const SceneFile& scene, const glm::dvec3& spacing, std::vector<std::string>& notes) {
+    if (!scene.gravity_in_voxels) return scene.gravity;
+    const glm::dvec3 gravity = scene.gravity * spacing;
+    notes.push_back(fmt::format(
+        "gravity is ({:g}, {:g}, {:g}), chosen so that the body sags by as many voxels as it would with "
+        "a spacing of 1; --gravity sets it",
+        gravity.x, gravity.y, gravity.z));
+    return gravity;
+}
+
 Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits& limits,
             bool is_builtin = false) {
     LoadedDataset dataset = load_dataset(file_says, file, limits);
@@ -385,7 +396,7 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
         for (const std::size_t i : particles_in(load.region, problem.lattice)) problem.load[i] += load.force;
     }
     if (file_says.tool) take_tool(scene, *file_says.tool, file, is_builtin);
-    problem.gravity = file_says.gravity;
+    problem.gravity = gravity_of(file_says, problem.lattice.spacing, scene.notes);
     problem.damping = file_says.damping;
     if (const std::string note = describe(parts_of(problem), problem.has_gravity()); !note.empty())
         scene.notes.push_back(note);
@@ -467,6 +478,7 @@ void apply(const VolumeOptions& volume, SceneFile& scene) {
     scene.dataset.frame = volume.frame;
     if (volume.spacing) scene.spacing = volume.spacing;
     scene.dataset.parts = volume.parts;
+    scene.gravity_in_voxels = !volume.gravity;
     if (volume.gravity) scene.gravity = *volume.gravity;
 }
 

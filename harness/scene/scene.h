@@ -72,6 +72,8 @@ struct VolumeOptions {
     std::optional<double> threshold;
     std::optional<std::int64_t> frame;  ///< which of several values per voxel, from 0 on
     std::optional<glm::dvec3> spacing;
+    /// Absent: that of the scene `heart`, each component times the spacing along its axis, so that the body
+    /// sags by as many voxels in any unit of length.
     std::optional<glm::dvec3> gravity;
     std::optional<PartsToKeep> parts;  ///< absent: all
 

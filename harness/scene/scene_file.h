@@ -121,6 +121,7 @@ struct SceneFile {
     double damping = 0;
     glm::dvec3 gravity{0};
     std::optional<GravityTowards> gravity_towards;  ///< instead
+    bool gravity_in_voxels = false;  ///< to be multiplied by the spacing, axis by axis: nobody has chosen it
     TimeStep time_step;
     std::vector<Region> pinned;
     InitialField displacement;

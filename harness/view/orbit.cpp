@@ -21,7 +21,8 @@ constexpr double highest = 1.5;
 
 void Orbit::show(const glm::dvec3& low, const glm::dvec3& high) {
     middle_ = (low + high) / 2.0;
-    radius_ = std::max(glm::length(high - low) / 2, 1e-6);
+    const double radius = glm::length(high - low) / 2;
+    radius_ = radius > 0 ? radius : 1;
     distance_ = 1.15 * radius_ / std::sin(field_of_view / 2);
 }
 
