@@ -59,6 +59,10 @@ TEST(Json, BytesThatAreNotUtf8AreReplacedWhereItIsWritten) {
     EXPECT_EQ(utf8_text(utf8), utf8);
 }
 
+TEST(Json, AByteOrderMarkIsReadOver) {
+    EXPECT_EQ(parse_json("\xEF\xBB\xBF{\"a\": 1}\r\n", "f").find("a")->number(), 1);
+}
+
 TEST(Json, OnlyAnObjectIsADocument) {
     EXPECT_EQ(parse_refusal("[1]"), "f.json: [1] is not accepted; expected an object");
     EXPECT_EQ(parse_refusal("null"), "f.json: null is not accepted; expected an object");

@@ -158,6 +158,17 @@ TEST(ToolMotion, IsStraightBetweenSamplesAndRestsBeforeAndAfter) {
     EXPECT_EQ(ToolMotion{}.at(1), glm::dvec3(0));
 }
 
+TEST(ToolMotion, WhatProgramsPutAroundNumbersIsReadOver) {
+    const ToolMotion plain = parse_tool_motion(samples, "hand.csv", 1, 1);
+    for (const std::string text : {"\xEF\xBB\xBFtime,x,y,z\r\n0.5,1,1,1\r\n1,1.5,1,1\r\n2,1.5,0,3\r\n",
+                                   "time, x, y, z\n0.5, 1, 1, 1\n1,\t1.5, 1, 1\n2 , 1.5 ,0, 3",
+                                   "time,x,y,z\n0.5,1,1,1\n1,1.5,1,1\n2,1.5,0,3\n\n \r\n"}) {
+        const ToolMotion motion = parse_tool_motion(text, "hand.csv", 1, 1);
+        EXPECT_EQ(motion.time, plain.time) << text;
+        EXPECT_EQ(motion.displacement, plain.displacement) << text;
+    }
+}
+
 TEST(ToolMotion, BadFilesAreRefused) {
     const auto said = [](const std::string& text) {
         return refusal([&] { (void)parse_tool_motion(text, "hand.csv", 1, 1); });

@@ -28,16 +28,30 @@ std::string_view cut(std::string_view& text, char end) {
     return before;
 }
 
+/// Blanks and tabs around a word do not count.
+std::string_view trimmed(std::string_view word) {
+    constexpr std::string_view blanks = " \t\r";
+    const std::size_t first = word.find_first_not_of(blanks);
+    if (first == std::string_view::npos) return {};
+    return word.substr(first, word.find_last_not_of(blanks) - first + 1);
+}
+
+bool is_header(std::string_view line) {
+    if (std::count(line.begin(), line.end(), ',') != 3) return false;
+    return std::all_of(columns.begin(), columns.end(),
+                       [&](std::string_view column) { return trimmed(cut(line, ',')) == column; });
+}
+
 /// A sample of four finite numbers of at most max_quantity.
 std::array<double, 4> parse_sample(std::string_view line, const std::string& file, const std::string& where) {
     std::array<double, 4> sample{};
     if (std::count(line.begin(), line.end(), ',') != 3)
         throw BadInput(file, where, line, "four numbers: " + std::string(header));
     for (std::size_t c = 0; c < sample.size(); ++c) {
-        const std::string_view field = cut(line, ',');
+        const std::string_view field = trimmed(cut(line, ','));
         const auto [stop, error] = std::from_chars(field.data(), field.data() + field.size(), sample[c]);
         const bool is_number = error == std::errc() && stop == field.data() + field.size() && !field.empty();
-        // Of NaN nothing is true.
+        // No comparison with NaN holds.
         if (!is_number || !(std::abs(sample[c]) <= max_quantity))
             throw BadInput(file, where + ", " + std::string(columns[c]), field,
                            "a number from -1e12 to 1e12");
@@ -75,12 +89,13 @@ glm::dvec3 ToolMotion::at(double when) const {
 
 ToolMotion parse_tool_motion(std::string_view text, const std::string& file, double time_scale,
                              double length_scale) {
-    const auto next_line = [&text] {
-        std::string_view line = cut(text, '\n');
-        if (line.ends_with('\r')) line.remove_suffix(1);
-        return line;
-    };
-    if (const std::string_view first = next_line(); first != header)
+    // What spreadsheets and scripts put around a file: a byte order mark, and empty lines at its end.
+    if (constexpr std::string_view mark = "\xEF\xBB\xBF"; text.starts_with(mark))
+        text.remove_prefix(mark.size());
+    const std::size_t last = text.find_last_not_of(" \t\r\n");
+    text = text.substr(0, last == std::string_view::npos ? 0 : last + 1);
+    const auto next_line = [&text] { return trimmed(cut(text, '\n')); };
+    if (const std::string_view first = next_line(); !is_header(first))
         throw BadInput(file, "line 1", first, header);
     ToolMotion motion;
     std::array<double, 4> start{}, before{};
