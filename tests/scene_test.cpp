@@ -407,6 +407,10 @@ TEST(Scene, Regions) {
     EXPECT_EQ(pinned(R"({"side": "z-", "slices": 99})").size(), 24u);
     EXPECT_EQ(pinned(R"({"side": "z+", "fraction": 0.01})").size(), 12u);
     EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.5})").size(), 12u);
+    // To the nearest whole slice, half a slice to one more: 1.48, 1.5 and 2.48 of 4.
+    EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.37})").size(), 6u);
+    EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.375})").size(), 12u);
+    EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.62})").size(), 12u);
     EXPECT_EQ(pinned(R"({"from": [1, 0, 1], "to": [2, 1, 1]})"), (List{13, 14, 17, 18}));
     EXPECT_EQ(pinned(R"([{"voxel": [0, 0, 0]}, {"voxel": [3, 2, 1]}, {"voxel": [0, 0, 0]}])"), (List{0, 23}));
     const Scene scene = box_with(R"("pinned": {"voxel": [1, 0, 0]})");
@@ -945,11 +949,45 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
     EXPECT_THAT(changed([](P p) { p.springs[0].stiffness = 0; }, pair()), HasSubstr("stiffness"));
     EXPECT_THAT(changed([](P p) { p.springs[0].rest_length = -1; }, pair()), HasSubstr("rest length"));
     EXPECT_THAT(changed([](P p) { p.springs.clear(); }, pair()), HasSubstr("nothing limits it"));
+    // What backends would read beyond a body for, and what spreads.
+    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= 1U; }), HasSubstr("outside of its grid"));
+    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= 1U << 7; }), HasSubstr("outside of its group_bits"));
+    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] &= ~2U; }), HasSubstr("one of its ends only"));
+    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] &= ~ACTIVE_BIT; }), HasSubstr("active bit"));
+    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= PINNED_BIT; }), HasSubstr("pinned bit"));
+    EXPECT_THAT(changed([](P p) { p.group_bits |= 1U << 30; }), HasSubstr("group_bits"));
+    EXPECT_THAT(changed([](P p) {
+                    // The same box with a hole in it, which the masks around the hole do not know.
+                    for (auto* list : {&p.lattice.voxel, &p.lattice.mask}) list->erase(list->begin() + 1);
+                    p.rest_position.erase(p.rest_position.begin() + 1);
+                }),
+                HasSubstr("no particle"));
+    EXPECT_THAT(changed([](P p) { p.rest_length[1] = NAN; }), HasSubstr("rest length"));
+    EXPECT_THAT(changed([](P p) { p.group_stiffness[0] = INFINITY; }), HasSubstr("group's stiffness"));
+    EXPECT_THAT(changed([](P p) { p.rest_position[2].y = NAN; }), HasSubstr("rest position"));
+    EXPECT_THAT(changed([](P p) { p.gravity.z = INFINITY; }), HasSubstr("gravity"));
+    EXPECT_THAT(changed([](P p) { p.load.assign(p.particle_count(), glm::dvec3(NAN)); }), HasSubstr("load"));
+    EXPECT_THAT(changed([](P p) { p.pinned.assign(p.particle_count(), 2); }), HasSubstr("pinned"));
+    EXPECT_THAT(changed([](P p) {
+                    take_hold(p, {{0}, {glm::dvec3(NAN)}, 1});
+                }),
+                HasSubstr("held is not finite"));
+    State broken = state_at_rest(small_box());
+    broken.displacement[1].x = NAN;
+    EXPECT_THAT(refused(small_box(), "mine", broken), HasSubstr("displacement is not finite"));
     State state = state_at_rest(small_box());
     state.increment.pop_back();
     EXPECT_THAT(refused(small_box(), "mine", state), HasSubstr("increment is not one a particle"));
     EXPECT_THAT(refused(small_box(), "mine", {{{1, 0, 0}}, {}}),
                 HasSubstr("displacement is not one a particle"));
+}
+
+TEST(SceneOf, ABodyOnNoLatticeIsExportedWithoutVoxels) {
+    const Scene scene = scene_of("pair", pair());
+    const State state{{{0, 0, 0}, {0.5, 0, 0}}, {{0, 0, 0}, {0, 0, 0}}};
+    EXPECT_EQ(csv({scene, scene.problem, state, 0, 0, "cpu_reference"}),
+              "x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,velocity_z\n"
+              "0,0,0,0,0,0,0,0,0\n1.5,0,0,0.5,0,0,0,0,0\n");
 }
 
 TEST_F(Corpus, BadDocumentsAreRefusedInOneLine) {

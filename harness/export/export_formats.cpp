@@ -324,22 +324,21 @@ std::string csv(const Snapshot& snapshot) {
     const Problem& problem = snapshot.problem;
     const std::vector<glm::dvec3> position = positions(snapshot);
     const std::vector<glm::dvec3> velocity = velocities(snapshot);
-    std::string text =
-        "voxel_x,voxel_y,voxel_z,x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,"
-        "velocity_z\n";
+    const std::vector<glm::ivec3> voxel = voxels(problem.lattice);  // none of a body on no lattice
+    std::string text = voxel.empty() ? "" : "voxel_x,voxel_y,voxel_z,";
+    text += "x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,velocity_z\n";
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        const glm::ivec3 voxel = problem.lattice.coordinates(problem.lattice.voxel[i]);
-        for (int axis = 0; axis < 3; ++axis) {
-            if (axis > 0) text += ',';
-            append_number(text, voxel[axis]);
+        for (int axis = 0; axis < 3 && !voxel.empty(); ++axis) {
+            append_number(text, voxel[i][axis]);
+            text += ',';
         }
         for (const glm::dvec3& v : {position[i], snapshot.state.displacement[i], velocity[i]}) {
             for (int axis = 0; axis < 3; ++axis) {
-                text += ',';
                 append_number(text, v[axis]);
+                text += ',';
             }
         }
-        text += '\n';
+        text.back() = '\n';
     }
     return text;
 }

@@ -1,12 +1,15 @@
 // A scene of a problem that another program built, which no parser has looked at.
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <functional>
 #include <glm/vec3.hpp>
 #include <stdexcept>
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "backends/physics/neighbours.h"
 #include "harness/base/json.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
@@ -37,6 +40,47 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
     require(lattice.voxel.back() < lattice.voxel_count(), "a voxel is outside of its grid");
 }
 
+/// Backends read the particle beyond every bit without looking whether there is one.
+void check_masks(const Problem& problem) {
+    const Lattice& lattice = problem.lattice;
+    if (lattice.mask.empty()) return;
+    require((problem.group_bits & ~NEIGHBOUR_BITS) == 0, "its group_bits are no neighbour bits");
+    const std::vector<std::uint32_t> particle = particle_of_voxel(lattice);
+    for (std::size_t i = 0; i < lattice.mask.size(); ++i) {
+        const std::uint32_t mask = lattice.mask[i];
+        require((mask & ACTIVE_BIT) != 0, "a mask is without the active bit");
+        require(((mask & PINNED_BIT) != 0) == problem.is_pinned(i),
+                "a mask's pinned bit is not what pinned says (pin())");
+        require((mask & ~(problem.group_bits | ACTIVE_BIT | PINNED_BIT)) == 0,
+                "a mask has a bit outside of its group_bits");
+        const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
+        visit_directions(mask, [&](const Direction& direction) {
+            const glm::ivec3 to = at + direction.offset;
+            const bool is_inside = to.x >= 0 && to.y >= 0 && to.z >= 0 && to.x < lattice.dims.x &&
+                                   to.y < lattice.dims.y && to.z < lattice.dims.z;
+            require(is_inside, "a mask has a neighbour outside of its grid");
+            const std::uint32_t j =
+                particle[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + lattice.stride(direction))];
+            require(j != no_particle, "a mask has a neighbour where there is no particle");
+            require((lattice.mask[j] >> (direction.bit ^ 1) & 1U) != 0,
+                    "a spring is in the mask of one of its ends only");
+        });
+    }
+    for (const Direction& direction : directions()) {
+        if ((problem.group_bits >> direction.bit & 1U) == 0) continue;
+        const double length = problem.rest_length[std::size_t(direction.bit)];
+        require(std::isfinite(length) && length >= 0, "a direction's rest length is negative or not finite");
+        require(problem.has_materials() || is_positive(problem.group_stiffness[std::size_t(direction.group)]),
+                "a spring group's stiffness is not positive");
+    }
+}
+
+bool are_finite(const std::vector<glm::dvec3>& list) {
+    return std::all_of(list.begin(), list.end(), [](const glm::dvec3& v) {
+        return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+    });
+}
+
 void check_tool(const Problem& problem) {
     if (!problem.has_tool()) return;
     const auto& held = problem.tool.particles;
@@ -45,6 +89,7 @@ void check_tool(const Problem& problem) {
     require(held.back() < problem.particle_count(), "its tool holds a particle that it does not have");
     require(problem.tool.held.empty() || problem.tool.held.size() == held.size(),
             "its tool's held is neither empty nor one for each particle that it holds");
+    require(are_finite(problem.tool.held), "its tool's held is not finite");
     require(is_positive(problem.tool.stiffness), "its tool's stiffness is not positive");
     require(problem.load.size() == problem.particle_count(), "it has a tool and no loads (take_hold())");
 }
@@ -72,7 +117,13 @@ void check(const Problem& problem) {
     }
     check_tool(problem);
     require(problem.damping >= 0 && problem.damping < 2, "damping is not in [0, 2)");
+    require(are_finite(problem.rest_position), "a rest position is not finite");
+    require(are_finite(problem.load), "a load is not finite");
+    require(are_finite({problem.gravity}), "gravity is not finite");
+    require(std::all_of(problem.pinned.begin(), problem.pinned.end(), [](std::uint8_t p) { return p <= 1; }),
+            "pinned is neither 0 nor 1");
     check_lattice(problem.lattice, particles);
+    check_masks(problem);
 }
 
 }  // namespace
@@ -94,6 +145,8 @@ Scene scene_of(const std::string& name, Problem problem, State state) {
     };
     require(fits(scene.state.displacement), "displacement is not one a particle");
     require(fits(scene.state.increment), "increment is not one a particle");
+    require(are_finite(scene.state.displacement), "a displacement is not finite");
+    require(are_finite(scene.state.increment), "an increment is not finite");
     return scene;
 }
 
