@@ -79,6 +79,17 @@ TEST(Cuts, ATrianglePatchCutsWithinItsBordersOnly) {
     EXPECT_FALSE(cuts(patch, {1, 0, 0}, {2, 0, 0}));
 }
 
+TEST(Cuts, AParticleInATrianglesPlaneIsOnTheSideOfItsNormal) {
+    // Counter-clockwise as seen from above, so that its normal is +z.
+    const std::array<glm::dvec3, 3> up = {{{-9, -9, 1}, {9, -9, 1}, {0, 9, 1}}};
+    const Shape patch = TrianglePatch{{up}}, turned = TrianglePatch{{{{up[0], up[2], up[1]}}}};
+    EXPECT_TRUE(cuts(patch, {0, 0, 0}, {0, 0, 1}));
+    EXPECT_FALSE(cuts(patch, {0, 0, 1}, {0, 0, 2}));
+    EXPECT_FALSE(cuts(turned, {0, 0, 0}, {0, 0, 1}));
+    EXPECT_TRUE(cuts(turned, {0, 0, 1}, {0, 0, 2}));
+    EXPECT_FALSE(cuts(patch, {0, 0, 1}, {1, 0, 1})) << "within the plane";
+}
+
 TEST(Cuts, NoLineSlipsBetweenTriangles) {
     // A square of two triangles whose common diagonal and borders go through many of the lines.
     for (const double tilt : {0.0, 0.1, 1.0 / 3}) {
@@ -285,6 +296,24 @@ TEST(SpringEditor, AWideSutureReachesBeyondTheLatticeAndOnlyAcrossTheCut) {
     // The faces are 2 and 3 alone.
     EXPECT_EQ(editor.suture(plane, 4).added.size(), 1u);
     expect_same_springs(problem, paper_box({6, 1, 1}));
+}
+
+TEST(SpringEditor, ASutureBeyondTheLatticeIsAsStiffAsTheFirstGroupInUse) {
+    for (const bool faces : {true, false}) {
+        Problem problem = make_lattice_problem(solid({5, 5, 1}), (faces ? FACE_BITS : 0U) | EDGE_BITS);
+        problem.group_stiffness = {2, 3, 5};
+        const std::vector<Pair> far = {{0, 3}}, neighbours = {{0, 1}}, diagonal = {{0, 6}};
+        SpringEditor editor(problem);
+        EXPECT_EQ(editor.suture(far).added.at(0).spring.stiffness, faces ? 2 : 3);
+        // Neighbours of a group that is not in use are as others are.
+        if (!faces) {
+            EXPECT_EQ(editor.suture(neighbours).added.at(0).bit, -1);
+        }
+        editor.cut(diagonal);
+        const SpringEdit restored = editor.suture(diagonal);
+        EXPECT_EQ(restored.added.at(0).spring.stiffness, 3);
+        EXPECT_GE(restored.added.at(0).bit, 0);
+    }
 }
 
 TEST(SpringEditor, ASutureStaysAcrossTheCut) {
