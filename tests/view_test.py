@@ -112,11 +112,12 @@ class View(unittest.TestCase):
         self.folder = pathlib.Path(folder.name)
         self.scene = self.folder / "cube.json"
         self.scene.write_text(json.dumps(SCENE))
+        (self.folder / "saves").mkdir()
         self.display = Display(folder.name)
         self.addCleanup(self.display.close)
 
     def open(self, *arguments, program=VOXSPRING, **environment):
-        window = Window(self.display, program, self.scene, "--save", self.folder / "saved.npz", *arguments, **environment)
+        window = Window(self.display, program, self.scene, "--save", self.folder / "saves" / "saved.npz", *arguments, **environment)
         self.addCleanup(lambda: window.process.poll() is not None or window.close(signal.SIGKILL))
         # A window is black, or white, until its first frame.
         self.wait_until(lambda: not is_body(pixels := self.display.pixels())[0, -1] and is_body(pixels).sum() > 10_000,
@@ -144,7 +145,7 @@ class View(unittest.TestCase):
     def saved(self, window):
         self.display.pointer("key", "w")
         window.hear(r"the state after step \d+ is in .*saved.npz")
-        with numpy.load(self.folder / "saved.npz") as arrays:
+        with numpy.load(self.folder / "saves" / "saved.npz") as arrays:
             return {name: arrays[name] for name in arrays.files}
 
     def assert_closes(self, window):
@@ -203,6 +204,32 @@ class View(unittest.TestCase):
         self.assertEqual(int(self.saved(window)["step"]), 0)
         self.assert_closes(window)
 
+    def test_escape_and_q_close_the_window(self):
+        for key in ("Escape", "q"):
+            with self.subTest(key):
+                window = self.open("--backend", "cpu_parallel")
+                self.display.pointer("key", key)
+                out, errors = window.process.communicate(timeout=PATIENCE)
+                self.assertEqual(window.process.returncode, 0, errors)
+                self.assertRegex(out, r"cube.json: \d+ steps on .*, \d+ frames in")
+
+    def test_a_state_that_cannot_be_written_leaves_the_window(self):
+        window = self.open("--backend", "cpu_parallel", "--steps", "1")
+        # Root writes into a folder that is read-only, and nobody into one that is gone.
+        os.rename(self.folder / "saves", self.folder / "elsewhere")
+        self.display.pointer("key", "w")
+        window.hear(r"step \d+: the state is not saved: .*saved.npz")
+        os.rename(self.folder / "elsewhere", self.folder / "saves")
+        self.saved(window)
+        self.assert_closes(window)
+
+    def test_a_picture_that_takes_long_leaves_time_for_steps(self):
+        window = self.open("--backend", "cpu_parallel", "--seconds", "8")
+        out, errors = window.process.communicate(timeout=PATIENCE)
+        steps, frames = map(int, re.search(r"(\d+) steps on .*, (\d+) frames in", out).groups())
+        # A step of 12^3 takes some 0.1 ms on two cores, a frame 16 at least.
+        self.assertGreater(steps, 10 * frames, errors)
+
     def test_another_backend_goes_on(self):
         window = self.open("--backend", "cpu_parallel")
         self.choose_backend(1)
@@ -238,6 +265,18 @@ class View(unittest.TestCase):
         self.assertGreaterEqual(len(frames), 30)
         self.assertLessEqual(len(frames), 91)
         self.assertTrue(frames[0].read_bytes().startswith(b"\x89PNG"))
+
+    def test_a_film_that_cannot_be_written_leaves_the_window(self):
+        tools = self.folder / "tools"
+        tools.mkdir()
+        (tools / "ffmpeg").write_text("#!/bin/sh\nexit 1\n")
+        (tools / "ffmpeg").chmod(0o755)
+        window = self.open("--backend", "cpu_parallel", "--record", self.folder / "film.mp4", PATH=tools)
+        window.hear("the film has ended: ffmpeg has ended before the film")
+        self.assertGreater(int(self.saved(window)["step"]), 0)
+        code, _, errors = window.close()
+        self.assertEqual(code, 1)
+        self.assertIn("ffmpeg has ended before the film", errors)
 
     def test_without_a_display_it_says_what_to_do(self):
         nowhere = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "harness/export/legend.h"
+#include "harness/window/window.h"
 
 namespace voxspring {
 namespace {
@@ -134,6 +135,10 @@ void take_keys(const std::u32string& typed, Controls& controls, Requests& reques
                 break;
             case U't':
                 controls.tool = HandTool::turn;
+                break;
+            case U'q':
+            case escape_key:
+                requests.close = true;
                 break;
             default:
                 break;

@@ -42,7 +42,7 @@ struct Controls {
 
 /// What was asked for in one frame.
 struct Requests {
-    bool step = false, reset = false, save = false;
+    bool step = false, reset = false, save = false, close = false;
     std::optional<std::string> backend;
     bool shown_changed = false;
 };

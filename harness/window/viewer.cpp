@@ -6,8 +6,11 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <memory>
 #include <optional>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -202,6 +205,7 @@ private:
             follow_pointer(size);
             Requests requests = draw_panel(figures_, backends_, window_.typed(), controls_);
             guarded([&] { answer(requests); });
+            stepping_seconds_ = 0;
             if (!failed_) guarded([&] { advance(requests.step); });
             if (!failed_) guarded([&] { take_displacements(); });
             draw(size);
@@ -209,6 +213,7 @@ private:
             ImGui::EndFrame();
         }
         last_frame_ = seconds_since(work_begin);
+        drawing_seconds_ = 0.8 * drawing_seconds_ + 0.2 * (last_frame_ - stepping_seconds_);
         frame_wall_ = seconds_since(frame_begin);
         figures_.frame_milliseconds.add(1e3 * frame_wall_);
         if (seconds_since(told_) >= range_seconds) tell();
@@ -250,12 +255,19 @@ private:
         }
         if (requests.shown_changed && !failed_) take_shown();
         if (requests.save) save();
+        if (requests.close) window_.close();
     }
 
     void save() {
         if (!failed_) simulation_->keep_state();
         const auto path = options_.save.value_or(figures_.scene + ".npz");
-        simulation_->save(path);
+        try {
+            simulation_->save(path);
+        } catch (const std::exception& error) {
+            // A full disk or a folder that is read-only: the body is still there, and another --save may be.
+            say(fmt::format("the state is not saved: {}", error.what()), true);
+            return;
+        }
         say(fmt::format("the state after step {} is in {}", simulation_->kept_steps(), path.string()));
     }
 
@@ -263,14 +275,20 @@ private:
         if (controls_.paused) return one ? 1 : 0;
         if (!controls_.as_many_as_fit) return controls_.steps_a_frame;
         if (step_seconds_ <= 0) return 1;
-        return int(
-            std::clamp(stepping_share * frame_seconds / step_seconds_, 1.0, double(most_steps_a_frame)));
+        // A picture that takes longer than a frame has, as one that the processor draws, is worth as many
+        // steps as take as long as it does.
+        const double budget = std::max(stepping_share * frame_seconds, drawing_seconds_);
+        return int(std::clamp(budget / step_seconds_, 1.0, double(most_steps_a_frame)));
     }
 
     /// The steps of a frame, the hand going from where it was to where it is meanwhile.
     void advance(bool one) {
         const int steps = steps_of_frame(one);
         if (steps == 0) return;
+        // The picture before is not to be drawn in the time of these steps: where the processor draws it
+        // would take the steps' threads from them, and where a card does, the steps would wait for it.
+        window_.context().make_current();
+        glFinish();
         const auto begin = Clock::now();
         const glm::dvec3 to = hand_.moved().value_or(glm::dvec3(0));
         const int moves = simulation_->holds() ? std::min(steps, moves_a_frame) : 1;
@@ -286,6 +304,7 @@ private:
         tick();
         hand_before_ = simulation_->holds() ? to : glm::dvec3(0);
         const double seconds = seconds_since(begin);
+        stepping_seconds_ = seconds;
         // A mean of some frames: one that was disturbed is not to halve the next one's steps.
         step_seconds_ = step_seconds_ <= 0 ? seconds / steps : 0.8 * step_seconds_ + 0.2 * seconds / steps;
         figures_.steps_a_second.add(steps / std::max(seconds, frame_wall_));
@@ -321,9 +340,20 @@ private:
         }
         window_.draw_panels();
         const double seconds = seconds_since(begin_);
-        if (film_ && film_->wants(seconds)) film_->add(read_pixels(size), seconds);
+        if (film_ && film_->wants(seconds)) record(size, seconds);
         window_.swap();
         ++frames_;
+    }
+
+    /// A film that cannot be written ends; the body goes on.
+    void record(glm::ivec2 size, double seconds) {
+        try {
+            film_->add(read_pixels(size), seconds);
+        } catch (const std::exception& error) {
+            film_failure_ = error.what();
+            film_.reset();
+            say("the film has ended: " + film_failure_, true);
+        }
     }
 
     /// Twice a second: the colours' range, the figures of the run, and now and then a state to go on from.
@@ -353,6 +383,7 @@ private:
         out_ << fmt::format("{}: {} steps on {}, {} frames in {:.1f} s\n", figures_.scene,
                             simulation_->steps(), figures_.backend, frames_, seconds);
         if (film_) out_ << film_->finish() << "\n";
+        if (!film_failure_.empty()) throw std::runtime_error(film_failure_);
     }
 
     const ViewOptions& options_;
@@ -368,9 +399,11 @@ private:
     std::unique_ptr<Feed> feed_;  ///< null: by way of the host
     std::uint64_t springs_version_ = 0, uploads_ = 0;
     std::optional<Film> film_;
+    std::string film_failure_;  ///< empty: none
     bool failed_ = false, was_on_body_ = false;
     glm::dvec3 hand_before_{0};
-    double step_seconds_ = 0, last_frame_ = 0, frame_wall_ = frame_seconds;
+    double step_seconds_ = 0, stepping_seconds_ = 0, drawing_seconds_ = 0, last_frame_ = 0,
+           frame_wall_ = frame_seconds;
     std::int64_t frames_ = 0, told_frames_ = 0;
     Clock::time_point begin_ = Clock::now(), told_ = begin_, kept_ = begin_;
     Activity activity_;

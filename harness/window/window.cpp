@@ -55,6 +55,11 @@ Window::Window(const std::string& title, glm::ivec2 size, bool resizable) {
     glfwSetCharCallback(window_.get(), [](GLFWwindow* window, unsigned character) {
         static_cast<std::u32string*>(glfwGetWindowUserPointer(window))->push_back(char32_t(character));
     });
+    // The escape key is no character.
+    glfwSetKeyCallback(window_.get(), [](GLFWwindow* window, int key, int, int action, int) {
+        if (key == GLFW_KEY_ESCAPE && action == GLFW_PRESS)
+            static_cast<std::u32string*>(glfwGetWindowUserPointer(window))->push_back(escape_key);
+    });
     IMGUI_CHECKVERSION();
     ImGui::CreateContext();
     ImGui::GetIO().IniFilename = nullptr;  // leaves no file behind

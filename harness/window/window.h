@@ -12,6 +12,9 @@ struct GLFWwindow;
 
 namespace voxspring {
 
+/// What Window::typed() has for the escape key.
+inline constexpr char32_t escape_key = 0x1B;
+
 /// One a process, on the process's first thread.
 class Window {
 public:
