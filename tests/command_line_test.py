@@ -131,7 +131,7 @@ class Info(unittest.TestCase):
         program = pathlib.Path(VOXSPRING).read_bytes()
         if b"__asan_init" in program or b"__tsan_init" in program:
             self.skipTest("a sanitizer needs the memory that is taken away")
-        limit = 600 << 20
+        limit = 250 << 20
         ran = subprocess.run([VOXSPRING, "info", "box@200"], capture_output=True, text=True,
                              preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (limit, limit)))
         self.assertEqual(ran.returncode, 1, ran.stderr)
