@@ -255,7 +255,7 @@ CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mai
                            {"routes", to_json(task.routes)},
                            {"segment", mailroom.segment()}},
             .shared = shared,
-            // Of rank 0's the study asks first whether it takes the scene as a whole.
+            // The study first asks rank 0's backend whether it takes the scene as a whole.
             .device = rank == 0 ? task.plan.first_device() : task.plan.device_of(rank)};
 }
 

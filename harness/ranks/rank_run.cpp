@@ -95,7 +95,7 @@ void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& repo
 /// A rank's card as it is after a batch.
 class WatchedCard {
 public:
-    /// Of no card, or of one that cannot be watched, it tells nothing.
+    /// Tells nothing where there is no card of this UUID, or none that can be watched.
     explicit WatchedCard(const std::string& uuid) {
         if (uuid.empty()) return;
         try {

@@ -55,7 +55,7 @@ struct RankReport {
     /// and where borders travel within steps.
     double latency = 0, seconds_per_byte = 0;
     std::string device = {}, uuid = {};  ///< Capabilities of its backend
-    /// Of its card after each batch, as Observed has them; none where the device is no card or is not
+    /// What its card said after each batch, as Observed has it; none where the device is no card or is not
     /// watched. Who else computed on the card may be other ranks, in processes of their own.
     std::vector<unsigned> card_mhz = {}, other_users = {};
 };
