@@ -239,7 +239,7 @@ bool before(const Spring& a, const Spring& b) {
            std::tie(b.first, b.second, b.stiffness, b.rest_length);
 }
 
-/// Of each edit what still applies to `problem` and to what the edits before it left.
+/// What still applies of each edit to `problem` and to what the edits before it left.
 std::vector<ScheduledEdit> still_applying(Problem problem, const std::vector<ScheduledEdit>& edits) {
     SpringEditor editor(problem);
     std::vector<ScheduledEdit> made;
@@ -248,10 +248,10 @@ std::vector<ScheduledEdit> still_applying(Problem problem, const std::vector<Sch
     };
     for (const ScheduledEdit& scheduled : edits) {
         std::vector<std::pair<std::uint32_t, std::uint32_t>> removed;
-        for (const ChangedSpring& changed : scheduled.edit.removed)
+        for (const ChangedSpring& changed : changed_springs(problem, scheduled.edit.removed))
             removed.emplace_back(changed.spring.first, changed.spring.second);
         add(scheduled.step, editor.cut(removed));
-        add(scheduled.step, editor.join(scheduled.edit.added));
+        add(scheduled.step, editor.join(changed_springs(problem, scheduled.edit.added)));
     }
     return made;
 }

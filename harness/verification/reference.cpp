@@ -122,8 +122,8 @@ void add(Hash& hash, const Scene& scene, int steps) {
     for (const ScheduledEdit& scheduled : scene.edits) {
         if (scheduled.step >= steps) break;
         hash.add_number(scheduled.step);
-        for (const auto* springs : {&scheduled.edit.removed, &scheduled.edit.added}) {
-            const std::vector<ChangedSpring> list = changed_springs(problem, *springs);
+        for (const auto* changes : {&scheduled.edit.removed, &scheduled.edit.added}) {
+            const std::vector<ChangedSpring> list = changed_springs(scene.problem, *changes);
             hash.add_number(list.size());
             for (const ChangedSpring& changed : list) {
                 add(hash, changed.spring);
