@@ -64,7 +64,7 @@ struct Capabilities {
     ApiFamily family = ApiFamily::cpu;
     bool is_software = false;  ///< a graphics API that the processor computes
     /// What measure_limits() is of, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".
-    /// Backends of one name share one measurement. Empty: that of its own API and version alone.
+    /// Backends of one name share one measurement. Empty: the measurement is of this API and version alone.
     std::string limits_of = {};
     bool has_borders = false;  ///< Backend::border() gives one
     /// What Backend::device_borders() takes. Empty: borders go through the host's memory alone. Where
@@ -146,9 +146,9 @@ struct SharedParticles {
 /// Most send and receive between steps. Where they travel within steps, each step of a part takes what the
 /// same step of those beside it gave, whatever calls of step() the steps are of.
 ///
-/// Each part is stepped by a thread of its own. The n-th receive() of a part is called after the n-th send()
-/// of those beside it has returned, and their send() n + 2 after it has returned. Either side may be
-/// destroyed first.
+/// Each part is stepped by one thread, which steps no other part. The n-th receive() of a part is called
+/// after the n-th send() of those beside it has returned, and their send() n + 2 after it has returned.
+/// Either side may be destroyed first.
 class DeviceBorders {
 public:
     DeviceBorders() = default;
@@ -156,7 +156,7 @@ public:
     DeviceBorders& operator=(const DeviceBorders&) = delete;
     virtual ~DeviceBorders() = default;
 
-    /// Of all that this part sends in a step.
+    /// Bytes that this part sends in a step.
     virtual std::size_t bytes() const = 0;
     /// To be called once before all else, in every part's thread, with what all parts of the body have in
     /// their order; this one is that of `part`. All are of backends with the same options. Throws
@@ -196,7 +196,7 @@ public:
     virtual void write() = 0;
 };
 
-/// The same displacements, which the device itself puts into host memory.
+/// Displacements of some particles, as for Feed, which the device itself puts into host memory.
 class HostFeed {
 public:
     HostFeed() = default;
@@ -248,8 +248,9 @@ public:
     /// whose kernel was chosen for springs of another kind, may build anew what it keeps of springs.
     virtual void edit(const Problem& edited, const SpringEdit& edit) = 0;
 
-    /// The places of `particles`, ascending; to be used until the next upload(). Null where capabilities()
-    /// say so. Throws Unavailable, with the reason, where it cannot step a part with this border.
+    /// The places of `particles`, ascending; to be used until the next upload(). The result is null where
+    /// capabilities() say so. Throws Unavailable, with the reason, where it cannot step a part with this
+    /// border.
     virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
         return nullptr;
     }
@@ -262,7 +263,7 @@ public:
     }
     /// What fills the OpenGL buffer `buffer` with the displacements of `particles`: x, y, z and 0 in float32,
     /// 16 bytes each, in their order. The buffer's context is current; to be used until the next upload().
-    /// Null where the backend cannot: then download().
+    /// The result is null where the backend cannot: the caller then uses download().
     virtual std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& /*particles*/,
                                        std::uint32_t /*buffer*/) {
         return nullptr;
@@ -295,7 +296,7 @@ public:
     /// Wait for everything enqueued. Late errors surface here.
     virtual void synchronize() = 0;
 
-    /// Synchronize, then copy the state out in canonical order, with an element a particle in both lists.
+    /// Synchronize, then copy the state out in canonical order, with one element per particle in both lists.
     virtual State download() = 0;
 
     /// Advance one step and count what it did, where there is something to count.

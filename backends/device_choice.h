@@ -1,5 +1,5 @@
 // Which graphics card this process measures. CUDA knows; OpenGL and Vulkan follow, so that no table mixes two
-// cards. And which of several a thread takes that steps a part of a body.
+// cards. Where several cards are there, it also says which one a thread takes that steps a part of a body.
 #pragma once
 
 #include <array>

@@ -111,7 +111,7 @@ void DiskCache::make_room() const {
     std::vector<Entry> entries;
     std::uint64_t total = 0;
     for (const fs::directory_entry& found : fs::directory_iterator(folder_)) {
-        // Those of an interrupted keep() as well: NAME.kept.XXXXXX.
+        // Files of an interrupted keep() count as well: NAME.kept.XXXXXX.
         if (!found.is_regular_file() || found.path().filename().string().find(".kept") == std::string::npos)
             continue;
         entries.push_back({found.last_write_time(), found.file_size(), found.path()});

@@ -22,7 +22,7 @@ public:
 
     void add(const void* bytes, std::size_t count);
     void add(std::string_view text);
-    /// Of numbers and of vectors of them: no padding.
+    /// Takes numbers and vectors of them, which have no padding.
     template <class T>
     void add_number(const T& value) {
         add(&value, sizeof value);
@@ -40,7 +40,7 @@ private:
     std::unique_ptr<State> state_;
 };
 
-/// Of the bytes of one text: 32 hexadecimal digits.
+/// The hash of the bytes of one text: 32 hexadecimal digits.
 std::string hash_of(std::string_view text);
 inline constexpr std::size_t hash_digits = 32;
 

@@ -32,7 +32,7 @@ struct DeviceLimits {
     /// Bytes read and written by a pass that reads two arrays and overwrites one, as a step does, each far
     /// larger than any cache.
     double copy_bytes_per_second = 0;
-    /// The same where the arrays lie in the last-level cache; 0 where its size is unknown.
+    /// The rate of that copy where the arrays lie in the last-level cache; 0 where its size is unknown.
     double cached_copy_bytes_per_second = 0;
     double cache_bytes = 0;  ///< size of the last-level cache; 0: unknown
     /// From one empty step to the next, which waits for it: a kernel in a CUDA graph, a draw of one fragment;
@@ -44,26 +44,26 @@ struct DeviceLimits {
     /// which waits for it: through the cache that they share, without a barrier; nothing where there is no
     /// way.
     std::optional<double> exchange_seconds;
-    /// Of independent multiply-adds, each counted as one operation.
+    /// Rate of independent multiply-adds, each counted as one operation.
     double float32_operations_per_second = 0;
     std::optional<double> float64_operations_per_second;
-    /// The same as float32_operations_per_second from a compute shader. There are cards that run fragment
+    /// float32_operations_per_second of a compute shader. There are cards that run fragment
     /// shaders on a few of their processors only.
     std::optional<double> compute_shader_float32_operations_per_second;
 };
 
 /// The least that one step of a strategy on a problem takes, whatever else its program does.
 struct StepWork {
-    /// Of every array that a launch has to read or write, once a launch for either.
+    /// Bytes of every array that a launch has to read or write, once per launch for either.
     std::uint64_t bytes = 0;
     std::uint64_t written_bytes = 0;  ///< of `bytes`
-    /// Of every array that a step has to read or write, once: what a cache would have to hold.
+    /// Bytes of every array that a step has to read or write, once: what a cache would have to hold.
     std::uint64_t footprint_bytes = 0;
     /// Floating-point operations as the source has them: an addition, a multiplication, one of each that
     /// may be fused, a comparison, a root or a division each count as one. Masks and indices do not count.
     std::uint64_t operations = 0;
     int launches = 1;  ///< each of which waits for the one before it
-    /// Of points between blocks of one launch, each of which waits for the one before it.
+    /// Exchanges of points between blocks of one launch, each of which waits for the one before it.
     int exchanges = 0;
 
     /// Adds an array that one launch reads and none writes.
@@ -93,15 +93,15 @@ StepLimit limit_of(const StepWork& work, const DeviceLimits& limits, Precision p
 
 /// How long something is repeated to find its shortest time.
 struct Patience {
-    /// Of a batch: long enough that clocks and launches do not count; so short that, on a processor shared
-    /// with others, some batches are over before another process takes a core.
+    /// Seconds of a batch: long enough that clocks and launches do not count; so short that, on a processor
+    /// shared with others, some batches are over before another process takes a core.
     double long_enough = 2e-3;
     double in_all = 0.05;  ///< seconds of all batches together, at least
     int min_batches = 8;
     int first_count = 1;  ///< repetitions of the first batch
 };
-/// Of one of many measurements, each of a pass over `footprint` bytes: batches begin where none is so short
-/// that a clock or a launch takes most of it.
+/// For one of many measurements, each of a pass over `footprint` bytes: batches begin so long that no clock
+/// or launch takes most of one.
 inline Patience one_of_many(std::size_t footprint) {
     constexpr std::size_t moved_at_first = std::size_t(16) << 20;
     return {.long_enough = 1e-3,

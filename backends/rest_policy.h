@@ -61,7 +61,7 @@ public:
 
     /// Checks begin, or begin again: the caller wakes every tile.
     void begin_checks();
-    /// Of so many tiles so many were active of late.
+    /// Tells that `active` of `tiles` tiles were active of late.
     void decide(std::size_t active, std::size_t tiles);
     /// The number of active tiles is not known yet.
     void go_on() { left_ = parameters_.period; }

@@ -61,8 +61,8 @@ struct Task {
     std::array<T*, 3> increment, increment_low;  ///< changed in place
     std::array<const T*, 3> load;                ///< null: none
     const MaskOf<T>* mask;
-    const T* inverse_mass;                         ///< one a particle; null: all the same
-    const T* compliance;                           ///< one a particle; null: a stiffness a direction
+    const T* inverse_mass;                         ///< one per particle; null: all the same
+    const T* compliance;                           ///< one per particle; null: one stiffness per direction
     std::array<const Opposites<T>*, 2> opposites;  ///< of even and of odd slices
     std::size_t opposites_count;
     std::ptrdiff_t farthest;          ///< the largest of their strides: what no block before has read

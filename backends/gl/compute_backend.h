@@ -35,7 +35,7 @@ protected:
     /// Where the particles of a problem go, and what a step dispatches.
     struct Layout {
         cuda::Placement placement;
-        std::vector<std::uint32_t> bits;  ///< one a particle
+        std::vector<std::uint32_t> bits;  ///< one per particle
         glm::ivec3 groups{0};             ///< of invocations
     };
 

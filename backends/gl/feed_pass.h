@@ -13,7 +13,7 @@ namespace voxspring::gl {
 
 class FeedPass final : public Feed {
 public:
-    /// `buffer`: of 16 bytes a particle, in a context that shares objects with this one. `program`: the
+    /// `buffer`: of 16 bytes per particle, in a context that shares objects with this one. `program`: the
     /// shader, which must outlive this. `bind_state` binds the state as it is then. The context is current.
     FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
              const Program& program, std::function<void()> bind_state);

@@ -12,7 +12,7 @@ namespace voxspring::glsl {
 
 /// Which lists a problem takes.
 struct ListKind {
-    /// Springs that differ within a group have their stiffness and rest length in a list of their own.
+    /// Springs that differ within a group have their stiffness and rest length in the secondary list.
     bool secondary = false;
     /// Springs beyond the lattice have how they lie at rest in another, where the formulation asks.
     bool off_lattice_rest = false;

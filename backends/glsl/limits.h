@@ -34,7 +34,7 @@ struct CopyPass {
 
     int arrays() const { return reads + (writes && !in_place ? 1 : 0); }
     double written_share() const { return writes ? 1.0 / (reads + 1) : 0; }
-    /// Of shaders/limits_copy.comp.
+    /// The constants of shaders/limits_copy.comp.
     Constants constants() const {
         return {{"READS", std::to_string(reads)}, {"WRITES", text(writes)}, {"IN_PLACE", text(in_place)}};
     }

@@ -28,7 +28,7 @@ public:
     std::size_t row() const { return row_; }
     std::size_t slice() const { return slice_; }
     std::size_t places() const { return places_; }
-    /// Of block (x, y, z).
+    /// The place of block (x, y, z).
     std::size_t place(int x, int y, int z) const {
         return std::size_t(x + 1) + std::size_t(y + 1) * row_ + std::size_t(z + 1) * slice_;
     }
@@ -47,7 +47,7 @@ std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
 /// list_blocks(), or nothing where every block of the lattice holds an active voxel: the block's own
 /// coordinates, which CUDA limits along y and z, then give its origin.
 std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape);
-/// Whether a launch can have all blocks, a thread a voxel, without a list.
+/// Whether a launch can have all blocks, with one thread per voxel, without a list.
 bool fits_launch(const Lattice& lattice, BlockShape shape);
 
 /// The kernels' argument, rest lengths squared and pointers null: what is on the device is the caller's to

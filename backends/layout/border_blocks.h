@@ -24,7 +24,7 @@ struct BlockParts {
     }
 };
 
-/// Of list_blocks(). `border`: particles.
+/// The blocks of list_blocks() in two parts. `border`: particles.
 BlockParts<BlockOrigin> part_blocks(const Lattice& lattice, BlockShape shape,
                                     const std::vector<std::uint32_t>& border);
 /// Numbers of blocks of as many as `block` particles in their order, of `particles`.

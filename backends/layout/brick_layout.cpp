@@ -82,7 +82,7 @@ public:
             }
         }
     }
-    /// Of voxels `begin` to `end` (exclusive) of the body.
+    /// How many there are in voxels `begin` to `end` (exclusive) of the body.
     std::uint32_t in(const glm::ivec3& begin, const glm::ivec3& end) const {
         const glm::ivec3 to = glm::min(end, size_ - 1);
         std::uint32_t count = 0;
@@ -171,11 +171,12 @@ int registers_of(const BrickShape& shape, bool with_increments) {
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
-/// Of a poller that keeps its polls, and of one that fetches those of the next turn meanwhile.
+/// Registers of a poller that keeps its polls, and of one that fetches those of the next turn meanwhile.
 constexpr int registers_of_keeper = 56, registers_of_fetcher = 80;
 constexpr int max_threads = 1024;
 
-/// Of a thread of a block that has a multiprocessor to itself. Each of its quarters takes every fourth warp.
+/// Registers of a thread whose block has a multiprocessor to itself. Each quarter of that takes every fourth
+/// warp.
 int registers_at_launch(int threads) {
     return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
 }
@@ -206,7 +207,7 @@ bool dress(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers)
     return false;
 }
 
-/// The same, with the increments in memory where registers have no room for them.
+/// dress() with the increments in memory where registers have no room for them.
 bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool moves_registers) {
     if (dress(plan, polls, registers_of(plan.shape, by_increments(formulation)), moves_registers))
         return true;
@@ -234,8 +235,8 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     // What fetches a point of the frame and publishes one takes its share of all quarters.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
-    // What neighbours send travels while early springs are added; whoever has more to look up than he keeps
-    // in registers looks it up in turns.
+    // What neighbours send travels while early springs are added. A poller with more words to look up than
+    // its registers hold looks them up in turns.
     constexpr double barriers = 0.15e-6, trip = 0.75e-6;
     const int rounds = units_of(int(frame_of(shape)), plan.pollers);
     const double travel = trip * (rounds < kept_polls ? 1 : units_of(rounds, polls_in_turn));

@@ -33,8 +33,8 @@ std::span<const BrickTileSize> brick_tile_sizes();
 struct BrickPlan {
     BrickShape shape{};
     int pollers = 0;
-    /// Of a thread with a tile and of one that polls, if they are moved from the one to the other; 0: all
-    /// have the same.
+    /// Registers of a thread with a tile and of one that polls, if registers are moved between them; 0: all
+    /// threads have the same number.
     int lane_registers = 0, poller_registers = 0;
     bool increments_in_memory = false;  ///< registers have no room for them
     double seconds = 0;                 ///< of a step, as predicted
@@ -92,9 +92,9 @@ private:
     BrickPlan plan_;
     SoaStrides strides_;
     glm::ivec3 dims_, low_{0}, bricks_{1};  ///< of the lattice; of the body; along each axis
-    std::vector<std::uint32_t> voxel_;      ///< one a particle
-    std::vector<std::uint32_t> mask_;       ///< one a voxel
-    std::vector<std::uint32_t> block_at_;   ///< one a brick; resident_none: it has no particle
+    std::vector<std::uint32_t> voxel_;      ///< one per particle
+    std::vector<std::uint32_t> mask_;       ///< one per voxel
+    std::vector<std::uint32_t> block_at_;   ///< one per brick; resident_none: it has no particle
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
     std::array<TileWords, 1U << BrickShape::sides> plain_words_{};  ///< by the sides that springs cross

@@ -32,7 +32,7 @@ int reach_of(const Problem& problem) {
     return reach;
 }
 
-/// Of a voxel, in Lattice::voxel.
+/// The index of a voxel, as Lattice::voxel has it.
 std::uint32_t index_of(glm::ivec3 at, glm::ivec3 dims) {
     return (std::uint32_t(at.z) * std::uint32_t(dims.y) + std::uint32_t(at.y)) * std::uint32_t(dims.x) +
            std::uint32_t(at.x);
@@ -105,7 +105,7 @@ public:
     const std::vector<Brick>& bricks() const { return bricks_; }
     /// Whether each layer of a brick has as many particles as any other: there is one in each voxel.
     bool is_full() const { return is_full_; }
-    /// Of the particles of each brick; of a lattice that is full nothing.
+    /// Voxels of the particles of each brick; empty for a full lattice.
     const std::vector<std::vector<std::uint32_t>>& voxels() const { return voxels_; }
 
 private:

@@ -1,8 +1,8 @@
 // A lattice cut into parts, so that each is stepped somewhere else: on another device, in another process.
 //
-// A subdomain is a problem of its own: the particles that it steps, those of a brick of voxels, and as ghosts
+// A subdomain is a whole problem: the particles that it steps, those of a brick of voxels, and as ghosts
 // those around it that a spring of the lattice may join to one of them. Ghosts are pinned, for their motion
-// comes from the subdomain that steps them: whoever runs one writes their places after every step
+// comes from the subdomain that steps them: what runs a subdomain writes their places after every step
 // (Backend::border()). A tool holds in each subdomain those of its particles that are stepped there.
 // Particles keep their order and their rest positions, so that a backend which sums forces in the order of
 // neighbours.h gives the bits that it gives for the whole.
@@ -74,8 +74,8 @@ public:
     /// How many particles of the subdomain `from` are ghosts of `to` at most, if there were one in each
     /// voxel; 0 of those that no spring may join.
     std::size_t most_sent(int from, int to) const;
-    /// Of the problem that was cut: the particles that the subdomain steps, ascending; and the subdomain
-    /// itself.
+    /// The particles of the problem `problem`, which was cut, that the subdomain steps, ascending; and the
+    /// subdomain itself.
     std::vector<std::uint32_t> own(const Problem& problem, int number) const;
     Subdomain subdomain(const Problem& problem, int number) const;
 

@@ -69,7 +69,7 @@ public:
         *this = grown;
         return true;
     }
-    /// The same for particle i whose rows are `row`, null where it has none, where that takes no more than a
+    /// join() for particle i whose rows are `row`, null where it has none, where that takes no more than a
     /// look at what is in the middle of each. False does not mean that it cannot join.
     bool join_quickly(std::int64_t i, const std::array<const std::uint32_t*, row_count>& row, int x,
                       std::int64_t particles) {
@@ -79,7 +79,7 @@ public:
             if (row[r] == nullptr ? !within(middle, particles) : std::int64_t(row[r][x]) != middle)
                 return false;
         }
-        // A gap in any row is a list of its own from here on.
+        // From here on a gap in any row starts a list.
         gap_known_ = (1U << row_count) - 1;
         return true;
     }

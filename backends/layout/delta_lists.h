@@ -14,7 +14,7 @@
 
 namespace voxspring::cuda {
 
-/// One word a particle, with a guard on either side for the neighbours of the first and the last.
+/// One word per particle, with a guard on either side for the neighbours of the first and the last.
 Placement place_guarded(const Problem& problem);
 
 /// Where the lattice neighbours of every particle are.

@@ -23,7 +23,7 @@ public:
     const Lattice& lattice() const { return *lattice_; }
     int width() const { return width_; }
     int count() const { return count_; }  ///< in a row
-    /// Those of a row of the lattice.
+    /// The cells of a row of the lattice.
     const std::uint8_t* row(int y, int z) const { return &cells_[row_number(y, z) * std::size_t(count_)]; }
     /// The first particle of a row or of one after it; rows end where the next begins.
     std::size_t first_particle(int y, int z) const { return begin_[row_number(y, z)]; }

@@ -12,7 +12,7 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int quarters = 4;  // of a multiprocessor, each with a scheduler of its own
+constexpr int quarters = 4;  // of a multiprocessor, each with one scheduler
 
 // The constants of the model, fitted to the times of one NVIDIA H200 that march_cost_test.cpp has beside the
 // predictions. All but the launch are in cycles, so that they hold for a card with other clocks.
@@ -53,17 +53,17 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     return rates;
 }
 
-/// Of a row of 16 lanes the two halves of a warp read rows that share banks.
+/// Cost of rows of 16 lanes: the two halves of a warp then read rows that share banks.
 constexpr double narrow_share = 1.1;
-/// Of warps that have fewer than the 96 registers that float32 takes, some of whose values are spilled.
+/// Cost of threads with fewer than the 96 registers that float32 takes, some of whose values are spilled.
 constexpr double spilled_share = 1.35;
 constexpr int registers = 65536, unspilled_registers = 96;  // of a multiprocessor, of a thread
 
 }  // namespace
 
 const std::vector<MarchTile>& march_tiles(Precision precision) {
-    // Two rows a thread evaluate 13.5 springs a particle, one row 15.5: in float64 all that registers have
-    // room for.
+    // Two rows per thread evaluate 13.5 springs per particle, one row 15.5. In float64 registers have room
+    // for one row alone.
     static const std::vector<MarchTile> of_float32 = {
         {"128x20", {2, 32, 2, 10, 4, 2}, 1}, {"64x16", {2, 32, 1, 8, 4, 3}, 2},
         {"64x8", {2, 32, 1, 4, 3, 2}, 5},    {"32x20", {2, 16, 1, 5, 3, 2}, 4},

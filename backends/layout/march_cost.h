@@ -61,9 +61,10 @@ public:
     /// Blocks that run at once.
     int slots() const { return resident_ * device_.multiprocessors; }
     int resident() const { return resident_; }
-    /// Of a block of a launch of `items`, before its first plane.
+    /// Seconds that a block of a launch of `items` takes before its first plane.
     double start_seconds(std::size_t items) const;
-    /// Of a plane of each of `count` blocks that share a multiprocessor, whose warps take `cycles` together.
+    /// Seconds of one plane of each of `count` blocks that share a multiprocessor, whose warps take `cycles`
+    /// together.
     double plane_seconds(double cycles, int count) const;
     /// Seconds from the first to the last instruction of a launch of `loads` in that order: a block goes to
     /// the emptiest multiprocessor as soon as one has room.

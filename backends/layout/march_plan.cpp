@@ -52,7 +52,7 @@ public:
         }
     }
 
-    /// Of a particle whose neighbours are `mask`, in the word of its own plane and in that of the next.
+    /// Bits of a particle whose neighbours are `mask`, in the word of its plane and in that of the next one.
     std::uint64_t own(int r, int c, std::uint32_t mask) const { return of(1, r, c, mask); }
     std::uint64_t next(int r, int c, std::uint32_t mask) const {
         std::uint64_t word = of(0, r, c, mask) | std::uint64_t(1) << stored(r);
@@ -182,7 +182,7 @@ void visit_parts(const Run& run, int most, Visit visit) {
                   run.begin + run.length() * (part + 1) / count});
 }
 
-/// How many planes an item should have at most.
+/// The largest number of planes that an item should have.
 int best_length(const std::vector<Run>& runs, int slots) {
     int longest = 1;
     for (const Run& run : runs) longest = std::max(longest, run.length());
@@ -255,7 +255,7 @@ private:
         seconds_ = cost_.step_seconds(loads, bytes, state);
     }
 
-    /// Of the springs of a plane: the first of the lattice has those within it alone.
+    /// Share of a plane's springs that plane z has: the first of the lattice has those within it alone.
     static double springs_of(int z) { return z == 0 ? 0.5 : 1; }
     /// Cycles of all warps as plane z arrives, those of `full` without masks.
     double count_cycles(int column, int z, std::uint32_t full) const {
@@ -278,7 +278,7 @@ private:
         return load;
     }
 
-    /// Of the columns to the left and right, in front and behind, those with an item at this one's height.
+    /// How many of the columns to the left and right, in front and behind have an item at this one's height.
     int neighbours_in_step(const Run& item) const {
         const int across = units_of(lattice_->dims.x, columns_.shape().width());
         const int x = item.column % across;

@@ -7,7 +7,8 @@
 
 namespace voxspring::cuda {
 
-/// Of particles in structure of arrays without masks, most springs evaluated once for both of their ends.
+/// The work of a step on particles in structure of arrays without masks, with most springs evaluated once for
+/// both of their ends.
 template <class Real>
 StepWork march_work(const Problem& problem, Formulation formulation);
 

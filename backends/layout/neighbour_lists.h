@@ -20,9 +20,9 @@ struct NeighbourLists {
     ListShape shape;
     std::vector<std::uint32_t> neighbour;
     std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without
-    /// Of springs beyond the lattice, by displacements; empty if there are none.
+    /// How springs beyond the lattice lie at rest, by displacements; empty if there are none.
     std::vector<SpringRest<Real>> off_lattice_rest;
-    std::vector<std::uint32_t> bits;            ///< one a particle: counters, active and pinned
+    std::vector<std::uint32_t> bits;            ///< one per particle: counters, active and pinned
     std::array<std::uint32_t, 3> first_slot{};  ///< of each group, without the secondary list
 };
 
@@ -35,8 +35,8 @@ std::uint32_t slots_by_springs(const Problem& problem);
 /// A counter a spring group and no secondary list, for a problem that is not beyond_groups().
 template <class Real>
 NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
-/// One counter, stiffness and rest length a spring, for any problem. A particle's lattice springs come first,
-/// in the order of directions(), then those beyond the lattice in theirs.
+/// One counter per particle, and one stiffness and rest length per spring, for any problem. A particle's
+/// lattice springs come first, in the order of directions(), then those beyond the lattice in theirs.
 template <class Real>
 NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
 

@@ -25,9 +25,10 @@ struct Placement {
     }
 };
 
-/// One word a voxel, with enough guard words on either side that the 26 neighbours of every voxel are words.
+/// One word per voxel, with enough guard words on either side that the 26 neighbours of every voxel are
+/// words.
 Placement place_on_grid(const Lattice& lattice);
-/// One word a particle.
+/// One word per particle.
 Placement place_compact(const Problem& problem);
 
 /// The state of every particle in its word, as a formulation has it (formulation.h); words without a particle
@@ -42,7 +43,7 @@ struct PackedState {
 };
 /// Axes of increments begin on a cache line.
 std::size_t increment_pitch(const Placement& placement);
-/// `bits`: one a particle.
+/// `bits`: one per particle.
 template <class Real>
 PackedState<Real> pack(const Problem& problem, const State& state, const Placement& placement,
                        std::span<const std::uint32_t> bits, Formulation formulation);

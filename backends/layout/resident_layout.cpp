@@ -276,7 +276,7 @@ private:
                 out_.published[b * std::size_t(out_.lanes) + lane] = published_[i];
             }
         }
-        // A neighbour sends what is reached of its own: no word is for nothing.
+        // A neighbour sends only those of its particles that are reached: no word is unused.
         for (const std::uint32_t ghost : problem_.ghosts) {
             if (is_reached[ghost] != 0) published_[ghost] = out_.published_count++;
             out_.ghost_word.push_back(published_[ghost]);

@@ -39,7 +39,7 @@ struct ResidentLayout {
     std::vector<std::uint16_t> neighbour_slot;  ///< ResidentStep::slot if no spring were missing
     std::vector<std::uint8_t> border;
     std::vector<std::uint32_t> lane;  ///< of each particle; resident_none: a ghost
-    /// Of each of Problem::ghosts: where in the exchange the part that steps it puts its point, behind what
+    /// For each of Problem::ghosts: where in the exchange the part that steps it puts its point, behind what
     /// blocks of this part publish; or resident_none where no block reaches it.
     std::vector<std::uint32_t> ghost_word;
 
@@ -47,11 +47,11 @@ struct ResidentLayout {
     bool operator==(const ResidentLayout&) const = default;
 };
 
-/// `problem` has a lattice, a particle of its own at least, and no springs beyond the lattice; masks are not
-/// asked. Ghosts have no lane: blocks poll their points as they do those of other blocks. At most `blocks`
-/// blocks. `overlap`: springs within a block are added while points from beyond its border are on their way,
-/// where a whole warp can. `automatic` takes rows where they waste no more than a tenth of their lanes and a
-/// block can hold its share.
+/// `problem` has a lattice, at least one particle that is no ghost, and no springs beyond the lattice; masks
+/// are not asked. Ghosts have no lane: blocks poll their points as they do those of other blocks. At most
+/// `blocks` blocks. `overlap`: springs within a block are added while points from beyond its border are on
+/// their way, where a whole warp can. `automatic` takes rows where they waste no more than a tenth of their
+/// lanes and a block can hold its share.
 ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
                                 bool overlap);
 

@@ -22,7 +22,7 @@ template <class Real>
 struct SpringArrays {
     std::vector<SpringEnds> ends;
     std::vector<SpringConstants<Real>> constants;
-    /// Of springs beyond the lattice, by displacements; empty if there are none.
+    /// How springs beyond the lattice lie at rest, by displacements; empty if there are none.
     std::vector<SpringRest<Real>> off_lattice_rest;
     /// Where the springs of each odd mask bit begin; at the end, where those beyond the lattice do.
     std::array<std::size_t, neighbour_count + 1> begin{};

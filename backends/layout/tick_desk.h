@@ -23,7 +23,7 @@ public:
 
     /// Orders `steps` steps, one at least, with the tool there.
     void order(Vector<float> moved, std::uint32_t steps);
-    /// The latest order once more, in a tick of its own: the kernel has ended and had not taken it.
+    /// Repeats the latest order in a new tick: the kernel had ended without taking it.
     void order_again();
     /// Orders the kernel to store the state and to end. There will be no answer; the next order waits for the
     /// end.

@@ -22,7 +22,7 @@ std::uint64_t pull_operations(const Direction& direction, Formulation formulatio
     return operations;
 }
 
-/// Of a spring beyond the lattice, which may lie along no axis.
+/// The direction of a spring beyond the lattice, which may lie along no axis.
 const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::corner};
 
 /// fast_series_stiffness(), the sum of its arguments included, and the density's multiplication by it.

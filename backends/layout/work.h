@@ -35,11 +35,12 @@ StepWork motion_work(const Problem& problem, Formulation formulation);
 template <class Real>
 std::uint64_t pull_operations(const Problem& problem, Formulation formulation);
 
-/// Of particles by grid offset. Words of inactive voxels do not count, nor neighbours a second time.
+/// The work of a step on particles by grid offset. Words of inactive voxels do not count, nor neighbours a
+/// second time.
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation);
 
-/// Of particles by list, with or without the secondary list. Unused slots do not count.
+/// The work of a step on particles by list, with or without the secondary list. Unused slots do not count.
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);
 

@@ -134,13 +134,13 @@ public:
     /// Joins pairs of different particles; those that are joined stay as they are.
     ///
     /// The spring is at rest where the particles are. Between neighbours of a direction in use, and without a
-    /// stiffness of its own, it is the lattice's; else it is one of Problem::springs, by default as stiff
+    /// given stiffness, it is the lattice's; else it is one of Problem::springs, by default as stiff
     /// as a lattice spring of the first group between the two materials.
     SpringEdit suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
                       std::optional<double> stiffness = {});
 
-    /// Adds springs that another edit of the same particles removed or added, each as it was, but for those
-    /// whose particles a spring joins: undoes a cut, or makes a suture once more.
+    /// Adds springs that another edit of the same particles removed or added, each as it was. Those whose
+    /// particles a spring joins already are left out. Undoes a cut, or repeats a suture.
     SpringEdit join(std::span<const ChangedSpring> springs);
 
     /// Makes an edit of which the difference was kept. The problem is as it was before that edit.
@@ -161,9 +161,9 @@ private:
     bool has_spring(std::uint32_t particle, const Direction& direction) const {
         return (problem_.lattice.mask[particle] >> direction.bit & 1U) != 0;
     }
-    /// Of the lattice, between `first` and `second`, which lies along `direction` from it.
+    /// The spring of the lattice between `first` and `second`, which lies along `direction` from it.
     Spring lattice_spring(std::uint32_t first, std::uint32_t second, const Direction& direction) const;
-    /// Of `pairs`, ascending and each with its smaller particle first, those that no spring joins remain.
+    /// Leaves in `pairs`, ascending and each with its smaller particle first, those that no spring joins.
     void leave_out_joined(std::vector<std::pair<std::uint32_t, std::uint32_t>>& pairs) const;
     /// Applies the edit to the problem and completes it with what its particles have then.
     void finish(SpringEdit& edit);

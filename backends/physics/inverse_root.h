@@ -173,7 +173,7 @@ unit_strain_density(Real squared, Real rest_length, Real deficit) {
     return density;
 }
 
-/// The same with one Newton step on the root and on the reciprocal.
+/// unit_strain_density() with one Newton step on the root and on the reciprocal.
 SHARED_SCALAR(Real)
 refined_strain_density(Real squared, Real rest_length, Real deficit) {
     PRECISE Real inverse = inverse_root(squared);

@@ -42,7 +42,7 @@
 #define LISTED_INDEX 0x07FFFFFFu
 // An unused slot, which names the particle itself.
 #define NO_DIRECTION 26u
-// Not a lattice neighbour: the spring has a rest offset of its own.
+// Not a lattice neighbour: a list has the rest offset of this spring.
 #define OWN_DIRECTION 31u
 
 #endif

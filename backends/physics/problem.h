@@ -27,7 +27,7 @@ struct Direction {
 const std::array<Direction, neighbour_count>& directions();
 
 /// What a particle is made of. `stiffness` of a spring between two materials is that of two half
-/// springs in series (spring.h); `stiffness` is unused where the problem has one a group.
+/// springs in series (spring.h); `stiffness` is unused where the problem has one per spring group.
 struct Material {
     double mass = 1;       ///< of one particle
     double stiffness = 1;  ///< force per length
@@ -78,14 +78,15 @@ struct Tool {
 /// voxels only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip
 /// what they stand for.
 struct Problem {
-    std::vector<glm::dvec3> rest_position;  ///< one a particle
+    std::vector<glm::dvec3> rest_position;  ///< one per particle
     std::vector<Material> materials{1};     ///< at least one
-    std::vector<std::uint8_t> material;  ///< one a particle, index into `materials`; empty: all materials[0]
-    std::vector<std::uint8_t> pinned;    ///< one a particle, 1 = does not move; empty: none
-    /// Of a part of a body (layout/decomposition.h): the particles that another part steps, ascending. They
+    std::vector<std::uint8_t>
+        material;                      ///< one per particle, index into `materials`; empty: all materials[0]
+    std::vector<std::uint8_t> pinned;  ///< one per particle, 1 = does not move; empty: none
+    /// Ghost particles of a part of a body (layout/decomposition.h): another part steps them. Ascending; they
     /// are pinned.
     std::vector<std::uint32_t> ghosts;
-    std::vector<glm::dvec3> load;  ///< one a particle, constant force; empty: none
+    std::vector<glm::dvec3> load;  ///< one per particle, constant force; empty: none
     Tool tool;                     ///< one that holds particles comes with loads, see take_hold()
 
     Lattice lattice;
@@ -141,7 +142,7 @@ SpringCounts count_springs(const Problem& problem);
 
 /// Every spring once: those of the lattice by `first`, then by direction; then those beyond it.
 std::vector<Spring> list_springs(const Problem& problem);
-/// The same springs at rest, in that order; those of the lattice as their direction has them.
+/// The springs of list_springs() at rest, in that order; those of the lattice as their direction has them.
 std::vector<RestSpring> list_rest_springs(const Problem& problem);
 
 /// For each voxel the particle in it, or `no_particle`.
@@ -171,14 +172,14 @@ public:
     void of(std::size_t i, Visit visit) const {
         visit_neighbours(i, later_bits, visit);
     }
-    /// The same for each neighbour j of particle i, in the order of neighbours.h.
+    /// Visits each neighbour j of particle i, in the order of neighbours.h.
     template <class Visit>
     void all_of(std::size_t i, Visit visit) const {
         visit_neighbours(i, all_bits, visit);
     }
 
 private:
-    // Of neighbours.h: all, and the odd ones.
+    // Bits of neighbours.h: all, and the odd ones.
     static constexpr std::uint32_t all_bits = 0x03FFFFFF, later_bits = 0x02AAAAAA;
 
     template <class Visit>
@@ -210,11 +211,11 @@ struct State {
     glm::dvec3 increment_of(std::size_t particle) const {
         return increment.empty() ? glm::dvec3(0) : increment[particle];
     }
-    /// The same state of `particles`, with an element a particle in both lists.
+    /// This state of `particles`, with one element per particle in both lists.
     State in_full(std::size_t particles) const;
 };
 
-/// All particles at their rest position and at rest, with an element a particle in both lists.
+/// All particles at their rest position and at rest, with one element per particle in both lists.
 State state_at_rest(const Problem& problem);
 
 /// What make_lattice_problem builds a problem from: labels of a voxel grid and spring groups.
@@ -230,7 +231,7 @@ struct VoxelGrid {
 /// pin() keeps masks and list in step.
 Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits);
 
-/// Pin the particles for which `pinned` (one a particle) is not zero.
+/// Pin the particles for which `pinned` (one per particle) is not zero.
 void pin(Problem& problem, std::vector<std::uint8_t> pinned);
 
 /// Gives the problem a tool, and loads of zero where it has none: a step adds the tool's forces to those, so

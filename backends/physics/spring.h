@@ -28,8 +28,8 @@ spring_force(Vec3 offset, Real rest_length, Real stiffness, Real shortest_square
     return force;
 }
 
-/// The same density of a spring whose ends are `relative` = u_i - u_j further apart than at rest, where they
-/// were `rest_offset` = X_i - X_j apart: d = rest_offset + relative. With `rest_deficit` = l^2 - |X_i -
+/// The strain density of a spring whose ends are `relative` = u_i - u_j further apart than at rest, where
+/// they were `rest_offset` = X_i - X_j apart: d = rest_offset + relative. With `rest_deficit` = l^2 - |X_i -
 /// X_j|^2, zero where rest is free of stress, l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset +
 /// relative) and l - |d| = (l^2 - |d|^2) / (l + |d|): no difference of nearly equal lengths is left. Zero to
 /// the bit at rest.

@@ -8,8 +8,9 @@
 
 namespace voxspring::cuda {
 
-/// A block has wx x wy x wz threads, and a thread a tile of tx x ty x tz particles. X, Y, Z are coordinates
-/// in the brick, i, j, k those in a tile; -1 and what follows the last are in the frame around them.
+/// A block has wx x wy x wz threads. Each thread has one tile of tx x ty x tz particles. X, Y, Z are
+/// coordinates in the brick, i, j, k those in a tile; -1 and what follows the last are in the frame around
+/// them.
 struct BrickShape {
     int tx, ty, tz;
     int wx, wy, wz;
@@ -45,11 +46,11 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int shared_words() const { return guard + 2 * half(); }
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes() const { return int(sizeof(float)) * shared_words(); }
 
-    /// Of particle (i, Y, Z) of the tile at `tile_x`, in the first half and axis.
+    /// The slot of particle (i, Y, Z) of the tile at `tile_x`, in the first half and axis.
     VOXSPRING_HOST_DEVICE constexpr int slot(int tile_x, int i, int Y, int Z) const {
         return guard + (Z + 1) * plane() + (Y + 1) * pitch() + column(i) + tile_x;
     }
-    /// Of point (X, Y, Z), the frame included.
+    /// The slot of point (X, Y, Z), the frame included.
     VOXSPRING_HOST_DEVICE constexpr int slot_of(int X, int Y, int Z) const {
         if (X < 0) return slot(0, -1, Y, Z);
         if (X == nx()) return slot(wx - 1, tx, Y, Z);
@@ -63,7 +64,7 @@ struct BrickShape {
     }
     static constexpr std::uint32_t sides = 4;  ///< of those
 
-    /// Of a tile's particles.
+    /// The number of a particle in its tile.
     VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) const { return (k * ty + j) * tx + i; }
     bool operator==(const BrickShape&) const = default;
 };
@@ -89,7 +90,7 @@ struct TilePlace {
     std::uint32_t published;  ///< a bit for each particle at the border of the brick
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
-        // Rows of tiles follow each other along z: what keeps their banks apart is a few words a plane.
+        // Rows of tiles follow each other along z: a few more words per plane keep their banks apart.
         const int tile_x = thread % shape.wx, tile_z = thread / shape.wx % shape.wz,
                   tile_y = thread / (shape.wx * shape.wz);
         const bool turned_y = is_mirrored(tile_y, shape.wy, (block.sides & brick_low_y) != 0),

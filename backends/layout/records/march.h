@@ -33,7 +33,7 @@ struct MarchShape {
     static VOXSPRING_HOST_DEVICE constexpr int margin(int real) { return 16 / real; }
     VOXSPRING_HOST_DEVICE constexpr int pitch(int real) const { return width() + 2 * margin(real); }
     VOXSPRING_HOST_DEVICE constexpr int axis(int real) const { return pitch(real) * (height() + 2); }
-    /// Of the particle that a thread begins at.
+    /// The element of the particle that a thread begins at.
     VOXSPRING_HOST_DEVICE constexpr int own(int number, int real) const {
         return (row(number) + 1) * pitch(real) + column(number) + margin(real);
     }
@@ -61,7 +61,7 @@ struct MarchShape {
 struct alignas(16) MarchItem {
     int x, y, begin, end;
     /// Where its words begin, of use unless all of its warps have full stencils: for each plane from `begin`
-    /// to `end` (inclusive) one a thread, as PlaneMask has it.
+    /// to `end` (inclusive) one word per thread, as PlaneMask has it.
     std::size_t words;
     /// A bit for each warp all of whose particles exist, move and have every spring, but for those to beyond
     /// the first and last column and plane of the lattice.
@@ -88,7 +88,8 @@ struct MarchStep {
     Vector<Real> spacing;
     Real rest_length[spring_classes];  ///< by increments; else 1 / rest length, as inverse_root() has it
     Real deficit[spring_classes];      ///< RestSpring::deficit
-    /// Of each class, in units of the one that all edge springs have if they are alike (EQUAL_EDGES).
+    /// Stiffness of each class, in units of the one that all edge springs have if they are alike
+    /// (EQUAL_EDGES).
     Real stiffness[spring_classes];
     Real scale;            ///< that unit times dt^2 / mass
     Vector<Real> gravity;  ///< times dt^2
@@ -123,8 +124,8 @@ struct PlaneMask {
 /// Every spring that a thread evaluates when a plane arrives, each with its bit. Particles are named by plane
 /// (1: the one that arrived, 0: the one before), row and column; own ones are rows 0 to rows - 1 of columns 0
 /// and 1. visit.both(bit, ...) is a spring between two of them, visit.half(bit, ...) one to a neighbour,
-/// which that one's own thread evaluates too. 13.5 a particle with two rows, where one by one it were 18.
-/// Without `vertical`, those within the plane alone.
+/// which the neighbour's thread evaluates too. With two rows that makes 13.5 per particle; one by one it
+/// would be 18. Without `vertical`, those within the plane alone.
 template <int rows, bool vertical, class Visit>
 VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
     int bit = 0;

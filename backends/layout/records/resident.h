@@ -64,8 +64,8 @@ struct ResidentStep : ImplicitStep<float> {
     const std::uint32_t* published;  ///< index in `exchange`, for particles that other blocks reach
     const std::uint16_t* own_slot;
     const std::uint16_t* slot;   ///< of the neighbour of each mask bit, `lane_count` apart; absent: its own
-    const std::uint8_t* border;  ///< kind of border and how it is mirrored, one a warp
-    // One a poll, poller_rounds x blocks x pollers:
+    const std::uint8_t* border;  ///< kind of border and how it is mirrored, one per warp
+    // One per poll, poller_rounds x blocks x pollers:
     const std::uint32_t* polled;       ///< index in `exchange`
     const std::uint32_t* polled_word;  ///< word of that particle
     const std::uint16_t* polled_slot;
@@ -81,7 +81,7 @@ struct ResidentStep : ImplicitStep<float> {
 /// host moves while the launch goes on, between the ticks that it orders.
 enum class ToolMode : std::uint8_t { none, launch, ticks };
 
-/// The same where a tool holds particles.
+/// A ResidentStep where a tool holds particles.
 struct HeldResidentStep : ResidentStep {
     const std::uint32_t* held_by_lane;  ///< each lane's particle in `held`, or resident_none
     const HeldWord<float>* held;
