@@ -11,7 +11,11 @@ int main() {
     const auto mpi = voxspring::OpenMpi::join();
     if (mpi == nullptr) return 1;
     for (int other = 0; other < mpi->ranks(); ++other) {
-        if (other != mpi->rank()) mpi->send_json(other, tag, {{"from", mpi->rank()}, {"text", text}});
+        if (other == mpi->rank()) continue;
+        nlohmann::json message;
+        message["from"] = mpi->rank();
+        message["text"] = text;
+        mpi->send_json(other, tag, message);
     }
     for (int heard = 1; heard < mpi->ranks() || !mpi->has_sent_all();) {
         const auto message = mpi->arrived(tag);
@@ -21,7 +25,8 @@ int main() {
         }
         ++heard;
         const nlohmann::json said = mpi->receive_json(*message, tag);
-        if (said.at("from") != message->from || said.at("text") != text) return 1;
+        if (said.at("from").get<int>() != message->from || said.at("text").get<std::string>() != text)
+            return 1;
     }
     return 0;
 }

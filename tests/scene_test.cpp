@@ -691,8 +691,9 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
               (std::vector<std::string>{"the body has 3 parts: 12, 3 and 1 particles"}));
     EXPECT_TRUE(parts_of(nothing_pinned.problem).loose().empty());
 
-    const VolumeOptions options{
-        .labels = {}, .threshold = {}, .spacing = {}, .gravity = glm::dvec3(0), .parts = PartsToKeep{}};
+    VolumeOptions options;
+    options.gravity = glm::dvec3(0);
+    options.parts = PartsToKeep{};
     EXPECT_EQ(load_scene((folder.path() / "v.nrrd").string(), options, small).problem.particle_count(), 12u);
 }
 
@@ -783,9 +784,9 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
     }
     // Where voxels are no cubes, gravity is the same in voxels of its axis.
     EXPECT_EQ(bar({0.5F, 0.5F, 2}).problem.gravity, unit.problem.gravity * glm::dvec3(0.5, 0.5, 2));
-    const Scene chosen =
-        bar({0.5F, 0.5F, 2},
-            {.labels = {}, .threshold = {}, .spacing = {}, .gravity = glm::dvec3(0, 1, 0), .parts = {}});
+    VolumeOptions upwards;
+    upwards.gravity = glm::dvec3(0, 1, 0);
+    const Scene chosen = bar({0.5F, 0.5F, 2}, upwards);
     EXPECT_EQ(chosen.problem.gravity, glm::dvec3(0, 1, 0));
     EXPECT_TRUE(chosen.notes.empty());
 }
