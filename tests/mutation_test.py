@@ -100,7 +100,7 @@ MUTATIONS = [
     ("loads are another particle's", MOTION, "force + motion.load[index]", "force + motion.load[index / 2]"),
     ("masses on the card are all the first's", PARTICLES, "inverse[placement.at(i)] = Real(1 / problem.material_of(i).mass)",
      "inverse[placement.at(i)] = Real(1 / problem.materials[0].mass)"),
-    ("x(t - dt) is x(t)", PARTICLES, "{vector_of<Real>(point - state.increment_of(i)), bits[i]}", "{vector_of<Real>(point), bits[i]}"),
+    ("x(t - dt) is x(t)", PARTICLES, "{vector_of<Real>(point - state.increment_of(i)), word_bits}", "{vector_of<Real>(point), word_bits}"),
     ("lists hold every stiffness as 1", LISTS, "lists.constants[at] = {Real(stiffness), rest_length};", "lists.constants[at] = {Real(1), rest_length};"),
     ("a list starts a particle late", DELTAS, "starts |= 1U << i % slice_particles", "starts |= 2U << i % slice_particles"),
     ("loads act along x alone", STATE, "problem.load.empty() ? 0 : problem.load[particle][a]", "problem.load.empty() || a > 0 ? 0 : problem.load[particle][a]"),

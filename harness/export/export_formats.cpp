@@ -1,6 +1,7 @@
 #include "harness/export/export_formats.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <minizip/zip.h>
 
 #include <algorithm>
