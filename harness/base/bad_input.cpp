@@ -7,7 +7,7 @@
 namespace voxspring {
 namespace {
 
-/// `text` without control characters and, beyond `longest` bytes, without its end.
+/// `text` without control characters, cut after `longest` bytes.
 std::string printable(std::string_view text, std::size_t longest) {
     std::string out;
     for (const char c : text) {

@@ -1,4 +1,4 @@
-// What a user wrote cannot be used: the one exception that becomes exit code 2.
+// BadInput: what a user wrote cannot be used. It is the one exception that becomes exit code 2.
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,7 @@
 
 namespace voxspring {
 
-/// In the place of a value that is not there.
+/// Stands for a value that is missing.
 struct Missing {};
 inline constexpr Missing missing;
 
@@ -19,11 +19,11 @@ public:
     /// `file` is the file or argument that was read, `key` the place in it (empty: all of it), `value` what
     /// stands there, `accepted` what would have been accepted.
     BadInput(std::string_view file, std::string_view key, std::string_view value, std::string_view accepted);
-    /// `key` is not there.
+    /// For a `key` that is missing.
     BadInput(std::string_view file, std::string_view key, Missing, std::string_view accepted);
 };
 
-/// Nothing is wrong with it but that this machine has too little memory for it.
+/// The input is valid, but this machine has too little memory for it.
 class TooLarge : public BadInput {
     using BadInput::BadInput;
 };

@@ -1,12 +1,13 @@
-// Which program this is.
+// Identifies the program that runs.
 #pragma once
 
 #include <string>
 
 namespace voxspring {
 
-/// The hash of the executable's file: another compiler, other flags or another line of code give another one.
-/// A commit may have been built in two ways, and a tree may differ from its commit. Read once a process.
+/// The hash of the executable's file. It changes with the compiler, the flags and every line of code, while
+/// one commit may be built in two ways, and a tree may differ from its commit. The file is read once per
+/// process.
 const std::string& fingerprint_of_executable();
 
 }  // namespace voxspring

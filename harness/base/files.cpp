@@ -18,11 +18,12 @@
 namespace voxspring {
 namespace {
 
-// The temporary file that is being written, for a signal's handler, which may not touch a std::string.
+// The temporary file that is being written. A signal's handler removes it, and may not touch a std::string.
 char unfinished_file[PATH_MAX];
 volatile std::sig_atomic_t unfinished_file_is_known = 0;
 
-/// As long as it lives, remove_unfinished_file() removes that file. A longer path is not known to it.
+/// While this object lives, remove_unfinished_file() removes the file. A path longer than PATH_MAX is not
+/// removed.
 class Unfinished {
 public:
     explicit Unfinished(const std::string& path) {
@@ -36,7 +37,7 @@ public:
     ~Unfinished() { unfinished_file_is_known = 0; }
 };
 
-/// Of a file that is not there: no other process takes this one's number.
+/// A name that no file has. The process's number is in it, so no other process picks the same name.
 std::string unused_name_beside(const std::filesystem::path& path) {
     std::error_code error;
     const std::string stem = path.string() + "." + std::to_string(getpid()) + "-";
@@ -46,13 +47,13 @@ std::string unused_name_beside(const std::filesystem::path& path) {
     return stem + std::to_string(number);
 }
 
-/// What is written in place: nothing there could be replaced by a file.
+/// Whether `path` is written in place: a pipe or a device cannot be replaced by a file.
 bool is_pipe_or_device(const std::filesystem::path& path) {
     struct stat status {};
     return stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode);
 }
 
-/// The file that `path` stands for where it is a symbolic link, or a link to one, there or not.
+/// The file that `path` leads to, through any number of symbolic links. That file need not exist.
 std::filesystem::path behind_links(std::filesystem::path path) {
     constexpr int most = 40;  // as many as Linux follows
     std::error_code error;
@@ -101,10 +102,10 @@ void write_atomically(const std::filesystem::path& asked, const std::string& tex
     }
     const std::filesystem::path path = behind_links(asked);
     const std::string temporary = unused_name_beside(path);
-    // Before there is one: a signal may come right after.
+    // Registered before the file exists: a signal may come right after it does.
     const Unfinished unfinished(temporary);
-    // As readable as any file that its user writes: the kernel applies the process's umask, which can be read
-    // only by changing it for all threads.
+    // The mode is that of any file that the user writes. The kernel applies the umask: to read it here we
+    // would have to change it for all threads.
     const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file < 0) fail("cannot write");
     const bool done = write_all(file, text) && fsync(file) == 0;

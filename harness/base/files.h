@@ -1,4 +1,4 @@
-// Files written so that no reader ever sees half of one.
+// Writes files so that no reader ever sees half of one.
 #pragma once
 
 #include <filesystem>
@@ -7,23 +7,23 @@
 
 namespace voxspring {
 
-/// Replaces `path` by `text` in one step: a reader sees the old file or the new one. Of a symbolic link that
-/// is the file behind it; what is no file, a pipe or a device, is written to as it is. Throws
-/// std::system_error, leaving `path` as it was.
+/// Replaces `path` by `text` in one step: a reader sees the old file or the new one. If `path` is a symbolic
+/// link, the file behind it is replaced. A pipe or a device is written in place. Throws std::system_error,
+/// leaving `path` as it was.
 void write_atomically(const std::filesystem::path& path, const std::string& text);
 
 /// Removes the temporary file of a write_atomically() that is under way: for the handler of a signal that
 /// ends the process.
 void remove_unfinished_file();
 
-/// Writes all of it to an open file; false, with errno set, if not all of it could be written.
+/// Writes all of `text` to an open file. Returns false, with errno set, if not all of it could be written.
 bool write_all(int file, std::string_view text);
-/// Makes what was created in, renamed to or removed from a file's folder outlast a loss of power, as far as
-/// the file system can.
+/// Flushes the folder of `file`: files created, renamed or removed there then survive a loss of power, as far
+/// as the file system can ensure it.
 void sync_folder_of(const std::filesystem::path& file);
 
-/// Throws BadInput unless `path` ends in `extension`, is no folder and lies in one that takes a new file.
-/// `option` is what the message calls it.
+/// Throws BadInput unless `path` ends in `extension`, is no folder and lies in a folder where a file can be
+/// created. `option` is the name of the argument in the message.
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension);
 

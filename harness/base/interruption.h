@@ -1,13 +1,13 @@
-// Ctrl-C: what is in flight is finished, nothing further begun.
+// Ctrl-C: the work in flight is finished, and no further work is begun.
 #pragma once
 
 #include <csignal>
 
 namespace voxspring {
 
-/// As long as it lives the first SIGINT or SIGTERM is noted and said; the next one ends the process at once,
-/// and removes what write_atomically() has not finished. With `at_once` the first one does so already: for
-/// work that leaves nothing to finish.
+/// While this object lives, the first SIGINT or SIGTERM is noted and reported. The next one ends the process
+/// at once, and removes the file that write_atomically() has not finished. With `at_once` the first signal
+/// already ends the process: for work that leaves nothing to finish.
 class CaughtInterruptions {
 public:
     explicit CaughtInterruptions(bool at_once = false);
@@ -17,14 +17,14 @@ public:
 
 private:
     struct sigaction interrupt_ {
-    }, terminate_{};      ///< what they were
-    bool ended_at_once_;  ///< likewise, of the one around this one
+    }, terminate_{};      ///< the actions before, to be restored
+    bool ended_at_once_;  ///< `at_once` of the enclosing CaughtInterruptions
 };
 
-/// Whether one of them has been caught since the latest CaughtInterruptions began.
+/// Whether a signal has been caught since the latest CaughtInterruptions began.
 bool interrupted();
 
-/// What a shell gives for a program that SIGINT ended.
+/// The exit code that a shell reports for a program that SIGINT ended.
 constexpr int interrupted_exit_code = 130;
 
 }  // namespace voxspring

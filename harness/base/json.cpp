@@ -30,7 +30,7 @@ std::string child_path(const std::string& parent, const std::string& key) {
     return parent.empty() ? key : parent + "." + key;
 }
 
-/// Builds the document and refuses what the grammar allows but a user cannot have meant.
+/// Builds the document. Refuses input that the grammar allows but a user cannot have meant.
 class Builder final : public nlohmann::json_sax<json> {
 public:
     Builder(std::string_view text, const std::string& file) : text_(text), file_(file) {}
@@ -69,14 +69,15 @@ public:
     json& root() { return root_; }
 
 private:
-    /// The last character and what comes before it up to a blank or a bracket, colon or comma.
+    /// The last word: the last character, and what precedes it up to a blank, bracket, colon or comma.
     static std::string_view last_word(std::string_view text) {
         if (text.empty()) return text;
         const auto before = text.find_last_of(" \t\r\n,:[]{}", text.size() - 2);
         return text.size() == 1 || before == std::string_view::npos ? text : text.substr(before + 1);
     }
 
-    /// What the parser's message says was expected, or what it says is wrong with the token.
+    /// The part of the parser's message that says what was expected or, without one, what is wrong with the
+    /// token.
     static std::string grammar(const std::string& message) {
         if (const auto at = message.rfind("; expected "); at != std::string::npos)
             return message.substr(at + 11);
@@ -133,7 +134,7 @@ private:
     json root_;
     // Only the last element of an array is ever open, so no pointer here outlives a reallocation.
     std::vector<json*> open_;
-    std::vector<std::string> keys_;  ///< one an open level: the key whose value is being read
+    std::vector<std::string> keys_;  ///< one per open level: the key whose value is being read
 };
 
 }  // namespace
@@ -167,7 +168,8 @@ double JsonValue::number(double low, double high) const {
 std::int64_t JsonValue::integer(std::int64_t low, std::int64_t high) const {
     const std::string accepted = "a whole number from " + std::to_string(low) + " to " + std::to_string(high);
     if (!is_number()) refuse(accepted);
-    // Exact: the bounds are within +-(2^53 - 1), and no integer beyond them rounds to one of them.
+    // The comparison is exact: the bounds are within +-(2^53 - 1), and no integer beyond them rounds to one
+    // of them.
     const auto number = value_->get<double>();
     if (!(number >= double(low) && number <= double(high)) || std::floor(number) != number) refuse(accepted);
     return static_cast<std::int64_t>(number);
@@ -299,7 +301,7 @@ JsonObject read_json(const std::filesystem::path& file) {
     std::error_code error;
     if (const auto size = std::filesystem::file_size(file, error); error || size > max_file_bytes)
         refuse(std::to_string(size) + " bytes", small_enough);
-    // gzread() reads what is not compressed as it is.
+    // gzread() also reads files that are not compressed.
     const std::unique_ptr<gzFile_s, int (*)(gzFile)> stream(gzopen(file.c_str(), "rb"), gzclose);
     if (!stream) refuse("an unreadable file", "a file that can be read");
     std::string text;

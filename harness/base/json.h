@@ -1,7 +1,7 @@
 // A strict reader for the JSON files that users write: scenes and studies.
 //
-// Every refusal is a BadInput that names the file, the key's path ("dataset.dims[1]"), the value that
-// stands there and what would be accepted.
+// Every refusal is a BadInput that names the file, the key's path ("dataset.dims[1]"), the value found there
+// and what would be accepted.
 #pragma once
 
 #include <cstddef>
@@ -28,7 +28,8 @@ public:
     bool is_array() const;
     bool is_object() const;
 
-    /// A number. JSON has no NaN or infinity, and what overflows a double was refused with the text.
+    /// A finite number: JSON has no NaN or infinity, and parse_json() has refused numbers that overflow a
+    /// double.
     double number() const;
     /// A number within [low, high].
     double number(double low, double high) const;
@@ -41,7 +42,7 @@ public:
     std::string one_of(const std::vector<std::string>& accepted) const;
     /// Three numbers within [-limit, limit].
     glm::dvec3 vec3(double limit) const;
-    /// The elements of an array of at least `shortest` and at most `longest`.
+    /// The elements of an array, which has at least `shortest` and at most `longest` of them.
     std::vector<JsonValue> array(std::size_t shortest = 0, std::size_t longest = ~std::size_t{0}) const;
     JsonObject object() const;
 
@@ -64,8 +65,8 @@ private:
     std::string path_;
 };
 
-/// An object whose keys are asked for by name. What was asked for is what is accepted: finish() refuses
-/// the rest.
+/// An object whose keys are asked for by name. Only keys that were asked for are accepted: finish() refuses
+/// the others.
 class JsonObject {
 public:
     explicit JsonObject(JsonValue value);
@@ -76,7 +77,7 @@ public:
     JsonValue require(const std::string& key, std::string_view accepted = "a value");
     /// Every key and its value, whatever the key; all of them are then accepted.
     std::vector<std::pair<std::string, JsonValue>> items();
-    /// Refuses the first key that was never asked for and names those that were.
+    /// Refuses the first key that was never asked for, and names the keys that were.
     void finish() const;
 
     bool contains(const std::string& key) const;
@@ -101,10 +102,10 @@ std::string json_text(const nlohmann::json& value, int indent = -1);
 /// `text` with U+FFFD for bytes that are not UTF-8, as json_text() has it.
 std::string utf8_text(const std::string& text);
 
-/// Refuses a document whose `schema_version` is beyond `newest`. One without is of version 1.
+/// Refuses a document whose `schema_version` is beyond `newest`. A document without the key has version 1.
 void check_schema_version(JsonObject& document, int newest);
 
-/// The object in a file of at most 16 MiB, unpacked first if gzip compressed it.
+/// The object in a file of at most 16 MiB, which may be compressed by gzip.
 JsonObject read_json(const std::filesystem::path& file);
 
 }  // namespace voxspring

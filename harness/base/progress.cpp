@@ -18,7 +18,7 @@ namespace {
 
 bool is_terminal() { return isatty(STDERR_FILENO) != 0; }
 
-/// Between two lines, where it is no terminal.
+/// The pause between two lines if standard error is not a terminal.
 std::chrono::duration<double> pause() {
     constexpr double otherwise = 10, shortest = 0.01, longest = 1e6;
     const char* asked = std::getenv("VOXSPRING_PROGRESS_SECONDS");
@@ -29,7 +29,7 @@ std::chrono::duration<double> pause() {
 void overwrite_line(const std::string& line) {
     winsize size{};
     const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    // A line that wraps could not be overwritten.
+    // The line is cut to the terminal's width: one that wraps could not be overwritten.
     std::cerr << "\r\x1b[K" << line.substr(0, (known ? size.ws_col : 80) - 1u) << std::flush;
 }
 
@@ -47,7 +47,7 @@ void Ticker::start(Seconds first, Seconds between) {
     if (thread_.joinable()) return;
     between_ = between;
     next_ = Clock::now() + first;
-    // What a signal asks for is asked of the thread that works, whose waits it ends.
+    // The ticker's thread blocks all signals: they go to the thread that works, and end its waits.
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -164,7 +164,7 @@ void Progress::end(int rows) {
     ticker_.postpone();
 }
 
-/// What takes long is seen to go on.
+/// Shows that a long task still goes on.
 void Progress::tick() {
     if (what_.empty()) return;
     const std::chrono::duration<double> took = Clock::now() - what_begin_;

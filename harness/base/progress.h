@@ -1,5 +1,5 @@
-// What the program does and how far it is: on a terminal one line that is overwritten, elsewhere a line every
-// ten seconds (VOXSPRING_PROGRESS_SECONDS: so many), all to standard error.
+// Reports what the program does and how far it is, on standard error. On a terminal one line is overwritten;
+// elsewhere a line is added every ten seconds (or every VOXSPRING_PROGRESS_SECONDS).
 #pragma once
 
 #include <chrono>
@@ -16,7 +16,7 @@ namespace voxspring {
 /// "3 h 20 min", "12 min", "45 s".
 std::string duration_text(double seconds);
 
-/// Calls a function now and then from a thread of its own, which takes no signals.
+/// Calls a function periodically from a separate thread, which takes no signals.
 class Ticker {
 public:
     using Seconds = std::chrono::duration<double>;
@@ -25,10 +25,11 @@ public:
     Ticker& operator=(const Ticker&) = delete;
     ~Ticker() { stop(); }
 
-    /// The first call is in `first`, each further one `between` later; nothing changes where it runs already.
+    /// The first call is made after `first`, each further one `between` later. Does nothing if it runs
+    /// already.
     void start(Seconds first, Seconds between);
     void stop();
-    /// The next call is as far away as if there had been one now. Under the mutex.
+    /// Postpones the next call as if a call had been made now. The caller holds the mutex.
     void postpone() { next_ = std::chrono::steady_clock::now() + between_; }
     /// Held while the function is called.
     std::mutex& mutex() { return mutex_; }
@@ -47,8 +48,8 @@ private:
     std::thread thread_;  ///< last: it uses all of the others
 };
 
-/// Work of one thing after the other, some of which cannot say how far it is. Nothing is written of what
-/// takes less than a second.
+/// Progress of tasks done one after the other, some of which cannot say how far they are. A task that takes
+/// less than a second is not reported.
 class Activity {
 public:
     Activity() = default;
@@ -56,11 +57,12 @@ public:
     Activity& operator=(const Activity&) = delete;
     ~Activity() { end(); }
 
-    /// `what` begins now, of unknown length.
+    /// Task `what` begins now; how long it takes is unknown.
     void begin(const std::string& what);
-    /// So much of what began last is done, from 0 to 1: what is left is said to take as long as that did.
+    /// `fraction` of the current task is done, from 0 to 1. The time left is estimated from the time taken so
+    /// far.
     void done(double fraction, const std::string& detail);
-    /// Nothing is under way any more: removes the line from a terminal.
+    /// No task is under way any more: removes the line from a terminal.
     void end();
 
 private:
@@ -75,14 +77,14 @@ private:
     Ticker ticker_{[this] { write(); }};  ///< last: it uses all of the others
 };
 
-/// Of a study, which elsewhere than on a terminal has a line for each scene too. The time left is a guess: it
-/// takes what is left for as fast as what was done, though backends differ.
+/// Progress of a study. Unless it writes to a terminal it also writes one line per scene. The time left is a
+/// guess: it assumes that the remaining work is as fast as the finished work, although backends differ.
 class Progress {
 public:
     struct Scene {
         int cases = 0;
         int rows_per_case = 0;
-        double work_per_case = 0;  ///< in whatever unit, the same for all scenes
+        double work_per_case = 0;  ///< in any unit that all scenes share
 
         int rows() const { return cases * rows_per_case; }
         double work() const { return cases * work_per_case; }
@@ -93,12 +95,12 @@ public:
     ~Progress();
 
     void begin(const std::string& scene);
-    /// `what` is being done in the scene, of which `done` of `total` is done. Work that was done before the
-    /// first call took no time of this run.
+    /// The scene is at `what`, and `done` of `total` is finished. Work finished before the first call was
+    /// done by an earlier run, and does not count for the speed of this one.
     void show(const std::string& what, int done, int total);
-    /// Only that many cases of a scene, by its number from 0, can run.
+    /// Only `cases` cases can run in scene number `scene`, counted from 0.
     void expect(std::size_t scene, int cases);
-    /// The scene has given that many rows.
+    /// The scene is finished and has given `rows` rows.
     void end(int rows);
 
 private:
@@ -115,7 +117,7 @@ private:
     std::string heading_, what_;
     int done_ = 0, total_ = 0;  ///< within the scene
     Clock::time_point scene_begin_, begin_, what_begin_;
-    double work_at_begin_ = -1;  ///< negative: nothing has been shown
+    double work_at_begin_ = -1;  ///< negative: nothing has been shown yet
     bool terminal_;
     Ticker ticker_{[this] { tick(); }};  ///< last: it uses all of the others
 };

@@ -1,4 +1,4 @@
-// Versions of the files that results/*.schema.json describe. One is raised with its schema where an older
+// Versions of the files that results/*.schema.json describe. A version is raised with its schema if an older
 // reader would misread a newer file; results/README.md says when.
 #pragma once
 

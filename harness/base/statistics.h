@@ -7,16 +7,18 @@ namespace voxspring {
 
 double mean(const std::vector<double>& values);
 
-/// The value in the middle; of an even number of them the mean of the two in the middle.
+/// The value in the middle, or the mean of the two in the middle if their number is even.
 double median(std::vector<double> values);
 
-/// The value below which `fraction` of them lie, between two of them linearly: 0.5 gives median().
+/// The value below which `fraction` of the values lie, interpolated linearly between two of them: 0.5 gives
+/// median().
 double quantile(std::vector<double> values, double fraction);
 
-/// Half of what the middle half of the values spans, over their median.
+/// Half of the interquartile range, divided by the median.
 double relative_spread(const std::vector<double>& values);
 
-/// Of a sample, by one less than the number of values; 0 of a single value.
+/// The standard deviation of a sample: the divisor is the number of values less one. It is 0 for a single
+/// value.
 double standard_deviation(const std::vector<double>& values);
 
 }  // namespace voxspring

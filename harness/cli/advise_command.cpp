@@ -27,8 +27,8 @@ namespace voxspring {
 
 namespace {
 
-/// A study of one scene. What was not measured is said beside the advice, and on standard error where that is
-/// JSON.
+/// Measures one scene by a study. What could not be measured is reported with the advice, or on standard
+/// error if the advice is JSON.
 nlohmann::json measured(const std::string& study, const std::string& scene, const AdviseOptions& options,
                         std::ostream& out) {
     StudyOptions of_study = options.study;
@@ -38,7 +38,7 @@ nlohmann::json measured(const std::string& study, const std::string& scene, cons
     return result;
 }
 
-/// `word` as a shell takes it.
+/// `word`, quoted for a shell if necessary.
 std::string quoted(const std::string& word) {
     const auto plain = [](unsigned char c) {
         return std::isalnum(c) != 0 || std::string("_@%+=:,./-").find(char(c)) != std::string::npos;
@@ -59,7 +59,7 @@ std::string text_of(const VolumeOptions& volume) {
     return text;
 }
 
-/// What does what the candidate did, in the same time step to the bit.
+/// The command that repeats the candidate's run, with a time step that is equal to the bit.
 std::string command_of(const Candidate& candidate, const std::string& argument,
                        const AdviseOptions& options) {
     return fmt::format("voxspring run {}{} --backend {} --time-step {} --steps {} --out state.npz",
@@ -95,7 +95,7 @@ void print(const Candidate& candidate, std::ostream& out) {
                        error_text(candidate.total_error), error_text(candidate.rounding_error));
 }
 
-/// What was measured of a scene, or read.
+/// The candidates of a scene, measured or read from a result.
 struct Measured {
     std::string scene;
     std::vector<Candidate> candidates;
@@ -155,7 +155,7 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
     return exit_code;
 }
 
-/// Whether more ranks than one pay.
+/// Prints whether more than one rank pays.
 int print_advice_on_ranks(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     std::vector<ScalingRow> rows;
     bool unfinished = false;

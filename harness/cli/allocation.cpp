@@ -9,16 +9,17 @@
 
 #include "backends/huge_pages.h"
 
-// Sanitizers bring their own, and know which function gave what back. Clang is what they are built with here.
+// Sanitizers bring their own operators, and check that allocation and release match. Builds with sanitizers
+// use Clang, so Clang is left out.
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__) && !defined(__clang__)
 
 namespace {
 
-/// The system clears memory at its first touch: of an array of gigabytes several cores do so at once. Not by
-/// OpenMP, whose threads would be lost to a process that is forked from this one.
+/// Touches large arrays with several threads, since the system clears memory at its first touch. OpenMP is
+/// not used: its threads would be missing in a process that is forked from this one.
 void touch(void* memory, std::size_t bytes) {
     constexpr std::size_t page = 4096, worth_a_thread = std::size_t(1) << 25;
-    if (bytes < 2 * worth_a_thread) return;  // nearly all: to count processors asks the system
+    if (bytes < 2 * worth_a_thread) return;  // the usual case: counting processors is a system call
     const std::size_t shares =
         std::min<std::size_t>(bytes / worth_a_thread, std::min(16U, std::thread::hardware_concurrency()));
     if (shares < 2) return;
@@ -33,7 +34,7 @@ void touch(void* memory, std::size_t bytes) {
         threads.reserve(shares);
         for (std::size_t n = 0; n < shares; ++n) threads.emplace_back(touch_share, n);
     } catch (const std::exception&) {
-        // Without threads whoever fills the array touches it.
+        // Without threads the caller touches the memory as it fills the array.
     }
 }
 

@@ -35,7 +35,7 @@
 namespace voxspring {
 namespace {
 
-/// What the options write into, and what the command that ran returned.
+/// The values of the options, and the exit code of the command that ran.
 struct Asked {
     bool json = false;
     std::string scene, study, shell;
@@ -50,9 +50,9 @@ constexpr std::int64_t max_steps = max_run_steps;
 constexpr std::int64_t last_frame = 1'000'000'000;
 constexpr std::int64_t max_repetitions = 10'000;
 constexpr std::int64_t max_steps_a_frame = 1'000'000;
-/// Errors below these are beyond float64, those above say nothing.
+/// Bounds of --error: float64 resolves no smaller errors, and larger ones say nothing.
 constexpr double min_error = 1e-30, max_error = 1e6;
-/// A thousandth of a second to eleven days.
+/// A millisecond to eleven days.
 constexpr double min_timeout = 1e-3, max_timeout = 1e6;
 
 const char* const scene_help =
@@ -66,7 +66,7 @@ std::string range_text(Number low, Number high) {
     return fmt::format("{:g} to {:g}", double(low), double(high));
 }
 
-/// The number that `text` is, all of it; refused with its range if it is none or outside of it.
+/// The number that `text` is as a whole. Refuses other text and numbers out of range, and names the range.
 template <class Number>
 Number number_of(const std::string& option, const std::string& text, Number low, Number high) {
     Number number{};
@@ -101,7 +101,7 @@ std::vector<std::string> split(const std::string& text, char between) {
     return parts;
 }
 
-/// "0,0,-0.002", or with `one` allowed "1.5" for three times the same.
+/// The vector "0,0,-0.002". With `one`, "1.5" is accepted as well: three components of that value.
 glm::dvec3 vector_of(const std::string& option, const std::string& text, double low, double high, bool one) {
     const std::vector<std::string> parts = split(text, ',');
     const bool same = one && parts.size() == 1;
@@ -122,7 +122,7 @@ glm::dvec3 vector_of(const std::string& option, const std::string& text, double 
     return vector;
 }
 
-/// What is between the commas: numbers, or names of segments, which only the volume's file knows.
+/// Splits at commas into numbers or names of segments. Only the volume's file can check the names.
 std::vector<std::string> labels_of(const std::string& text) {
     std::vector<std::string> labels;
     for (const std::string& label : split(text, ',')) {
@@ -135,7 +135,7 @@ std::vector<std::string> labels_of(const std::string& text) {
     return labels;
 }
 
-/// "4": the first four; "0,2": these, and a number may be there again.
+/// "4" means the first four devices; "0,2" means these two, where a number may be repeated.
 std::vector<int> devices_of(const std::string& text) {
     const auto number = [&](const std::string& part, std::int64_t low, std::int64_t high) {
         std::int64_t value = 0;
@@ -170,7 +170,7 @@ void add_repetitions(CLI::App& command, StudyOptions& study, const char* descrip
         [&study](std::int64_t count) { study.repetitions = int(count); }, description);
 }
 
-/// Takes effect before the command runs. The processes that it starts inherit it.
+/// Takes effect before the command runs, and is inherited by the processes that it starts.
 void add_vulkan_device(CLI::App& command) {
     command
         .add_option_function<std::string>(
@@ -189,7 +189,7 @@ void add_vulkan_device(CLI::App& command) {
         ->type_name("DEVICE");
 }
 
-/// What a volume without a scene file is simulated with.
+/// Options for a volume that has no scene file.
 void add_volume_options(CLI::App& command, VolumeOptions& volume) {
     const char* group = "Of a volume without a scene file";
     CLI::Option* threshold = add_number<double>(
@@ -312,7 +312,7 @@ void add_run(CLI::App& app, Asked& asked, std::ostream& out) {
     run->callback([&] { asked.exit_code = run_scene(asked.scene, options, out); });
 }
 
-/// `when`: what they are for.
+/// `when` says what the ranks are for, at the beginning of the help text.
 void add_ranks(CLI::App& command, StudyOptions& options, const std::string& when) {
     add_number<std::int64_t>(
         command, "--ranks", 1, max_ranks, [&options](std::int64_t count) { options.ranks = int(count); },
@@ -420,7 +420,7 @@ void add_view(CLI::App& app, Asked& asked, std::ostream& out, const ViewScene& v
 
 // --- Help for shells -----------------------------------------------------------------------------------
 
-/// What may stand for a value of this option or argument.
+/// What kind of value this option or argument takes.
 ValueKind kind_of(const std::string& name) {
     if (name == "SCENE" || name == "--scene") return ValueKind::scene;
     if (name == "STUDY") return ValueKind::study;
@@ -448,7 +448,7 @@ std::vector<CommandWords> words_of(const CLI::App& app) {
             }
             const std::string name = "--" + option->get_lnames().front();
             const bool takes_value = option->get_type_size() > 0;
-            // `--resume` of a study is a flag.
+            // Not by name alone: `--resume` of a study is a flag.
             words.options.push_back(
                 {name, first_line(option->get_description()), takes_value ? kind_of(name) : ValueKind::none});
         }
@@ -479,7 +479,7 @@ std::vector<std::string> command_names(const CLI::App& app) {
     return names;
 }
 
-/// The first word is a command, or an option of the program itself.
+/// Refuses a first word that is neither a command nor an option of the program.
 void check_command(const CLI::App& app, int argc, char** argv) {
     if (argc < 2 || argv[1][0] == '-') return;
     const std::vector<std::string> names = command_names(app);
@@ -492,7 +492,7 @@ void check_command(const CLI::App& app, int argc, char** argv) {
                        "one of " + joined(names) + did_you_mean(word, names));
 }
 
-/// Refuses an option that there is not; `app` has parsed and refused.
+/// Refuses an unknown option. Called after `app` has failed to parse.
 void check_options(const CLI::App& app) {
     const std::vector<CLI::App*> parsed = app.get_subcommands();
     const CLI::App& command = parsed.empty() ? app : *parsed.front();
@@ -537,7 +537,7 @@ int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& 
     for (const auto& [name, description] : scripts()) app.add_subcommand(name, description);
     add_completion(app, asked, out);
     check_command(app, argc, argv);
-    // Ctrl-C ends the program at once, but where a command finishes what it has.
+    // Ctrl-C ends the program at once, unless a command catches it to finish its work.
     const CaughtInterruptions caught(true);
     try {
         app.parse(argc, argv);

@@ -1,4 +1,4 @@
-// The command line's words: which commands and options there are and what they accept.
+// The command line: its commands, its options and the values that they accept.
 #pragma once
 
 #include <functional>
@@ -12,8 +12,8 @@ namespace voxspring {
 /// `voxspring view`, which takes a display: shows the scene and returns the exit code.
 using ViewScene = std::function<int(const std::string& scene, const ViewOptions& options, std::ostream& out)>;
 
-/// Does what the command line asks for and returns the exit code. Throws BadInput, BadSpecification and what
-/// the commands throw.
+/// Runs the command line and returns the exit code. Throws BadInput, BadSpecification and what the commands
+/// throw.
 int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& view);
 
 }  // namespace voxspring

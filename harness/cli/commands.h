@@ -1,4 +1,4 @@
-// What each subcommand does, apart from reading the command line.
+// The subcommands, without the parsing of the command line.
 #pragma once
 
 #include <filesystem>
@@ -25,14 +25,14 @@ void list_limits(bool json, std::ostream& out);
 /// `voxspring info`: dims, particles, springs, memory and time step of a scene. Throws BadInput.
 void describe_scene(const std::string& scene, const VolumeOptions& volume, bool json, std::ostream& out);
 
-/// The longest run.
+/// The largest number of steps of a run.
 inline constexpr int max_run_steps = 1'000'000'000;
 
 struct RunOptions {
     std::string backend;
     int steps = 100;                              ///< from the scene's start
     std::optional<double> time;                   ///< instead of `steps`, in the scene's unit
-    std::optional<double> time_step;              ///< the same motion in steps of that; the scene's
+    std::optional<double> time_step;              ///< the same motion with this step; empty: the scene's step
     std::optional<std::filesystem::path> resume;  ///< a state that `out` wrote
     VolumeOptions volume;
     ExportOptions out;
@@ -45,15 +45,17 @@ int run_scene(const std::string& scene, const RunOptions& options, std::ostream&
 int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);
 
 struct AdviseOptions {
-    /// The largest total error that will do, relative L2. Nothing: it is asked whether several ranks pay.
+    /// The largest total error that is acceptable, relative L2. Empty: the question is whether several ranks
+    /// pay.
     std::optional<double> error;
-    std::optional<std::filesystem::path> results;  ///< of a pareto or a scaling study; nothing: measure
+    std::optional<std::filesystem::path> results;  ///< of a pareto or a scaling study; empty: measure
     StudyOptions study;                            ///< of the measurement; its volume is the scene's
     bool json = false;
 };
 
 /// `voxspring advise`: returns the exit code, 1 if no configuration reaches the error. An interruption ends
-/// the measurement, and what was measured until then is advised. Throws BadInput, BadSpecification.
+/// the measurement, and the advice is based on what was measured until then. Throws BadInput,
+/// BadSpecification.
 int print_advice(const std::string& scene, const AdviseOptions& options, std::ostream& out);
 
 }  // namespace voxspring

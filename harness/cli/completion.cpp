@@ -10,7 +10,7 @@
 namespace voxspring {
 namespace {
 
-/// The words that a value may be, with blanks between them; files are the shell's to find.
+/// The words that complete a value, separated by blanks. The shell itself completes files.
 std::string words_of(ValueKind kind) {
     std::string text;
     const auto add = [&](const std::string& word) { text += (text.empty() ? "" : " ") + word; };
@@ -45,7 +45,7 @@ bool may_be_file(ValueKind kind) {
 
 // --- bash ----------------------------------------------------------------------------------------------
 
-/// A line that completes the current word by a value of `kind`.
+/// A line of bash that completes the current word with a value of `kind`.
 std::string bash_reply(ValueKind kind) {
     if (kind == ValueKind::folder) return "COMPREPLY=($(compgen -d -- \"$current\"))";
     std::string options = "-W '" + words_of(kind) + "'";
@@ -74,8 +74,8 @@ std::string bash(const std::vector<CommandWords>& commands) {
     std::ostringstream out;
     std::string names;
     for (const CommandWords& command : commands) names += command.name + " ";
-    // A colon ends a word in bash, but not in a backend's specification: what lies after it is the user's to
-    // write.
+    // bash ends a word at a colon, which a backend's specification may contain. What follows the colon is not
+    // completed.
     out << "# Completion of voxspring for bash, made by `voxspring completion bash`.\n"
         << "_voxspring() {\n"
         << "    local current=${COMP_WORDS[COMP_CWORD]} previous=${COMP_WORDS[COMP_CWORD - 1]}\n"
@@ -94,7 +94,7 @@ std::string bash(const std::vector<CommandWords>& commands) {
 
 // --- zsh -----------------------------------------------------------------------------------------------
 
-/// In single quotes, with what _arguments reads as its own quoted.
+/// `text` in single quotes, with the special characters of _arguments escaped.
 std::string zsh_quoted(const std::string& text) {
     std::string out;
     for (const char c : text) {
@@ -108,7 +108,7 @@ std::string zsh_quoted(const std::string& text) {
     return out;
 }
 
-/// MESSAGE:ACTION of _arguments.
+/// The part MESSAGE:ACTION of a specification for _arguments.
 std::string zsh_value(ValueKind kind) {
     switch (kind) {
         case ValueKind::folder:

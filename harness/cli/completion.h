@@ -1,4 +1,4 @@
-// `voxspring completion`: what a shell needs in order to complete the program's command line.
+// `voxspring completion`: scripts by which a shell completes the program's command line.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 
 namespace voxspring {
 
-/// What may stand in the place of a value.
+/// What kind of value an option or argument takes.
 enum class ValueKind : std::uint8_t {
     none,  ///< the option takes no value
     scene,
@@ -17,7 +17,7 @@ enum class ValueKind : std::uint8_t {
     shell,
     file,
     folder,
-    other,  ///< nothing that could be listed
+    other,  ///< a value that cannot be listed
 };
 
 struct OptionWords {
@@ -30,11 +30,11 @@ struct CommandWords {
     std::string name;
     std::string description;
     std::vector<OptionWords> options;
-    std::vector<ValueKind> arguments;  ///< those without an option, in their order
+    std::vector<ValueKind> arguments;  ///< positional arguments, in their order
 };
 
-/// A script for the shell "bash" or "zsh". The names of scenes, studies and backends are those of this build.
-/// Throws BadInput for another shell.
+/// The script for the shell "bash" or "zsh", with the scenes, studies and backends of this build. Throws
+/// BadInput for another shell.
 std::string completion_script(const std::string& shell, const std::vector<CommandWords>& commands);
 
 }  // namespace voxspring

@@ -23,7 +23,7 @@ namespace {
 
 std::string bytes_text(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", double(bytes) / (1 << 20)); }
 
-/// A scene and what is computed of it.
+/// A scene and the figures computed from it.
 struct SceneFacts {
     Scene scene;
     SpringCounts springs;
@@ -32,7 +32,7 @@ struct SceneFacts {
     std::map<std::string, std::uint64_t> bytes;  ///< of each backend
     double undamped = 0;                         ///< the stable time step without damping
     std::optional<double> limit;                 ///< the true limit of the time step
-    std::string limit_unknown;                   ///< why there is none
+    std::string limit_unknown;                   ///< why there is no `limit`
 };
 
 SceneFacts facts_of(const std::string& argument, const VolumeOptions& volume) {
@@ -80,7 +80,7 @@ std::string orientation(const Placement& placement) {
     return text;
 }
 
-/// What a volume's file says besides its voxels; null for another dataset.
+/// What a volume's file says besides its voxels; null if the dataset is not a volume.
 nlohmann::json volume_json(const Scene& scene) {
     if (!scene.volume) return nullptr;
     const VolumeFacts& volume = *scene.volume;
@@ -97,7 +97,7 @@ nlohmann::json volume_json(const Scene& scene) {
             {"labels", labels},      {"placement", placement}};
 }
 
-/// Behind the spacing.
+/// The text that follows the spacing: its unit, or that it was chosen instead of the file's.
 std::string unit_text(const Scene& scene) {
     if (!scene.volume) return "";
     if (scene.volume->spacing_chosen) return ", instead of the file's";

@@ -19,7 +19,7 @@
 namespace voxspring {
 namespace {
 
-/// Whether the backend takes a suture between particles that are no neighbours on the lattice.
+/// Whether the backend takes a suture between particles that are not neighbours on the lattice.
 bool leaves_lattice(const Backend& backend) {
     Problem problem = make_lattice_problem({{3, 1, 1}, glm::dvec3(1), {1, 1, 1}}, FACE_BITS);
     problem.springs = {{0, 2, 1, 2}};
@@ -57,7 +57,7 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
     return described;
 }
 
-/// Devices that Vulkan's backends may take; none where there is no Vulkan, which the backends say.
+/// The devices that Vulkan's backends may take. Empty without Vulkan; then the backends give the reason.
 nlohmann::json describe_vulkan_devices() {
     nlohmann::json described = nlohmann::json::array();
     try {
@@ -93,14 +93,14 @@ nlohmann::json everything() {
     return all;
 }
 
-/// The strings of a list: "a|b".
+/// The strings of a list, joined: "a|b".
 std::string alternatives(const nlohmann::json& list) {
     std::string text;
     for (const auto& value : list) text += (text.empty() ? "" : "|") + value.get<std::string>();
     return text;
 }
 
-/// One that is available.
+/// Prints one available backend.
 void print_backend(const nlohmann::json& backend, std::ostream& out) {
     out << "  " << backend["name"].get<std::string>() << "\n";
     out << "      " << backend["summary"].get<std::string>() << "\n";
@@ -114,7 +114,7 @@ void print_backend(const nlohmann::json& backend, std::ostream& out) {
         << "\n";
 }
 
-/// Those that are available, then a line for each reason why others are not.
+/// Prints the available backends, then one line per reason for which others are not available.
 void print_backends(const nlohmann::json& backends, std::ostream& out) {
     std::map<std::string, std::vector<std::string>> absent;
     for (const auto& backend : backends) {

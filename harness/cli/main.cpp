@@ -1,5 +1,5 @@
-// The command line. Exit codes: 0 done, 1 a backend failed or an error exceeded its tolerance, 2 bad input
-// or usage, 130 interrupted.
+// The command line. Exit codes: 0 (done), 1 (a backend failed or an error exceeded its tolerance), 2 (bad
+// input or usage), 130 (interrupted).
 #include <malloc.h>
 #include <unistd.h>
 
@@ -29,7 +29,7 @@ voxspring::ViewScene viewer(char** /*argv*/) { return voxspring::view_scene; }
 
 #else
 
-/// Becomes the program voxspring-view, which lies beside this one, with the same words.
+/// Replaces this process by the program voxspring-view, which lies beside this one, with the same arguments.
 voxspring::ViewScene viewer(char** argv) {
     return [argv](const std::string&, const voxspring::ViewOptions&, std::ostream&) -> int {
         if (*no_window != '\0')
@@ -66,13 +66,13 @@ int exit_code_of(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    // Memory that was given back is used again instead of being mapped, and cleared page by page, anew: the
-    // states of a large scene come and go with every row of a study.
+    // Freed memory is kept for reuse, so that the system need not map it and clear its pages again: the
+    // states of a large scene are allocated and freed with every row of a study.
     mallopt(M_MMAP_MAX, 0);
     mallopt(M_TRIM_THRESHOLD, -1);  // never
     voxspring::worker_main(argc, argv);
     const int code = exit_code_of(argc, argv);
-    // A full disk shows when what is buffered is written, if not before.
+    // A full disk may show only when buffered output is written.
     if (!std::cout.flush()) {
         std::cerr << "voxspring: not all of the output could be written to standard output\n";
         return code == 0 ? 1 : code;

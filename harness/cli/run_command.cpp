@@ -29,13 +29,13 @@
 namespace voxspring {
 namespace {
 
-/// How far particles are from rest: those of the body, and those of parts that nothing holds, which fall away
-/// from it. Not finite where any is not.
+/// The largest displacement from rest: of the body's particles, and of parts that nothing holds, which fall
+/// away from it. Not finite if any displacement is not.
 struct Largest {
     double held = 0, loose = 0;
 };
 
-/// `loose`: ascending.
+/// The largest displacements in `state`. `loose`: particles of parts that nothing holds, ascending.
 Largest largest_displacement(const State& state, const std::vector<std::uint32_t>& loose) {
     Largest largest;
     auto next = loose.begin();
@@ -44,14 +44,14 @@ Largest largest_displacement(const State& state, const std::vector<std::uint32_t
         if (is_loose) ++next;
         double& of_kind = is_loose ? largest.loose : largest.held;
         const double length = glm::length(state.displacement[i]);
-        // NaN and infinity stay.
+        // The negated comparison lets NaN and infinity through.
         if (!(length <= of_kind)) of_kind = length;
         if (!std::isfinite(of_kind)) break;
     }
     return largest;
 }
 
-/// As many steps as come nearest to `time`, at least one. Says so where that is not exact.
+/// The number of steps, at least one, that comes nearest to `time`. Prints a note if it is not exact.
 int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double time_step = scene.problem.time_step;
     const double steps = std::max(1.0, std::round(time / time_step));
@@ -67,8 +67,8 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     return int(steps);
 }
 
-/// How many steps to take before looking whether to stop, and saying how far the run is: about a fifth of a
-/// second of them.
+/// How many steps to take between checks for an interruption and reports of progress: about a fifth of a
+/// second of steps.
 class Stride {
 public:
     explicit Stride(std::size_t particles)
@@ -79,7 +79,7 @@ public:
         return whole > longest_graph ? whole - whole % longest_graph : whole;
     }
     void took(int taken, double seconds) {
-        if (taken < steps()) return;  // the last ones before a file
+        if (taken < steps()) return;  // a short stride that ends where a file is due
         const double wanted = taken * wanted_seconds / std::max(seconds, 1e-9);
         steps_ = std::clamp(wanted, std::max(1.0, steps_ / 4), std::min(most, steps_ * 4));
     }
@@ -89,12 +89,12 @@ private:
         1e6;  ///< steps of a particle; a slow machine takes a tenth of a second
     static constexpr double wanted_seconds = 0.2;
     static constexpr double most = 1e6;
-    static constexpr int longest_graph = 256;  ///< of CUDA, in steps: its multiples take no shorter ones
+    static constexpr int longest_graph = 256;  ///< in steps, of CUDA; multiples of it need no shorter graph
 
     double steps_;
 };
 
-/// A scene, the backend that runs it and the files that it is to leave.
+/// A scene, the backend that runs it and the files to write.
 class Run {
 public:
     Run(const std::string& argument, const RunOptions& options, std::ostream& out)
@@ -143,7 +143,8 @@ public:
     }
 
 private:
-    /// The same motion in steps of that size, as References and the study `pareto` have it.
+    /// Changes the scene to steps of `time_step` with the same motion, as References and the study `pareto`
+    /// do.
     void take_time_step(double time_step) {
         if (time_step == scene_->problem.time_step) return;
         const bool edited = !scene_->edits.empty();
@@ -174,7 +175,7 @@ private:
         take_springs_of(file);
     }
 
-    /// The springs of the file are those that it goes on with, and it says where they are not the scene's.
+    /// Takes the springs from the file, and prints a note if they differ from the scene's.
     void take_springs_of(const std::filesystem::path& file) {
         const std::size_t others = springs_that_differ(*scene_, *saved_);
         if (others == 0) return;
@@ -193,7 +194,8 @@ private:
             before > 0 ? ", and later edits change what they still find" : "");
     }
 
-    /// The file holds displacement and increment in float64, which is all that `increment` has.
+    /// Prints a note if resuming changes bits. The file holds displacement and increment in float64: that is
+    /// exact for `increment`, and in float32 for every formulation but `compensated`.
     void say_whether_bits_are_kept() {
         const Options& options = spec_.options;
         const bool kept =
@@ -228,8 +230,7 @@ private:
         return {*scene_, runner_->problem(), state, reached_, reached_ * time_step(), spec_.label()};
     }
 
-    /// All steps, or as many as were made when an interruption came. `take` gets each state that files are
-    /// of.
+    /// Makes all steps, or those until an interruption. `take` gets each state that is written to files.
     template <class Take>
     void play(const Take& take) {
         const std::string what =
@@ -266,7 +267,7 @@ private:
                        "step " + std::to_string(reached_) + " of " + std::to_string(steps_));
     }
 
-    /// The state that was reached. Throws where the run has left its bounds.
+    /// The state that was reached. Throws if the run has diverged.
     State checked_state() {
         State state = backend_->download();
         auto divergence = find_divergence(*backend_, *runner_, monitor_, state, reached_ - first_);
@@ -303,7 +304,7 @@ private:
         return 0;
     }
 
-    /// Leaves the state that was reached.
+    /// Ends an interrupted run: writes the state that was reached.
     int stop() {
         const bool leaves = reached_ > first_ && (!options_.out.out.empty() || options_.out.frames);
         if (leaves) {
@@ -340,14 +341,14 @@ private:
     const RunOptions& options_;
     std::ostream& out_;
     int steps_;
-    int first_ = 0;               ///< step that the run starts after
-    int reached_ = 0;             ///< step
-    bool in_first_pass_ = false;  ///< of two, in which nothing is written
+    int first_ = 0;               ///< the step after which the run starts
+    int reached_ = 0;             ///< the last step that was made
+    bool in_first_pass_ = false;  ///< of two passes; the first writes nothing
     BackendSpec spec_;
     std::unique_ptr<Exports> exports_;
     std::unique_ptr<Scene> scene_;
     std::optional<SavedState> saved_;
-    std::unique_ptr<ToolForces> forces_;  ///< null: nobody asked for them
+    std::unique_ptr<ToolForces> forces_;  ///< null: not asked for
     std::unique_ptr<SceneRunner> runner_;
     std::unique_ptr<Backend> backend_;
     DivergenceMonitor monitor_;

@@ -21,11 +21,11 @@ std::filesystem::path this_program() {
     return std::filesystem::read_symlink("/proc/self/exe", error);
 }
 
-/// The folder with the scripts.
+/// The folder that has the script `name`.
 std::filesystem::path find_scripts(const std::string& name) {
     std::filesystem::path above = this_program().parent_path();
     const std::filesystem::path first = above;
-    // build/release/voxspring of a tree is the deepest.
+    // In a source tree the program is build/release/voxspring, which is the deepest case.
     for (int levels = 0; levels < 4 && above != above.root_path(); ++levels, above = above.parent_path()) {
         for (const char* folder : {"share/voxspring/results", "results"}) {
             std::error_code error;
@@ -37,8 +37,8 @@ std::filesystem::path find_scripts(const std::string& name) {
                        first.string() + ", where the program is");
 }
 
-/// What a script is, and the Python packages that it needs: as modules, and as Debian names them, if Debian
-/// has all.
+/// A script's description, and the Python packages that it needs: as modules, and by Debian's names if Debian
+/// has all of them.
 struct Script {
     std::string description, modules, packages;
 };
@@ -55,8 +55,8 @@ const std::map<std::string, Script>& all_scripts() {
     return all;
 }
 
-/// Starts `python` with a line of code and returns why that failed: the last line of what it said, or
-/// nothing.
+/// Runs a line of code in `python`. Returns why that failed, the last line of its output; empty if it did not
+/// fail.
 std::string failure_of(std::string python, std::string code) {
     std::array<int, 2> ends{};
     if (pipe2(ends.data(), O_CLOEXEC) != 0) return std::strerror(errno);
@@ -86,8 +86,8 @@ std::string failure_of(std::string python, std::string code) {
     return said.empty() ? "it fails without a word" : said;
 }
 
-/// The first of these that can import the modules: the environment which `./run report` makes in a source
-/// tree, the system's Python, the PATH's. Throws BadInput, which says what each lacks.
+/// The first of these Pythons that can import the modules: the environment that `./run report` makes in a
+/// source tree, the system's Python, the PATH's Python. Throws BadInput, which says what each lacks.
 std::string find_python(const std::string& command, const std::filesystem::path& folder,
                         const std::string& modules) {
     const Script& script = all_scripts().at(command);
@@ -138,7 +138,7 @@ int run_script(const std::string& command, const std::vector<std::string>& argum
         find_python(command, folder, explains ? "" : all_scripts().at(command).modules),
         (folder / name).string()};
     words.insert(words.end(), arguments.begin(), arguments.end());
-    // A report draws its datasets with this program.
+    // A report calls this program to draw its datasets.
     if (command == "report" && has(arguments, "--pictures") && !has(arguments, "--program"))
         words.insert(words.end(), {"--program", this_program().string()});
     std::vector<char*> pointers;

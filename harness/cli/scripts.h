@@ -11,10 +11,10 @@ namespace voxspring {
 const std::map<std::string, std::string>& scripts();
 bool is_script(const std::string& command);
 
-/// Becomes the script with these arguments; returns only by throwing. It is looked for in the folders
-/// results/ and share/voxspring/results/ beside the program and above it: in the source tree, an installation
-/// or a package. Throws BadInput where it is not to be found, or where no Python here has the packages that
-/// it needs.
+/// Replaces this process by the script with these arguments; returns only by throwing. The script is looked
+/// for in the folders results/ and share/voxspring/results/ beside the program and above it: in the source
+/// tree, an installation or a package. Throws BadInput if it is not found, or if no Python here has the
+/// packages that it needs.
 int run_script(const std::string& command, const std::vector<std::string>& arguments);
 
 }  // namespace voxspring

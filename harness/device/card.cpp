@@ -8,7 +8,8 @@
 
 namespace voxspring {
 
-/// Of NVML, which has no header here: its functions and constants are a stable binary interface.
+/// The functions and constants of NVML that are used. NVML's header is not needed: its binary interface is
+/// stable.
 struct Card::Library {
     static constexpr int success = 0, too_small = 7, clock_of_multiprocessors = 1;
     using Device = void*;
@@ -32,14 +33,14 @@ struct Card::Library {
     int (*mig)(Device, unsigned* now, unsigned* after_restart) = nullptr;
     int (*temperature)(Device, int sensor, unsigned* celsius) = nullptr;
 
-    /// What one of the functions above says of the card.
+    /// What `function`, one of those above, reports about the card.
     template <class Value, class... Arguments>
     std::optional<Value> ask(int (*function)(Device, Arguments...), auto... arguments) const {
         Value value = 0;
         if (function == nullptr || function(device, arguments..., &value) != success) return std::nullopt;
         return value;
     }
-    /// Of those that also say what will be after a restart.
+    /// What `function` reports, for those that also report the value after a restart.
     template <class Value>
     std::optional<Value> ask_now(int (*function)(Device, Value*, Value*)) const {
         Value now = 0, later = 0;
@@ -105,7 +106,7 @@ std::optional<double> Card::power_watts() const {
 }
 
 std::vector<std::string> Card::throttle_reasons() const {
-    // nvmlClocksEventReason*; 0x1, an idle card, is left out.
+    // The bits are nvmlClocksEventReason*. 0x1, an idle card, is left out.
     constexpr std::pair<unsigned long long, const char*> reasons[] = {
         {0x2, "clocks set by a user"},
         {0x4, "power limit"},
@@ -137,7 +138,7 @@ nlohmann::json Card::settings() const {
 
 std::optional<std::vector<pid_t>> Card::processes() const {
     if (library_->processes == nullptr) return std::nullopt;
-    // Room for some that begin between two calls.
+    // The list has room for processes that begin between two calls.
     constexpr int max_tries = 3;
     std::vector<Library::Process> found(64);
     for (int i = 0; i < max_tries; ++i) {

@@ -1,4 +1,4 @@
-// A graphics card as its driver's management library sees it from outside of any context.
+// A graphics card as its driver's management library sees it, outside of any context.
 #pragma once
 
 #include <sys/types.h>
@@ -11,28 +11,28 @@
 
 namespace voxspring {
 
-/// One card, through NVML. Loading that touches no device that a program computes on.
+/// One card, through NVML. Loading NVML opens no device to compute on.
 class Card {
 public:
-    /// Throws std::runtime_error, which says why it cannot be watched, for a card of `uuid`.
+    /// The card with this UUID. Throws std::runtime_error, with the reason, if it cannot be watched.
     explicit Card(const std::string& uuid);
     Card(const Card&) = delete;
     Card& operator=(const Card&) = delete;
     ~Card();
 
-    /// The clock of its multiprocessors now; nothing where the driver does not tell.
+    /// The current clock of its multiprocessors; empty if the driver does not report it.
     std::optional<unsigned> clock_mhz() const;
-    /// What it has used since its driver was loaded, in joules; nothing where the driver does not count.
+    /// The energy used since the driver was loaded, in joules; empty if the driver does not count it.
     std::optional<double> energy_joules() const;
-    /// What it draws, in watts; since Ampere the mean of the last second.
+    /// The power drawn, in watts; since Ampere the mean of the last second.
     std::optional<double> power_watts() const;
-    /// Why its clock is lower than it could be, the driver's names for that; an idle card's clock is no
-    /// reason.
+    /// Why the clock is lower than it could be, in the driver's terms. That the card is idle does not count
+    /// as a reason.
     std::vector<std::string> throttle_reasons() const;
-    /// What it is set to: `power_limit_watts`, `ecc`, `mig`, `temperature_celsius`, without what the driver
-    /// does not tell.
+    /// Settings and temperature of the card: `power_limit_watts`, `ecc`, `mig`, `temperature_celsius`,
+    /// without those that the driver does not report.
     nlohmann::json settings() const;
-    /// The processes that compute on it, as the driver numbers them; nothing where it does not tell.
+    /// The processes that compute on it, as the driver numbers them; empty if it does not report them.
     std::optional<std::vector<pid_t>> processes() const;
 
 private:

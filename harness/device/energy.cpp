@@ -43,10 +43,11 @@ private:
     const Card card_;
 };
 
-/// One package's counter, which starts again from zero after its range.
+/// The counter of one package. It wraps to zero after `range`.
 struct Package {
     std::filesystem::path counter;
-    std::uint64_t range = 0, last = 0, before = 0;  ///< microjoules; `before`: of all ranges that are over
+    std::uint64_t range = 0, last = 0,
+                  before = 0;  ///< microjoules; `before` is the sum of all finished ranges
 };
 
 std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
@@ -56,9 +57,9 @@ std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
     return number;
 }
 
-/// The folder of each package's counter by the package's name. Where Linux shows one package by the
-/// processor's registers (intel-rapl) and by memory (intel-rapl-mmio), both are one counter: that of the
-/// registers.
+/// The folder of each package's counter, by the package's name. Linux may show the same counter of a package
+/// twice: through the processor's registers (intel-rapl) and through memory (intel-rapl-mmio). Then the
+/// folder of the registers is taken.
 std::map<std::string, std::filesystem::path> package_folders(const std::string& folder) {
     std::map<std::string, std::filesystem::path> packages;
     std::error_code none;
@@ -108,7 +109,7 @@ private:
     std::vector<Package> packages_;
 };
 
-/// Reads a meter every few milliseconds, on a thread of its own, until it is stopped.
+/// Reads a meter every few milliseconds, on a separate thread, until it is stopped.
 class Sampling {
 public:
     explicit Sampling(EnergyMeter& meter) : meter_(meter), begin_(Clock::now()), thread_([this] { run(); }) {}
@@ -116,9 +117,9 @@ public:
     Sampling& operator=(const Sampling&) = delete;
     ~Sampling() { stop(); }
 
-    /// Between the first leap and the last so far.
+    /// The time between the first and the latest leap of the counter.
     double measured_seconds() const { return measured_; }
-    /// What was seen. Throws what the meter did.
+    /// Stops and returns what was measured. Rethrows what the meter threw.
     EnergyUse end() {
         stop();
         if (error_) std::rethrow_exception(error_);
@@ -175,7 +176,7 @@ private:
     std::set<unsigned> mhz_;
     std::set<std::string> throttled_;
     std::exception_ptr error_;
-    std::thread thread_;  // the last: it uses all others
+    std::thread thread_;  // last: it uses all of the others
 };
 
 }  // namespace
@@ -197,7 +198,7 @@ EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds
     work_for(lead_seconds);
     Sampling sampling(meter);
     work_for(seconds);
-    // What lies before the first leap and after the last is not measured, so that some is still missing.
+    // Time before the first leap and after the last one is not measured, so some more work is still needed.
     for (const auto begin = Clock::now();
          sampling.measured_seconds() < seconds && seconds_since(begin) < max_leap_seconds;)
         work();

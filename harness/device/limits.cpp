@@ -92,7 +92,7 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
             out << "not measured: " << device.get<std::string>() << "\n";
             continue;
         }
-        // Clang 14 captures no structured binding.
+        // Clang 14 cannot capture a structured binding, hence the initializer.
         const auto value = [&limit = device](const char* name) { return limit.value(name, 0.0); };
         out << si(value("copy_bytes_per_second"), "B/s");
         if (value("cache_bytes") > 0) {

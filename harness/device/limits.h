@@ -1,4 +1,4 @@
-// What the devices of this machine can do at best, and what fraction of it a row reached.
+// The limits of this machine's devices, and the fraction of them that a row reached.
 #pragma once
 
 #include <functional>
@@ -12,7 +12,7 @@
 
 namespace voxspring {
 
-/// The limits that apply, by the names of the result's schema, and back.
+/// The limits that apply as JSON, with the names of the result's schema; and the reverse.
 nlohmann::json to_json(const DeviceLimits& limits);
 DeviceLimits device_limits_of(const nlohmann::json& json);
 
@@ -20,12 +20,12 @@ DeviceLimits device_limits_of(const nlohmann::json& json);
 /// name of the API.
 class MeasuredLimits {
 public:
-    /// Those of the device that `capabilities` describe, which `measure` measures on a backend of its own;
-    /// nothing where that failed. What has one name is measured once.
+    /// The limits of the device that `capabilities` describes; empty if they could not be measured. `measure`
+    /// measures them, on a separate backend, and is called once per name.
     std::optional<DeviceLimits> of(const Capabilities& capabilities,
                                    const std::function<DeviceLimits()>& measure);
 
-    /// By the same names: api, device and every limit that applies, or the reason why there are none.
+    /// By the names above: api, device and every limit that applies, or the reason why there are none.
     const nlohmann::json& json() const { return json_; }
 
 private:
@@ -33,11 +33,12 @@ private:
     nlohmann::json json_ = nlohmann::json::object();
 };
 
-/// What a row says of its limit: limit_seconds, limited_by and, where `step_seconds` is a time,
-/// fraction_of_limit; null where unknown.
+/// The fields of a row about its limit: limit_seconds, limited_by and, if `step_seconds` is a time,
+/// fraction_of_limit. Unknown values are null.
 nlohmann::json limit_fields(const std::optional<StepLimit>& limit, std::optional<double> step_seconds);
 
-/// A line a device and, where its fragment shaders have a small part of its arithmetic, one that says so.
+/// Prints one line per device, and a second one if its fragment shaders reach only a small part of its
+/// arithmetic.
 void print_limits(const nlohmann::json& limits, std::ostream& out);
 
 }  // namespace voxspring

@@ -13,8 +13,9 @@
 namespace voxspring {
 namespace {
 
-/// By what share of their median values part into two groups of a quarter of them each or more, with nothing
-/// between: the widest gap inside, if it is several times as wide as either group. Otherwise 0.
+/// The widest gap between two groups of values, as a fraction of their median; 0 if the values do not form
+/// two groups. Each group has at least a quarter of the values, and the gap is several times as wide as
+/// either group.
 double parting(std::vector<double> values) {
     std::sort(values.begin(), values.end());
     const std::size_t fewest = std::max<std::size_t>(2, (values.size() + 3) / 4);
@@ -40,7 +41,8 @@ double spin_seconds() {
     for (int i = 0; i < tries; ++i) {
         const auto begin = Clock::now();
         std::uint64_t x = result;
-        // Each waits for the one before it, whatever the compiler and the core do.
+        // Each addition depends on the one before, so that neither the compiler nor the core can overlap
+        // them.
         for (int k = 0; k < additions; ++k) x = x * 6364136223846793005u + 1442695040888963407u;
         result = x;
         least = std::min(least, std::chrono::duration<double>(Clock::now() - begin).count());
@@ -73,14 +75,14 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
     const auto add = [&](const std::string& kind, const std::string& figure) {
         reasons.push_back(kind + " (" + figure + ")");
     };
-    // Of fewer repetitions quartiles say nothing.
+    // With fewer repetitions quartiles mean nothing.
     constexpr std::size_t fewest = 4;
     if (observed.seconds.size() >= fewest) {
         const double median = voxspring::median(observed.seconds);
         const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
         if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
-        // Their median is then the time of one of two states, whichever came more often.
+        // The median of two groups is the time of one of two states, whichever was more frequent.
         if (const double apart = parting(observed.seconds); apart > max_parting)
             add("its repetitions are of two kinds", percent(apart) + " apart");
     }

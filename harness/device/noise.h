@@ -1,4 +1,4 @@
-// Whether a time can be trusted: how far repetitions are apart, and what else took the device meanwhile.
+// Whether a time can be trusted: how far repetitions are apart, and what else used the device meanwhile.
 #pragma once
 
 #include <sys/types.h>
@@ -9,44 +9,45 @@
 
 namespace voxspring {
 
-/// Seconds that a fixed amount of arithmetic on one core takes, the least of some tries: the processor's
-/// clock.
+/// Seconds for a fixed amount of arithmetic on one core, the least of some tries: a measure of the
+/// processor's clock.
 double spin_seconds();
 
-/// Seconds for which the threads of this process that are alive have been ready to run and had no core, so
-/// far; nothing where the system does not tell.
+/// Seconds for which the living threads of this process have so far been ready to run but had no core; empty
+/// if the system does not report it.
 std::optional<double> waited_seconds();
 
-/// Processes of a study, while one of them has just computed on a card.
+/// The processes of a study, just after one of them computed on a card.
 struct OwnProcesses {
-    std::vector<pid_t> all = {};  ///< that are alive
-    unsigned on_card = 0;         ///< of those, how many have the card
+    std::vector<pid_t> all = {};  ///< those alive
+    unsigned on_card = 0;         ///< how many of those have the card
 };
-/// How many of the processes `on_card` are none of the study's. Where the driver numbers processes in another
-/// namespace than ours (in a container), which shows in its knowing none of `own`, as many as the study has
-/// on the card are taken for its own.
+/// How many of the processes `on_card` do not belong to the study. In a container the driver may number
+/// processes in another namespace: then it lists none of `own`, and we subtract as many as the study has on
+/// the card.
 unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& own);
 
-/// What is known of the repetitions of one case. Where lists are not empty they are of all repetitions.
+/// What is known about the repetitions of one case. A list is empty or has one element per repetition.
 struct Observed {
-    std::vector<double> seconds = {};        ///< of each repetition
-    std::vector<double> spins = {};          ///< spin_seconds() beside it
-    std::vector<double> waits = {};          ///< of a repetition's time its threads waited for a core
+    std::vector<double> seconds = {};  ///< of each repetition
+    std::vector<double> spins = {};    ///< spin_seconds() after it
+    std::vector<double> waits =
+        {};  ///< time that its threads waited for a core, as a fraction of the repetition
     std::vector<unsigned> card_mhz = {};     ///< after it
-    std::vector<unsigned> other_users = {};  ///< processes on the card that are none of the study's
+    std::vector<unsigned> other_users = {};  ///< other programs' processes on the card
 };
-/// Why the case's time is not to be trusted, each reason with its figure in parentheses; none: nothing
-/// is known against it.
+/// The reasons not to trust the case's time, each with its figure in parentheses. Empty if none is known.
 std::vector<std::string> reasons_of_noise(const Observed& observed);
 
-/// Half of the repetitions lie within that part of their median. Two builds that differ by a tenth, which is
-/// what results/diff.py is to find, cannot be told apart where they spread over more.
+/// The largest interquartile range, as a fraction of the median. results/diff.py is to find builds that
+/// differ by a tenth, which is impossible if repetitions spread over more.
 constexpr double max_spread = 0.1;
-/// Two kinds of repetitions that are nearer to each other say the same.
+/// The largest gap, as a fraction of the median, between two groups of repetitions that still counts as one
+/// group.
 constexpr double max_parting = 0.03;
-/// A clock that moved by more moves times by as much.
+/// The largest accepted change of a clock. Times change by as much as the clock does.
 constexpr double max_clock_change = 0.1;
-/// Of a repetition's time, in the median. More is time that another process had.
+/// The largest accepted median of Observed::waits. More waiting means that another process had the cores.
 constexpr double max_waiting = 0.1;
 
 }  // namespace voxspring

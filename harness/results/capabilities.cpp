@@ -12,7 +12,7 @@ namespace {
 struct FamilyName {
     ApiFamily family;
     const char* name;
-    const char* api;  ///< what the names of its versions begin with
+    const char* api;  ///< the prefix of the names of its versions
 };
 constexpr std::array family_names = {
     FamilyName{ApiFamily::cpu, "cpu", "CPU"}, FamilyName{ApiFamily::vulkan, "vulkan", "Vulkan"},
@@ -36,7 +36,7 @@ ApiFamily family_of(const nlohmann::json& json, const std::string& api) {
 }  // namespace
 
 nlohmann::json to_json(const Capabilities& capabilities) {
-    // A driver's own words, of any bytes.
+    // These strings come from the driver, and may hold any bytes.
     return {{"api", utf8_text(capabilities.api)},
             {"device", utf8_text(capabilities.device)},
             {"driver", utf8_text(capabilities.driver)},

@@ -1,4 +1,4 @@
-// What a backend runs on, as results say it.
+// Capabilities of a backend as results store them.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -10,8 +10,8 @@ namespace voxspring {
 /// An entry of `context.voxspring.backends` (results/schema.json).
 nlohmann::json to_json(const Capabilities& capabilities);
 
-/// Back, also from what version 0.1 wrote: it has neither `family` nor `software`, which then follow from the
-/// names of API and device. Fields that are missing otherwise are at their defaults.
+/// Reads such an entry, also one that version 0.1 wrote: that has neither `family` nor `software`, which then
+/// follow from the names of API and device. Other missing fields keep their defaults.
 Capabilities capabilities_of(const nlohmann::json& json);
 
 }  // namespace voxspring

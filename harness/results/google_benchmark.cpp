@@ -19,7 +19,7 @@ struct Aggregate {
     Statistic of;
 };
 double median_of(const std::vector<double>& values) { return median(values); }
-/// As Google Benchmark has it: 0 where the mean is 0.
+/// The coefficient of variation; like Google Benchmark's it is 0 if the mean is 0.
 double variation(const std::vector<double>& values) {
     const double centre = mean(values);
     return centre == 0 ? 0 : standard_deviation(values) / centre;
@@ -36,7 +36,7 @@ std::string utc_date() {
     return text.data();
 }
 
-/// The figures of a row that statistics are of.
+/// The figures of a row for which statistics are computed.
 constexpr std::array figures = {&BenchmarkPart::real_microseconds, &BenchmarkPart::cpu_microseconds,
                                 &BenchmarkPart::particle_updates_per_second,
                                 &BenchmarkPart::spring_updates_per_second,

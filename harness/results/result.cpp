@@ -19,10 +19,10 @@
 namespace voxspring {
 namespace {
 
-/// The head of a reason, without its figure.
+/// A reason without its figure.
 std::string kind_of(const std::string& reason) { return reason.substr(0, reason.find(" (")); }
 
-/// Values in the order in which they first came.
+/// Distinct values in the order of their first appearance.
 class Distinct {
 public:
     void add(const std::string& value) {
@@ -35,7 +35,7 @@ private:
     std::vector<std::string> values_;
 };
 
-/// What holds for one reason.
+/// The backends, cases and scenes that one reason holds for.
 struct Unmeasured {
     Distinct backends, cases, scenes;
 };
@@ -86,7 +86,7 @@ void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth wid
     print_columns(columns, table, width, out);
 }
 
-/// What made fewer repetitions than the study asks for, in a line.
+/// Prints a line about the cases that made fewer repetitions than the study asks for.
 void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream& out) {
     std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
     std::size_t count = 0;
@@ -150,7 +150,7 @@ StepTimes step_times_of(const std::vector<Row>& rows) {
 }
 
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
-    constexpr double min_spread = 0.03;  // medians of two runs differ by as much
+    constexpr double min_spread = 0.03;  // two runs' medians differ by this much anyway
     std::string text = row.noise_mark() + si(seconds, "s");
     const auto found = repetitions.find(row.case_name());
     if (found == repetitions.end() || found->second.size() < 3) return text;

@@ -6,7 +6,7 @@
 namespace voxspring {
 namespace {
 
-// One function a part: its keys, in both directions.
+// There is one function per part. It lists the part's keys, for reading and for writing.
 
 template <class Self, class Fields>
 void identity_fields(Self& part, Fields& fields) {

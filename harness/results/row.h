@@ -1,5 +1,5 @@
-// A row of a result (results/schema.json) and its JSON. Every key stands in row.cpp once, for both
-// directions.
+// A row of a result (results/schema.json) and its JSON. Every key appears once in row.cpp, for reading and
+// writing.
 #pragma once
 
 #include <cmath>
@@ -28,7 +28,7 @@ struct Workpiece {
     std::uint64_t particles = 0, springs = 0;
 };
 
-/// What Google Benchmark's schema 1 says of a row; times are of one step.
+/// The fields of Google Benchmark's schema 1. Times are per step.
 struct BenchmarkPart {
     std::string run_name;
     std::string run_type = "iteration";  ///< or "aggregate"
@@ -43,30 +43,30 @@ struct BenchmarkPart {
     double particle_updates_per_second = 0, spring_updates_per_second = 0;
     double host_seconds_per_step = 0;
 
-    /// Whether it is the median of its repetitions. One repetition has no aggregates: its only row is its
-    /// median.
+    /// Whether this row is the median of its repetitions. A single repetition has no aggregates: its only row
+    /// counts as the median.
     bool is_median() const;
-    /// Whether it is a time rather than a measure of how times spread.
+    /// Whether this row is a time rather than a measure of how times spread.
     bool is_time() const;
 };
 
-/// The shortest time of a step on its device; nothing where that is not known.
+/// The shortest possible time of a step on the row's device; empty if that is not known.
 struct LimitPart {
     std::optional<double> seconds = {};
     std::optional<std::string> limited_by = {};
-    std::optional<double> fraction = {};  ///< of a row that is a time
-    /// StepWork's of a step; nothing where it takes less than the whole body.
+    std::optional<double> fraction = {};  ///< only of a row that is a time
+    /// StepWork of a step; empty if steps leave out parts of the body.
     std::optional<std::uint64_t> bytes = {}, written_bytes = {}, footprint_bytes = {}, operations = {};
 };
 
-/// From nothing to the first step.
+/// The time from the construction of a backend to its first step.
 struct StartPart {
     double construct_seconds = 0, compile_seconds = 0, upload_seconds = 0;
     double ready_seconds = 0;                       ///< all three: with no kernel on disk
     std::optional<double> warm_ready_seconds = {};  ///< with all of them there; not in older files
 };
 
-/// What a backend chose for the scene and the device.
+/// What a backend chose for a scene and a device.
 struct ChoicePart {
     std::string chosen;            ///< Choice::tuning
     double predicted_seconds = 0;  ///< Choice::step_seconds
@@ -79,7 +79,7 @@ struct EditPart {
     double seconds_per_step_without = 0;
 };
 
-/// How errors of a timing study were taken.
+/// How the errors of a timing study were computed.
 struct ReferencePart {
     std::uint64_t voxels = 0;
     int error_steps = 0;
@@ -90,12 +90,12 @@ struct ReferencePart {
 struct VerdictPart {
     bool passed = false, finite = false;
     std::optional<double> error_rms = {}, tolerance = {}, tolerance_rms = {};
-    /// Of the perturbed reference; nothing where none was run.
+    /// Figures of the perturbed reference; empty if none was run.
     std::optional<double> spread_max = {}, spread_rms = {}, motion_max = {}, motion_rms = {};
     std::optional<WorkCount> work = {};
 };
 
-/// A row has the parts that the list it stands in asks for.
+/// A row of any list. It has the parts that its list asks for.
 struct Row {
     Identity identity;
     std::optional<Workpiece> workpiece = {};
@@ -114,32 +114,32 @@ struct Row {
     std::optional<std::string> reason = {};   ///< why it was skipped, failed or chosen
     std::optional<std::string> pattern = {};  ///< of a choice: what asked for it
 
-    /// Median time of a step. Of a row with a benchmark.
+    /// Median time of a step. The row must have a benchmark.
     double step_seconds() const { return 1e-6 * benchmark.value().real_microseconds; }
     /// "gl_fragment_implicit increment float32 mask=none".
     std::string label() const;
     /// SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], without what Google Benchmark adds.
     std::string case_name() const;
-    /// "~" before a figure that is not to be trusted, else nothing.
+    /// "~" to precede a figure that is not to be trusted, otherwise empty.
     std::string noise_mark() const { return noisy.empty() ? "" : "~"; }
-    /// Whether it took less time than its limit, which then is wrong.
+    /// Whether the row took less time than its limit. If so, the limit is wrong.
     bool above_limit() const { return limit && limit->fraction && *limit->fraction > 1; }
-    /// "!" after such a fraction, else nothing.
+    /// "!" to follow the fraction of a limit that is wrong, otherwise empty.
     std::string limit_mark() const { return above_limit() ? "!" : ""; }
 };
 
 nlohmann::json to_json(const Row& row);
-/// Parts whose first key is missing are absent; other missing keys are at their defaults.
+/// A part whose first key is missing is absent. Other missing keys have their defaults.
 Row row_from_json(const nlohmann::json& json);
 std::vector<Row> rows_from_json(const nlohmann::json& list);
 
-/// A row of nothing but its identity.
+/// A row that has only its identity.
 Row row_of(const std::string& scene, const BackendSpec& spec);
 
 nlohmann::json to_json(const Errors& errors);
 
-/// Writes the fields that a function visits. With RowReader a kind of study names the keys of its own rows in
-/// one function, which is called with either.
+/// Writes the fields that a function visits. A kind of study names the keys of its rows in one function,
+/// which is called with a RowWriter or a RowReader.
 class RowWriter {
 public:
     explicit RowWriter(nlohmann::json& json) : json_(json) {}
@@ -149,7 +149,7 @@ public:
     void required(const char* key, const T& value) {
         json_[key] = value;
     }
-    /// null where there is none, or no finite number.
+    /// The key is null if there is no value, or if it is not a finite number.
     template <class T>
     void nullable(const char* key, const std::optional<T>& value) {
         json_[key] = nullptr;
@@ -158,12 +158,12 @@ public:
         }
         if (value) json_[key] = *value;
     }
-    /// Absent where there is none.
+    /// The key is absent if there is no value.
     template <class T>
     void optional(const char* key, const std::optional<T>& value) {
         if (value) json_[key] = *value;
     }
-    /// Absent where it is empty.
+    /// The key is absent if the list is empty.
     void list(const char* key, const std::vector<std::string>& values) {
         if (!values.empty()) json_[key] = values;
     }
@@ -172,7 +172,7 @@ private:
     nlohmann::json& json_;
 };
 
-/// Reads them. What is missing or null leaves the value as it is.
+/// Reads the fields that a function visits. A key that is missing or null leaves its value unchanged.
 class RowReader {
 public:
     explicit RowReader(const nlohmann::json& json) : json_(json) {}

@@ -17,8 +17,8 @@ constexpr std::size_t min_name = 12;  ///< characters that a name keeps
 constexpr std::size_t gap = 2;
 
 struct Laid {
-    std::vector<std::size_t> columns = {};  ///< which are left
-    std::vector<std::size_t> widths = {};   ///< of all
+    std::vector<std::size_t> columns = {};  ///< those that are left
+    std::vector<std::size_t> widths = {};   ///< of all columns
     std::size_t total() const {
         std::size_t sum = columns.empty() ? 0 : gap * (columns.size() - 1);
         for (const std::size_t c : columns) sum += widths[c];
@@ -26,7 +26,7 @@ struct Laid {
     }
 };
 
-/// Drops the most expendable column; false where none is left.
+/// Drops the most expendable column. Returns false if no expendable column is left.
 bool drop_one(Laid& laid, const std::vector<Column>& columns) {
     const auto worst = std::max_element(laid.columns.begin(), laid.columns.end(), [&](auto a, auto b) {
         return columns[a].expendable < columns[b].expendable;
@@ -36,7 +36,7 @@ bool drop_one(Laid& laid, const std::vector<Column>& columns) {
     return true;
 }
 
-/// Takes what is too much from the widest name.
+/// Shortens the widest names until the table fits.
 void narrow_names(Laid& laid, const std::vector<Column>& columns, std::size_t width) {
     while (laid.total() > width) {
         std::size_t* widest = nullptr;
@@ -52,7 +52,7 @@ void narrow_names(Laid& laid, const std::vector<Column>& columns, std::size_t wi
 
 using Rows = std::vector<std::vector<std::string>>;
 
-/// `text` in lines of `width` characters, where words let it.
+/// Wraps `text` into lines of at most `width` characters; a longer word has a line to itself.
 std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
     std::vector<std::string> lines;
     std::istringstream words(text);
@@ -66,7 +66,8 @@ std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
     return lines;
 }
 
-/// As wide as cells are, with headings in one line or as narrow as their longest word.
+/// The width of the column: of its cells and of its heading, which is in one line or, with `wraps`, has one
+/// word per line.
 std::size_t width_of(const Column& column, const Rows& rows, std::size_t c, bool wraps) {
     std::size_t width = 0;
     for (const std::string& line : wrapped(column.heading, wraps ? 1 : column.heading.size()))
@@ -75,7 +76,7 @@ std::size_t width_of(const Column& column, const Rows& rows, std::size_t c, bool
     return width;
 }
 
-/// Whether what is left of the names in column `c` still tells them apart.
+/// Whether the names in column `c`, shortened to `width`, can still be told apart.
 bool tells_apart(const Rows& rows, std::size_t c, std::size_t width) {
     std::map<std::string, std::string> whole;
     return std::all_of(rows.begin(), rows.end(), [&](const auto& row) {
@@ -83,7 +84,8 @@ bool tells_apart(const Rows& rows, std::size_t c, std::size_t width) {
     });
 }
 
-/// Whether all columns fit, with names that say something: each of twice its least length, and no two alike.
+/// Whether all columns fit with names that are readable: each has twice its least length, and no two are
+/// alike.
 bool serves(Laid laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
     Laid least = laid;
     for (const std::size_t c : least.columns) {
@@ -96,8 +98,7 @@ bool serves(Laid laid, const std::vector<Column>& columns, const Rows& rows, std
     });
 }
 
-/// Names that say something are worth more than expendable figures, and names that differ more than the
-/// width.
+/// Readable names take precedence over expendable figures, and distinct names take precedence over the width.
 void fit_into(Laid& laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
     while (!serves(laid, columns, rows, width) && drop_one(laid, columns)) {
     }

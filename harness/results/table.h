@@ -1,4 +1,4 @@
-// Tables for people, as wide as there is room for.
+// Tables for people that fit the width of the terminal.
 #pragma once
 
 #include <cstddef>
@@ -9,31 +9,32 @@
 
 namespace voxspring {
 
-/// Columns that a table may take; 0: as many as it likes.
+/// How many characters wide a table may be; 0: any width.
 using TableWidth = std::size_t;
 
-/// Of the terminal that a stream's descriptor is, 80 at least; 0 for a pipe or a file.
+/// The width of the terminal behind `descriptor`, at least 80; 0 for a pipe or a file.
 TableWidth terminal_width(int descriptor);
 
 struct Column {
     std::string heading;
-    /// Where there is no room columns go by it, the highest first; 0: it stays.
+    /// If there is no room, columns are dropped in this order, the highest first; 0: never dropped.
     int expendable = 0;
-    /// A name, to the left and shortened in its middle where there is no room, or a figure, to the right.
+    /// Names are aligned to the left, and shortened in the middle if there is no room. Figures are aligned to
+    /// the right.
     bool is_name = false;
 };
 
-/// Prints rows of as many cells as there are columns, and a line that names the columns for which there was
-/// no room. Where there is too little, headings first take several lines. A line is longer than `width` where
-/// two names would be one otherwise.
+/// Prints rows, each with one cell per column, and a line that names the columns for which there was no room.
+/// If there is too little room, headings take several lines first. A line is longer than `width` only if two
+/// names could not be told apart otherwise.
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
                    TableWidth width, std::ostream& out);
 
-/// `text` in at most `length` characters: "..." is behind two thirds of what is left, since the names of
-/// strategies differ late.
+/// `text` in at most `length` characters. "..." stands after the first two thirds of what is kept, since the
+/// names of strategies differ late.
 std::string shortened(const std::string& text, std::size_t length);
 
-/// "1.2e-05" and "12%", or "-" for what is not known.
+/// "1.2e-05" and "12%", or "-" if the value is not known.
 std::string error_cell(const std::optional<double>& error);
 std::string percent_cell(const std::optional<double>& fraction);
 
