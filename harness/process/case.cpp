@@ -19,7 +19,7 @@ DeviceNumber device_of(const nlohmann::json& device) {
     return {.number = device.at("number"), .wraps = device.at("wraps"), .parts = device.at("parts")};
 }
 
-/// A case in its process.
+/// A case's side in the worker process: answers what the study asks.
 class Host : public Answerer {
 public:
     Host(const nlohmann::json& description, const Scene* scene)
@@ -27,7 +27,7 @@ public:
           scene_(scene),
           program_(description.at("program")),
           device_(device_of(program_.at("device"))) {
-        // The process may have had another case before.
+        // The process may have run another case before, with another number of threads.
         const int threads = program_.at("threads");
         omp_set_num_threads(threads > 0 ? threads : omp_get_num_procs());
     }
@@ -102,7 +102,8 @@ nlohmann::json Case::introduction_of(const std::function<nlohmann::json()>& answ
     try {
         return answer();
     } catch (const std::exception&) {
-        // A device may still fail from what the case before did there.
+        // The failure may be a consequence of what the previous case did on the device: try again in a new
+        // process.
         if (!process_->has_left()) throw;
     }
     process_ = new_process();

@@ -1,4 +1,4 @@
-// A backend that a study runs a scene on, in a process of its own.
+// A case: a backend on which a study runs a scene, in a separate process.
 #pragma once
 
 #include <chrono>
@@ -18,7 +18,7 @@
 
 namespace voxspring {
 
-/// Ctrl-C was pressed: nothing further is begun.
+/// Ctrl-C was pressed: no further work is begun.
 class Interrupted : public std::exception {
 public:
     const char* what() const noexcept override { return "interrupted"; }
@@ -28,50 +28,50 @@ public:
 /// journal has no answer to.
 class Case {
 public:
-    /// `workers`, which have the scene, must outlive it. With `second_hand` its process may have been that
-    /// of a case before, where nobody wants to know how long constructing takes.
+    /// `workers`, which have the scene, must outlive the case. With `second_hand` the case may reuse the
+    /// process of an earlier case; the time of construction then means nothing.
     Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
          std::chrono::duration<double> timeout, bool second_hand = false);
 
     const BackendSpec& spec() const { return spec_; }
-    /// What is finished of it.
+    /// The finished measurements of the case.
     JournalScope& scope() { return scope_; }
 
-    /// Constructs the backend, unless the journal has what that gave: its `capabilities`, `unsupported`
-    /// (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
+    /// Constructs the backend, unless the journal already has the result. Returns its `capabilities`,
+    /// `unsupported` (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
     nlohmann::json introduce();
-    /// The same ahead of time and in two parts, so that several cases construct at once, which takes each of
-    /// them longer: it begins, and waits. What goes wrong introduce() throws.
+    /// introduce() ahead of time, in two parts (begin and wait), so that several cases construct at once.
+    /// Each construction then takes longer. Errors are kept, and introduce() throws them later.
     void begin_introduction();
     void await_introduction();
-    /// Of the backend that it has been introduced with.
+    /// The capabilities of the backend, after introduce().
     const nlohmann::json& capabilities() const { return scope_.find("introduction")->at("capabilities"); }
-    /// Asks its runner. Throws Interrupted before it would, and what Worker::ask() throws; BadInput if the
-    /// device is not the one that the journal knows.
+    /// Asks the runner. Throws Interrupted, before asking, if Ctrl-C was pressed; BadInput if the device is
+    /// not the one in the journal; and what Worker::ask() throws.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
-    /// Worker::begin() and finish() with its runner.
+    /// ask() in two parts, as Worker::begin() and finish().
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {}) {
         return process_->finish(doing, on_event);
     }
-    /// Measures the device's limits on a backend of its own, unless `scope` has them. Throws as ask() does.
+    /// Measures the device's limits on a separate backend, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 
-    /// It is not to be asked again: the process that it has now, if any, ends or, second hand, is for the
-    /// next case of its API. Does not wait for that.
+    /// Gives up the process, if any: it ends or, with `second_hand`, is kept for the next case of the same
+    /// API. Does not wait for that. The case must not be asked again.
     void dismiss();
 
-    /// The process that it has now.
+    /// The current process, if there is one.
     std::optional<pid_t> process() const;
 
-    std::optional<DeviceLimits> limits;  ///< of its device; nothing: they could not be measured
+    std::optional<DeviceLimits> limits;  ///< of its device; empty: they could not be measured
 
 private:
     void start();
     void make_process();
     std::unique_ptr<Worker> new_process();
-    /// What `answer` gives, or what a new process does where that failed in one that has been used before.
+    /// The result of `answer`. If that fails in a process that was used before, a new process is asked.
     nlohmann::json introduction_of(const std::function<nlohmann::json()>& answer);
     void take_introduction(const nlohmann::json& introduction);
 
@@ -82,23 +82,23 @@ private:
     std::chrono::duration<double> timeout_;
     bool second_hand_;
     std::unique_ptr<Worker> process_;
-    bool introducing_ = false;      ///< it has begun
+    bool introducing_ = false;      ///< begin_introduction() was called
     std::exception_ptr too_early_;  ///< what went wrong ahead of time
 };
 
-/// "cuda" of cuda_march: what a driver opens for one of an API it has for the next.
+/// The API of a backend: "cuda" for cuda_march. A driver that is open for one backend serves the next one of
+/// the same API.
 std::string api_of(const BackendSpec& spec);
 
-/// Calls `action`, which is about one case. Why it failed; nothing if it did not or was interrupted
-/// (which is to go on when the study is resumed). Throws what is not the case's fault: BadInput,
-/// Unwritten.
+/// Calls `action`, which concerns one case, and returns why it failed. Empty if it succeeded or was
+/// interrupted; an interrupted case goes on when the study is resumed. Throws what is not the case's fault:
+/// BadInput, Unwritten.
 std::optional<std::string> failure_of(const std::function<void()>& action);
 
-/// Introduces a backend, as Case::introduce() does, which is constructed for that alone. Throws as
-/// Worker::ask() does.
+/// Constructs a backend only to introduce it, as Case::introduce() does. Throws as Worker::ask() does.
 nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout);
 
-/// What answers in a case's process, and the description that it is started with.
+/// The description that a case's process is started with, and the Answerer that it makes from this.
 nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program);
 std::unique_ptr<Answerer> case_answerer(const nlohmann::json& description, const Scene* scene);
 

@@ -1,4 +1,4 @@
-// What runs in a case's process, made there from a name and parameters.
+// The code that runs in a case's process. It is made there from a name and parameters.
 #pragma once
 
 #include <functional>
@@ -14,7 +14,7 @@
 
 namespace voxspring {
 
-/// What a kind of study does with one backend, in the backend's process.
+/// What a kind of study does with one backend, in that backend's process.
 class CaseRunner {
 public:
     CaseRunner() = default;
@@ -25,8 +25,8 @@ public:
                                   const OnEvent& on_event) = 0;
 };
 
-/// Makes a runner in the case's process. `parameters` is whatever the kind of study gave; `shared`, room for
-/// one state, is null where it asked for none. All references outlive the runner.
+/// Makes a runner in the case's process. `parameters` comes from the kind of study. `shared` is room for one
+/// state; null if the study did not ask for it. All references outlive the runner.
 using CaseRunnerFactory = std::function<std::unique_ptr<CaseRunner>(
     const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)>;
 
@@ -35,24 +35,24 @@ struct RegisteredCaseRunner {
     RegisteredCaseRunner(const std::string& name, CaseRunnerFactory factory);
 };
 
-/// What a case is to run: a registered runner and what it is made from.
+/// What a case runs: the name of a registered runner, and its parameters.
 struct CaseProgram {
     std::string runner;
     nlohmann::json parameters = nlohmann::json::object();
     SharedState* shared = nullptr;  ///< must outlive the case
-    /// That the case's process has at most of its own; 0: as many as there are processors. Where cases work
-    /// side by side each takes its share: a thread that waits for others of its process keeps a processor
-    /// from those of another.
+    /// How many threads the case's process may use; 0: one per processor. If cases work side by side, each
+    /// takes a share of the processors: a thread that spins while it waits would keep a processor from
+    /// another process.
     int threads = 0;
-    /// That all backends of the case's process take, from the first on: a backend opens its device when it is
-    /// made.
+    /// The device of all backends in the case's process. It is set before the first one is made, since a
+    /// backend opens its device in its constructor.
     DeviceNumber device = {};
 };
 
-/// What the case's process is told of its program.
+/// The program as JSON, for the case's process.
 nlohmann::json to_json(const CaseProgram& program);
-/// In the case's process: makes the runner of `program`, as to_json() has it, in which `shared` is at hand.
-/// Throws std::logic_error for a name that is not registered.
+/// Called in the case's process: makes the runner of `program`, which to_json() wrote, with `shared` in this
+/// process. Throws std::logic_error for a name that is not registered.
 std::unique_ptr<CaseRunner> make_case_runner(const nlohmann::json& program, const BackendSpec& spec,
                                              const Scene& scene, SharedState* shared);
 

@@ -20,13 +20,13 @@ namespace {
 
 constexpr int version = 1;
 constexpr std::string_view check_key = R"({"check":")";
-/// `object`, which is not empty, with the check of all that follows it in front.
+/// The line of `object`, which is not empty. It begins with a check of the rest of the line.
 std::string line_of(const nlohmann::json& object) {
     const std::string rest = "," + json_text(object).substr(1);
     return std::string(check_key) + hash_of(rest) + "\"" + rest + "\n";
 }
 
-/// The object of a line without its end; nothing if it is not as it was written.
+/// The object in `line`, which has no newline; empty if the line does not match its check.
 std::optional<nlohmann::json> object_of(std::string_view line) {
     const std::size_t rest = check_key.size() + hash_digits + 1;
     if (line.size() < rest || !line.starts_with(check_key) ||
@@ -35,10 +35,10 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     return nlohmann::json::parse(line);
 }
 
-/// Where one of two values has no such key.
+/// The text of a value that is missing, where only one of two objects has a key.
 const std::string nothing = "nothing";
 
-/// Without quotes and brackets.
+/// `value` as text, without quotes and brackets.
 std::string plain_text(const nlohmann::json& value) {
     if (value.is_null()) return nothing;
     if (value.is_string()) return value.get<std::string>();
@@ -106,12 +106,12 @@ std::string Journal::complete_lines() {
     for (;;) {
         const ssize_t n = ::read(descriptor_.number, buffer.data(), buffer.size());
         if (n < 0 && errno == EINTR) continue;
-        // What was not read is not to be taken for a line that was not written.
+        // An error must not be mistaken for the end of the file: unread lines would be dropped.
         if (n < 0) throw Unwritten("cannot read " + file_.string() + ": " + std::strerror(errno));
         if (n == 0) break;
         text.append(buffer.data(), std::size_t(n));
     }
-    const std::size_t complete = text.rfind('\n') + 1;  // 0 where there is no line
+    const std::size_t complete = text.rfind('\n') + 1;  // 0 if there is no complete line
     if (complete < text.size()) {
         note_ = file_.string() + ": the last line was cut short and is dropped";
         text.resize(complete);
@@ -156,7 +156,7 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
         if (object->value("journal", 0) != version)
             throw BadInput(file_.string(), "journal", json_text(*object),
                            "version " + std::to_string(version));
-        const nlohmann::json now = nlohmann::json::parse(json_text(study));  // as the file would have it
+        const nlohmann::json now = nlohmann::json::parse(json_text(study));  // as the file would store it
         for (const auto& [key, value] : now.items()) {
             const nlohmann::json there = object->at("study").value(key, nlohmann::json());
             if (there == value) continue;
@@ -188,7 +188,7 @@ void Journal::append(const nlohmann::json& object, const std::string& what) {
         throw unwritten("; it misses " + what + " and is complete up to there: --resume goes on with it");
 }
 
-/// A disk takes milliseconds, and there is a line for every repetition, which may be shorter.
+/// Syncing takes milliseconds, and there is one line per repetition, which may take less.
 bool Journal::sync_now_and_then() {
     constexpr std::chrono::seconds pause(1);
     const auto now = std::chrono::steady_clock::now();

@@ -1,4 +1,4 @@
-// What a study has finished, written as soon as it is: what is there is not lost to whatever ends the
+// The journal of a study: every finished measurement is written at once, so that it survives the end of the
 // process.
 #pragma once
 
@@ -16,75 +16,75 @@
 
 namespace voxspring {
 
-/// What is finished cannot be written; the message says what that is. Nothing further is to be measured.
+/// A finished measurement cannot be written; the message says which. The study must stop measuring.
 class Unwritten : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// Where two JSON values first differ, and what either has there, as a user reads it.
+/// Where two JSON values first differ, and what each has there, as text for users.
 struct Difference {
-    std::string where;  ///< keys and, in lists, numbers from 1: "scenes 2 1"; empty: as a whole
+    std::string where;  ///< keys and, in lists, numbers from 1: "scenes 2 1"; empty: the values as a whole
     std::string there, here;
 };
-/// Of values that differ.
+/// The first difference of two values, which must differ.
 Difference first_difference(const nlohmann::json& there, const nlohmann::json& here);
-/// Refuses what `there` has, at `key` of `file`.
+/// The refusal of what the journal has at `key` of `file`.
 BadInput refusal(const std::string& file, const std::string& key, const Difference& other,
                  const std::string& accepted);
 
-/// Finished measurements by name. On disk a file of JSON lines, each with a check of its own: first what the
-/// study is (an object), then one line a measurement.
+/// Finished measurements by name. On disk this is a file of JSON lines, each with a checksum: first an object
+/// that describes the study, then one line per measurement.
 class Journal {
 public:
-    /// In memory alone.
+    /// A journal in memory only.
     Journal() = default;
-    /// In `file`, which the journal of a study that was cut short is continued in if `resume`. Throws
-    /// BadInput if another process writes it, if there is one and it is not to be resumed, if it is of
-    /// another study (`study` differs), or if a line is not what was written; Unwritten if it cannot be read
-    /// or written. A last line that is not complete is dropped, which note() says.
+    /// A journal in `file`. With `resume` it continues the journal of a study that was interrupted. Throws
+    /// BadInput if another process writes the file, if a journal exists and `resume` is false, if it is the
+    /// journal of another study (`study` differs), or if a line does not match its checksum; Unwritten if the
+    /// file cannot be read or written. An incomplete last line is dropped, and note() says so.
     Journal(std::filesystem::path file, const nlohmann::json& study, bool resume);
     Journal(const Journal&) = delete;
     Journal& operator=(const Journal&) = delete;
 
-    /// Null if it is not finished.
+    /// The measurement `name`; null if it is not finished.
     const nlohmann::json* find(const std::string& name) const;
-    /// In which session, from 1, it was finished. Of what is finished.
+    /// In which session, counted from 1, `name` was finished. It must be finished.
     int session_of(const std::string& name) const { return finished_.at(name).first; }
-    /// Keeps it; it is in the file when this returns, whatever then ends this process. The disk is waited for
-    /// once a second at most: only an end of the whole machine loses more, the last moments of it. Throws
-    /// Unwritten. JSON has neither infinity nor NaN: `value` is to have none.
+    /// Keeps a measurement. When this returns, the value is in the file and survives the end of this process.
+    /// The file is synced to the disk at most once per second, so a crash of the whole machine may lose the
+    /// last moments. Throws Unwritten. `value` must have no infinity and no NaN, since JSON has neither.
     void keep(const std::string& name, nlohmann::json value);
 
-    /// Each finished measurement, by name.
+    /// Calls `visitor` for each finished measurement, sorted by name.
     void visit(
         const std::function<void(const std::string& name, const nlohmann::json& value)>& visitor) const;
-    /// How many times the study has been begun or resumed, now included.
+    /// How many times the study has been started or resumed, including this time.
     int sessions() const { return session_; }
-    /// What a user should know of the file; empty: nothing.
+    /// What a user should know about the file; usually empty.
     const std::string& note() const { return note_; }
-    /// The file has done its duty.
+    /// Deletes the journal once the result is written.
     void remove();
 
     static std::filesystem::path file_beside(const std::filesystem::path& result);
 
 private:
-    /// Of errno.
+    /// The error that errno describes.
     Unwritten unwritten(const std::string& consequence) const;
     void open_locked();
-    /// All of it but a last line that is not complete, which goes.
+    /// The text of the file. An incomplete last line is cut off, in the file too.
     std::string complete_lines();
     void read(const std::string& text, const nlohmann::json& study);
     void append(const nlohmann::json& line, const std::string& what);
-    /// Waits for the disk, unless it was waited for a moment ago.
+    /// Syncs the file to the disk, unless that was done a moment ago.
     bool sync_now_and_then();
 
-    /// Closes what it has opened, which gives its lock back.
+    /// Closes the file at the end, which releases its lock.
     struct Descriptor {
         int number = -1;
         ~Descriptor();
     };
 
-    std::filesystem::path file_;  ///< empty: in memory alone
+    std::filesystem::path file_;  ///< empty: in memory only
     Descriptor descriptor_;
     std::optional<std::chrono::steady_clock::time_point> synced_;
     int session_ = 1;
@@ -92,7 +92,7 @@ private:
     std::map<std::string, std::pair<int, nlohmann::json>> finished_;
 };
 
-/// Those of one case, or of whatever else has names of its own.
+/// The measurements whose names begin with a prefix, those of one case for example.
 class JournalScope {
 public:
     JournalScope(Journal& journal, std::string prefix) : journal_(&journal), prefix_(std::move(prefix)) {}

@@ -43,22 +43,24 @@ Deadline after(Seconds patience) {
 
 // --- The study's side -----------------------------------------------------------------------------------
 
-/// What posix_spawn() takes, given back at the end.
+/// The arguments of posix_spawn(), released at the end.
 class SpawnPlan {
 public:
-    /// `socket` becomes launcher_socket; of this program's other files the new process has 0, 1 and 2.
+    /// In the new process `socket` becomes launcher_socket. Of the other open files it inherits only 0, 1 and
+    /// 2.
     explicit SpawnPlan(int socket) {
         posix_spawn_file_actions_init(&actions_);
         posix_spawn_file_actions_adddup2(&actions_, socket, launcher_socket);
         posix_spawn_file_actions_addclosefrom_np(&actions_, launcher_socket + 1);
         posix_spawnattr_init(&attributes_);
-        // Until the launcher ignores them, Ctrl-C is not to end it.
+        // The signals are blocked until the launcher ignores them, so that Ctrl-C never ends it.
         sigset_t blocked, usual;
         sigemptyset(&blocked);
         sigaddset(&blocked, SIGINT);
         sigaddset(&blocked, SIGTERM);
         posix_spawnattr_setsigmask(&attributes_, &blocked);
-        // It waits for its workers, which a program that ignores its own children would have it not do.
+        // SIGCHLD gets its default action, since the launcher waits for its workers. If this program ignores
+        // SIGCHLD, the launcher would inherit that, and could not wait.
         sigemptyset(&usual);
         sigaddset(&usual, SIGCHLD);
         posix_spawnattr_setsigdefault(&attributes_, &usual);
@@ -84,7 +86,7 @@ pid_t spawn(const std::filesystem::path& program, int socket) {
     std::array arguments = {name.data(), word.data(), mark.data(), static_cast<char*>(nullptr)};
     const SpawnPlan plan(socket);
     pid_t process = -1;
-    // The file that runs, even where another one has taken its name since.
+    // /proc/self/exe is the file that runs, even if another file has taken its name since.
     const std::string file = program.empty() ? "/proc/self/exe" : program.string();
     const int error =
         posix_spawn(&process, file.c_str(), plan.actions(), plan.attributes(), arguments.data(), environ);
@@ -104,7 +106,7 @@ std::string describe_end(int status) {
     return "ended with exit code " + std::to_string(WEXITSTATUS(status));
 }
 
-/// Waits for a child; `patience` long until it ends by itself, then by force.
+/// Waits up to `patience` for a child to end by itself, then kills it. Returns its status.
 int reap(pid_t process, Seconds patience) {
     int status = 0;
     const auto until = Clock::now() + patience;
@@ -148,7 +150,7 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene, Sec
     }
 }
 
-/// The first that it says is what it was built from.
+/// A launcher first sends what it was built from, which is compared here.
 void Launcher::check_build(const std::filesystem::path& program) {
     nlohmann::json theirs;
     try {
@@ -168,8 +170,8 @@ Launcher::~Launcher() {
 }
 
 void Launcher::lose(Seconds patience) {
-    // Where this program was forked meanwhile, by a thread of its own, there is a copy of the socket: closing
-    // it would not tell.
+    // shutdown() as well as close(): if another thread has forked this program meanwhile, the child has a
+    // copy of the socket, and close() alone would not tell the launcher.
     shutdown(socket_, SHUT_RDWR);
     lost_ = describe_end(reap(process_, patience));
     close(socket_);
@@ -196,7 +198,7 @@ Launcher::Child Launcher::start(const nlohmann::json& description) {
         const pid_t process = started.at("process");
         return {process, receive_descriptor(socket_, after(own_patience_))};
     } catch (const Late&) {
-        // The socket would come before the answer to the next request.
+        // A late socket would arrive in place of the answer to the next request: give up this launcher.
         lose(Seconds(0));
     } catch (const Closed&) {
         if (!is_lost()) lose(Seconds(0));
@@ -225,7 +227,7 @@ Workers::Workers(std::filesystem::path program, const Scene* scene)
 Workers::~Workers() { end_kept(); }
 
 void Workers::turn_to(const Scene* scene) {
-    launcher_.reset();  // with its copy of the scene before
+    launcher_.reset();  // with its copy of the previous scene
     scene_ = scene;
     ++scene_number_;
 }
@@ -247,7 +249,7 @@ std::unique_ptr<Worker> Workers::take(const std::string& kind, const nlohmann::j
             worker->become(description);
             return worker;
         } catch (const std::exception&) {
-            // It has ended, or what it had could not be given back.
+            // The worker has ended or could not release its resources: it is not kept.
         }
     }
 }
@@ -295,7 +297,7 @@ void start_worker(int socket, const nlohmann::json& description, const Scene* sc
     close(ends[0]);
 }
 
-/// Says whether it has the scene.
+/// Receives the scene, and reports to the study whether that succeeded.
 std::optional<Scene> take_scene(int socket) {
     try {
         std::optional<Scene> scene = receive_scene(socket);
@@ -310,15 +312,15 @@ std::optional<Scene> take_scene(int socket) {
 }  // namespace
 
 void serve_as_launcher(int socket, const MakeAnswerer& make) {
-    // Before the study can have died unseen: then the socket is closed.
+    // If the study died before this call, the launcher sees the closed socket instead.
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    // Otherwise `exe`, after /proc/self/exe.
+    // Without this the process would be called `exe`, after /proc/self/exe.
     prctl(PR_SET_NAME, program_invocation_short_name);
-    // Ctrl-C is for all processes of a terminal: the study lets this one and its workers finish what they are
-    // at.
+    // Ctrl-C goes to all processes of a terminal. The launcher and its workers ignore it, so that the study
+    // can let them finish their current work.
     std::signal(SIGINT, SIG_IGN);
     std::signal(SIGTERM, SIG_IGN);
-    // A driver's own cache may meet a limit on the size of files.
+    // A driver's cache may exceed a limit on the size of files.
     std::signal(SIGXFSZ, SIG_IGN);
     sigset_t none;
     sigemptyset(&none);

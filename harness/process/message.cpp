@@ -14,14 +14,14 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// Returns once there is something to receive, or the end.
+/// Returns once there is something to receive or the other end is closed. Throws Late at the deadline.
 void wait_for_input(int socket, const Deadline& until) {
     for (;;) {
         int milliseconds = -1;
         if (until) {
             const auto left = std::chrono::ceil<std::chrono::milliseconds>(*until - Clock::now()).count();
             if (left <= 0) throw Late();
-            // poll() takes no more than an int; the loop goes on after that.
+            // poll() takes an int. If the wait is longer, the loop calls it again.
             milliseconds = int(std::min<std::int64_t>(left, 1000000));
         }
         pollfd waiting{socket, POLLIN, 0};
@@ -70,7 +70,7 @@ void receive_bytes(int socket, void* bytes, std::size_t count, const Deadline& u
     }
 }
 
-/// CBOR holds every double, NaN and infinity included; its length goes first.
+/// Messages are CBOR, which holds every double, NaN and infinity included. The length is sent first.
 void send_message(int socket, const nlohmann::json& message) {
     const std::vector<std::uint8_t> bytes = nlohmann::json::to_cbor(message);
     const std::uint64_t size = bytes.size();
@@ -114,7 +114,7 @@ int receive_descriptor(int socket, const Deadline& until) {
         received = recvmsg(socket, &message, MSG_CMSG_CLOEXEC);
     } while (received < 0 && errno == EINTR);
     const cmsghdr* header = received > 0 ? CMSG_FIRSTHDR(&message) : nullptr;
-    // This process may have as many open files as it is allowed to.
+    // The descriptor is missing if this process has as many open files as it is allowed to have.
     if (header == nullptr || header->cmsg_type != SCM_RIGHTS) throw Closed();
     int descriptor = -1;
     std::memcpy(&descriptor, CMSG_DATA(header), sizeof descriptor);

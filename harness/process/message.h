@@ -1,4 +1,4 @@
-// What processes say to each other over a socket.
+// Messages between processes over a socket.
 #pragma once
 
 #include <chrono>
@@ -14,23 +14,23 @@ class Closed : public std::runtime_error {
 public:
     Closed() : std::runtime_error("the other process is gone") {}
 };
-/// Nothing came until the deadline.
+/// No message came before the deadline.
 class Late : public std::runtime_error {
 public:
     Late() : std::runtime_error("no answer") {}
 };
-/// Nothing: wait for as long as it takes.
+/// Empty: wait for as long as it takes.
 using Deadline = std::optional<std::chrono::steady_clock::time_point>;
 
-/// All throw Closed; those that receive throw Late as well.
+/// All functions here throw Closed; those that receive also throw Late.
 void send_bytes(int socket, const void* bytes, std::size_t count);
 void receive_bytes(int socket, void* bytes, std::size_t count, const Deadline& until = std::nullopt);
 
-/// Numbers travel to the bit, those that are not finite too.
+/// Numbers arrive with the same bits, NaN and infinity included.
 void send_message(int socket, const nlohmann::json& message);
 nlohmann::json receive_message(int socket, const Deadline& until = std::nullopt);
 
-/// Hands an open file, a socket for example, to the other process. What is received is the caller's to close.
+/// Passes an open file, a socket for example, to the other process. The receiver must close it.
 void send_descriptor(int socket, int descriptor);
 int receive_descriptor(int socket, const Deadline& until = std::nullopt);
 

@@ -16,10 +16,12 @@
 namespace voxspring {
 namespace {
 
-/// From how many bytes on an array is written into the receiver's memory; how many a thread writes at a time.
+/// Arrays of at least this many bytes are written directly into the receiver's memory. Each thread writes
+/// pieces of this size.
 constexpr std::size_t large = std::size_t(1) << 22;
 
-/// Copies `count` bytes to `address` of another process. False: it could not, and has left anything there.
+/// Copies `count` bytes to `address` in another process. Returns false if that failed; the memory there is
+/// then undefined.
 bool write_into(pid_t process, std::uint64_t address, const void* from, std::size_t count) {
     std::atomic<bool> written = true;
 #pragma omp parallel for schedule(dynamic)
@@ -85,13 +87,14 @@ void pass_all(const Stream& stream, Values&... values) {
     (pass(stream, values), ...);
 }
 
-/// The members of what is not a plain run of bytes. Each structure is taken apart as a whole, so that one
-/// with a further member does not compile before that is here.
+/// Passes the members of a structure that is not a plain run of bytes. Each structure is unpacked by a
+/// structured binding of all members: once it gains a member, this does not compile until the member is added
+/// here.
 template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        // What else a volume's file says is for people and for files, which no worker writes.
+        // Other facts of a volume's file are for people and exported files. Workers need neither.
         auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume,
                notes] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,

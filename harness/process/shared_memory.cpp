@@ -15,7 +15,8 @@ namespace {
     throw std::system_error(error, std::generic_category(), "cannot share memory with another process");
 }
 
-/// Removes the segment's number; Linux lets further processes attach until the last one that has it is gone.
+/// Marks the segment for removal once the last process detaches. Until then Linux lets further processes
+/// attach.
 struct Removal {
     int segment;
     ~Removal() { shmctl(segment, IPC_RMID, nullptr); }
@@ -23,7 +24,7 @@ struct Removal {
 
 }  // namespace
 
-// A file in memory would meet a limit on the size of files, which this does not.
+// A System V segment, since a file in memory would be subject to the limit on the size of files.
 SharedMemory SharedMemory::of_bytes(std::size_t bytes) {
     const int segment =
         shmget(IPC_PRIVATE, std::max<std::size_t>(1, bytes), IPC_CREAT | SHM_NORESERVE | 0600);

@@ -1,17 +1,17 @@
-// Memory that several processes of this host have.
+// Memory shared by several processes of this host.
 #pragma once
 
 #include <cstddef>
 
 namespace voxspring {
 
-/// A segment of zeros, the same memory in this process and in all that attach to its number. It goes with the
-/// last process that has it, however that ends. Page-aligned.
+/// A page-aligned segment, zero at first, shared by this process and all that attach to its number. It is
+/// freed with the last process that has it, however that ends.
 class SharedMemory {
 public:
-    /// Takes no memory before something is written. Throws std::system_error.
+    /// A new segment. Memory is allocated only as it is written. Throws std::system_error.
     static SharedMemory of_bytes(std::size_t bytes);
-    /// The segment of a process that still has it. Throws std::system_error.
+    /// Attaches to a segment, which another process must still have. Throws std::system_error.
     explicit SharedMemory(int segment);
     SharedMemory(const SharedMemory&) = delete;
     SharedMemory& operator=(const SharedMemory&) = delete;

@@ -10,8 +10,8 @@ namespace voxspring {
 
 namespace {
 
-/// On all cores: one takes most of a second for the state of 16 million particles. For few particles it is
-/// done before others have woken.
+/// Copies on all cores, since one core takes most of a second for the state of 16 million particles. For few
+/// particles one core is done before the others have woken.
 void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
     constexpr std::size_t few = 65536;
 #pragma omp parallel for schedule(static) if (from.size() > few)

@@ -1,4 +1,4 @@
-// A state that processes hand to each other.
+// A state that processes pass to each other through shared memory.
 #pragma once
 
 #include <cstddef>
@@ -10,24 +10,24 @@
 
 namespace voxspring {
 
-/// Room for the state of one problem, the same memory in this process and in all that have its description.
-/// One state at a time: what is put in is to be taken out before the next.
+/// Room for the state of one problem, shared by this process and all that have its description. It holds one
+/// state at a time: a state must be taken out before the next is put in.
 class SharedState {
 public:
-    /// Takes no memory before something is put in. Throws std::system_error.
+    /// New room. Memory is allocated only as it is written. Throws std::system_error.
     explicit SharedState(std::size_t particles);
-    /// The room that another process, which still has it, describes. Throws std::system_error.
+    /// The room that another process describes, which must still have it. Throws std::system_error.
     explicit SharedState(const nlohmann::json& description);
     SharedState(const SharedState&) = delete;
     SharedState& operator=(const SharedState&) = delete;
 
     nlohmann::json description() const;
 
-    /// Returns what take() needs to know: the sizes, which are for the receiver to judge. Throws
-    /// std::runtime_error for a state of more particles than there is room for.
+    /// Puts a state in. Returns its sizes, which take() needs and the receiver checks. Throws
+    /// std::runtime_error if the state has more particles than there is room for.
     nlohmann::json put(const State& state);
-    /// Copies the state out to where an earlier one may have been: new memory for each would take longer than
-    /// the copy.
+    /// Copies the state out into `state`, whose memory is reused: allocating new memory would take longer
+    /// than the copy.
     void take(const nlohmann::json& sizes, State& state) const;
 
 private:

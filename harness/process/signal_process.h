@@ -5,7 +5,7 @@
 
 namespace voxspring {
 
-/// Sends `signal` to one process. Whether it was sent: a process that has ended takes none. Throws
+/// Sends `signal` to one process. Returns whether it was sent, which fails if the process has ended. Throws
 /// std::logic_error unless `process` is positive: kill() takes 0 and negative numbers for groups of
 /// processes, and -1 for every process of the user.
 bool signal_process(pid_t process, int signal);

@@ -32,11 +32,12 @@ double cpu_seconds_of_process() {
     return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
 }
 
-/// Where memory runs out the system ends this process before the study, which has all that is finished.
+/// If memory runs out, the system ends this process rather than the study, which has all finished
+/// measurements.
 void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  // the most
 
-/// Returns once the threads of this process are idle. Those of OpenMP spin for some milliseconds after their
-/// work; a driver whose threads never rest is not waited for.
+/// Returns once the threads of this process are idle. OpenMP's threads spin for some milliseconds after their
+/// work. The wait is bounded, since some driver's threads never rest.
 void come_to_rest() {
     constexpr double interval = 1e-3, idle = 5e-5;  // seconds, and CPU seconds within them
     constexpr int max_checks = 50;
@@ -47,12 +48,13 @@ void come_to_rest() {
         if (now - before < idle) break;
         before = now;
     }
-    // Beside the other workers of a large scene, each that keeps what it no longer needs is too much.
+    // Gives freed memory back to the system: with a large scene there is not enough for every worker to keep
+    // it.
     constexpr std::size_t much = std::size_t(1) << 28;
     if (mallinfo2().fordblks > much) malloc_trim(0);
 }
 
-/// With a driver that gives a device back.
+/// How long to wait for a driver to release a device.
 constexpr Seconds driver_patience(10);
 
 const nlohmann::json rest_question = {{"do", "rest"}}, leave_question = {{"do", "leave"}};
@@ -90,7 +92,8 @@ void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, con
         scene = later_scene ? &*later_scene : nullptr;
     };
     const OnEvent on_event = [&](const nlohmann::json& event) { send_message(socket, {{"event", event}}); };
-    // It leaves without running what the launcher, or whoever it is part of, registered for its own end.
+    // The worker ends by _exit(): exit handlers that the launcher or the program around it registered must
+    // not run here.
     try {
         for (;;) {
             const nlohmann::json question = receive_message(socket);
@@ -120,7 +123,7 @@ void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, con
 
 Worker::Worker(Workers& workers, const nlohmann::json& description, Seconds timeout)
     : workers_(workers),
-      // What a clock of nanoseconds in 64 bits has room for.
+      // The limit keeps the deadline within a clock that counts nanoseconds in 64 bits.
       timeout_(std::min(timeout, Seconds(1e8))),
       scene_number_(workers.scene_number_) {
     if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
@@ -139,7 +142,8 @@ Worker::~Worker() {
 }
 
 void Worker::dismiss() {
-    // Where this program was forked meanwhile there is a copy of this end: closing it would not tell.
+    // shutdown() instead of close(): if this program was forked meanwhile, the child has a copy of the
+    // socket, and close() alone would not tell the worker.
     if (process_ >= 0) shutdown(socket_, SHUT_RDWR);
 }
 
@@ -176,7 +180,7 @@ nlohmann::json Worker::receive(const std::string& doing, Seconds patience) {
         how << "did not answer within " << patience.count() << " s";
         lose(how.str(), doing);
     } catch (const Closed&) {
-        // It has closed its end by ending, or is about to.
+        // The worker has closed its end: it has ended or is about to end.
         lose(launcher_->end(process_, std::min(Seconds(10), timeout_)), doing);
     }
 }
@@ -186,7 +190,7 @@ void Worker::rest() {
         send_message(socket_, rest_question);
         receive("coming to rest", timeout_);
     } catch (const std::exception&) {
-        // Whoever asks it next is told.
+        // The next call that asks this worker reports the failure.
     }
 }
 
@@ -201,13 +205,13 @@ nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& do
 
 void Worker::begin(const nlohmann::json& question) {
     if (process_ < 0) throw WorkerLost(lost_);
-    // It works on: nobody waits for it to come to rest.
+    // The worker may run beside others now: do not wait for it to come to rest.
     if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     asked_ = true;
     try {
         send_message(socket_, question);
     } catch (const Closed&) {
-        // receive() finds out how it ended.
+        // The worker has ended. receive() finds out how.
     }
 }
 

@@ -16,15 +16,15 @@
 
 namespace voxspring {
 
-/// The process is gone: the message says how it ended and what it was doing.
+/// The worker's process has ended. The message says how, and what it was doing.
 class WorkerLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// Sends this process's parent word of something before the answer.
+/// Called in a worker to report something to the study before the answer.
 using OnEvent = std::function<void(const nlohmann::json& event)>;
 
-/// What answers in the other process.
+/// Answers questions in the worker's process.
 class Answerer {
 public:
     Answerer() = default;
@@ -34,49 +34,51 @@ public:
     virtual nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) = 0;
 };
 
-/// A process that a launcher has forked. It ends with this object, or when this process does, however that
-/// happens. Numbers travel to the bit, those that are not finite too.
+/// A process that a launcher has forked. It ends with this object or with this process, however that ends.
+/// Numbers arrive with the same bits, NaN and infinity included.
 ///
-/// Only one of them works at a time, unless begin() says otherwise: before another one of the same Workers is
-/// asked, the threads of the one before have come to rest, where they would take the cores that the next one
-/// is timed on.
+/// Only one worker of the same Workers works at a time, except between begin() and finish(). Before another
+/// worker is asked, the threads of the previous one have come to rest: they would otherwise take cores from
+/// the one that is timed.
 class Worker {
 public:
-    /// `description` says what is to answer (case.h). `workers` must outlive this. A `timeout` of more than
-    /// three years is one of three years. Throws std::invalid_argument unless it is positive, and what
+    /// `description` says which Answerer to make (case.h). `workers` must outlive this. A `timeout` beyond
+    /// three years is cut to three years. Throws std::invalid_argument unless `timeout` is positive, and what
     /// Launcher throws.
     Worker(Workers& workers, const nlohmann::json& description, std::chrono::duration<double> timeout);
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
     ~Worker();
 
-    /// Whether it has answered whatever it was asked, without a failure, so that another description is in
-    /// good hands with it.
+    /// Whether the worker has answered every question without a failure, so that it can be used for another
+    /// description.
     bool can_be_used_again() const { return process_ >= 0 && !asked_ && !failed_; }
-    /// Has its answerer end, and does not wait for it; become() is what may be called next.
+    /// Makes the worker destroy its Answerer, and does not wait for that. The only call allowed next is
+    /// become().
     void begin_leaving();
-    /// Has it answer for another description, and on the scene that its Workers have turned to since. Throws
-    /// as ask() does.
+    /// Makes the worker answer for another description, on the current scene of its Workers. Throws as ask()
+    /// does.
     void become(const nlohmann::json& description);
-    /// Whether it answered for another description before.
+    /// Whether the worker has answered for another description before.
     bool has_left() const { return has_left_; }
 
-    /// Has the process end, and does not wait for it: a driver takes its time to give a device back, and
-    /// those of several workers may do so at once. It is not to be asked again.
+    /// Makes the process end, and does not wait for that: a driver takes a while to release a device, and
+    /// several workers can do so at once. The worker must not be asked again.
     void dismiss();
 
-    /// Nothing once it has ended.
+    /// The worker's process; empty once it has ended.
     std::optional<pid_t> process() const {
         return process_ > 0 ? std::optional<pid_t>(process_) : std::nullopt;
     }
 
-    /// The answer. Throws WorkerLost if the process ends, or says nothing for as long as the time-out, while
-    /// `doing` (it is then killed); Unavailable or DeviceError with the message of what its answerer threw.
+    /// Asks a question and returns the answer. Throws WorkerLost if the process ends or sends nothing for as
+    /// long as the time-out (it is then killed); the message names what it was `doing`. Throws Unavailable or
+    /// DeviceError with the message of what the Answerer threw.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
 
-    /// ask() in two parts, so that several work at once on what is not timed. Between them it is asked
-    /// nothing else.
+    /// ask() in two parts, so that several workers can do at once what is not timed. Between the two the
+    /// worker must not be asked anything else.
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
 
@@ -86,15 +88,15 @@ private:
     void rest();
 
     Workers& workers_;
-    std::shared_ptr<Launcher> launcher_;  ///< that it is from
+    std::shared_ptr<Launcher> launcher_;  ///< that forked it
     int socket_ = -1;
     pid_t process_ = -1;
     std::chrono::duration<double> timeout_;
-    int scene_number_;       ///< of its Workers' scenes
-    bool asked_ = false;     ///< and no answer yet
+    int scene_number_;       ///< number of the scene among those of its Workers
+    bool asked_ = false;     ///< a question, and not answered yet
     bool failed_ = false;    ///< an answer was a refusal
-    bool has_left_ = false;  ///< an answerer before this one
-    std::string lost_;       ///< how it ended, if it has
+    bool has_left_ = false;  ///< an earlier Answerer was destroyed
+    std::string lost_;       ///< how the process ended, if it has
 };
 
 }  // namespace voxspring

@@ -1,15 +1,15 @@
-// What a program calls that runs studies.
+// The call that a program needs in order to run studies.
 #pragma once
 
 #include <nlohmann/json.hpp>
 
 namespace voxspring {
 
-/// The first call in main() of a program that calls run_study(): a study measures in processes of this same
-/// executable, which are started as `PROGRAM worker --of-a-study` and come here. For them it does not return.
-/// For the program itself it notes that this is so, and returns at once. Backends of the program's own are
-/// registered before main(), as static objects are. Started by hand like that the program says so and exits
-/// with 2.
+/// Must be the first call in main() of a program that calls run_study(). A study measures in processes of the
+/// same executable, started as `PROGRAM worker --of-a-study`; in these the call does not return. In the
+/// program itself it only notes that it was called, and returns at once. Backends that the program adds must
+/// be registered before main(), by static objects. If a user starts the program with these words by hand, it
+/// prints why that is refused and exits with 2.
 void worker_main(int argc, char** argv);
 
 /// Whether worker_main() has been called.
@@ -19,10 +19,10 @@ bool has_worker_main();
 inline constexpr const char* worker_word = "worker";
 inline constexpr const char* worker_mark = "--of-a-study";
 inline constexpr int launcher_socket = 3;
-/// What is said to who starts one by hand.
+/// The message to a user who starts a worker by hand.
 inline constexpr const char* refusal_of_worker_by_hand = "a worker is started by a study and serves it";
 
-/// What two programs must have in common in order to work on one study: version, commit, compilers and flags.
+/// What two programs must have in common to work on one study: version, commit, compilers and flags.
 nlohmann::json build_of_workers();
 
 }  // namespace voxspring

@@ -13,7 +13,7 @@ void greet(Exchange& exchange, const std::vector<int>& others) {
     }
 }
 
-// After n rounds a rank has heard, by way of others, of all that are n ranks away.
+// After n rounds a rank has heard, through the ranks between, from all ranks up to n away.
 void meet(Exchange& exchange) {
     std::vector<int> beside;
     for (const int other : {exchange.rank() - 1, exchange.rank() + 1}) {

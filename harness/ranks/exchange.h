@@ -1,9 +1,9 @@
-// How the parts of one body hand each other their borders, step after step.
+// How the parts of one body exchange their borders after each step.
 //
 // A rank is one part of a run: a subdomain (backends/layout/decomposition.h), its backend and one Exchange.
-// Messages go through the host's memory here. Where borders move from device to device (DeviceBorders of
-// backends/backend.h: copies between peers, stores into the neighbour's memory, NCCL) empty messages say that
-// one has been enqueued, so that waiting, meeting and faults are the same.
+// Messages go through the host's memory here. If borders move from device to device (DeviceBorders of
+// backends/backend.h: copies between peers, stores into the neighbour's memory, NCCL), empty messages say
+// that a transfer has been enqueued. Waiting, meeting and failures then work in the same way.
 #pragma once
 
 #include <chrono>
@@ -14,13 +14,14 @@
 
 namespace voxspring {
 
-/// Another rank failed or says nothing, so that this one cannot go on: the message names it and the reason.
+/// Another rank failed or sent nothing for too long, so that this rank cannot go on. The message names the
+/// rank and the reason.
 class RankLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// One rank's side. From one rank to another messages arrive in the order in which they were sent. Whatever
-/// waits throws RankLost once any rank has failed, or the other side has let it wait for too long.
+/// One rank's side of the exchange. Messages between two ranks arrive in the order in which they were sent. A
+/// call that waits throws RankLost once any rank has failed, or if the other side sends nothing for too long.
 class Exchange {
 public:
     Exchange() = default;
@@ -31,22 +32,24 @@ public:
     virtual int rank() const = 0;
     virtual int ranks() const = 0;
 
-    /// Where the next message to the rank `to` is to be written; waits until there is room. Then sends it.
+    /// outbox() waits until there is room, and returns where to write the next message to rank `to`. post()
+    /// then sends it.
     virtual std::byte* outbox(int to, std::size_t bytes) = 0;
     virtual void post(int to) = 0;
-    /// The next message from the rank `from`; waits for it. Then gives its room back.
+    /// inbox() waits for the next message from rank `from` and returns it. release() then frees its room.
     virtual const std::byte* inbox(int from) = 0;
     virtual void release(int from) = 0;
 
-    /// Has every rank that waits for anything throw with this reason; the first reason counts.
+    /// Makes every rank that waits throw RankLost with this reason. The first reason counts.
     virtual void fail(const std::string& reason) noexcept = 0;
-    /// A rank that says nothing for so long is lost; at first 10 s.
+    /// A rank that sends nothing for this long counts as lost. The initial value is 10 s.
     virtual void set_patience(std::chrono::duration<double> patience) = 0;
 };
 
-/// Sends each of the others an empty message, and waits for theirs.
+/// Sends an empty message to each of the others, and waits for theirs.
 void greet(Exchange& exchange, const std::vector<int>& others);
-/// Returns once every rank is here. Each hears of all by way of the ranks before and behind it.
+/// A barrier: returns once every rank has called it. Each rank exchanges messages only with the ranks before
+/// and behind it.
 void meet(Exchange& exchange);
 
 }  // namespace voxspring

@@ -15,14 +15,15 @@ std::size_t lines_of(std::size_t bytes) { return (bytes + sizeof(Line) - 1) / si
 
 }  // namespace
 
-/// Counts of messages since the beginning. All zeros are a mailbox that is empty.
+/// Counts of messages since the beginning. All zeros mean an empty mailbox.
 struct Mailbox::Head {
     alignas(Line) std::atomic<std::uint64_t> sent;
     std::array<std::uint64_t, 2> bytes;
     alignas(Line) std::atomic<std::uint64_t> taken;
 };
 
-static_assert(std::atomic<std::uint64_t>::is_always_lock_free);  // between processes there is no other
+static_assert(
+    std::atomic<std::uint64_t>::is_always_lock_free);  // only lock-free atomics work between processes
 
 Mailbox::Mailbox(Line* memory, std::size_t capacity) : memory_(memory), slot_lines_(lines_of(capacity)) {}
 
@@ -132,7 +133,7 @@ MailboxExchange::MailboxExchange(const Mailroom& mailroom, int rank) : mailroom_
                                        .capacity = mailroom_.routes().capacities().at({rank, other})});
 }
 
-/// Spins for some microseconds, and then lets others have the core.
+/// Spins for some microseconds, and then yields the core to other threads.
 template <class Ready>
 void MailboxExchange::wait_for(int other, const Ready& ready) const {
     constexpr int spins = 2000, between_looks = 64;

@@ -1,4 +1,4 @@
-// Messages between ranks through memory that they share, between threads or between processes.
+// Messages between ranks through shared memory, between threads or between processes.
 #pragma once
 
 #include <chrono>
@@ -15,25 +15,25 @@
 
 namespace voxspring {
 
-/// What shared memory is made of: what different ranks write lies in lines of its own, two for the prefetcher
-/// that fetches them in pairs.
+/// The unit of shared memory. Data that different ranks write lies in different Lines. A Line is two cache
+/// lines, since the prefetcher fetches them in pairs.
 struct alignas(128) Line {
     std::byte bytes[128];
 };
 
-/// One direction between two ranks, with room for two messages, so that the next one is written while the
-/// latest is read. One side sends, the other one takes.
+/// One direction between two ranks, with room for two messages, so that one can be written while the one
+/// before is read. One side sends, the other takes.
 class Mailbox {
 public:
-    /// In `memory` of as many lines(capacity), for messages of up to `capacity` bytes.
+    /// `memory` has lines(capacity) Lines. A message has at most `capacity` bytes.
     Mailbox(Line* memory, std::size_t capacity);
     static std::size_t lines(std::size_t capacity);
 
     bool has_room() const;
-    std::byte* room() const;       ///< of the next message; where has_room()
-    void send(std::size_t bytes);  ///< what was written there
+    std::byte* room() const;       ///< for the next message; requires has_room()
+    void send(std::size_t bytes);  ///< sends what was written to room()
     bool has_message() const;
-    const std::byte* message() const;  ///< the first that was not taken; where has_message()
+    const std::byte* message() const;  ///< the first one not yet taken; requires has_message()
     std::size_t message_bytes() const;
     void take();
 
@@ -46,19 +46,19 @@ private:
     std::size_t slot_lines_;
 };
 
-/// Which ranks send each other messages, and how many bytes one may have at most.
+/// Which ranks send each other messages, and how large these may be.
 class Routes {
 public:
-    /// A rank and those before and behind it meet (exchange.h): these have a route in any case.
+    /// A rank always has routes to the ranks before and behind it, since meet() needs them (exchange.h).
     explicit Routes(int ranks);
 
-    /// Messages from one rank to another, and back again.
+    /// Adds a route from one rank to another, for messages of up to `capacity` bytes, and a route back.
     void add(int from, int to, std::size_t capacity);
 
     int ranks() const { return ranks_; }
-    /// To which ranks this one has a route, ascending.
+    /// The ranks to which `rank` has a route, ascending.
     std::vector<int> from(int rank) const;
-    /// By sender and receiver.
+    /// The largest message in bytes, by sender and receiver.
     const std::map<std::pair<int, int>, std::size_t>& capacities() const { return capacity_; }
 
 private:
@@ -68,18 +68,18 @@ private:
 nlohmann::json to_json(const Routes& routes);
 Routes routes_from_json(const nlohmann::json& json);
 
-/// All mailboxes of a run, and why it failed.
+/// All mailboxes of a run, and the reason if it failed.
 class Mailroom {
 public:
-    /// In `memory` of as many lines(routes), which begins as zeros.
+    /// `memory` has lines(routes) Lines, which are zero at first.
     Mailroom(Line* memory, const Routes& routes);
     static std::size_t lines(const Routes& routes);
 
     const Routes& routes() const { return routes_; }
-    /// On a route.
+    /// The mailbox of a route, which must exist.
     Mailbox box(int from, int to) const;
 
-    /// The first reason stays.
+    /// Notes why the run failed. The first reason is kept.
     void fail(const std::string& reason) const noexcept;
     bool has_failed() const;
     std::string reason() const;
@@ -90,10 +90,10 @@ private:
 
     Line* memory_;
     Routes routes_;
-    std::map<std::pair<int, int>, std::size_t> begin_;  ///< of a mailbox, by sender and receiver: its line
+    std::map<std::pair<int, int>, std::size_t> begin_;  ///< first Line of a mailbox, by sender and receiver
 };
 
-/// A rank that hands borders on in a mailroom.
+/// A rank's side of an exchange through a mailroom.
 class MailboxExchange final : public Exchange {
 public:
     MailboxExchange(const Mailroom& mailroom, int rank);
@@ -108,11 +108,11 @@ public:
     void set_patience(std::chrono::duration<double> patience) override { patience_ = patience; }
 
 private:
-    /// With another rank, both ways.
+    /// The mailboxes to and from another rank.
     struct Link {
         Mailbox out, in;
         std::size_t capacity;
-        std::size_t bytes = 0;  ///< of the message being written
+        std::size_t bytes = 0;  ///< size of the message being written
     };
     Link& link(int other) { return links_.at(other); }
     template <class Ready>

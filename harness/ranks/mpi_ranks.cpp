@@ -26,7 +26,8 @@ namespace {
 
 enum Tag : int { tag_build = 1, tag_order, tag_verdict, tag_state, tag_border };
 
-/// Of a task, whose last messages may still be about when the next one begins.
+/// The tag of a task's border messages. It differs from the previous task's tag, whose last messages may
+/// still be on their way.
 int border_tag(const RankTask& task) { return tag_border + task.number % 1000; }
 
 std::string name_of_rank(int rank) {
@@ -62,7 +63,7 @@ public:
           mailroom_(static_cast<Line*>(memory_.data()), routes_from_json(parameters.at("routes"))),
           shared_(shared) {}
 
-    /// "prepare" leaves a process that is known before it begins to "run".
+    /// "prepare" only makes sure that the process exists and is known before the rank begins to "run".
     nlohmann::json answer(Backend&, const nlohmann::json& question, const OnEvent&) override {
         if (question.at("do") == "prepare") return nullptr;
         MailboxExchange exchange(mailroom_, rank_);
@@ -94,7 +95,7 @@ const RegisteredCaseRunner registered_rank("rank", [](const BackendSpec& spec, c
 
 // --- In the process that keeps it -----------------------------------------------------------------------
 
-/// Carries one worker's messages for the time of one task.
+/// Carries the messages of one worker during one task.
 class Carrier {
 public:
     Carrier(OpenMpi& mpi, const RankTask& task, const Mailroom& mailroom, std::optional<pid_t> worker)
@@ -102,15 +103,15 @@ public:
         for (const int other : mailroom.routes().from(mpi.rank())) links_.push_back({other, nullptr});
     }
 
-    /// Until all ranks have a verdict on their part: a report, or why they failed. `ask` gives the report of
-    /// this one's worker. Null where a rank failed.
+    /// Carries until every rank has a verdict on its part, and returns the verdicts: a report, or why the
+    /// rank failed. `ask` returns the report of this rank's worker.
     std::vector<nlohmann::json> carry(const std::function<nlohmann::json()>& ask);
 
 private:
     using Clock = std::chrono::steady_clock;
     struct Link {
         int rank;
-        std::unique_ptr<OpenMpi::Sending> sending;  ///< null: nothing is on its way
+        std::unique_ptr<OpenMpi::Sending> sending;  ///< null: no message is on its way
     };
 
     bool is_own_missing() const { return verdicts_[std::size_t(mpi_.rank())].is_null(); }
@@ -148,7 +149,7 @@ bool Carrier::send_borders() {
     return moved;
 }
 
-/// What the worker has no use for any more is received all the same: its sender waits for that.
+/// Messages that the worker no longer needs are received as well, since their sender waits for that.
 bool Carrier::receive_borders() {
     bool moved = false;
     const bool wanted = is_own_missing() && !mailroom_.has_failed();
@@ -176,7 +177,8 @@ void Carrier::judge_own(std::future<nlohmann::json>& answer) {
     }
 }
 
-/// Once nothing of this rank's is on its way: what comes before a verdict is then there before it.
+/// Sends the verdict once none of this rank's messages is on its way, so that they all arrive before the
+/// verdict.
 void Carrier::announce() {
     const auto is_idle = [](const Link& link) { return link.sending == nullptr; };
     if (announced_ || is_own_missing() || !std::all_of(links_.begin(), links_.end(), is_idle)) return;
@@ -194,7 +196,8 @@ void Carrier::hear() {
     }
 }
 
-/// One that waits for a neighbour has seen by itself that a rank failed.
+/// Kills the worker if it is still at work a while after a rank failed. A worker that waits for a neighbour
+/// notices the failure by itself.
 void Carrier::end_worker_that_hangs() {
     constexpr std::chrono::seconds grace(1);
     if (!mailroom_.has_failed() || !is_own_missing()) return;
@@ -207,7 +210,8 @@ std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>
     std::future<nlohmann::json> answer = std::async(std::launch::async, ask);
     int idle = 0;
     const auto is_missing = [](const nlohmann::json& verdict) { return verdict.is_null(); };
-    // Who leaves with a verdict on its way would have the others wait for what this rank does next.
+    // The rank may not leave while its verdict is on its way: MPI might move it only within this rank's next
+    // call, and the others would wait for that.
     const auto is_over = [&] {
         return announced_ && std::none_of(verdicts_.begin(), verdicts_.end(), is_missing) &&
                mpi_.has_sent_all();
@@ -225,9 +229,10 @@ std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>
     return std::move(verdicts_);
 }
 
-constexpr std::size_t most_at_once = std::size_t(1) << 20;  // vectors in a message, whose bytes an int counts
+constexpr std::size_t most_at_once = std::size_t(1) << 20;  // vectors per message; MPI counts bytes in an int
 
-/// Returns once rank 0 has them, which receives from one rank after the other and sends nothing meanwhile.
+/// Returns once rank 0 has the vectors. Rank 0 receives from one rank after the other and sends nothing
+/// meanwhile, so this cannot deadlock.
 void send_vectors(const OpenMpi& mpi, const std::vector<glm::dvec3>& vectors) {
     for (std::size_t begin = 0; begin < vectors.size(); begin += most_at_once) {
         const std::size_t count = std::min(most_at_once, vectors.size() - begin);
@@ -255,7 +260,8 @@ CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mai
                            {"routes", to_json(task.routes)},
                            {"segment", mailroom.segment()}},
             .shared = shared,
-            // The study first asks rank 0's backend whether it takes the scene as a whole.
+            // Rank 0's backend is asked first whether it takes the whole scene, so it is not made to share
+            // its device.
             .device = rank == 0 ? task.plan.first_device() : task.plan.device_of(rank)};
 }
 
@@ -301,7 +307,7 @@ MpiRanks::~MpiRanks() {
     for (int other = 1; other < ranks(); ++other) mpi_->send_json(other, tag_order, {{"do", "leave"}});
 }
 
-/// A receive that blocks would spin on a core that another rank may have.
+/// Polls with pauses: a blocking receive would spin on a core that another rank may need.
 nlohmann::json MpiRanks::next_order() const {
     for (;;) {
         if (const auto message = mpi_->arrived(tag_order, 0)) return mpi_->receive_json(*message, tag_order);

@@ -1,9 +1,9 @@
-// Ranks that are processes, on one host or on several, as mpirun starts them.
+// Ranks as processes on one or several hosts, started by mpirun.
 //
-// Each of mpirun's processes keeps MPI to itself and has a worker step its subdomain: a worker that crashes
-// or hangs takes no rank of MPI along, which would end them all. A worker and its keeper share a mailroom;
-// the keeper carries messages between that and its neighbours. Rank 0 runs the study, and tells the others
-// what to run.
+// Each process of mpirun uses MPI itself, and lets a worker step the subdomain. A worker that crashes or
+// hangs then does not end its rank of MPI, which would end all ranks. A worker and its rank share a mailroom,
+// and the rank carries messages between the mailroom and the neighbours. Rank 0 runs the study, and tells the
+// other ranks what to run.
 #pragma once
 
 #include <sys/types.h>
@@ -27,47 +27,48 @@
 
 namespace voxspring {
 
-/// What ranks run together. All know it.
+/// What the ranks run together. Every rank gets a copy.
 struct RankTask {
-    std::string scene;        ///< what each of them takes to load_scene()
-    std::string fingerprint;  ///< of the scene that it is to be
-    std::string backend;      ///< what BackendSpec::parse() takes
+    std::string scene;        ///< the argument of load_scene(), for every rank
+    std::string fingerprint;  ///< of the scene, to check that all have the same
+    std::string backend;      ///< the argument of BackendSpec::parse()
     RankPlan plan = {};       ///< the first plan.ranks() take part
     Routes routes{1};         ///< between them
-    int number = 0;           ///< of the task among all of the study
+    int number = 0;           ///< of the task within the study
 };
 
-/// What a worker runs that is one rank of a task, on the rank's device. `shared`: room for its part of the
-/// state.
+/// The program of a worker that is one rank of a task, on the rank's device. `shared`: room for its part of
+/// the state.
 CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mailroom, SharedState* shared);
 
-/// A process of mpirun.
+/// One of the processes that mpirun started.
 class MpiRanks {
 public:
-    /// Null where mpirun has not started this process. Every rank has to be of this build: throws BadInput on
-    /// rank 0 where one is not, and so what OpenMpi::join() throws.
+    /// The result is null if mpirun did not start this process. All ranks must be of the same build: if one
+    /// is not, throws BadInput on rank 0. Also throws what OpenMpi::join() throws.
     static std::unique_ptr<MpiRanks> join();
-    /// On rank 0: the others leave.
+    /// On rank 0: tells the other ranks to leave.
     ~MpiRanks();
     MpiRanks(const MpiRanks&) = delete;
     MpiRanks& operator=(const MpiRanks&) = delete;
 
     int rank() const { return mpi_->rank(); }
     int ranks() const { return mpi_->ranks(); }
-    int ranks_here() const;  ///< of them those on this host
+    int ranks_here() const;  ///< how many of the ranks are on this host
 
-    /// How ranks other than 0 come by scenes and processes.
+    /// How ranks other than 0 get scenes and worker processes.
     struct Means {
         std::function<Scene(const std::string& argument)> load;
         std::filesystem::path worker;  ///< StudyOptions::worker
         std::chrono::duration<double> timeout{0};
     };
-    /// Of a rank other than 0: runs what rank 0 asks for until it leaves.
+    /// For ranks other than 0: runs what rank 0 asks for, until rank 0 leaves.
     void serve(const Means& means);
 
-    /// Of rank 0: has all ranks of the task run it. `worker` is rank 0's own, in `mailroom`, and `ask` asks
-    /// it: returns its report, once it has put its part of the state where the caller finds it. The parts of
-    /// the others go into `left`. Throws std::runtime_error with the reason where any of them failed.
+    /// For rank 0: makes all ranks of the task run it. `worker` is the process of rank 0's worker, which uses
+    /// `mailroom`. `ask` asks that worker: it returns the report, once the worker has put its part of the
+    /// state where the caller finds it. The parts of the other ranks go into `left`. Throws
+    /// std::runtime_error with the reason if any rank failed.
     std::vector<RankReport> run(RankTask task, const Scene& scene, const SharedMemory& mailroom, pid_t worker,
                                 const std::function<nlohmann::json()>& ask, State& left);
 
@@ -79,7 +80,7 @@ private:
 
     std::unique_ptr<OpenMpi> mpi_;
     int tasks_ = 0;
-    /// Of ranks other than 0: the scene that was asked for last, and its workers.
+    /// On ranks other than 0: the scene of the latest task, and its workers.
     std::string argument_;
     std::unique_ptr<Scene> scene_;
     std::unique_ptr<Workers> workers_;

@@ -25,7 +25,8 @@ namespace {
 
 #ifdef VOXSPRING_HAS_MPI
 
-/// What is used of MPI. Its own names are pointers into the library, which is not linked.
+/// The functions and objects of MPI that are used. They are looked up at run time, since the library is not
+/// linked.
 struct Library {
     void* handle = nullptr;
     MPI_Comm world = nullptr;
@@ -43,7 +44,7 @@ struct Library {
 
     Library() {
         constexpr const char* file = "libmpi.so.40";
-        // Its plugins look for its names.
+        // RTLD_GLOBAL, since the library's plugins look for its symbols.
         handle = dlopen(file, RTLD_NOW | RTLD_GLOBAL);
         if (handle == nullptr) refuse_mpirun(dlerror());
         find(world, "ompi_mpi_comm_world");
@@ -134,7 +135,7 @@ private:
 }  // namespace
 
 std::unique_ptr<OpenMpi> OpenMpi::join() {
-    // mpirun says so to every process that it starts.
+    // mpirun sets this variable for every process that it starts.
     if (std::getenv("OMPI_COMM_WORLD_SIZE") == nullptr) return nullptr;
 #ifdef VOXSPRING_HAS_MPI
     return std::make_unique<LoadedOpenMpi>();

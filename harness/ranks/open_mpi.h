@@ -1,5 +1,5 @@
-// Open MPI, which connects the processes that mpirun starts. Its library is opened at run time: who runs
-// without mpirun needs none.
+// Open MPI, which connects the processes that mpirun starts. Its library is opened at run time, so it is not
+// needed without mpirun.
 #pragma once
 
 #include <cstddef>
@@ -12,33 +12,33 @@
 
 namespace voxspring {
 
-/// This process among those that mpirun started. Called by one thread at a time. Errors of MPI end all of
-/// these processes, which is MPI's own way with them.
+/// This process among those that mpirun started. Must be called by one thread at a time. Errors in MPI end
+/// all of these processes, which is MPI's default.
 class OpenMpi {
 public:
-    /// Null where mpirun has not started this process. Throws BadInput where it has and there is no Open MPI
-    /// to be had, saying why.
+    /// The result is null if mpirun did not start this process. Throws BadInput, with the reason, if it did
+    /// but Open MPI cannot be loaded.
     static std::unique_ptr<OpenMpi> join();
     OpenMpi() = default;
     OpenMpi(const OpenMpi&) = delete;
     OpenMpi& operator=(const OpenMpi&) = delete;
-    /// Waits for all others to leave.
+    /// Waits for all other processes to leave.
     virtual ~OpenMpi() = default;
 
     virtual int rank() const = 0;
     virtual int ranks() const = 0;
 
-    /// A message that somebody sent and nobody has received.
+    /// A message that has been sent and not yet received.
     struct Arrived {
         int from;
         std::size_t bytes;
     };
-    /// From any rank, or from that one, if there is any.
+    /// A message from rank `from`, or from any rank, if one has arrived.
     virtual std::optional<Arrived> arrived(int tag, std::optional<int> from = {}) const = 0;
     virtual void receive(int from, int tag, void* to, std::size_t bytes) const = 0;
 
-    /// A message on its way. Its destructor waits until it is gone, and the other rank may have to receive it
-    /// before that: of two ranks that both wait so neither receives.
+    /// A message on its way. The destructor waits until it is gone, which may require that the other rank
+    /// receives it: two ranks that wait for each other in this way deadlock.
     class Sending {
     public:
         Sending() = default;
@@ -47,20 +47,20 @@ public:
         virtual ~Sending() = default;
         virtual bool is_gone() = 0;
     };
-    /// What is sent stays as it is until it is gone.
+    /// Starts to send. The bytes must not change until the message is gone.
     virtual std::unique_ptr<Sending> start_to_send(int to, int tag, const void* from,
                                                    std::size_t bytes) const = 0;
 
-    /// Returns at once: the message is kept here until it is gone. So all ranks may send to all before any
-    /// of them receives, however long the messages are.
+    /// Returns at once: the message is kept here until it is gone. So all ranks may send to each other before
+    /// any of them receives, however long the messages are.
     void send_json(int to, int tag, const nlohmann::json& message);
-    /// Whether all messages of send_json() are gone. MPI moves long ones only within its own calls: a rank
-    /// that others wait for asks this, and receives, until it is so.
+    /// Whether all messages of send_json() are gone. MPI moves long messages only within calls of MPI: a rank
+    /// that others wait for must call this, and receive, until it returns true.
     bool has_sent_all();
     nlohmann::json receive_json(const Arrived& message, int tag) const;
 
 protected:
-    /// Waits until has_sent_all(); for the destructor of what sends.
+    /// Waits until has_sent_all(); for the destructor of the implementation.
     void wait_for_sent() { posted_.clear(); }
 
 private:

@@ -59,22 +59,23 @@ int RankBackend::steps_a_call() const {
 }
 
 /// The devices wait for each other within these steps. A rank that allocates or frees memory, or loads a
-/// kernel, may wait for all that runs on its device, and keep others from enqueueing meanwhile. So each does
-/// that before all meet or after they have met again, and enqueues its steps and nothing else in between.
+/// kernel, may wait until its device is idle, and meanwhile keep other ranks from enqueueing. To avoid a
+/// deadlock a rank does such work only before the first meet() or after the second one. Between them it only
+/// enqueues its steps.
 void RankBackend::step_and_exchange(int count) {
     for (int most = steps_a_call(); count > 0; count -= most) {
         const auto begin = Clock::now();
         meet(exchange_);
         const auto here = Clock::now();
         inner_.step(std::min(count, most));
-        meet(exchange_);  // the devices step meanwhile
+        meet(exchange_);  // the devices are stepping meanwhile
         if (waits_) inner_.synchronize();
         seconds_.waiting += seconds_from(begin, here);
         seconds_.compute += seconds_from(here, Clock::now());
     }
 }
 
-/// As it would where there are no ranks: what several are held against is not slowed down.
+/// Steps as without ranks: one rank is the baseline for several, and must not be slowed down.
 void RankBackend::step_alone(int count) {
     const auto begin = Clock::now();
     inner_.step(count);
@@ -102,7 +103,8 @@ void RankBackend::exchange_borders() {
     }
 }
 
-/// A mailbox has room for two messages: that is how far ahead of its neighbour's a rank's host may be.
+/// A mailbox has room for two messages, so the host of a rank can be at most two steps ahead of its
+/// neighbour's.
 void RankBackend::exchange_by_device() {
     const auto begin = Clock::now();
     DeviceBorders& borders = *parts_->at(std::size_t(exchange_.rank()));

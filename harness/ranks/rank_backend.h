@@ -1,4 +1,4 @@
-// A subdomain on a backend, which after each step hands its borders on and takes its neighbours'.
+// A subdomain on a backend. After each step it sends its borders and receives those of its neighbours.
 #pragma once
 
 #include <chrono>
@@ -15,7 +15,7 @@
 
 namespace voxspring {
 
-/// What ranks of one process have from device to device, by their numbers.
+/// The DeviceBorders of all ranks of one process, by rank.
 using PartsOnDevices = std::vector<std::shared_ptr<DeviceBorders>>;
 
 /// Where the time of a rank's steps went.
@@ -25,14 +25,14 @@ struct RankSeconds {
     double waiting = 0;   ///< until the neighbours' borders were there
 };
 
-/// Steps a subdomain as `inner` steps any problem. All ranks make as many steps and the same edits.
+/// Steps a subdomain with the backend `inner`. All ranks make the same number of steps and the same edits.
 class RankBackend final : public Backend {
 public:
-    /// All must outlive it.
+    /// All arguments must outlive this object.
     RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange)
         : inner_(inner), subdomain_(subdomain), exchange_(exchange) {}
-    /// The same with borders that go from device to device, by `way` (Capabilities::border_ways). After each
-    /// upload() ranks are to meet and to connect(), before anything else.
+    /// For borders that go from device to device, by `way` (Capabilities::border_ways). After each upload()
+    /// all ranks must meet and connect() before anything else.
     RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange, std::string way,
                 PartsOnDevices& parts)
         : inner_(inner), subdomain_(subdomain), exchange_(exchange), way_(std::move(way)), parts_(&parts) {}
@@ -42,7 +42,7 @@ public:
     void upload(const Problem& problem, const State& state) override;
     bool keep_start() override { return inner_.keep_start(); }
     void rewind() override { inner_.rewind(); }
-    /// Nothing where the edit changes no spring here: ranks make their calls alike, see step().
+    /// Skips an edit that changes no spring here. All ranks must still call it, as they do step().
     void edit(const Problem& edited, const SpringEdit& edit) override {
         if (!edit.empty()) inner_.edit(edited, edit);
     }
@@ -50,9 +50,9 @@ public:
     void move_tool(const glm::dvec3& displacement) override {
         if (is_held_) inner_.move_tool(displacement);
     }
-    /// Of what the tool holds of this subdomain.
+    /// The force on the particles of this subdomain that the tool holds.
     glm::dvec3 tool_force() override { return inner_.tool_force(); }
-    /// All ranks call this alike, with edits and moves of the tool between.
+    /// All ranks must make the same sequence of calls: steps, edits and moves of the tool.
     void step(int count) override;
     void monitor(const DivergenceMonitor& monitor) override { inner_.monitor(monitor); }
     std::optional<Divergence> divergence() override { return inner_.divergence(); }
@@ -61,30 +61,30 @@ public:
     DeviceLimits measure_limits() override { return inner_.measure_limits(); }
     StepWork step_work(const Problem& problem) const override { return inner_.step_work(problem); }
 
-    /// With the parts of all other ranks, where borders go from device to device; nothing where that has been
-    /// done since the latest upload().
+    /// Connects with the parts of all other ranks if borders go from device to device. Does nothing if that
+    /// was done since the latest upload().
     void connect();
-    /// After all steps of a run in which nothing failed, once all ranks have met.
+    /// To be called after the last step of a run without failures, once all ranks have met.
     void disconnect();
-    /// What follows every step: borders go to the neighbours, and theirs to the ghosts. From device to device
-    /// this returns before they have gone.
+    /// Follows every step: sends borders to the neighbours, and writes theirs to the ghosts. If borders go
+    /// from device to device, this returns before the transfers are done.
     void exchange_borders();
-    /// Whether the host waits for the device after each part of a step, so that take_seconds() can tell them
-    /// apart; at first where borders go through its memory. There it does in any case.
+    /// Whether the host waits for the device after each part of a step, so that take_seconds() can tell the
+    /// parts apart. It is always true if borders go through the host's memory, and false at first otherwise.
     void wait_in_steps(bool wait) { waits_ = wait || parts_ == nullptr; }
     bool goes_by_device() const { return parts_ != nullptr; }
-    /// Whether borders travel within steps, so that their exchange takes no time of its own.
+    /// Whether borders travel within steps, so that their exchange cannot be timed separately.
     bool exchanges_in_steps() const { return steps_a_call() > 0; }
-    /// Since the latest call of this.
+    /// The seconds since the previous call.
     RankSeconds take_seconds() { return std::exchange(seconds_, {}); }
     /// The ranks that it exchanges borders with.
     std::vector<int> neighbours() const;
-    /// Of all that it sends in a step.
+    /// The bytes that this rank sends per step.
     std::size_t border_bytes() const;
 
 private:
     using Clock = std::chrono::steady_clock;
-    /// Both sides of a border.
+    /// Both sides of the border with another rank.
     struct Link {
         int rank;
         std::unique_ptr<Border> sent, received;
@@ -103,13 +103,13 @@ private:
 
     Backend& inner_;
     const Subdomain& subdomain_;
-    bool is_held_ = false;  ///< by the tool
+    bool is_held_ = false;  ///< whether the problem has a tool
     Exchange& exchange_;
     const std::string way_ = {};
     PartsOnDevices* const parts_ = nullptr;  ///< null: borders go through the host's memory
     bool connected_ = false;
     bool waits_ = parts_ == nullptr;
-    std::vector<Link> links_;  ///< through the host's memory
+    std::vector<Link> links_;  ///< used if borders go through the host's memory
     RankSeconds seconds_;
     Clock::time_point begin_, end_;
 };

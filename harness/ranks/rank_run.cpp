@@ -28,8 +28,8 @@ namespace {
 using Seconds = std::chrono::duration<double>;
 using Clock = std::chrono::steady_clock;
 
-/// Seconds of what all ranks do together, with nothing between: the least of some batches, since whatever
-/// else the machine does adds to it.
+/// Seconds that `action`, which all ranks do at the same time, takes when it is repeated. The least of some
+/// batches counts, since other activity of the machine only adds time.
 double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<void()>& action) {
     constexpr int batches = 10, rounds = 20;
     double least = std::numeric_limits<double>::infinity();
@@ -52,7 +52,7 @@ Decomposition::Brick brick_of(const nlohmann::json& json) {
     return {{at(0), at(1), at(2)}, {at(3), at(4), at(5)}};
 }
 
-/// Borders that leave the device are alone between ranks: one by itself needs no way.
+/// The backend with the plan's way of exchanging borders. A single rank has no borders and needs none.
 RankBackend on_its_way(Backend& inner, const Subdomain& subdomain, Exchange& exchange, const RankPlan& plan,
                        PartsOnDevices* parts) {
     if (plan.way == "memory" || exchange.ranks() == 1) return {inner, subdomain, exchange};
@@ -60,7 +60,7 @@ RankBackend on_its_way(Backend& inner, const Subdomain& subdomain, Exchange& exc
     return {inner, subdomain, exchange, plan.way, *parts};
 }
 
-/// Of a rank's `state` what the run is to leave.
+/// Copies the part of a rank's `state` that the run is to leave.
 void leave(const Subdomain& subdomain, const State& state, const Problem& whole, const RankPlan& plan,
            State& left) {
     if (plan.sampled.empty()) return subdomain.copy_own(state, left);
@@ -73,15 +73,16 @@ void leave(const Subdomain& subdomain, const State& state, const Problem& whole,
     }
 }
 
-/// For as long as a rank has of a large scene what it needs for a while only, a state in float64 above all:
-/// the ranks of a process take turns, so that there is room for one of them.
+/// A lock for large scenes, held while a rank needs much temporary memory, above all a state in float64. The
+/// ranks of a process take turns, so that there need be memory for only one of them.
 std::unique_lock<std::mutex> turn_of_rank(const Scene& scene) {
     static std::mutex turns;
     constexpr std::size_t large = std::size_t(1) << 20;
     return scene.problem.particle_count() > large ? std::unique_lock(turns) : std::unique_lock<std::mutex>();
 }
 
-/// Before any step: ghosts are where the borders are that they are written from, so that no bit changes.
+/// Called before the first step: the ghosts then equal the borders that are written to them, so that no bit
+/// changes.
 void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& report) {
     report.border_bytes = backend.border_bytes();
     if (exchange.ranks() == 1 || backend.exchanges_in_steps()) return;
@@ -92,19 +93,19 @@ void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& repo
         report.seconds_per_byte = std::max(0.0, with_borders - report.latency) / double(report.border_bytes);
 }
 
-/// A rank's card as it is after a batch.
+/// Watches a rank's card after each batch.
 class WatchedCard {
 public:
-    /// Tells nothing where there is no card of this UUID, or none that can be watched.
+    /// Reports nothing if there is no card with this UUID, or if it cannot be watched.
     explicit WatchedCard(const std::string& uuid) {
         if (uuid.empty()) return;
         try {
             card_.emplace(uuid);
         } catch (const std::runtime_error&) {
-            // The result says of the first card why it is not watched.
+            // The result gives the reason once, for the first card.
         }
     }
-    /// Right after a batch, before the card's clock has had time to fall.
+    /// Must be called right after a batch, before the card's clock falls.
     void look(RankReport& report) const {
         if (!card_) return;
         if (const auto mhz = card_->clock_mhz()) report.card_mhz.push_back(*mhz);
@@ -116,7 +117,7 @@ private:
     std::optional<Card> card_;
 };
 
-/// What the threads of one run share, as long as any of them is there.
+/// Data that the threads of one run share. It lives as long as the last of them.
 struct Together {
     BackendSpec spec;
     const Scene& scene;
@@ -129,12 +130,12 @@ struct Together {
     std::mutex mutex = {};
     std::condition_variable changed = {};
     int at_work = 0;
-    std::atomic<bool> unavailable = false;  ///< what a rank failed with
+    std::atomic<bool> unavailable = false;  ///< whether a rank failed with Unavailable
 };
 
 void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
     MailboxExchange exchange(all->mailroom, rank);
-    // What backends copy with all threads of OpenMP is copied with this rank's.
+    // Backends copy with all OpenMP threads: each rank gets its share of them.
     omp_set_num_threads(std::max(1, omp_get_max_threads() / exchange.ranks()));
     try {
         all->reports[std::size_t(rank)] =
@@ -150,8 +151,8 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
     all->changed.notify_all();
 }
 
-/// One thread per rank. Where the system starts no more of them the run has failed, and those that were
-/// started end as where a rank fails: they work on what the caller gave until then.
+/// Starts one thread per rank. If the system refuses a thread, the run has failed, and the threads already
+/// started end as after any rank's failure. Until then they use what the caller gave.
 void start_threads(const std::shared_ptr<Together>& all) {
     for (int rank = 0, ranks = all->at_work; rank < ranks; ++rank) {
         try {
@@ -165,7 +166,7 @@ void start_threads(const std::shared_ptr<Together>& all) {
     }
 }
 
-/// Waits for all, or where one has failed a little longer for those that can still end.
+/// Waits for all threads. Once a rank has failed, the others get a little time to end.
 void wait_for(Together& all) {
     constexpr Seconds between_looks(0.05), grace(1);
     std::unique_lock lock(all.mutex);
@@ -263,7 +264,7 @@ std::string cut_refusal(const Scene& scene, glm::ivec3 cut) {
 }
 
 Routes routes_of(const Decomposition& decomposition) {
-    // In float64 a place is three numbers and, in a formulation that is compensated, three more.
+    // In float64 a position is three numbers, and three more in the formulation `compensated`.
     constexpr std::size_t bytes_of_place = 6 * sizeof(double);
     Routes routes(decomposition.count());
     for (int from = 0; from < decomposition.count(); ++from) {
@@ -310,8 +311,9 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                       .device = backend.capabilities().device,
                       .uuid = backend.capabilities().uuid};
     runner.rewind(backend);
-    // All ranks upload alike, since they connect after an upload: where edits cancel in one subdomain they
-    // may not in another.
+    // Ranks connect after an upload, so all of them must upload at the same points. With edits one rank might
+    // keep its start while another cannot, since edits may cancel in one subdomain only. So the start is kept
+    // only without edits.
     if (scene.edits.empty() && runner.keep_start(backend)) part.state = {};
     turn = {};
     const WatchedCard card(report.uuid);
@@ -321,7 +323,8 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     meet(exchange);
     exchange.set_patience(plan.patience);
     measure_exchange(exchange, backend, report);
-    // From device to device one more, which is not timed, tells what the others are made of.
+    // If borders go from device to device, one more batch, which waits within steps, measures the parts of a
+    // step. Its total time does not count.
     const int last = plan.repetitions + (backend.goes_by_device() ? 1 : 0);
     for (int repetition = 0; repetition <= last; ++repetition) {
         if (repetition > 0) runner.rewind(backend);

@@ -1,4 +1,4 @@
-// The run of a scene by ranks: what each of them does, and all of them as threads of this process.
+// Runs a scene by ranks: the work of one rank, and all ranks as threads of this process.
 #pragma once
 
 #include <chrono>
@@ -17,24 +17,24 @@
 
 namespace voxspring {
 
-/// Timed batches of `steps` steps from the scene's start, after one that is not timed.
+/// A warm-up batch and timed batches, each of `steps` steps from the scene's start.
 struct RankPlan {
     int steps = 0;
     int repetitions = 0;
-    /// For which a rank may say nothing before the first batch, and after that.
+    /// How long a rank may send nothing before the first batch, and after that.
     std::chrono::duration<double> start_patience{1800}, patience{10};
-    /// Which device each rank takes, over and over. Empty: the next of those that there are.
+    /// The device of each rank, used cyclically. Empty: ranks take the available devices in turn.
     std::vector<int> devices = {};
     DeviceNumber device_of(int rank) const;
-    /// That of rank 0, where nothing else is stepped on it.
+    /// The device of rank 0, as if no other rank used it.
     DeviceNumber first_device() const;
-    /// How borders travel: "memory", which is what the Exchange does, or one of Capabilities::border_ways,
-    /// where all ranks are threads of one process.
+    /// How borders travel: "memory", which means by the Exchange, or one of Capabilities::border_ways, which
+    /// require that all ranks are threads of one process.
     std::string way = "memory";
-    /// How many subdomains along each axis the scene is cut into, each for a rank.
+    /// How many subdomains the scene is cut into along each axis. Each rank has one.
     glm::ivec3 cut{1};
     int ranks() const { return cut.x * cut.y * cut.z; }
-    /// The state that a run leaves is that of a Sample's particles in these bricks; without any of all.
+    /// If not empty, the run leaves only the state of a Sample's particles in these bricks.
     std::vector<Decomposition::Brick> sampled = {};
 };
 nlohmann::json to_json(const RankPlan& plan);
@@ -45,47 +45,48 @@ struct RankBatch {
     double total = 0, compute = 0, exchange = 0, waiting = 0;
 };
 
-/// What one rank's run found.
+/// The results of one rank.
 struct RankReport {
     std::vector<RankBatch> batches = {};
     std::size_t own = 0, ghosts = 0;  ///< particles
-    std::size_t border_bytes = 0;     ///< of all that it sends in a step
-    /// Of an exchange in which each rank sends to and hears from each neighbour: without anything in the
-    /// messages, and what each of border_bytes adds, with reading and writing it. Zero for a rank by itself,
-    /// and where borders travel within steps.
+    std::size_t border_bytes = 0;     ///< that the rank sends per step
+    /// The cost of an exchange in which each rank sends to and receives from each neighbour: the time with
+    /// empty messages, and the time that each of border_bytes adds, with reading and writing it. Both are
+    /// zero for a single rank, and if borders travel within steps.
     double latency = 0, seconds_per_byte = 0;
-    std::string device = {}, uuid = {};  ///< Capabilities of its backend
-    /// What its card said after each batch, as Observed has it; none where the device is no card or is not
-    /// watched. Who else computed on the card may be other ranks, in processes of their own.
+    std::string device = {}, uuid = {};  ///< from the Capabilities of its backend
+    /// Observations of the card after each batch, as in Observed; empty if the device is not a card or is not
+    /// watched. With MPI the other users of a card may be other ranks.
     std::vector<unsigned> card_mhz = {}, other_users = {};
 };
 nlohmann::json to_json(const RankReport& report);
 RankReport rank_report_of(const nlohmann::json& json);
-/// Empty, or which ranks are on devices of different names, whose times are not compared as of one kind.
+/// Empty, or which ranks are on devices of different names. Such ranks are not measured together.
 std::string different_devices(const std::vector<RankReport>& reports);
 
-/// Empty, or why the scene cannot be cut so.
+/// Empty, or why the scene cannot be cut in this way.
 std::string cut_refusal(const Scene& scene, glm::ivec3 cut);
-/// Between ranks of which each has one of these subdomains.
+/// The routes between ranks, each of which has one of these subdomains.
 Routes routes_of(const Decomposition& decomposition);
 
-/// Room for the state that a run of the plan leaves.
+/// Room for the state that a run with this plan leaves.
 State room_for_state(const Problem& problem, const RankPlan& plan);
-/// Where in that the particles are that a rank steps, ascending.
+/// The indices in room_for_state() of the particles that a rank steps, ascending.
 std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan& plan, int rank);
 
-/// Runs a rank of the scene, and copies the state of its own particles into `left`, which is
-/// room_for_state(). Throws RankLost, what the backend throws (Unavailable where there is no such device),
-/// Unavailable where the backend cannot run its subdomain, and std::runtime_error where the run diverges.
+/// Runs a rank of the scene, and copies the state of the particles that it steps into `left`, which is
+/// room_for_state(). Throws RankLost, what the backend throws (Unavailable if there is no such device),
+/// Unavailable if the backend cannot run its subdomain, and std::runtime_error if the run diverges.
 ///
-/// `parts`: room for one of each rank, which they share; for ways from device to device alone.
+/// `parts` has one element per rank and is shared by all ranks; it is needed only for ways from device to
+/// device.
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& left, PartsOnDevices* parts = nullptr);
 
-/// All ranks of the plan, each a thread of this process; one report a rank. Where one fails the others end at
-/// once, and this throws Unavailable, where that was what one threw, or std::runtime_error with its reason. A
-/// thread that hangs is left behind for the end of the process, and so is what it works on: `scene` is to
-/// live until then.
+/// Runs all ranks of the plan, each as a thread of this process, and returns one report per rank. If a rank
+/// fails, the others end at once, and this throws Unavailable if a rank threw that, otherwise
+/// std::runtime_error, with the reason. A thread that hangs is left behind until the process ends, with the
+/// data that it uses: `scene` must live until then.
 std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,
                                              const RankPlan& plan, State& left);
 

@@ -1,4 +1,4 @@
-// Layers of a body that stand for all of it, where the whole is too large to be verified.
+// Layers of a body that are verified in place of the whole, if the whole is too large.
 #pragma once
 
 #include <cstdint>
@@ -10,30 +10,29 @@
 
 namespace voxspring {
 
-/// `scene` as a subdomain of its problem has it, whose problem becomes the part's. The edits of the whole
-/// that change nothing here are there as well: all ranks stop at the same steps, and upload alike.
+/// The part of `scene` that belongs to a subdomain, whose problem is moved into the result. Edits that change
+/// nothing here are kept: all ranks must stop at the same steps and upload at the same points.
 Scene part_of(const Scene& scene, Subdomain& subdomain);
 
-/// Where the values of `some` are in `all`, which has all of them; both ascend.
+/// The indices in `all` of the values of `some`. `all` contains every value of `some`, and both ascend.
 std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& some,
                                      const std::vector<std::uint32_t>& all);
 
-/// Layers of voxels across the longest axis, and what they are verified by. After some steps they depend on
-/// as many layers around them and on nothing else, since a force reaches one voxel: float64 steps these
-/// alone.
+/// Layers of voxels across the longest axis, and the scene that verifies them. A force reaches one voxel per
+/// step, so after n steps the layers depend only on the n layers around them: float64 steps only these.
 struct Sample {
-    /// One of `bricks()`, with a layer around it as ghosts, which is verified as well.
+    /// One of `bricks()` and a layer of ghosts around it, which is verified as well.
     Scene judged;
-    std::vector<std::uint32_t> particle;  ///< what each is in the whole, ascending
+    std::vector<std::uint32_t> particle;  ///< index of each particle in the whole, ascending
     /// `judged` and the layers that it depends on.
     Scene around;
-    std::vector<std::uint32_t> in_around;  ///< where the particles of `judged` are there
+    std::vector<std::uint32_t> in_around;  ///< indices in `around` of the particles of `judged`
 
-    /// Of `layers` layers: at either end and in the middle.
+    /// The bricks of a sample, each of `layers` layers: at either end and in the middle.
     static std::vector<Decomposition::Brick> bricks(const Scene& scene, int layers);
-    /// Empty, or why so many layers are no sample of the scene.
+    /// Empty, or why a sample of so many layers is not possible.
     static std::string refusal(const Scene& scene, int layers);
-    /// The particles of such bricks and of the layers beside them, ascending.
+    /// The particles of these bricks and of the layers beside them, ascending.
     static std::vector<std::uint32_t> particles(const Problem& problem,
                                                 const std::vector<Decomposition::Brick>& bricks);
 
