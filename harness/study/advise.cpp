@@ -11,7 +11,7 @@
 namespace voxspring {
 namespace {
 
-/// Nothing where the row's run diverged or has no total error.
+/// The candidate of a row; empty if the row's run diverged or has no total error.
 std::optional<Candidate> read_candidate(JsonObject row) {
     const auto seconds = row.require("seconds", "a number or null");
     const auto error = row.require("total_error_relative_l2", "a number or null");
@@ -40,7 +40,7 @@ std::string with_tuning(const Candidate& candidate, const std::string& tuning) {
            (tuning.empty() ? "" : "," + tuning);
 }
 
-/// By time, then by error, then by name.
+/// Order of candidates: by time, then by error, then by name.
 bool faster(const Candidate& a, const Candidate& b) {
     return std::tie(a.seconds, a.total_error, a.name) < std::tie(b.seconds, b.total_error, b.name);
 }

@@ -11,7 +11,7 @@ namespace voxspring {
 
 /// A row of a pareto result: one run that did not diverge and has a total error.
 struct Candidate {
-    std::string name;  ///< as result rows say it
+    std::string name;  ///< as in the result's rows
     std::string backend, formulation, precision, tuning, device;
     double time_step = 0;
     double fraction_of_stable = 0;
@@ -21,27 +21,28 @@ struct Candidate {
     double total_error = 0, rounding_error = 0;
 };
 
-/// Those of `scene` in a pareto result. Throws BadInput if the result has no list `pareto`, a row of the
-/// scene is not as results/schema.json says, or none is of the scene.
+/// The candidates for `scene` in a pareto result. Throws BadInput if the result has no list `pareto`, if a
+/// row of the scene does not follow results/schema.json, or if there is no row of the scene.
 std::vector<Candidate> candidates_of(JsonObject result, const std::string& scene);
 
 struct Advice {
-    /// The fastest of those whose total error is no larger than what was asked; nothing: none is.
+    /// The fastest candidate whose total error is at most the one asked for; empty if there is none.
     std::optional<Candidate> best;
-    /// On each other device, and on that of `best` by another backend, formulation or precision: the fastest
-    /// that reaches the error. By time.
+    /// Alternatives that reach the error, by time: the fastest one on each other device, and the fastest one
+    /// on the device of `best` with another backend, formulation or precision.
     std::vector<Candidate> runners_up;
-    /// The one with the smallest error, whatever it takes.
+    /// The candidate with the smallest error, regardless of its time.
     Candidate most_accurate;
 };
-/// `candidates` is not empty.
+/// Chooses among `candidates`, which must not be empty.
 Advice advise(const std::vector<Candidate>& candidates, double error);
 
-/// "tile=64x16": the tuning parameters that are not at their default; all of them where this build does not
+/// "tile=64x16": the tuning parameters that differ from their defaults, or all of them if this build does not
 /// know the backend.
 std::string changed_tuning(const Candidate& candidate);
 
-/// "cpu_parallel:formulation=increment,precision=float32[,changed_tuning()]", what --backend takes.
+/// The argument of --backend for a candidate:
+/// "cpu_parallel:formulation=increment,precision=float32[,changed_tuning()]".
 std::string specification(const Candidate& candidate);
 
 }  // namespace voxspring

@@ -17,13 +17,14 @@ namespace {
 
 constexpr double any_number = std::numeric_limits<double>::infinity();
 
-/// Not for scenes that are edited: it lays its tables out anew, the longer the larger the body.
+/// Backends that are never chosen for scenes with edits: they rebuild their tables at an edit, which takes
+/// the longer the larger the body is.
 const std::set<std::string> never_edited = {"cuda_march"};
-/// Not where a tool moves, for which one has nothing and the other takes few of its thousands of steps a
-/// launch.
+/// Backends that are never chosen if a tool moves: cuda_march has no tool, and cuda_resident would make few
+/// steps per launch instead of thousands.
 const std::set<std::string> never_held = {"cuda_march", "cuda_resident"};
 
-/// Why a backend is as fast as it is, as a user reads it.
+/// Why a backend is fast, as text for users.
 std::string reason_for(const std::string& backend) {
     static const std::map<std::string, std::string> reasons = {
         {"cuda_resident", "state stays on the chip from step to step"},
@@ -51,7 +52,7 @@ std::string said(const Rule& rule, const Workload& workload) {
            rule.reason;
 }
 
-/// "auto:a=b,c=d" with keys that leave the choice open.
+/// Checks "auto:a=b,c=d": only keys that leave the choice of a backend open are accepted.
 void check_options(const std::string& text) {
     const auto colon = text.find(':');
     if (colon == std::string::npos) return;
@@ -129,7 +130,7 @@ Workload workload_of(const Scene& scene) {
 
 bool holds(const Rule& rule, const Workload& workload) {
     const auto particles = double(workload.particles);
-    // A network of springs without a lattice is as sparse as can be.
+    // A network of springs without a lattice counts as having occupancy 0.
     const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
     return particles >= rule.min_particles && particles < rule.max_particles &&
            occupancy >= rule.min_occupancy && occupancy < rule.max_occupancy &&
@@ -149,7 +150,7 @@ bool asks_for_auto(const std::string& text) { return text == "auto" || text.star
 
 void check_auto(const std::string& text) {
     check_options(text);
-    // cpu_parallel has every formulation and precision that there is.
+    // cpu_parallel has every formulation and precision, so it accepts all valid options.
     const std::string options = options_of(text);
     if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
 }
@@ -174,9 +175,9 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
             if (!advice.empty()) reason += "; " + advice;
             return {std::move(spec), std::move(reason)};
         } catch (const BadSpecification&) {
-            // It does not have this formulation or precision.
+            // The backend does not have this formulation or precision: try the next rule.
         } catch (const Unavailable&) {
-            // Its device is not here.
+            // The backend's device is not on this machine: try the next rule.
         }
     }
     throw Unavailable("no backend of this build takes the scene on a device of this machine");
@@ -198,7 +199,7 @@ nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>
     const Identity& of = first.identity;
     const double between = first.edits ? double(first.workpiece->steps) / first.edits->edits : any_number;
     const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between};
-    // A backend that has no row of this kind anywhere does not have the formulation or the precision.
+    // A backend without any row of this kind does not have the formulation or the precision.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {
         for (const Row& row : rows_from_json(result.at(list))) {

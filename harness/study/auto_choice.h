@@ -1,4 +1,4 @@
-// `--backend auto`: which backend to take for a dataset on the devices at hand.
+// `--backend auto`: which backend to use for a dataset on the devices of this machine.
 #pragma once
 
 #include <cstdint>
@@ -16,12 +16,12 @@
 
 namespace voxspring {
 
-/// What the choice depends on beside the devices.
+/// What the choice depends on apart from the devices.
 struct Workload {
     std::uint64_t voxels = 0, particles = 0;
-    /// Of a scene whose springs are cut or joined between steps; infinite where none is.
+    /// Steps between two edits that cut or join springs; infinite if the scene has no edits.
     double steps_between_edits = std::numeric_limits<double>::infinity();
-    bool held = false;  ///< by a tool, which moves between steps
+    bool held = false;  ///< whether a tool holds particles, and moves between steps
     double occupancy() const { return double(particles) / double(voxels); }
 };
 Workload workload_of(const Scene& scene);
@@ -30,36 +30,37 @@ Workload workload_of(const Scene& scene);
 /// below and exclusive above.
 struct Rule {
     std::string backend;
-    std::string tuning;  ///< "fetch=l1": what is not at its default; empty: nothing
+    std::string tuning;  ///< "fetch=l1": what differs from the defaults; may be empty
     double min_particles, max_particles;
     double min_occupancy, max_occupancy;
-    double min_steps_between_edits;  ///< infinite: only where there are none
-    bool tool;                       ///< also where one moves
-    std::string reason;              ///< as a user reads it
+    double min_steps_between_edits;  ///< infinite: only without edits
+    bool tool;                       ///< whether the rule also holds if a tool moves
+    std::string reason;              ///< as text for users
 };
-/// In the order in which they are asked: the first that holds, and whose backend is here and takes the
-/// problem, decides; a graphics API in software never does. They are auto_rules.json, which
-/// results/auto_rules.py makes of committed results.
+/// The rules in order. The first one that holds, and whose backend is available and takes the problem,
+/// decides. A graphics API in software is never chosen. The rules are in auto_rules.json, which
+/// results/auto_rules.py makes from committed results.
 const std::vector<Rule>& rules();
 bool holds(const Rule& rule, const Workload& workload);
 
-/// From how many particles on a body is stepped faster by several devices than by one.
+/// From how many particles on several devices step a body faster than one.
 struct SeveralDevices {
     std::string backend;
     int devices;
     double min_particles;
 };
-/// What committed results of `scaling` say, in auto_rules.json: nothing of what they have not measured.
+/// The entries in auto_rules.json that come from committed results of `scaling`. Backends and numbers of
+/// devices that were not measured have no entry.
 const std::vector<SeveralDevices>& several_devices();
-/// Empty, or what to do where several of the `here` devices that a backend has would be faster than one:
-/// "2 devices are faster, see voxspring advise SCENE --devices 2".
+/// Advice if several of the `here` devices that a backend has would be faster than one, otherwise empty: "2
+/// devices are faster, see voxspring advise SCENE --devices 2".
 std::string advice_on_devices(const std::vector<SeveralDevices>& measured, const std::string& backend,
                               const Workload& workload, int here);
 
 /// "a full lattice of 134 million voxels", "29449 particles, 21% of 140760 voxels".
 std::string describe(const Workload& workload);
 
-/// What `--backend auto` takes.
+/// The choice of `--backend auto`.
 struct Chosen {
     BackendSpec spec;
     std::string reason;  ///< "cuda_march:fetch=l1, a full lattice ...: threads that march along columns ..."
@@ -75,19 +76,20 @@ bool asks_for_auto(const std::string& text);
 /// other keys, and Unavailable if no backend of this build takes the scene.
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(const Backend&)>& accepts);
-/// The same where nothing is to be constructed here: `takes` gives the capabilities of a backend that is
-/// available, may be chosen and takes the scene, and nothing of others.
+/// choose_backend() without constructing a backend in this process. `takes` returns the capabilities of a
+/// backend that is available, may be chosen and takes the scene; it returns an empty value for other
+/// backends.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<std::optional<Capabilities>(const BackendSpec&)>& takes);
-/// Whether the rules may choose it: a graphics API in software never.
+/// Whether the rules may choose a backend: not if it is a graphics API in software.
 bool may_be_chosen(const Capabilities& capabilities);
 /// Checks what follows "auto". Throws BadSpecification.
 void check_auto(const std::string& text);
 
-/// The choice on the devices of a measured result, for the dataset that `rows`, medians of one scene,
-/// formulation and precision, are of: `name` of the chosen row, `reason`, and how many times the time of the
-/// fastest row it takes (`times_fastest`). `name` and `times_fastest` are null where what the rules take was
-/// not measured.
+/// The choice on the devices of a measured result. `rows` are the medians of one scene, formulation and
+/// precision. The result has the `name` of the chosen row, the `reason`, and its time as a multiple of the
+/// fastest row's time (`times_fastest`). `name` and `times_fastest` are null if what the rules choose was not
+/// measured.
 nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>& rows);
 
 }  // namespace voxspring

@@ -20,18 +20,19 @@
 namespace voxspring {
 namespace {
 
-/// A row whose times are of one half of its repetitions, and the median of the other half, by which it is
-/// chosen: the least of many medians is as short as it is by luck as well, which the other half did not have.
+/// A row whose times come from one half of its repetitions, with the median of the other half, by which it is
+/// chosen. The least of many medians is partly luck, and the times reported from the other half are free of
+/// that bias.
 struct Contender {
     Row row;
-    double chosen_by = 0;  ///< us a step
+    double chosen_by = 0;  ///< us per step
 };
 using Contenders = std::vector<Contender>;
 
-/// Nothing takes less seconds than the one or makes more updates a second than the other.
+/// Bounds of a target's value: no time is shorter, and no rate of updates is higher.
 constexpr double min_target = 1e-12, max_target = 1e18;
 
-/// `row` with the times of `microseconds`, its repetitions in their order.
+/// The contender of `row`. `microseconds` has the times of its repetitions, in order.
 Contender contender_of(Row row, const std::vector<double>& microseconds) {
     const double all = row.benchmark->real_microseconds;
     constexpr std::size_t fewest = 4;
@@ -46,7 +47,7 @@ Contender contender_of(Row row, const std::vector<double>& microseconds) {
     return {std::move(row), median(halves[0])};
 }
 
-/// The fastest that `wanted` accepts; null if it accepts none.
+/// The fastest row that `wanted` accepts; null if it accepts none.
 template <class Wanted>
 const Row* fastest_row(const Contenders& contenders, Wanted wanted) {
     const Contender* best = nullptr;
@@ -69,7 +70,8 @@ bool is_at_most(Quantity quantity) {
     return quantity == Quantity::seconds_per_step || quantity == Quantity::ready_seconds;
 }
 
-/// Of the fastest row, and of the fastest of `over`; nothing where that is not known.
+/// The target's quantity for `row`, the fastest one; a speed_ratio is relative to the fastest row of `over`.
+/// Empty if it is not known.
 std::optional<double> measured(const Target& target, const Row& row, const Contenders& rows) {
     switch (target.quantity) {
         case Quantity::seconds_per_step:
@@ -207,7 +209,7 @@ std::vector<Target> read_targets(const JsonValue& list) {
 
 namespace {
 
-/// Of one scene, formulation and precision.
+/// The block for one scene, formulation and precision.
 nlohmann::json block_of(const nlohmann::json& result, const Contenders& rows) {
     const Row& best = *fastest_row(rows, [](const Row&) { return true; });
     nlohmann::json block = {

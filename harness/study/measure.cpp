@@ -30,7 +30,7 @@ StepWork step_work_of(const nlohmann::json& json) {
             .exchanges = json.at("exchanges")};
 }
 
-/// What all cases of a scene are measured with.
+/// What the measurements of all cases of a scene share.
 struct MeasurementContext {
     const Scene& scene;
     const Batch& batch;
@@ -39,8 +39,8 @@ struct MeasurementContext {
     State& left;  ///< room for what a case leaves
     std::uint64_t springs;
     int edits;                       ///< within a batch
-    const Card* card;                ///< null: not watched
-    const std::vector<Case>& cases;  ///< all of them, each with a process or not yet
+    const Card* card;                ///< null: no card is watched
+    const std::vector<Case>& cases;  ///< all cases, whether they have a process yet or not
 
     OwnProcesses own_processes() const {
         OwnProcesses own;
@@ -58,7 +58,7 @@ constexpr const char* launch_before = "launch";
 constexpr const char* launch_after = "launch afterwards";
 std::string name_of_repetition(int number) { return "repetition " + std::to_string(number); }
 
-/// One case while it is timed. What the journal has is not asked of its process again.
+/// One case while it is timed. Results that the journal already has are not measured again.
 class TimedCase {
 public:
     TimedCase(Case& benchmark_case, const MeasurementContext& context)
@@ -68,7 +68,7 @@ public:
     }
 
     std::string label() const { return case_.spec().label(); }
-    /// How many repetitions are missing; none of a case that failed.
+    /// How many repetitions are missing; 0 if the case has failed.
     int missing() const {
         constexpr int least = 2;
         const Batch& batch = context_.batch;
@@ -80,9 +80,9 @@ public:
         return !failure_.empty() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")));
     }
 
-    /// Has its process compile what it will run, if that pays; returns whether it does, before it has. Of a
-    /// large scene that takes less than the upload that it is part of, and other APIs than CUDA compile
-    /// faster than they make a second backend.
+    /// Starts a compilation in the case's process, if that pays, and returns whether it did. It does not pay
+    /// for a large scene, where compiling takes less time than the upload that it requires, nor for APIs
+    /// other than CUDA, which compile faster than they make a second backend.
     bool begin_compiling() {
         const bool compiles = capabilities_of(case_.capabilities()).family == ApiFamily::cuda;
         if (!compiles || known("warm") || is_heavy(context_.scene)) return false;
@@ -97,7 +97,7 @@ public:
         attempt([&] { case_.finish("compiling"); });
     }
 
-    /// Has its process count what a step is, before its first upload; returns before it has.
+    /// Starts to count the work of a step in the case's process, before the first upload.
     void begin_counting() {
         if (finished() || known("step work")) return;
         attempt([&] {
@@ -109,13 +109,14 @@ public:
         if (!std::exchange(counting_, false)) return;
         attempt([&] { case_.scope().keep("step work", case_.finish("counting its work")); });
     }
-    /// What a launch takes in its process, where a step waits for one: before its repetitions and after them,
-    /// as what else the processor does for seconds must not slow all of the limit down.
+    /// Measures a launch in the case's process, if a launch limits its steps. This is done before the
+    /// repetitions and after them: other activity of the processor may last for seconds, and must not raise
+    /// the limit.
     void measure_launch(const char* when) {
         if (!failure_.empty() || !case_.process() || known(when) || limit().limited_by != "launch") return;
         attempt([&] { case_.scope().keep(when, case_.ask({{"do", "launch"}}, "measuring a launch")); });
     }
-    /// Has its process warm up; returns before it has.
+    /// Starts the warm-up in the case's process.
     void begin_warming_up() {
         if (finished()) return;
         attempt([&] {
@@ -131,8 +132,8 @@ public:
         });
     }
 
-    /// The next repetition, if none failed before. The last one is finished when the state that it left is
-    /// judged.
+    /// Makes the next repetition, unless the case has failed. The last repetition is finished only when the
+    /// state that it left has been judged.
     void repeat() {
         attempt([&] {
             const std::string name = name_of_repetition(done_ + 1);
@@ -146,7 +147,7 @@ public:
         });
     }
 
-    /// Has its process hand over the state that its last repetition left; returns before it has.
+    /// Starts to read the state that the last repetition left in the case's process.
     void begin_reading() {
         if (!unjudged_) return;
         attempt([&] {
@@ -155,7 +156,7 @@ public:
         });
     }
     bool is_reading() const { return reading_; }
-    /// Waits until it has, and takes the state.
+    /// Waits for the state and takes it.
     void finish_reading() {
         if (!reading_) return;
         attempt([&] {
@@ -163,7 +164,7 @@ public:
             read_ = true;
         });
     }
-    /// Judges the state that was taken last.
+    /// Judges the state that finish_reading() took.
     void judge_state() {
         if (!read_) return;
         attempt([&] {
@@ -177,7 +178,7 @@ public:
         attempt([&] { case_.scope().keep("edits", case_.ask({{"do", "edits"}}, "timing its edits")); });
     }
 
-    /// Adds its rows, as the `number`th of its scene.
+    /// Adds the rows of the case, which has this number in its scene.
     void add_rows(StudyBench& bench, int number);
 
 private:
@@ -218,7 +219,7 @@ private:
     const MeasurementContext& context_;
     std::string failure_;  ///< empty: none so far
     int done_ = 0;         ///< repetitions
-    double seconds_ = 0;   ///< that these took
+    double seconds_ = 0;   ///< sum of their times
     bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;
     std::optional<nlohmann::json> unjudged_;  ///< the last repetition
 };
@@ -233,7 +234,7 @@ nlohmann::json TimedCase::timed(const std::string& name) {
     return answer;
 }
 
-/// What the row says of the state.
+/// The fields of the row about the state.
 Row TimedCase::judged() const {
     const State& left = context_.left;
     const Comparison comparison = judge(context_.solution, left, case_.spec());
@@ -254,7 +255,7 @@ Row TimedCase::judged() const {
     return verified;
 }
 
-/// Right after a batch, before the card's clock has had time to fall.
+/// Must be called right after a batch, before the card's clock falls.
 void TimedCase::look_at_card(nlohmann::json& answer) {
     if (context_.card == nullptr || capabilities_of(case_.capabilities()).uuid.empty()) return;
     if (const auto mhz = context_.card->clock_mhz()) answer["card_mhz"] = *mhz;
@@ -262,7 +263,7 @@ void TimedCase::look_at_card(nlohmann::json& answer) {
         answer["other_users"] = other_processes(*processes, context_.own_processes());
 }
 
-/// Whether its repetitions are of more than one session of the study.
+/// Whether the repetitions come from more than one session of the study.
 bool TimedCase::resumed() const {
     const auto session = [&](int number) { return case_.scope().session_of(name_of_repetition(number)); };
     return session(1) != session(done_);
@@ -296,7 +297,7 @@ bool TimedCase::leaves_out_tiles() const {
     return work.contains("tiles_stepped") && work.at("tiles_stepped") < work.at("tiles");
 }
 
-/// Of a step of the whole body; nothing where the device's limits are not known.
+/// The limit of a step of the whole body; empty if the device's limits are not known.
 StepLimit TimedCase::limit() const {
     if (!case_.limits) return {};
     DeviceLimits limits = *case_.limits;
@@ -307,7 +308,7 @@ StepLimit TimedCase::limit() const {
     return limit_of(step_work_of(kept("step work")), limits, case_.spec().options.precision);
 }
 
-/// A step that leaves out tiles at rest has no limit: that would be one of the whole body.
+/// Empty if steps leave out tiles at rest: the limit would be that of the whole body.
 LimitPart TimedCase::limit_part() const {
     if (leaves_out_tiles()) return {};
     const StepWork work = step_work_of(kept("step work"));
@@ -323,7 +324,7 @@ LimitPart TimedCase::limit_part() const {
 }
 
 Observed TimedCase::observed() const {
-    // What the processor does says nothing of a card.
+    // The processor's activity says nothing about a case on a card.
     const bool on_card = !capabilities_of(case_.capabilities()).uuid.empty();
     Observed observed;
     each_repetition([&](const nlohmann::json& one) {
@@ -391,7 +392,7 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     for (const Row& one : google_benchmark_rows(row, repetitions, number)) bench.add("benchmarks", one);
 }
 
-/// Has every case compile what it will run, some of them at once: a compiler has one thread.
+/// Makes every case compile, several at once, since a compiler has one thread.
 void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
     at_once(
         cases.size(), bench.side_by_side(),
@@ -402,7 +403,7 @@ void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
         [&](std::size_t n) { cases[n].finish_compiling(); });
 }
 
-/// Has every case warm up, several at once unless what that takes is to be said.
+/// Makes every case warm up: one by one if the rows report start times, otherwise several at once.
 void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_times) {
     at_once(
         cases.size(), bench.side_by_side(),
@@ -426,8 +427,8 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
         [&](std::size_t n) { cases[n].finish_warming_up(); });
 }
 
-/// Has every case make its repetitions, interleaved in random order, so that what changes on the machine with
-/// time changes all of them alike. How many there were.
+/// Makes the repetitions of all cases, interleaved in random order, so that changes of the machine over time
+/// affect all cases alike. Returns how many there were.
 int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     std::vector<TimedCase*> order;
     for (TimedCase& one : cases) order.insert(order.end(), std::size_t(one.missing()), &one);
@@ -445,9 +446,10 @@ int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     return total;
 }
 
-/// Judges the states that all cases' last of `total` repetitions left: after all of them, as that takes all
-/// cores and memory by the gigabyte. Until then each is on its device, where nothing else is asked for. The
-/// next state is read while one is judged; of a large scene no more of them would fit into memory.
+/// Judges the states that the cases' last repetitions left. This is done after all `total` repetitions, since
+/// it takes all cores and gigabytes of memory. Until then each state stays on its device, where nothing else
+/// runs. While one state is judged, the next one is read; more states of a large scene would not fit into
+/// memory.
 void judge_states(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
     if (!cases.empty() && !interrupted()) cases.front().begin_reading();
     for (std::size_t n = 0; n < cases.size() && !interrupted(); ++n) {

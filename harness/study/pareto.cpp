@@ -26,7 +26,7 @@ void pareto_fields(Self& row, Fields& fields) {
     fields.required("on_front", row.on_front);
 }
 
-/// Time, then error. Of a row that has both.
+/// The sort key of a row that has both: time, then error.
 std::pair<double, double> key_of(const ParetoRow& row) {
     return {*row.seconds, *row.row.errors->total_relative_l2};
 }

@@ -37,7 +37,8 @@ int steps_to_grow(const Problem& problem, double excess) {
     const double lambda = problem.damping;
     const double half = (2 - lambda - (4 - 2 * lambda) * (1 + excess) * (1 + excess)) / 2;
     const double growth = -half + std::sqrt(half * half - (1 - lambda));
-    // A mode's share of a random start of n components is 1 / sqrt(n) in the mean; a tenth of that will do.
+    // A mode's mean share of a random start with n components is 1 / sqrt(n). A tenth of that is assumed
+    // here, to be safe.
     const double wanted = max_growth * 10 * std::sqrt(3 * double(problem.particle_count()));
     return int(std::ceil(std::log(wanted) / std::log(growth)));
 }

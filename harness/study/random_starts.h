@@ -1,34 +1,34 @@
-// Runs from random starts, and how far they grow: what the studies of stability and stress share.
+// Runs from random starts, and how far they grow. The studies of stability and stress share them.
 #pragma once
 
 #include "backends/backend.h"
 
 namespace voxspring {
 
-/// Every particle that can move displaced by uniform components within +-`amplitude`, at no speed; the same
-/// each time.
+/// A state in which every particle that can move is displaced by uniform random components within
+/// +-`amplitude`, at rest. It is the same for every call.
 State random_start(const Problem& problem, double amplitude);
 
-/// The farthest that a particle moves in the last step; infinite where any is not finite.
+/// The largest movement of a particle in the last step; infinite if any value is not finite.
 double farthest(const State& state);
 
-/// Amplitude of a start for which theory holds, in spacings, and what a bounded run stays under, in
-/// amplitudes of its start. A float32 position at 16 spacings resolves a thousandth of 0.001, so that a
-/// mode's share of the start is not rounded away; 30 times 0.001 is still less than where springs that are
-/// not linear stop the growth of a damped mode, 0.07 to 0.2.
+/// The amplitude of a start for which theory holds, in spacings, and the largest movement of a bounded run,
+/// in amplitudes of its start. A float32 position at 16 spacings resolves a thousandth of 0.001, so a mode's
+/// share of the start is not rounded away. 30 times 0.001 is still less than 0.07 to 0.2, where nonlinear
+/// springs stop the growth of a damped mode.
 constexpr double small_amplitude = 1e-3;
 constexpr double max_growth = 30;
 
-/// Steps in which a mode of a random start comes to move max_growth times the start's amplitude a step, if
-/// the time step is 1 + `excess` times its limit: by the root of z^2 - (2 - lambda - W) z + 1 - lambda = 0
-/// beyond -1, W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2.
+/// The number of steps until a mode of a random start moves max_growth times the start's amplitude per step,
+/// if the time step is 1 + `excess` times its limit. The growth per step is the root beyond -1 of z^2 - (2 -
+/// lambda - W) z + 1 - lambda = 0, with W = omega^2 dt^2 = (4 - 2 lambda) (1 + excess)^2.
 int steps_to_grow(const Problem& problem, double excess);
 
-/// The state `steps` after `start`.
+/// The state `steps` steps after `start`.
 State run_from(const State& start, const Problem& problem, Backend& backend, int steps);
 
-/// Total energy before the next step, which is taken: its velocity is the mean of those of half a step before
-/// and after, without which the energy of a fast mode is out by up to a third.
+/// The total energy before the next step, which this function makes. The velocity is the mean of those half a
+/// step before and half a step after; otherwise the energy of a fast mode would be wrong by up to a third.
 double energy_before_step(const Problem& problem, Backend& backend);
 
 }  // namespace voxspring

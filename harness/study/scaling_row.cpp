@@ -38,24 +38,24 @@ void scaling_fields(Self& row, Fields& fields) {
     fields.nullable("judged_particles", row.judged_particles);
 }
 
-/// Whether borders are stepped and sent first, and travel while the rest of a part is stepped.
+/// Whether borders are stepped and sent first, so that they travel while the rest of a part is stepped.
 bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
 
-/// "2600" of 2612.3: what a model says has no more.
+/// "2600" for 2612.3: a model's figure has no more than two significant digits.
 std::string two_digits(double count) {
     const double unit = std::pow(10, std::max(0.0, std::floor(std::log10(count)) - 1));
     return fixed_text(unit * std::round(count / unit), 0);
 }
 
-/// The model of a row, in seconds a step, and in particles.
+/// The model of a row, in seconds per step and in particles.
 struct ScalingModel {
-    double particle;         ///< one, of one rank
+    double particle;         ///< one particle, with one rank
     double own, ghosts;      ///< of the largest part
     double particles;        ///< of the body
-    double latency, border;  ///< of an exchange, and what its bytes take
+    double latency, border;  ///< of an exchange, without and for its bytes
     bool overlaps;
 
-    /// Of the same body, `scale` times as long along each axis.
+    /// Seconds of a step of a body of the same shape, `scale` times as long along each axis.
     double seconds(double scale) const {
         const double area = scale * scale;
         const double compute = particle * (own * area * scale + ghosts * area);
@@ -95,7 +95,8 @@ void compare(ScalingRow& row, const ScalingRow& one) {
                              .overlaps = overlaps(row.way)};
     row.predicted_seconds = model.seconds(1);
     if (row.ranks == 1 || model.latency <= 0) return;
-    // Of a body that is small enough one rank is faster, of one that is large enough several are.
+    // The search needs a small body for which one rank is faster, and a large one for which several ranks
+    // are.
     double small = 1e-3, large = 1e3;
     const auto pays = [&](double scale) { return model.seconds(scale) < model.seconds_of_one(scale); };
     if (pays(small) || !pays(large)) return;

@@ -1,4 +1,4 @@
-// A row of a study `scaling`, the model that it is compared with, and what follows for who has more devices.
+// A row of a study `scaling`, the model that it is compared with, and advice on the use of several devices.
 #pragma once
 
 #include <cstdint>
@@ -13,10 +13,11 @@
 
 namespace voxspring {
 
-/// What several ranks took, or one.
+/// The times of one or several ranks.
 struct ScalingRow {
     Row row;
-    std::string family = {};   ///< of rows that are compared: a scene, or scenes that grow with the ranks
+    std::string family =
+        {};  ///< rows of one family are compared: a scene, or scenes that grow with the ranks
     std::string scaling = {};  ///< "strong", "weak"
     int ranks = 1;
     std::string cut = {};  ///< how many parts along x, y and z: "1x1x2"
@@ -24,34 +25,34 @@ struct ScalingRow {
     double seconds_per_step = 0;
     double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;  ///< of a step
     std::uint64_t largest_part = 0;                                         ///< particles, ghosts included
-    std::uint64_t ghosts = 0;                                               ///< of all parts
-    std::uint64_t border_bytes = 0;  ///< that the rank sends in a step which sends most
+    std::uint64_t ghosts = 0;                                               ///< sum over all parts
+    std::uint64_t border_bytes = 0;  ///< per step, of the rank that sends most
     std::optional<double> latency_seconds = {}, seconds_per_byte = {};
     std::optional<bool> same_bits = {};
     std::optional<double> efficiency = {}, predicted_seconds = {};
-    std::optional<std::uint64_t> judged_particles = {};  ///< of a sample; nothing: all of them
-    std::optional<double> pays_from_particles = {};      ///< by the model, of bodies of this shape
+    std::optional<std::uint64_t> judged_particles = {};  ///< in a sample; empty: all particles are judged
+    std::optional<double> pays_from_particles = {};      ///< by the model, for bodies of this shape
 };
 
 nlohmann::json to_json(const ScalingRow& row);
 ScalingRow scaling_row_from_json(const nlohmann::json& json);
 
-/// What follows from a row and from `one`, of the same family by one rank. The model: each particle of the
-/// largest part takes the time that it takes there; then comes an exchange of the most bytes. Where they
-/// overlap a step is as long as the longer of both. A body of the same shape has borders that grow with the
-/// square of its length: `pays_from_particles` is where the model has as many ranks as fast as one, and
-/// nothing where an exchange takes no time of its own.
+/// Compares a row with `one`, the row of the same family with one rank. The model: each particle of the
+/// largest part takes as long as in `one`; then follows an exchange of the largest number of bytes. If the
+/// two overlap, a step takes the longer of both times. The borders of a body of the same shape grow with the
+/// square of its length. At `pays_from_particles` this number of ranks is as fast as one rank, by the model.
+/// It stays empty if an exchange has no time that was measured separately.
 void compare(ScalingRow& row, const ScalingRow& one);
 
-/// Those of `scene` in the result of a scaling study. Throws BadInput if it has no list `scaling`, or none of
-/// the scene.
+/// The rows of `scene` in the result of a scaling study. Throws BadInput if the result has no list `scaling`,
+/// or no row of the scene.
 std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& scene);
 
-/// Which scenes were verified by a sample of them.
+/// Prints which scenes were verified by a sample only.
 void print_samples(const std::vector<ScalingRow>& rows, std::ostream& out);
 
-/// Of each scene of one size and each backend: which number of ranks, and which way, is the fastest, and
-/// whether that is more than one.
+/// Prints, for each backend and each scene of fixed size, the fastest number of ranks and the fastest way,
+/// and whether more than one rank pays.
 void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out);
 
 }  // namespace voxspring

@@ -13,14 +13,14 @@
 namespace voxspring {
 namespace {
 
-/// `options` with each value that `entry` has in the place of KEY=*.
+/// Copies of `options` in which KEY=* is replaced by each value that `entry` has for the key.
 std::vector<std::string> each_of(const BackendEntry& entry, const std::string& options) {
     std::vector<std::string> all = {options};
     const auto replace = [&](const std::string& key, const std::vector<std::string>& values) {
         std::vector<std::string> replaced;
         for (const std::string& one : all) {
             const auto pattern = one.find(key + "=*");
-            // Where another key does not merely end as this one does.
+            // The key must be the whole word before "=*", not merely the end of another key.
             if (pattern == std::string::npos || (one[pattern - 1] != ':' && one[pattern - 1] != ',')) {
                 replaced.push_back(one);
                 continue;

@@ -19,10 +19,10 @@ namespace {
 
 constexpr std::array dampings = {0.0, 0.1, 1.0};
 constexpr std::array large_amplitudes = {0.01, 0.1, 0.3};
-constexpr double stretch = 1;  ///< twice the size
+constexpr double stretch = 1;  ///< added to the size: the body is stretched to twice its size
 
-constexpr double seen_excess = 1e-3;  ///< over the limit, at which growth must show
-/// On the ratio of a small start: that excess, and as much for springs that are not linear.
+constexpr double seen_excess = 1e-3;  ///< above the limit; growth must show there
+/// Tolerance of the ratio for a small start: the excess, and as much again for nonlinear springs.
 constexpr double tolerance = 2e-3;
 constexpr int steps_of_large_starts = 2000;
 
@@ -30,8 +30,8 @@ constexpr std::array map_dampings = {0.0, 1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.
 constexpr std::array map_fractions = {0.3, 0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 1.0, 1.1};
 constexpr double map_amplitude = 0.3;
 constexpr int map_steps = 2000;
-/// Energy over that of the start beyond which a map says `heating`: what rounding and the error of the time
-/// step make of it where a run is bounded stays under that.
+/// A map says `heating` if the energy exceeds this multiple of the start's energy. In bounded runs, rounding
+/// and the error of the time step stay below it.
 constexpr double heating = 1.1;
 
 double shortest_spacing(const Problem& problem) {
@@ -39,7 +39,8 @@ double shortest_spacing(const Problem& problem) {
     return std::min({s.x, s.y, s.z});
 }
 
-/// Pins the particles that lack a neighbour: the others of a uniformly stretched lattice are in equilibrium.
+/// Pins the particles that lack a neighbour. The other particles of a uniformly stretched lattice are in
+/// equilibrium.
 void pin_surface(Problem& problem) {
     std::vector<std::uint8_t> pinned(problem.particle_count());
     for (std::size_t i = 0; i < pinned.size(); ++i)
@@ -47,8 +48,8 @@ void pin_surface(Problem& problem) {
     pin(problem, std::move(pinned));
 }
 
-/// Loads under which the particles are in equilibrium where `displacement` has them, or none where they are
-/// so without: between springs of several stiffnesses, or with sutures, a stretched body would leave at once.
+/// Sets loads that keep the particles in equilibrium at `displacement`; none if they are so without loads.
+/// Between springs of different stiffness, or with sutures, a stretched body would leave that state at once.
 void balance(Problem& problem, const std::vector<glm::dvec3>& displacement) {
     const std::vector<Spring> springs = list_springs(problem);
     const std::vector<RestSpring> rest = list_rest_springs(problem);
@@ -62,7 +63,7 @@ void balance(Problem& problem, const std::vector<glm::dvec3>& displacement) {
         load[springs[s].second] += force;
         strongest = std::max(strongest, glm::length(force));
     }
-    constexpr double rounding = 1e-12;  // of a sum of some 26 forces
+    constexpr double rounding = 1e-12;  // relative, of a sum of about 26 forces
     bool balanced = true;
     for (std::size_t i = 0; i < load.size(); ++i) {
         if (problem.is_pinned(i)) load[i] = glm::dvec3(0);
@@ -105,9 +106,9 @@ struct StabilityStudy::Search {
     Problem problem;
     double damping = 0;
     double relative_amplitude = 0;  ///< of the start, in spacings
-    double stretch = 0;             ///< of the start; 0: at rest
+    double stretch = 0;             ///< of the start; 0: not stretched
     bool exact = false;             ///< theory holds within the tolerance
-    double theory = 0;              ///< time step
+    double theory = 0;              ///< the largest stable time step
     double amplitude = 0;           ///< in units of length
     int steps = 0;
     State state = {};
@@ -119,13 +120,13 @@ struct StabilityStudy::Search {
         return displacements;
     }
 
-    /// The largest time step at which it stays bounded.
+    /// The largest time step at which the run stays bounded.
     double measured_limit(Backend& backend) {
         const auto bounded = [&](double fraction) {
             problem.time_step = fraction * theory;
             return farthest(run_from(state, problem, backend, steps)) <= max_growth * amplitude;
         };
-        // Theory is met by small starts and an upper end for large ones.
+        // Theory is the expected result for small starts, and an upper bound for large ones.
         const double resolution = exact ? 2e-4 : 4e-3;
         double low = exact ? 0.99 : 0.6, high = exact ? 1.01 : 1.02;
         while (low > 0.01 && !bounded(low)) {
@@ -285,7 +286,7 @@ StabilityRow stability_row_from_json(const nlohmann::json& json) {
 }
 
 void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth width) {
-    // One line a scene, start and damping: what the cases reach lies within a few 1e-4.
+    // One line per scene, start and damping, since the results of the cases differ by a few 1e-4 only.
     using Key = std::array<std::string, 4>;
     std::vector<Key> lines;
     std::map<Key, std::vector<StabilityRow>> rows;

@@ -1,4 +1,4 @@
-// Up to which time step a backend is stable, found by trying, against what theory says.
+// The largest time step at which a backend is stable, found by trial and compared with theory.
 #pragma once
 
 #include <memory>
@@ -15,8 +15,8 @@
 
 namespace voxspring {
 
-/// Of a backend the largest stable time step on the particles and springs of `scene`, without gravity,
-/// loads and damping of its own, by bisection, and stable_time_step() of the true frequency:
+/// Finds a backend's largest stable time step by bisection, on the particles and springs of `scene` without
+/// its gravity, loads and damping. Compares it with stable_time_step() of the true frequency:
 ///
 /// | start | damping | |
 /// | --- | --- | --- |
@@ -24,25 +24,25 @@ namespace voxspring {
 /// | random within +-0.01, 0.1, 0.3 | 0 | springs meet and turn: the limit falls |
 /// | twice the size of rest, and +-0.001 | 0 | theory about the stretched state; the surface is pinned |
 ///
-/// Where the stretched body is not in equilibrium, between materials for example, constant loads hold it
-/// there: theory is about a state that does not leave by itself. A backend without loads skips that start.
+/// If the stretched body is not in equilibrium, between materials for example, constant loads hold it there:
+/// theory requires a state of equilibrium. A backend without loads skips that start.
 ///
-/// A time step is stable if, after the steps that a mode takes to grow 30-fold from its share of a random
-/// start where theory is exceeded by 0.1%, no particle moves 30 times the start's amplitude a step. With
-/// `map` there is a map of damping against time step as well.
+/// A time step counts as stable if, after a number of steps, no particle moves 30 times the start's amplitude
+/// per step. The number is what a mode needs to grow 30-fold from its share of a random start, if the time
+/// step exceeds theory by 0.1%. With `map` there is also a map of damping against time step.
 ///
-/// Rows of the list `stability`, one a start and damping, or the list `stability_map`; and `failed`, what
-/// left theory's 0.2%. Rows as in results/schema.json.
+/// Lists: `stability`, one row per start and damping; `stability_map`; and `failed`, what differs from theory
+/// by more than 0.2%. Rows are as in results/schema.json.
 class StabilityStudy {
 public:
-    /// Largest stable time steps in theory, one a search; nothing where nothing oscillates, or how fast is
-    /// not known.
+    /// Largest stable time steps in theory, one per search. Empty if nothing oscillates, or if the frequency
+    /// is not known.
     using Limits = std::vector<std::optional<double>>;
     static Limits limits_of(const Scene& scene);
 
     StabilityStudy(const Scene& scene, const Limits& limits);
     explicit StabilityStudy(const Scene& scene) : StabilityStudy(scene, limits_of(scene)) {}
-    /// Runs all searches and, with `map`, the map. Throws what the backend does.
+    /// Runs all searches and, with `map`, the map. Throws what the backend throws.
     void run(const BackendSpec& spec, Backend& backend, bool map, const Once& once);
 
 private:
@@ -68,7 +68,7 @@ struct StabilityRow {
 nlohmann::json to_json(const StabilityRow& row);
 StabilityRow stability_row_from_json(const nlohmann::json& json);
 
-/// A line a scene, start and damping, with the range of what cases reach, and each map.
+/// Prints one line per scene, start and damping, with the range of the cases' results, and each map.
 void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

@@ -23,7 +23,7 @@
 namespace voxspring {
 namespace {
 
-/// What a measured figure has to stay within.
+/// The bound of a measured figure.
 struct Threshold {
     enum class Bound : std::uint8_t { none, at_most, at_least };
     Bound bound = Bound::none;
@@ -39,7 +39,7 @@ Threshold at_least(double value) { return {Threshold::Bound::at_least, value}; }
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
 
-/// A state as another process takes it: displacements, then as many increments.
+/// A state as bytes, for another process: displacements, then as many increments.
 std::vector<std::uint8_t> packed(const State& state) {
     std::vector<std::uint8_t> bytes;
     for (const auto* vectors : {&state.displacement, &state.increment}) {
@@ -79,7 +79,7 @@ public:
     }
 
 private:
-    /// What is measured, before it is.
+    /// Describes a measurement before it is made.
     struct Subject {
         int part;
         std::string name, scene, unit;
@@ -93,19 +93,20 @@ private:
         return std::array{full, brief, shortest}[std::size_t(lengths_)];
     }
 
-    /// Thresholds about rounding, those of float32: float64 stays far below them.
+    /// A threshold for rounding, set for float32: float64 stays far below it.
     Threshold rounding_threshold(double increment, double compensated) const {
         if (spec_.options.formulation == Formulation::increment) return at_most(increment);
         if (spec_.options.formulation == Formulation::compensated) return at_most(compensated);
         return {};
     }
 
-    /// Of a comparison to the bit, which two runs alike fail where atomics add in any order.
+    /// The threshold of a comparison of bits. It is none if atomics add in any order, since two equal runs
+    /// then differ.
     Threshold same_bits_threshold() const {
         return backend_.capabilities().deterministic ? at_most(0) : Threshold{};
     }
 
-    /// Adds the row of `subject`, whose figure `measure()` gives; or says why there is none.
+    /// Adds the row of `subject` with the figure that `measure()` returns, or the reason why there is none.
     template <class Measure>
     void record(const Subject& subject, const Problem& problem, const Measure& measure) {
         const std::string of = subject.detail.empty() ? "" : ", " + subject.detail;
@@ -152,7 +153,7 @@ private:
         return voxspring::run_from(start, problem, backend_, steps);
     }
 
-    /// Relative L2 error of the displacement against float64; infinite where it is not finite.
+    /// Relative L2 error of the displacement against float64; infinite if the state is not finite.
     double error(const std::string& name, const Problem& problem, int steps) {
         const State state = run_from(state_at_rest(problem), problem, steps);
         return relative_error(problem, state, references_.of(name, problem, steps), steps);
@@ -161,7 +162,8 @@ private:
         return compare(problem, state, reference, spec_.options.precision, steps).relative_l2;
     }
 
-    /// A cube of face and edge springs at `fraction` of the infinite lattice's limit, 2 / sqrt(12).
+    /// A cube with face and edge springs. The time step is `fraction` of the infinite lattice's limit, 2 /
+    /// sqrt(12).
     static Problem cube(int side, double fraction) { return lattice(make_box(glm::ivec3(side)), fraction); }
     static Problem lattice(const VoxelGrid& grid, double fraction) {
         Problem problem = make_lattice_problem(grid, FACE_BITS | EDGE_BITS);
@@ -191,7 +193,7 @@ private:
         return largest;
     }
 
-    /// Particles whose displacements or increments differ; `except` is not looked at.
+    /// The number of particles whose displacements or increments differ, without particle `except`.
     static double different(const State& a, const State& b, std::size_t except = no_particle) {
         double count = 0;
         for (std::size_t i = 0; i < a.displacement.size(); ++i) {
@@ -206,7 +208,7 @@ private:
         for (const double damping : {0.0, 0.01, 0.1}) {
             Problem problem = cube(side, 0.5);
             problem.damping = damping;
-            // fl(2 - lambda) - fl(1 - lambda) is not 1: the paper's own formula drifts.
+            // The paper's formula drifts, since fl(2 - lambda) - fl(1 - lambda) is not 1.
             const bool drifts = spec_.options.formulation == Formulation::paper && damping > 0;
             record({1, "rest", box_name(side), "spacings", steps, drifts ? Threshold{} : at_most(0),
                     "damping " + short_text(damping)},
@@ -228,7 +230,7 @@ private:
                         short_text(fraction) + " of the limit, damping " + short_text(damping)},
                        problem, [&] {
                            const State start = random_start(problem, small_amplitude);
-                           // Beyond what a number holds it has grown enough.
+                           // A growth beyond the range of numbers is recorded as the largest number.
                            return std::min(farthest(run_from(start, problem, steps)) / small_amplitude,
                                            std::numeric_limits<double>::max());
                        });
@@ -285,7 +287,8 @@ private:
         coincident.displacement[middle] = {1, 0, 0};
         swapped.displacement[middle] = {1, 0, 0};
         swapped.displacement[middle + 1] = {-1, 0, 0};
-        // Positions are known to 5e-7 there and stay some of that off; `paper` is off by its bias as well.
+        // Positions are rounded to 5e-7 here, and the error stays of that size. `paper` has its bias in
+        // addition.
         const Formulation formulation = spec_.options.formulation;
         const Threshold threshold = at_most(formulation == Formulation::paper ? 1e-2
                                             : on_positions(formulation)       ? 1e-5
@@ -318,7 +321,7 @@ private:
     void rope() {
         const int side = by_length(64, 64, 16), steps = by_length(10000, 2000, 500);
         Problem problem = make_lattice_problem(make_box({1, 1, side}), FACE_BITS);
-        problem.time_step = 0.5;  // of a limit of 1
+        problem.time_step = 0.5;  // the limit is 1
         problem.damping = 0.01;
         problem.gravity = {8e-4, 0, -2e-3};
         pin_lowest_slice(problem);
@@ -335,7 +338,7 @@ private:
         const int steps = by_length(10000, 2000, 500);
         record({7, "free particle", "particle at x = 100", "relative", steps, rounding_threshold(2e-4, 1e-6)},
                problem, [&] {
-                   // The sum of 1 to n increments g dt^2.
+                   // The exact displacement is g dt^2 times the sum of 1 to n.
                    State exact = state_at_rest(problem);
                    exact.displacement[0] = problem.gravity * (problem.time_step * problem.time_step *
                                                               (0.5 * steps * (steps + 1.0)));
@@ -350,7 +353,7 @@ private:
             grid.label[voxel] = 2;
         Problem problem = lattice(grid, 0.5);
         problem.materials = {{1, 1}, {1, 1e6}};
-        problem.time_step *= 1e-3;  // of the stiff half
+        problem.time_step *= 1e-3;  // for the stiff half
         pin_lowest_slice(problem);
         problem.gravity = {8e-4, 0, -2e-3};
         const int steps = by_length(50000, 5000, 500);
@@ -359,7 +362,8 @@ private:
                [&] { return error(name, problem, steps); });
     }
 
-    /// With and without what a backend skips: terms that a scene does not need, tiles at rest.
+    /// Compares runs with and without the shortcuts of a backend: it skips terms that a scene does not need,
+    /// and tiles at rest.
     void skipping() {
         const int side = by_length(24, 24, 12), steps = by_length(200, 100, 50);
         Problem problem = cube(side, 0.5);
@@ -391,18 +395,20 @@ private:
         }
         const int steps = by_length(10000, 1000, 200);
         const std::string beam = by_length("beam", "beam", "beam@4x4x32");
-        // Undamped, its whipping end parts two float64 runs by 1e-3: no error is of rounding there.
+        // Without damping the whipping end makes two float64 runs differ by 1e-3, so errors would not show
+        // rounding.
         Problem bending = load_scene(beam).problem;
         bending.damping = 0.001;
         record({9, "damped beam", beam, "relative", steps, rounding_threshold(4e-6, 5e-8)}, bending,
                [&] { return error(beam, bending, steps); });
         const std::string heart = by_length("heart", "heart", "heart@20x17x15");
         const Problem damped = load_scene(heart).problem;
-        // After 1000 steps it has moved less: the same rounding is 4.9e-7 of that, after 10000 8e-8.
+        // After 1000 steps the heart has moved less than after 10000, so the same rounding is 4.9e-7 of the
+        // movement instead of 8e-8.
         record({9, "damped heart", heart, "relative", steps,
                 rounding_threshold(5e-6, by_length(3e-7, 1.5e-6, 3e-7))},
                damped, [&] { return error(heart, damped, steps); });
-        // To the same time as 100 steps at half the limit.
+        // This reaches the same time as 100 steps at half the limit.
         const int refined_side = by_length(32, 16, 8), refined_steps = by_length(3200, 1600, 400);
         const Problem refined = sagging_cube(refined_side, 1.0 / 64);
         const std::string name = box_name(refined_side) + " at 1/64 of the limit";
@@ -411,11 +417,11 @@ private:
                refined, [&] { return error(name, refined, refined_steps); });
     }
 
-    /// The static state, which no time step changes, reached with a damping that is the same per unit of
-    /// time.
+    /// The error of the static state, which does not depend on the time step. The damping is the same per
+    /// unit of time for all time steps.
     void equilibrium() {
         const int side = by_length(32, 16, 8);
-        const double rate = 2.2 / side;  // of damping: near the critical one of the slowest mode
+        const double rate = 2.2 / side;  // damping rate near the critical one of the slowest mode
         const int settled = by_length(3000, 1500, 750);  // steps at half the limit
         Problem reference = sagging_cube(side, 0.5);
         reference.damping = rate * reference.time_step;
@@ -516,7 +522,7 @@ StressRow stress_row_from_json(const nlohmann::json& json) {
 }
 
 void print_stress(const nlohmann::json& result, std::ostream& out, TableWidth width) {
-    // A line has the figures of all formulations, "!" after those outside of their threshold.
+    // A line has the figures of all formulations, with "!" after those outside their threshold.
     std::vector<std::vector<std::string>> lines;
     std::map<std::vector<std::string>, std::map<std::string, std::string>> figures;
     for (const auto& json : result.at("stress")) {

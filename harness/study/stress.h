@@ -1,5 +1,5 @@
-// The ends of what can be simulated: what a backend does at rest, at the limit of stability, under large and
-// degenerate displacements, over long runs, and how far it is from float64 there.
+// The limits of what can be simulated: how a backend behaves at rest, at the limit of stability, under large
+// and degenerate displacements and over long runs, and how far it is from float64 there.
 #pragma once
 
 #include <cstdint>
@@ -16,21 +16,23 @@
 
 namespace voxspring {
 
-/// How long the suite runs and how large its scenes are. `full`: what its thresholds were measured at,
-/// seconds on a GPU or all cores. `brief`: a tenth of the steps, for an oracle or a renderer in software.
-/// `shortest`: a test's, on boxes of 8^3.
+/// How long the suite runs and how large its scenes are. `full`: the lengths at which thresholds were
+/// measured; takes seconds on a GPU or on all cores. `brief`: a tenth of the steps, for an oracle or a
+/// renderer in software. `shortest`: for tests, on boxes of 8^3.
 enum class StressLengths : std::uint8_t { full, brief, shortest };
 
-/// float64 states that errors are taken against, each computed once: formulation `increment` on cpu_parallel.
+/// The float64 states that errors are measured against, each computed once: formulation `increment` on
+/// cpu_parallel.
 class StressReferences {
 public:
-    /// `steps` after rest. `name` says which problem it is.
+    /// The state `steps` steps after rest. `name` identifies the problem.
     const State& of(const std::string& name, const Problem& problem, int steps);
 
-    /// Where those are computed in another process, each is reported to this one, whose take() keeps it.
+    /// For references computed in another process: there report_to() makes it report each state, and take()
+    /// keeps it here.
     void report_to(const OnEvent& on_event) { on_event_ = on_event; }
     void take(const nlohmann::json& event);
-    /// All of them, and back: what the next process starts with.
+    /// All references as JSON, and the reverse, for the next process to start with.
     nlohmann::json known() const;
     void take_all(const nlohmann::json& known);
 
@@ -54,9 +56,9 @@ private:
 /// | 9 | box, damped beam and heart; static box; small time steps | error against float64 |
 /// | 9 | momentum of a long run | sum over sum of sizes |
 ///
-/// A threshold holds for every formulation where the model itself demands it; where it is about rounding, for
-/// `increment` and `compensated`, and for the others the figure is recorded alone. Lists by name: `stress`,
-/// one row a measurement; `skipped`; and `failed`, which every threshold that does not hold is in.
+/// A threshold that the model itself demands holds for every formulation. A threshold for rounding holds for
+/// `increment` and `compensated`; for the others the figure is only recorded. Lists by name: `stress`, one
+/// row per measurement; `skipped`; and `failed`, one row per threshold that does not hold.
 void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
                 StressReferences& references, const Once& once);
 
@@ -66,15 +68,15 @@ struct StressRow {
     int part = 0;
     std::string measurement = {}, unit = {}, detail = {};
     int steps = 0;
-    std::optional<double> measured = {};   ///< nothing: not finite
-    std::optional<double> threshold = {};  ///< nothing: recorded alone
+    std::optional<double> measured = {};   ///< empty: not finite
+    std::optional<double> threshold = {};  ///< empty: only recorded
     std::string threshold_is = {};         ///< "at most" or "at least"
     bool passed = false;
 };
 nlohmann::json to_json(const StressRow& row);
 StressRow stress_row_from_json(const nlohmann::json& json);
 
-/// A line a measurement, scene and backend, with the figures of all formulations.
+/// Prints one line per measurement, scene and backend, with the figures of all formulations.
 void print_stress(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

@@ -41,7 +41,7 @@ int read_count(JsonObject& object, const std::string& key, int max, int otherwis
     return value ? int(value->integer(1, max)) : otherwise;
 }
 
-/// Every key of `object` but those of every study.
+/// The keys of `object` that are not common to all studies.
 nlohmann::json keys_of_the_kind(JsonObject object, const std::set<std::string>& common) {
     nlohmann::json settings = nlohmann::json::object();
     for (const auto& [key, value] : object.items()) {
@@ -50,8 +50,8 @@ nlohmann::json keys_of_the_kind(JsonObject object, const std::set<std::string>& 
     return settings;
 }
 
-/// A file that a study names, resized ("my.json@64") or not, is found beside the study, wherever the study is
-/// run from.
+/// A scene's file that a study names, resized ("my.json@64") or not, is looked for beside the study file, not
+/// in the current folder.
 std::string found_beside(const std::filesystem::path& study, const std::string& scene) {
     const std::filesystem::path folder = study.parent_path();
     const bool is_there = std::filesystem::is_regular_file(folder / scene) ||
@@ -63,7 +63,7 @@ StudyScene read_scene(JsonObject object, const Study& study, const StudyKind& ki
     StudyScene item;
     item.scene = kind.read_scene(object);
     item.steps = study.steps;
-    // A kind that brings its own scenes brings their steps as well.
+    // A kind that makes the scenes itself also decides their steps.
     if (kind.scenes_key() == "scenes")
         item.steps = read_count(object, "steps", max_steps_in_all, study.steps);
     if (const auto backends = object.find("backends")) item.backends = read_patterns(*backends);
@@ -72,7 +72,7 @@ StudyScene read_scene(JsonObject object, const Study& study, const StudyKind& ki
     return item;
 }
 
-/// The study in a document. `file` is where scenes are looked for; empty: the study is built in.
+/// The study in a document. Scenes are looked for beside `file`; it is empty if the study is built in.
 Study read_study(JsonObject root, const std::string& name, const std::filesystem::path& file) {
     Study study;
     study.name = name;

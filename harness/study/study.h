@@ -1,4 +1,4 @@
-// A study: which scenes, which backends, how many steps; and its run. What is measured is its kind's
+// A study (its scenes, backends and numbers of steps) and its run. Its kind decides what is measured
 // (study_kind.h).
 #pragma once
 
@@ -18,25 +18,25 @@ class MpiRanks;
 
 /// One scene of a study.
 struct StudyScene {
-    std::string scene;  ///< what load_scene() takes, or what the kind makes of it
-    int steps = 0;      ///< in a batch, errors are taken after it; the kind may have it otherwise
-    std::vector<std::string> backends;   ///< backend patterns; empty: the study's
-    std::vector<std::string> only = {};  ///< what select_backends() leaves of StudyOptions::backends
-    std::shared_ptr<const Scene> built = nullptr;  ///< one that is at hand, in the place of load_scene(scene)
-    nlohmann::json settings = nlohmann::json::object();  ///< keys of the kind, as in a study file
+    std::string scene;                   ///< argument of load_scene(), or a name that the kind interprets
+    int steps = 0;                       ///< per batch; errors are measured after it, unless the kind differs
+    std::vector<std::string> backends;   ///< backend patterns; empty: those of the study
+    std::vector<std::string> only = {};  ///< StudyOptions::backends for this scene, by select_backends()
+    std::shared_ptr<const Scene> built = nullptr;        ///< a scene in memory, instead of load_scene(scene)
+    nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
 };
 
-/// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: every
-/// registered backend whose name matches and that has these options, with them; `formulation=*` and
-/// `precision=*` stand for each that the backend has. `auto[:key=value,...]` is what `--backend auto` takes
-/// for the scene (auto_choice.h).
+/// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it stands for every
+/// registered backend whose name matches and that takes these options. `formulation=*` and `precision=*`
+/// stand for each one that the backend has. `auto[:key=value,...]` is what `--backend auto` chooses for the
+/// scene (auto_choice.h).
 struct Study {
     std::string name;
     std::string description;
-    std::string kind = "timing";  ///< a registered one (study_kind.h)
+    std::string kind = "timing";  ///< a registered kind (study_kind.h)
     int repetitions = 9;
     int steps = 0;                                       ///< for scenes that the command line adds
-    nlohmann::json settings = nlohmann::json::object();  ///< keys of the kind, as in a study file
+    nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
 };
@@ -55,60 +55,59 @@ constexpr int max_ranks = 1024;
 
 /// What the command line changes about a study.
 struct StudyOptions {
-    /// Keep what matches one of these globs (a backend's name or its label; a scene's name); one that
-    /// matches nothing of the study but a backend or a scene outside of it adds that, a backend to each scene
-    /// once.
-    /// "!GLOB" leaves out the backends that match.
+    /// Keep what matches one of these globs (a backend's name or its label; a scene's name). A glob that
+    /// matches nothing in the study, but a backend or a scene outside it, adds that; a backend is added once
+    /// to each scene. "!GLOB" leaves out the backends that match.
     std::vector<std::string> backends;
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< of each scene that is a volume file
     std::optional<int> repetitions;
-    /// Of a scaling study: the most ranks; larger numbers are left out. Nothing: one of each of `devices`, or
-    /// one a processor, or as many as mpirun started.
+    /// For a scaling study: the largest number of ranks; larger numbers are left out. Empty: one per device
+    /// in `devices`, or one per processor, or as many as mpirun started.
     std::optional<int> ranks;
-    /// Of a scaling study: the devices that its ranks take, as their API counts them, over and over; there
-    /// are as many ranks at most, unless `ranks` says otherwise. Empty: each rank takes the next of those
-    /// that there are.
+    /// For a scaling study: the devices of its ranks, as their API numbers them, used cyclically. There is at
+    /// most one rank per entry, unless `ranks` is set. Empty: ranks take the available devices in turn.
     std::vector<int> devices;
-    /// Of a scaling study: the processes that mpirun started, of which this one is rank 0. Null: it did not.
+    /// For a scaling study: the processes that mpirun started, of which this one is rank 0. Null without
+    /// mpirun.
     MpiRanks* mpi = nullptr;
-    /// So many processes measure in turns at most; each makes starting the next take longer, where all have a
-    /// context on a GPU.
+    /// The largest number of processes that measure in turns. If all have a context on a GPU, each one makes
+    /// the start of the next slower.
     int together = 32;
-    /// So many cases do at once what is not timed, at most: construct, compile, go through a suite. Nothing:
-    /// one for two cores.
+    /// The largest number of cases that do at once what is not timed: construct, compile, go through a suite.
+    /// Empty: one per two cores.
     std::optional<int> side_by_side;
     std::optional<std::filesystem::path> out;
-    bool resume = false;  ///< go on with what a run of the same study left beside `out`
-    /// For which a case's process may say nothing before it counts as hung. An answer is a batch or a
-    /// measurement; the longest of the built-in studies, a map of stability on OpenGL in software, takes
+    bool resume = false;  ///< continue what an earlier run of the same study left beside `out`
+    /// How long a case's process may send nothing before it counts as hung. An answer is a batch or a
+    /// measurement; the longest one of the built-in studies, a map of stability on OpenGL in software, takes
     /// minutes.
     std::chrono::duration<double> timeout = std::chrono::minutes(30);
-    /// The program whose processes measure. Empty: this one, whose main() has called worker_main()
-    /// (worker_main.h). Where main() is not yours, in a plugin for example: any of the same build that does,
-    /// such as the installed `voxspring`, which has Voxspring's own backends.
+    /// The program whose processes measure. Empty: this program, whose main() must have called worker_main()
+    /// (worker_main.h). If main() is not yours, in a plugin for example, name any program of the same build
+    /// that calls it, such as the installed `voxspring`, which has Voxspring's backends only.
     std::filesystem::path worker;
 };
 
-/// Runs the study and returns the result (results/schema.json). With `out` every finished measurement is in a
-/// journal beside it at once (journal.h), and the file is replaced after every scene; the journal is removed
-/// when the study is finished. The first SIGINT or SIGTERM stops it after what is in flight; its result is
-/// then `unfinished`. A scene of the study's own that this machine has too little memory for is skipped. Two
-/// different scenes of one name are refused: results tell scenes apart by their names.
+/// Runs the study and returns the result (results/schema.json). With `out` every finished measurement is
+/// written at once to a journal beside it (journal.h), and the file is replaced after every scene; the
+/// journal is removed when the study is finished. The first SIGINT or SIGTERM stops the study after the work
+/// in flight; the result is then `unfinished`. A scene named by the study itself is skipped if this machine
+/// has too little memory for it. Two different scenes with the same name are refused, since results identify
+/// scenes by name.
 ///
-/// Each case is measured in a process of its own, which is `options.worker` started anew. No process of this
-/// program is forked, so it may have threads that hold whatever locks. One study at a time runs in a process:
-/// SIGINT and SIGTERM are caught for it meanwhile.
+/// Each case is measured in a separate process of `options.worker`, which is started anew. This process
+/// itself is not forked, so its threads may hold any locks. A process can run one study at a time, since it
+/// catches SIGINT and SIGTERM meanwhile.
 ///
-/// Throws std::logic_error, before anything else, where there is no such program; BadInput before anything
-/// has run, and for a worker that is not of this build; Unwritten or std::system_error where the disk takes
-/// no more.
+/// Throws std::logic_error, before anything else, if there is no such program; BadInput before anything has
+/// run, and for a worker of another build; Unwritten or std::system_error if the disk is full.
 nlohmann::json run_study(Study study, const StudyOptions& options);
 
-/// Whether a result is of a study that was interrupted.
+/// Whether a result comes from a study that was interrupted.
 bool is_unfinished(const nlohmann::json& result);
 
-/// Whether anything was measured: a list beside those of what was skipped, failed and chosen has a row.
+/// Whether anything was measured: a list other than those of skipped, failed and chosen cases has a row.
 bool has_measured(const nlohmann::json& result);
 
 }  // namespace voxspring

@@ -28,11 +28,11 @@ const std::vector<std::string>& patterns_of(const Study& study, const StudyScene
 
 bool has_driver(const BackendSpec& spec) { return !spec.entry->name.starts_with("cpu_"); }
 
-/// Longer than a driver takes to say whether there is a device. A backend that hangs does so where its row
-/// says it.
+/// Longer than a driver takes to report whether there is a device. A backend that hangs here hangs again
+/// later, and its row then says so.
 constexpr std::chrono::seconds patience_for_devices{20};
 
-/// Empty, or why a backend on the card `uuid` is not for a table of `backends`.
+/// Empty, or why a backend on the card `uuid` may not be in one table with `backends`.
 std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
     for (const auto& [name, backend] : backends.items()) {
         const std::string card = capabilities_of(backend).uuid;
@@ -123,7 +123,8 @@ std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
 }
 
 Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program, bool second_hand) {
-    // The processor is there for every process, and threads of a case before would only be in its way.
+    // A used process saves time only with a driver. Without one, the earlier case's threads would only be in
+    // the way.
     return Case(spec, workers_, program,
                 JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout,
                 second_hand && has_driver(spec));
@@ -149,7 +150,7 @@ std::optional<Case> StudyBench::entered(Case one, bool limits) {
             unavailable = absent.what();
         }
     });
-    // What was there for an earlier scene has been lost since.
+    // If the device was available for an earlier scene, it has been lost since.
     const bool lost = context()["backends"].contains(spec.entry->name);
     if (failure) {
         one.scope().keep("not entered", *failure);
@@ -174,7 +175,7 @@ std::size_t StudyBench::uploads_side_by_side() const {
     return is_heavy(scene()) ? std::min(of_heavy, side_by_side()) : side_by_side();
 }
 
-/// Before the first of them measures its device's limits.
+/// Introduces all cases before the first of them measures its device's limits.
 void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
     at_once(
         cases.size(), side_by_side(), [&](std::size_t n) { cases[n].begin_introduction(); },
@@ -184,7 +185,7 @@ void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
 std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                         Entering how) {
     CaseProgram with_its_share = program;
-    // Of the processors that this process may use: fewer than there are under taskset or in a container.
+    // Counts the processors that this process may use, which under taskset or in a container are not all.
     with_its_share.threads = std::max(1, omp_get_num_procs() / int(uploads_side_by_side()));
     std::vector<Case> made, cases;
     for (const BackendSpec& spec : specs)
@@ -199,7 +200,7 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
         show(one.spec().label(), 0, 1);
         if (auto can = entered(std::move(one), how.limits)) cases.push_back(*std::move(can));
     }
-    workers_.end_kept();  // those of cases that were refused
+    workers_.end_kept();  // processes of cases that were refused
     return cases;
 }
 
@@ -223,7 +224,8 @@ void StudyBench::add_failure(Case& benchmark_case) {
         fail(benchmark_case.spec(), *reason);
 }
 
-/// `patterns` with what the rules take for the scene in the place of "auto"; each choice is a row of `auto`.
+/// `patterns`, in which "auto" is replaced by what the rules choose for the scene. Each choice is a row of
+/// the list `auto`.
 std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patterns) {
     const std::unique_ptr<StudyKind> kind = make_study_kind(study_.kind);
     for (std::string& pattern : patterns) {
@@ -248,7 +250,7 @@ std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patte
     return patterns;
 }
 
-/// Introduces a case: empty, or why it cannot run the scene.
+/// Introduces a case. Returns why it cannot run the scene; empty if it can.
 std::string StudyBench::refusal_of(Case& benchmark_case) {
     const nlohmann::json introduction = benchmark_case.introduce();
     const nlohmann::json& described = introduction.at("capabilities");
@@ -272,7 +274,7 @@ std::mt19937& StudyBench::order() {
     return *order_;
 }
 
-/// All backends that compute on a card do so on one.
+/// Watches the first card. All backends that use a card use the same one.
 void StudyBench::watch_card(const std::string& uuid) {
     if (uuid.empty() || context().contains("card_watched")) return;
     try {
@@ -284,7 +286,7 @@ void StudyBench::watch_card(const std::string& uuid) {
     }
 }
 
-/// What a device can do is measured once, by the first case on it.
+/// The limits of a device are measured once, by the first case on it.
 void StudyBench::measure_limits(Case& benchmark_case) {
     benchmark_case.limits = limits_.of(capabilities_of(benchmark_case.capabilities()), [&] {
         return benchmark_case.measure_limits(JournalScope(journal_, "limits "));

@@ -1,5 +1,5 @@
-// What a kind of study measures one scene with: the backends, each in a process of its own, the references
-// and the lists that rows go to.
+// What a kind of study needs to measure one scene: the backends, each in a separate process, the references,
+// and the lists that rows are added to.
 #pragma once
 
 #include <map>
@@ -27,8 +27,8 @@
 
 namespace voxspring {
 
-/// Calls begin(n) and, later, finish(n) for each n below `count`, in order, with at most `most` begun and not
-/// finished.
+/// Calls begin(n) and, later, finish(n) for each n below `count`, in order. At most `most` are begun and not
+/// yet finished at any time.
 template <class Begin, class Finish>
 void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
     for (std::size_t n = 0; n < count + most; ++n) {
@@ -39,70 +39,72 @@ void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
 
 /// How a case is made ready.
 struct Entering {
-    bool limits = false;  ///< what its device can do at best is measured as well, once a device
-    /// Construct several at once, side_by_side() of them, and in processes of cases before, where nobody
-    /// wants to know how long that takes.
+    bool limits = false;  ///< also measure the limits of its device, once per device
+    /// Construct several cases at once, side_by_side() of them, and reuse processes of earlier cases. For
+    /// studies that do not report the time of construction.
     bool at_once = false;
 };
 
 /// Serves one study, scene after scene.
 class StudyBench {
 public:
-    /// All must outlive it. Results gather in `result`.
+    /// All arguments must outlive this object. Results are collected in `result`.
     StudyBench(const Study& study, const StudyOptions& options, Journal& journal, Progress& progress,
                nlohmann::json& result);
     StudyBench(const StudyBench&) = delete;
     StudyBench& operator=(const StudyBench&) = delete;
 
-    /// Looks for the devices that `items` need: a backend of each API is constructed. Whose device is not
-    /// here is not expected to run, which the time left is estimated by.
+    /// Looks for the devices that `items` need, by constructing one backend of each API. Backends without a
+    /// device are not expected to run, and do not count in the estimate of the time left.
     void look_for_devices(const std::vector<StudyScene>& items);
 
-    /// Turns to a scene of the study, whose number, from 1, names it in the journal: one may be there twice.
+    /// Turns to a scene of the study. `number`, from 1, identifies it in the journal, since a study may have
+    /// a scene twice.
     void turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number);
 
     const Study& study() const { return study_; }
     const StudyOptions& options() const { return options_; }
     const StudyScene& item() const { return *item_; }
     const Scene& scene() const { return *scene_; }
-    /// The backends that the study asks for on this scene, choices of the rules included.
+    /// The backends that the study asks for on this scene, including the choices of the rules.
     const std::vector<BackendSpec>& specs() const { return specs_; }
-    /// The same in as few groups of at most StudyOptions::together as it takes, whose sizes differ by one at
-    /// most.
+    /// The specs() in as few groups of at most StudyOptions::together as possible, whose sizes differ by at
+    /// most one.
     std::vector<std::span<const BackendSpec>> groups() const;
 
-    /// The case of a backend, ready to be asked; nothing where it cannot run the scene, which the result then
-    /// says.
+    /// The case of a backend, ready to be asked. Empty if it cannot run the scene; the result then has the
+    /// reason.
     std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, Entering how = {});
-    /// Those of `specs` that can run the scene. Where they construct at once, each has its share of the
-    /// processors from then on, but for backends that step on these.
+    /// The cases of `specs` that can run the scene. If they construct at once, each has a share of the
+    /// processors from then on, except for backends that step on the processor.
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program, Entering how);
     /// How many cases do at once what is not timed.
     std::size_t side_by_side() const;
-    /// How many of them upload at once: of a heavy scene enough that one computes while others compile or
-    /// wait for their device.
+    /// How many cases upload at once. For a heavy scene there are just enough that one computes while others
+    /// compile or wait for their device.
     std::size_t uploads_side_by_side() const;
 
     /// Adds a row to a list of the result.
     void add(const std::string& list, nlohmann::json row);
     void add(const std::string& list, const Row& row) { add(list, to_json(row)); }
-    /// How many of specs() run the scene, as far as that is known by now.
+    /// How many of specs() run the scene, as far as is known by now.
     int expected_cases() const;
 
-    /// Adds a row to `skipped`: the backend does not run the scene, or there is something that it cannot do
-    /// there.
+    /// Both add a row to `skipped`. refuse(): the backend does not run the scene. skip(): there is something
+    /// that it cannot do there.
     void refuse(const BackendSpec& spec, const std::string& reason);
     void skip(const BackendSpec& spec, const std::string& reason);
     /// Adds a row to `failed`.
     void fail(const BackendSpec& spec, const std::string& reason);
-    /// Adds to `failed` what the journal says of a case that failed.
+    /// Adds a row to `failed` if the journal says that the case failed.
     void add_failure(Case& benchmark_case);
 
     References& references() { return references_; }
-    /// Puts repetitions of several cases in a random order. The result tells its seed.
+    /// The generator that shuffles the repetitions of several cases. Its seed is in the result.
     std::mt19937& order();
-    const Card* card() const { return card_.get(); }  ///< null: there is none, or it cannot be watched
-    /// What is being done, and how much of the scene's measurements is; `total` is of expected_cases().
+    const Card* card() const { return card_.get(); }  ///< null: there is no card, or it cannot be watched
+    /// Shows what is being done, and how many of the scene's measurements are done. `total` counts those of
+    /// expected_cases().
     void show(const std::string& what, int done, int total) { progress_.show(what, done, total); }
 
     /// Fills `context.voxspring` with the devices and limits of all scenes so far.
@@ -110,7 +112,7 @@ public:
 
 private:
     Case case_of(const BackendSpec& spec, const CaseProgram& program, bool second_hand);
-    /// The case, unless it cannot run the scene.
+    /// The case; empty if it cannot run the scene.
     std::optional<Case> entered(Case one, bool limits);
     void introduce_at_once(std::vector<Case>& cases) const;
     void expect_less(const BackendSpec& spec);
@@ -137,10 +139,10 @@ private:
     MeasuredLimits limits_;
     std::unique_ptr<Card> card_;
     std::optional<std::mt19937> order_;
-    References references_;  ///< tells how far they are, and ends with Interrupted
+    References references_;  ///< report their progress, and throw Interrupted
 };
 
-/// The backends that are known before the scene is loaded: without what the rules would take.
+/// The backends that are known before the scene is loaded, without the choices of the rules.
 std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item);
 
 }  // namespace voxspring

@@ -1,5 +1,5 @@
-// What a study measures. Adding a kind: one file in harness/study/kinds that implements StudyKind and
-// registers itself.
+// A kind of study decides what is measured. To add a kind, add one file in harness/study/kinds that
+// implements StudyKind and registers itself.
 #pragma once
 
 #include <functional>
@@ -19,8 +19,8 @@ namespace voxspring {
 
 class StudyBench;
 
-/// One kind of study. An object serves one study: it may keep what it learns from scene to scene. All throw
-/// BadInput for what a user wrote.
+/// One kind of study. An object serves one study, and may keep what it learns from scene to scene. All
+/// members throw BadInput for bad input of a user.
 class StudyKind {
 public:
     StudyKind() = default;
@@ -28,35 +28,37 @@ public:
     StudyKind& operator=(const StudyKind&) = delete;
     virtual ~StudyKind() = default;
 
-    /// Reads its own keys of a study file; what it does not ask for is refused.
+    /// Reads the kind's keys of a study file. Keys that it does not ask for are refused.
     virtual void read(JsonObject& study);
-    /// The key of the list of scenes, "scenes", and what such an item names; and its own keys of one, which
-    /// the item's settings have later.
+    /// The key of the list of scenes, usually "scenes". read_scene() returns the scene that an item of the
+    /// list names, and checks the kind's keys of the item, which are later in the item's settings.
     virtual std::string scenes_key() const { return "scenes"; }
     virtual std::string read_scene(JsonObject& item) const;
-    /// The scene of an item, where that is not load_scene()'s; null: it is. Such a kind takes no --scene.
+    /// The scene of an item, if the kind makes it; null if load_scene() does. A kind that makes scenes takes
+    /// no --scene.
     virtual std::shared_ptr<const Scene> own_scene(const StudyScene& item) const;
 
-    /// Whether the scene can be studied so, before anything is measured.
+    /// Throws BadInput, before anything is measured, if the scene cannot be studied in this way.
     virtual void check(const Study& study, const StudyScene& item, const Scene& scene) const;
-    /// Whether it measures backends with these capabilities, so that `auto` may choose one.
+    /// Whether the kind measures backends with these capabilities, so that `auto` may choose one.
     virtual bool takes(const Capabilities&) const { return true; }
-    /// How many rows a case that runs adds to the result, as far as that is known beforehand.
+    /// The number of rows that a case adds to the result if it runs, as far as is known beforehand.
     virtual int rows_of_case(const Study& study, const StudyScene& item) const;
-    /// How many steps a case takes, all repetitions and time steps together: what the time left is estimated
-    /// by.
+    /// The number of steps of a case, all repetitions and time steps together, for the estimate of the time
+    /// left.
     virtual double steps_of_case(const Study& study, const StudyScene& item) const;
 
-    /// Measures one scene; rows go to the bench.
+    /// Measures one scene and adds rows to the bench.
     virtual void run(StudyBench& bench) = 0;
 
-    /// Names of the lists that its results have beside `benchmarks`, `verification`, `skipped` and `failed`.
+    /// Names of the lists that the kind's results have in addition to `benchmarks`, `verification`, `skipped`
+    /// and `failed`.
     virtual std::vector<std::string> lists() const { return {}; }
-    /// The schema that these lists are described by.
+    /// The schema that describes these lists.
     virtual std::string schema() const { return "urn:voxspring:result:1"; }
-    /// What follows from all rows so far; called whenever the result is written.
+    /// Adds what follows from all rows so far. Called whenever the result is written.
     virtual void summarise(nlohmann::json& result) const;
-    /// For people.
+    /// Prints the result for people.
     virtual void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const = 0;
 };
 
@@ -68,10 +70,10 @@ struct RegisteredStudyKind {
 std::vector<std::string> study_kind_names();
 /// Throws std::out_of_range for a name that is not registered.
 std::unique_ptr<StudyKind> make_study_kind(const std::string& name);
-/// One that has read the study's settings. Throws BadInput.
+/// The study's kind, which has read the study's settings. Throws BadInput.
 std::unique_ptr<StudyKind> kind_of(const Study& study);
 
-/// Prints a result as its kind does.
+/// Prints a result by its kind.
 void print_result(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

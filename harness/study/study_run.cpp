@@ -1,4 +1,4 @@
-// The run of a study: one scene after the other, each of its cases in a process of its own.
+// The run of a study: one scene after the other, with each case in a separate process.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -39,10 +39,10 @@
 namespace voxspring {
 namespace {
 
-/// Lists of every result.
+/// The lists that every result has.
 constexpr std::array common_lists = {"benchmarks", "verification", "skipped", "failed"};
 
-/// The backend NAME/FORMULATION/PRECISION[/TUNING].
+/// The backend of a label NAME/FORMULATION/PRECISION[/TUNING].
 BackendSpec spec_of_label(const std::string& label) {
     std::istringstream parts(label);
     std::string name, formulation, precision, tuning;
@@ -54,7 +54,7 @@ BackendSpec spec_of_label(const std::string& label) {
                               (tuning.empty() ? "" : "," + tuning));
 }
 
-/// Whether a scene is of this program rather than of a file, which may change.
+/// Whether a scene is built into this program, and not in a file, which may change.
 bool is_builtin(const std::string& scene) {
     const std::vector<BuiltinScene> all = builtin_scenes();
     const std::string name = scene.substr(0, scene.rfind('@'));
@@ -62,7 +62,7 @@ bool is_builtin(const std::string& scene) {
            std::any_of(all.begin(), all.end(), [&](const auto& builtin) { return builtin.name == name; });
 }
 
-/// Whether there is a result there, of a study that was not cut short.
+/// Whether `file` is the result of a study that was not interrupted.
 bool is_finished(const std::filesystem::path& file) {
     std::ifstream text(file);
     const nlohmann::json result = nlohmann::json::parse(text, nullptr, false);
@@ -70,7 +70,7 @@ bool is_finished(const std::filesystem::path& file) {
            !is_unfinished(result);
 }
 
-/// What the command line leaves of a study.
+/// The study after the command line's options have been applied.
 Study narrowed(Study study, const StudyOptions& options) {
     select_scenes(study, options.scenes);
     if (const auto without = select_backends(study, options.backends); !without.empty())
@@ -80,7 +80,7 @@ Study narrowed(Study study, const StudyOptions& options) {
     return study;
 }
 
-/// The command line has checked its own; a program's may be any numbers.
+/// Checks options set by a program that calls run_study(). The command line has checked its options already.
 void check_options(const StudyOptions& options) {
     const auto check = [](bool accepted, const char* name, const std::string& value, const char* expected) {
         if (!accepted) throw BadInput("run_study()", name, value, expected);
@@ -121,8 +121,8 @@ private:
     const StudyOptions& options_;
     const std::unique_ptr<StudyKind> kind_;
     StudyScenes scenes_;
-    std::map<std::string, std::string> too_large_;  ///< scene to reason
-    std::map<std::string, double> particles_;       ///< of each scene that fits
+    std::map<std::string, std::string> too_large_;  ///< reason by scene
+    std::map<std::string, double> particles_;       ///< by scene, if it fits into memory
     nlohmann::json result_;
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     std::unique_ptr<Progress> progress_;
@@ -164,7 +164,8 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
     bench_ = std::make_unique<StudyBench>(study_, options_, *journal_, *progress_, result_);
 }
 
-/// Every scene is read before the first is timed: a mistake in the last one costs no hour.
+/// Every scene is loaded before the first one is timed, so that a mistake in the last one shows at once and
+/// not after hours.
 void StudyRun::check(const StudyScene& item) {
     std::shared_ptr<const Scene> loaded;
     try {
@@ -182,7 +183,7 @@ void StudyRun::check(const StudyScene& item) {
     check_backends(item);
 }
 
-/// Whether there is one to run, as far as that is known without a device.
+/// Throws if there is no backend to run, as far as is known without a device.
 void StudyRun::check_backends(const StudyScene& item) const {
     const auto& patterns = item.backends.empty() ? study_.backends : item.backends;
     const auto chooses = [](const std::vector<std::string>& asked) {
@@ -204,9 +205,9 @@ void StudyRun::check_backends(const StudyScene& item) const {
                    accepted_globs(patterns.front()));
 }
 
-/// What a scene costs, as far as it is known beforehand: steps of all its particles.
+/// The cost of a scene as far as is known beforehand: particle steps.
 Progress::Scene StudyRun::cost_of(const StudyScene& item) const {
-    constexpr double overhead = 5e6;  // steps of a particle, in the time of what else a case takes
+    constexpr double overhead = 5e6;  // particle steps in the time that the rest of a case takes
     if (too_large_.contains(item.scene)) return {};
     const double steps = kind_->steps_of_case(study_, item);
     return {.cases = int(known_specs(study_, item).size()),
@@ -227,13 +228,14 @@ void StudyRun::begin_result() {
     context()["unfinished"] = true;
 }
 
-/// What a journal has to be of, to be resumed: all that decides what is measured, but the devices.
+/// The description that a journal must match to be resumed: everything that decides what is measured, except
+/// the devices.
 nlohmann::json StudyRun::description() {
     nlohmann::json scenes = nlohmann::json::array(), files = nlohmann::json::object();
     for (const StudyScene& item : study_.scenes) {
         scenes.push_back({item.scene, item.steps, item.backends, item.settings});
-        // What a file holds, or a volume that it names, may have changed since, or what another program
-        // built; built-in scenes are of this one.
+        // Files, volumes that they name and scenes that another program built may have changed since the
+        // journal was written. Built-in scenes belong to this program, whose fingerprint is compared anyway.
         const bool may_change = item.built != nullptr || !is_builtin(item.scene);
         if (may_change && !too_large_.contains(item.scene))
             files[item.scene] = fingerprint_of(*scenes_.of(item));
@@ -267,7 +269,7 @@ void StudyRun::open_journal() {
     if (journal_->sessions() > 1) context()["study"]["sessions"] = journal_->sessions();
 }
 
-/// The devices that the journal knows are those of this machine; one backend of each API is asked.
+/// Checks that the devices in the journal are those of this machine. One backend of each API is asked.
 void StudyRun::check_devices() {
     std::set<std::string> seen;
     const std::string suffix = " introduction";
@@ -303,7 +305,7 @@ nlohmann::json StudyRun::run() {
         try {
             run_scene(item, ++number);
         } catch (const Interrupted&) {
-            // While a reference was computed: no case is finished.
+            // Interrupted while a reference was computed: no case of this scene is finished.
         }
         if (interrupted()) break;
         publish();
@@ -328,7 +330,7 @@ void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
     kind_->run(*bench_);
 }
 
-/// Of what was measured.
+/// The number of rows with measurements.
 std::size_t StudyRun::row_count() const {
     std::size_t count = result_.at("verification").size();
     for (const std::string& list : kind_->lists()) count += result_.at(list).size();
@@ -339,7 +341,7 @@ void StudyRun::publish() {
     bench_->describe_devices();
     if (!result_.at("benchmarks").empty() && !result_["context"].contains("caches")) {
         nlohmann::json machine = google_benchmark_context();
-        machine.update(result_["context"]);  // the date is that of the begin
+        machine.update(result_["context"]);  // keeps the date of the beginning
         result_["context"] = std::move(machine);
     }
     kind_->summarise(result_);

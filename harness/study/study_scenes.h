@@ -1,4 +1,4 @@
-// The scenes of a study: which of them, loaded, and told apart.
+// The scenes of a study: selects them, loads them and checks that their names differ.
 #pragma once
 
 #include <cstdint>
@@ -13,25 +13,25 @@
 
 namespace voxspring {
 
-/// What --scene leaves of the study's scenes, each once, and what it adds to them.
+/// Applies --scene to the study's scenes: it keeps some of them, each once, and may add others.
 void select_scenes(Study& study, const std::vector<std::string>& globs);
 
-/// Distributes what --backend asks for over the study's scenes, as StudyOptions::backends says: a glob that
-/// backends of the study match is for the scenes that have these. Scenes that are left without a backend are
-/// taken out; their names. Throws BadInput for a glob that no backend matches.
+/// Distributes the globs of --backend over the study's scenes, as StudyOptions::backends says. A glob that
+/// matches backends of the study applies to the scenes that have these. Removes scenes that are left without
+/// a backend and returns their names. Throws BadInput for a glob that no backend matches.
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
 
-/// Loads scenes and keeps them, up to a quarter of the machine's memory, as each is asked for twice. Where
-/// that is too little it keeps the largest, which take the longest to build.
+/// Loads scenes and keeps them, since each is asked for twice. It keeps up to a quarter of the machine's
+/// memory; if that is too little, the largest scenes are kept, which take the longest to build.
 class StudyScenes {
 public:
-    /// `volume` is of those that are volume files.
+    /// `volume` has the options for scenes that are volume files.
     StudyScenes(const StudyKind& kind, VolumeOptions volume) : kind_(kind), volume_(std::move(volume)) {}
 
     /// Throws BadInput, TooLarge.
     std::shared_ptr<const Scene> of(const StudyScene& item);
-    /// Refuses `scene`, which is that of `item`, if another one that is not the same has its name: results
-    /// tell scenes apart by name.
+    /// Refuses `scene`, the scene of `item`, if a different scene has the same name, since results identify
+    /// scenes by name.
     void check_name(const StudyScene& item, const Scene& scene);
 
 private:
@@ -41,7 +41,7 @@ private:
     const VolumeOptions volume_;
     std::map<std::string, std::shared_ptr<const Scene>> kept_;
     std::uint64_t particles_ = 0;
-    std::map<std::string, const StudyScene*> named_;  ///< the first of each name
+    std::map<std::string, const StudyScene*> named_;  ///< the first item of each name
 };
 
 }  // namespace voxspring

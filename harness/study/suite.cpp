@@ -21,10 +21,10 @@ public:
         kept_ = finished_.size();
     }
 
-    /// A suite that takes the processor's cores.
+    /// Whether the suite runs on the processor's cores.
     bool is_on_processor() { return capabilities_of(case_.capabilities()).family == ApiFamily::cpu; }
 
-    /// Has its process measure what is missing; returns before it has.
+    /// Starts the missing measurements in the case's process, and returns at once.
     void begin(const nlohmann::json& known) {
         if (scope().find("finished") != nullptr || scope().find("failed") != nullptr) return;
         attempt([&] {
@@ -33,7 +33,7 @@ public:
         });
     }
 
-    /// Waits until it has, and adds its rows.
+    /// Waits for the measurements and adds their rows.
     void finish() {
         if (working_ && !interrupted()) {
             attempt([&] {
@@ -75,8 +75,8 @@ private:
     StudyBench& bench_;
     Case case_;
     const OnEvent& on_event_;
-    const int& done_;                 ///< cases before it
-    std::set<std::string> finished_;  ///< before it began
+    const int& done_;                 ///< number of cases before this one
+    std::set<std::string> finished_;  ///< names of measurements finished before it began
     std::size_t kept_ = 0;            ///< measurements in the journal
     std::string at_ = "before its first measurement";
     bool working_ = false;

@@ -1,4 +1,4 @@
-// Suites: measurements that a case makes one after the other in its process.
+// Suites: series of measurements that a case makes in its process.
 #pragma once
 
 #include <functional>
@@ -13,40 +13,41 @@
 
 namespace voxspring {
 
-/// Rows by the list of the result that they belong to.
+/// Rows, by the list of the result that they belong to.
 using Rows = std::map<std::string, std::vector<nlohmann::json>>;
 
-/// How a suite makes a measurement, whose name is its own within the suite: by calling `measure`, or not
-/// where it is known by that name.
+/// How a suite makes a measurement: calls `measure`, unless the measurement `name` is already known. The name
+/// must be unique within the suite.
 using Once = std::function<void(const std::string& name, const std::function<Rows()>& measure)>;
 
-/// What a case does in its process to go through a suite.
+/// Runs a suite in a case's process.
 class SuiteRunner : public CaseRunner {
 public:
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent& on_event) final;
 
 private:
-    /// `known` is what measure_suites() was given. Events are for whoever called that.
+    /// `known` is the value of Suites::known in the study's process, and `on_event` sends events to
+    /// Suites::on_event there.
     virtual void run(Backend& backend, const nlohmann::json& known, const Once& once,
                      const OnEvent& on_event) = 0;
 };
 
-/// What the cases of a scene have in common.
+/// What measure_suites() needs for the cases of a scene.
 struct Suites {
-    /// A case of a backend, whose runner is a SuiteRunner; nothing where it cannot run, whose row is then
-    /// there.
+    /// Makes the case of a backend, whose runner is a SuiteRunner. Empty if the case cannot run; its row then
+    /// has been added.
     std::function<std::optional<Case>(const BackendSpec&)> enter;
-    /// What the cases so far have found out for the next one.
+    /// What earlier cases have found out, as information for the next one.
     std::function<nlohmann::json()> known = [] { return nlohmann::json(); };
     OnEvent on_event = {};
 };
 
-/// Takes every backend of the bench through its suite; what the journal has is not measured again. Rows go to
-/// the bench, in the order of its backends. What fails a suite as a whole, the end of its process included,
-/// is a row of `failed`. Once interrupted, the rows so far.
+/// Runs the suite for every backend of the bench. Measurements that the journal already has are not repeated.
+/// Rows are added to the bench in the order of its backends. If a suite fails as a whole, for example because
+/// its process ends, it has a row in `failed`. After an interruption the rows so far are kept.
 ///
-/// A suite is not timed. So StudyOptions::side_by_side of them are gone through at once, but for the first,
-/// which finds out what the others are told, and for those of the processor, which take all of its cores.
+/// A suite is not timed, so StudyOptions::side_by_side of them run at once. Exceptions are the first one,
+/// whose findings the others need, and those on the processor, which take all of its cores.
 void measure_suites(StudyBench& bench, const Suites& suites);
 
 }  // namespace voxspring

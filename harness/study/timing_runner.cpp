@@ -25,32 +25,33 @@ double seconds_since(Clock::time_point begin) {
     return std::chrono::duration<double>(Clock::now() - begin).count();
 }
 
-/// Of this thread, what Google Benchmark calls cpu_time.
+/// The CPU time of this thread, which Google Benchmark calls cpu_time.
 double cpu_seconds_of_thread() {
     timespec time{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
     return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
 }
 
-/// Has every thread of OpenMP run for a moment. Those of a process that has waited for its turn sleep, wake
-/// on the core of the thread that wakes them, and share it until the system moves them: for a short batch
-/// that is all of its time.
+/// Lets every OpenMP thread run for a moment before a timing. While the process waits for its turn the
+/// threads sleep. They wake on the core of the thread that wakes them, and share it until the system moves
+/// them, which may take as long as a short batch.
 void spread_threads() {
-    constexpr double moment = 1e-2;  // several of the system's looks at who runs where
+    constexpr double moment = 1e-2;  // several periods of the system's scheduler
     const auto begin = Clock::now();
 #pragma omp parallel
     while (seconds_since(begin) < moment) {
     }
 }
 
-/// While it lives this process has a thread for every processor, as a program that edits a body has: some
-/// backends lay tables out anew on the host for an edit, which is timed. Nothing prepares other cases then.
+/// While this object lives, the process has one thread per processor, as a program that edits a body would
+/// have. Some backends rebuild tables on the host at an edit, and edits are timed. No other case is being
+/// prepared meanwhile.
 class AllProcessors {
 public:
     AllProcessors() : before_(omp_get_max_threads()) {
         omp_set_num_threads(omp_get_num_procs());
 #pragma omp parallel
-        {}  // begins the threads, before the clock runs
+        {}  // starts the threads before anything is timed
     }
     AllProcessors(const AllProcessors&) = delete;
     AllProcessors& operator=(const AllProcessors&) = delete;
@@ -97,7 +98,7 @@ public:
     }
 
 private:
-    /// Reads the state that has been reached; a run that diverged fails.
+    /// Reads the state that has been reached. Throws if the run diverged.
     nlohmann::json read(Backend& backend, int steps) {
         const State state = backend.download();
         if (const auto divergence = find_divergence(backend, runner_, monitor_, state, steps))
@@ -105,8 +106,8 @@ private:
         return shared_.put(state);
     }
 
-    /// Uploads to another backend of the same kind for the sake of what that compiles, which the process then
-    /// has. The first upload of this one is still to be timed.
+    /// Uploads to a second backend of the same kind, which compiles kernels for the whole process. It must
+    /// not be the case's backend, whose first upload will be timed.
     nlohmann::json compile() {
         const std::unique_ptr<Backend> other = spec_.make();
         SceneRunner(scene_).rewind(*other);
@@ -114,9 +115,10 @@ private:
         return nullptr;
     }
 
-    /// Uploads and advances, so that shaders are compiled and clocks are up before anything is timed; by one
-    /// batch, and where batches go on from each other by those that were timed before. The work is that of
-    /// the step after the batch: right after an upload a backend knows of nothing that rests.
+    /// Uploads and makes steps, so that shaders are compiled and clocks are up before anything is timed. It
+    /// makes one batch; if batches continue from each other, also those that were timed before. The work is
+    /// counted for the step after the batches, since right after an upload a backend does not know yet which
+    /// tiles rest.
     nlohmann::json warm_up(Backend& backend, int batches) {
         backend.monitor(monitor_);
         const auto begin = Clock::now();
@@ -127,10 +129,10 @@ private:
         for (int i = 0; i < batches; ++i) runner_.run(backend, batch_.steps);
         backend.synchronize();
         if (backend.divergence()) (void)read(backend, batches * batch_.steps);
-        // Batches from the start take the steps that were checked now. Checks come more often in one API than
-        // in another, and are not to be timed.
+        // Batches that begin at the start repeat the steps checked here, so they are timed without checks,
+        // which are more frequent in some APIs than in others.
         if (batch_.rewind) backend.monitor({});
-        // Counting takes a step, which only a rewind takes back.
+        // Counting makes a step, which only a rewind can undo.
         const WorkCount work = batch_.rewind ? backend.count_work() : WorkCount{};
         nlohmann::json answer = {{"compile_seconds", std::max(compiled_seconds_, compiling.cold)},
                                  {"upload_seconds", upload_seconds},
@@ -142,8 +144,8 @@ private:
         return answer;
     }
 
-    /// Of a scene with edits the time of a batch without them, right before the one with them so that both
-    /// meet the same clocks; stands at the start again.
+    /// For a scene with edits: the time of a batch without them, then rewinds. It is measured right before
+    /// the batch with edits, so that both meet the same clocks.
     std::optional<double> plain(Backend& backend) {
         if (runner_.edits_within(batch_.steps) == 0) return std::nullopt;
         const Timing timing = backend.timed([&] { backend.step(batch_.steps); });
@@ -166,19 +168,19 @@ private:
                                  {"host_seconds", timing.host_seconds}};
         if (plain_seconds) answer["plain_seconds"] = *plain_seconds;
         if (const auto waited_end = waited_seconds(); waited_begin && waited_end) {
-            // Of a shorter batch it would be said that this process waited while it read what is read here.
+            // In a shorter batch the reading of these figures themselves would count as waiting.
             constexpr double shortest = 5e-3;
             const bool counts = timing.host_seconds >= shortest;
             answer["waiting"] = counts ? (*waited_end - *waited_begin) / timing.host_seconds : 0.0;
         }
         answer["spin_seconds"] = spin_seconds();
-        // Of batches that go on from each other.
+        // Batches that continue from each other are still monitored.
         if (backend.divergence()) (void)read(backend, steps_in_all(batch_));
         return answer;
     }
 
-    /// The latency of each edit by itself, from a device that waits to one that waits again: the best of
-    /// three plays, since an edit is far shorter than what may interrupt it.
+    /// The latency of each edit by itself, from an idle device until it is idle again. The least of three
+    /// runs counts, since an edit is far shorter than what may interrupt it.
     nlohmann::json edits(Backend& backend) {
         constexpr int plays = 3;
         const AllProcessors all;
@@ -207,7 +209,7 @@ private:
     SharedState& shared_;
     const DivergenceMonitor monitor_;
     SceneRunner runner_;
-    double compiled_seconds_ = 0;  ///< what compiling took before the warm-up
+    double compiled_seconds_ = 0;  ///< time of compile(), before the warm-up
 };
 
 constexpr const char* runner_name = "timing";

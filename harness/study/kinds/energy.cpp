@@ -20,9 +20,9 @@
 namespace voxspring {
 namespace {
 
-/// Clocks settle within that, and a sample of power forgets what was before.
+/// Within this time clocks settle, and samples of power no longer include what was before.
 constexpr double lead_seconds = 2;
-/// An idle card is watched for as long.
+/// How long an idle card is watched.
 constexpr double idle_seconds = 3;
 
 struct EnergyRow {
@@ -76,15 +76,15 @@ public:
           monitor_(divergence_monitor(scene, steps_)),
           runner_(scene) {}
 
-    /// Watches the device while it idles, with all that the case has on it, and then while it steps.
+    /// Watches the device while it idles, with the case's data on it, and then while it steps.
     nlohmann::json answer(Backend& backend, const nlohmann::json&, const OnEvent&) override {
         const auto meter = energy_meter_of(backend.capabilities());
         backend.monitor(monitor_);
-        // What goes back to the start between batches is measured with them: the less, the better.
+        // The return to the start between batches is measured with them, so it is made as cheap as possible.
         runner_.rewind(backend);
         runner_.keep_start(backend);
         run_batch(backend);
-        backend.monitor({});  // what was checked now is repeated, and a check takes energy
+        backend.monitor({});  // later batches repeat the checked one, and checks take energy
         const EnergyUse idle = measure_energy(*meter, lead_seconds, idle_seconds, [] {
             std::this_thread::sleep_for(std::chrono::milliseconds(10));
         });
@@ -110,7 +110,7 @@ public:
     }
 
 private:
-    /// From the scene's start, so that no run of minutes leaves its bounds.
+    /// Every batch begins at the scene's start: a run of minutes might diverge.
     void run_batch(Backend& backend) {
         runner_.rewind(backend);
         runner_.run(backend, steps_);
@@ -151,16 +151,16 @@ public:
     void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
 
 private:
-    // Of the counter's leaps, a tenth of a second apart at most, ten seconds are 1%.
+    // The counter leaps at least every tenth of a second, which is 1% of ten seconds.
     static constexpr double min_seconds = 10;
-    double seconds_ = min_seconds;  ///< for which each case is measured
+    double seconds_ = min_seconds;  ///< how long each case is measured
 };
 
 void EnergyStudy::run(StudyBench& bench) {
     const Scene& scene = bench.scene();
     const std::uint64_t springs = count_springs(scene.problem).total();
     int done = 0;
-    // One after another: a card that two processes hold draws more while it idles.
+    // One case after another: a card that two processes hold draws more power while it idles.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
         bench.show(spec.label(), done, bench.expected_cases());

@@ -1,5 +1,5 @@
-// The kind of study `fastest`: the time of a step, and for each dataset the fastest strategy against what was
-// aimed at.
+// The kind of study `fastest`: the time of a step, and for each dataset the fastest strategy, compared with
+// targets.
 #include "harness/study/fastest.h"
 
 #include "harness/study/measure.h"

@@ -1,4 +1,5 @@
-// The kind of study `haptic`: a recorded motion of a hand in real time, and when the force comes back.
+// The kind of study `haptic`: plays a recorded motion of a hand in real time, and measures when the force
+// comes back.
 #include <sched.h>
 
 #include <algorithm>
@@ -28,9 +29,9 @@
 namespace voxspring {
 namespace {
 
-/// From one edit to the next, where a motion is played with edits.
+/// Seconds from one edit to the next, if a motion is played with edits.
 constexpr double edit_seconds = 0.1;
-/// How often the force is compared with that of the reference, at even intervals of a case's steps.
+/// How many times a case compares its force with the reference, at even intervals of its steps.
 constexpr int compared_forces = 20;
 
 /// One playing of the motion.
@@ -100,7 +101,7 @@ HapticRow haptic_row_from_json(const nlohmann::json& json) {
     return row;
 }
 
-/// The forces on the tool on the way through a scene.
+/// The forces on the tool at even intervals of a run through the scene.
 std::vector<glm::dvec3> forces_of(SceneRunner& runner, Backend& backend, int steps) {
     std::vector<glm::dvec3> forces;
     runner.rewind(backend);
@@ -123,8 +124,8 @@ double seconds_between(Clock::time_point begin, Clock::time_point end) {
     return Seconds(end - begin).count();
 }
 
-/// This thread, and those that it begins, before all that are not real-time; where that is permitted, for as
-/// long as this lives.
+/// While this object lives, this thread and the threads that it starts have real-time priority, if that is
+/// permitted.
 class RealTime {
 public:
     RealTime() {
@@ -143,11 +144,11 @@ private:
     bool granted_ = false;
 };
 
-/// Waits for the beginnings of ticks, and keeps how long the thread was off its processor meanwhile: what
-/// that does to a wait it does to a tick.
+/// Waits for the beginnings of ticks. Notes how long the thread was off its processor during waits, since
+/// ticks are interrupted in the same way.
 class Waiting {
 public:
-    /// Sleeps until shortly before, and asks the clock from there on: a sleep ends late.
+    /// Sleeps until shortly before `when`, and then polls the clock, since a sleep ends late.
     void until(Clock::time_point when) {
         constexpr auto late = std::chrono::microseconds(200);
         auto before = Clock::now();
@@ -164,24 +165,24 @@ public:
         seconds_ += seconds_between(begin, before);
     }
 
-    /// That it asked the clock for.
+    /// How long the clock was polled.
     double seconds() const { return seconds_; }
-    /// Between two answers of the clock.
+    /// The pauses between two readings of the clock.
     Histogram pauses() {
         std::sort(pauses_.begin(), pauses_.end());
         return histogram_of(pauses_);
     }
 
 private:
-    /// Many times what asking takes.
+    /// Many times as long as one reading of the clock.
     static constexpr std::chrono::microseconds shortest_pause{1};
 
     double seconds_ = 0;
     std::vector<double> pauses_;
 };
 
-/// What a case that is drawn has beside its backend: a context, which those of the drawing and of a backend
-/// that is made after it share buffers with, and such a backend.
+/// What a drawn case has in addition: an OpenGL context, and a backend made after it. The contexts of that
+/// backend and of the drawing share buffers with this context.
 struct Shared {
     explicit Shared(const BackendSpec& spec) : backend(spec.make()) {
         const Capabilities on = backend->capabilities();
@@ -211,7 +212,7 @@ public:
             const Playing playing{question.at("hertz"), question.at("edited"), question.at("drawn"),
                                   question.at("seconds")};
             HapticRow row = play(backend, playing);
-            // They are taken without edits, and so are as many with them.
+            // The ticks measured here have no edits, so playings with edits use the same number.
             const auto [fit, is_new] = fit_.try_emplace(playing.hertz, 0);
             if (is_new) fit->second = steps_that_fit(backend, 1 / playing.hertz);
             row.steps_that_fit = fit->second;
@@ -224,7 +225,7 @@ public:
     }
 
 private:
-    /// A cut beside what the tool holds, and the suture that undoes it.
+    /// Finds the edits: a cut beside the particles that the tool holds, and the suture that undoes it.
     void find_edits() {
         Problem problem = scene_.problem;
         SpringEditor editor(problem);
@@ -238,8 +239,9 @@ private:
         edits_[1] = editor.suture(pairs);
     }
 
-    /// The whole motion in `playing.seconds`, a tick every 1 / hertz: where the tool is goes out, a step is
-    /// taken, the force comes back. A tick that begins late is left out, and so are those whose time is over.
+    /// Plays the whole motion in `playing.seconds`, with one tick every 1 / hertz. In a tick the tool's place
+    /// is sent, one step is made, and the force is read. Ticks whose time has passed before they can begin
+    /// are left out.
     HapticRow play(Backend& backend, const Playing& playing) {
         HapticRow row{.playing = playing};
         const double hertz = playing.hertz;
@@ -293,7 +295,7 @@ private:
         return row;
     }
 
-    /// The start of the motion, drawn from here on if it is to be.
+    /// Returns to the start of the motion. If `drawn`, drawing begins here.
     void stand_at_start(Backend& backend, bool drawn) {
         drawing_.reset();
         warm_up(backend);
@@ -302,14 +304,15 @@ private:
         backend.synchronize();
         if (!drawn) return;
         drawing_.emplace(shared_->context, backend, scene_.problem);
-        // Its first picture, for which the card allocates, is before the first tick.
+        // The first picture is drawn before the first tick, since it makes the card allocate memory.
         while (drawing_->pictures() == 0) {
             drawing_->hand_over_if_due();
-            std::this_thread::sleep_for(std::chrono::milliseconds(1));  // a real-time thread makes room
+            std::this_thread::sleep_for(
+                std::chrono::milliseconds(1));  // lets other threads run beside this real-time thread
         }
     }
 
-    /// Compiles and captures what the first tick would.
+    /// Makes the first compilations and captures before the first tick needs them.
     void warm_up(Backend& backend) {
         runner_.rewind(backend);
         edited_ = scene_.problem;
@@ -320,8 +323,8 @@ private:
         }
     }
 
-    /// `part` of the motion is over. The tick that a picture's time falls into begins with what the picture
-    /// needs: a loop that hands it over after the force would miss the next tick instead.
+    /// One tick, after the fraction `part` of the motion. A tick in which a picture is due begins by handing
+    /// over what the picture needs. If that were done after the force, the next tick would be missed.
     glm::dvec3 tick_once(Backend& backend, double part, int steps) {
         const ToolMotion& motion = scene_.tool_motion;
         if (drawing_) drawing_->hand_over_if_due();
@@ -330,15 +333,15 @@ private:
         return backend.tool_force();
     }
 
-    /// The most that are taken within the period, with the tool's way in and the force's way out: of ticks
-    /// one after another, drawn or not as the motion was. Their median says where to look; their mean counts,
-    /// over so long that some pictures, if any are drawn, fall into it.
+    /// The largest number of steps per tick for which a tick, with the tool's place sent and the force read,
+    /// takes no longer than the period. Ticks are run back to back, and drawn if the motion was. The median
+    /// brackets the number; the mean decides, over enough time that some pictures, if drawn, fall into it.
     int steps_that_fit(Backend& backend, double period) {
         constexpr int most = 1 << 16, least_ticks = 9;
         const double long_enough = drawing_ ? 0.1 : 0.03;
         const auto ticks = [&](int steps, double seconds) {
             std::vector<double> times;
-            // The first may have to capture or record so many steps.
+            // The first tick may have to capture or record this number of steps.
             (void)tick_once(backend, 1, steps);
             const auto start = Clock::now();
             for (auto end = start;
@@ -364,15 +367,16 @@ private:
         return std::min(low, most);
     }
 
-    const std::unique_ptr<Shared> shared_;  ///< null: not drawn. Before what makes its threads real-time
-    const RealTime real_time_;              // before the threads of the first step
+    const std::unique_ptr<Shared>
+        shared_;  ///< null: not drawn. Declared before real_time_: its threads are not real-time
+    const RealTime real_time_;  // declared before anything starts threads for steps
     const Scene& scene_;
     const int steps_;
     std::array<SpringEdit, 2> edits_;
     Problem edited_;
     SceneRunner runner_;
     std::map<double, int> fit_;           ///< steps that fit into a tick, by rate
-    std::optional<LiveDrawing> drawing_;  ///< while a motion is played that is drawn
+    std::optional<LiveDrawing> drawing_;  ///< exists while a drawn motion is played
 };
 
 const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, const Scene& scene,
@@ -382,11 +386,11 @@ const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, c
 
 // --- In the process of the study ------------------------------------------------------------------------
 
-/// How the motion is played, of a study and of a scene that says otherwise.
+/// How the motion is played: settings of the study, which a scene may override.
 struct Motions {
     std::vector<double> rates{1000, 5000, 10000};
-    double seconds = 2;                     ///< in which the motion is played
-    std::optional<double> longest_seconds;  ///< the same at the highest rate, neither edited nor drawn
+    double seconds = 2;                     ///< how long the motion is played
+    std::optional<double> longest_seconds;  ///< likewise at the highest rate, without edits and drawing
 
     void read(JsonObject& from) {
         if (const auto listed = from.find("rates")) {
@@ -396,7 +400,7 @@ struct Motions {
         if (const auto given = from.find("motion_seconds")) seconds = given->number(0.1, 3600);
         if (const auto given = from.find("longest_seconds")) longest_seconds = given->number(0.1, 3600);
     }
-    /// In the order of a case's rows.
+    /// The playings, in the order of a case's rows.
     std::vector<Playing> playings() const;
 };
 
@@ -408,7 +412,8 @@ std::vector<Playing> Motions::playings() const {
         all.push_back({rate, false, false, is_long ? longest_seconds.value_or(seconds) : seconds});
         all.push_back({rate, true, false, seconds});
     }
-    // Of what edits add to drawing, new meshes, the lowest rate tells: they come as often at any other.
+    // Edits make a drawing build new meshes, equally often at any rate. So they are drawn at the lowest rate
+    // only.
     for (const double& rate : rates) {
         all.push_back({rate, false, true, seconds});
         if (&rate == &*lowest) all.push_back({rate, true, true, seconds});
@@ -441,7 +446,7 @@ public:
 
 private:
     Motions motions_of(const StudyScene& item) const;
-    /// Whether the backend runs the scene.
+    /// Measures a backend. Returns whether it runs the scene.
     bool measure(StudyBench& bench, const BackendSpec& spec, const std::vector<glm::dvec3>& reference) const;
     void add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
                   std::optional<double> force_error) const;
@@ -477,7 +482,7 @@ void HapticStudy::run(StudyBench& bench) {
     bench.show("float64 reference", 0, 1);
     const std::vector<glm::dvec3> reference = forces_of(reference_runner, *float64, bench.item().steps);
     int done = 0;
-    // One after another: nothing else is to ask the host or the device for anything.
+    // One case after another: nothing else may use the host or the device meanwhile.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
         bench.show(spec.label(), done, bench.expected_cases());
@@ -489,7 +494,7 @@ bool HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
                           const std::vector<glm::dvec3>& reference) const {
     const Motions motions = motions_of(bench.item());
     std::optional<JournalScope> scope;
-    // What is drawn runs in a process of its own: contexts that share buffers may slow each other down.
+    // Drawn playings run in a separate process, since contexts that share buffers may slow each other down.
     for (const bool drawn : {false, true}) {
         auto entered = bench.enter(spec, {"haptic", {{"steps", bench.item().steps}, {"drawn", drawn}}});
         if (!entered) break;

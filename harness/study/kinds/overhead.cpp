@@ -1,4 +1,5 @@
-// The kind of study `overhead`: what a step costs beside its work, handed over one by one or many at once.
+// The kind of study `overhead`: the cost of a step apart from its work, if steps are handed over one by one
+// or many at once.
 #include <algorithm>
 #include <chrono>
 #include <limits>
@@ -16,7 +17,8 @@
 namespace voxspring {
 namespace {
 
-/// Steps whose calls the host's time is taken of: so few that no backend waits for its device meanwhile.
+/// The number of steps for which the host's time is measured: so few that no backend has to wait for its
+/// device.
 constexpr int unhindered_one_by_one = 50;
 constexpr int unhindered_at_once = 500;
 
@@ -76,8 +78,8 @@ private:
         return std::chrono::duration<double>(Clock::now() - begin).count();
     }
 
-    /// Seconds a step, of the calls alone and until the last step is done: the shortest of the repetitions,
-    /// after one that does what is done on a first run only.
+    /// Seconds per step, for the calls alone and until the last step is done. The shortest repetition counts;
+    /// the first one is left out, since it includes work that only a first run does.
     std::pair<double, double> shortest(Backend& backend, int steps, bool at_once) {
         std::pair most(std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity());
         for (int repetition = 0; repetition <= repetitions_; ++repetition) {
@@ -100,7 +102,7 @@ private:
 
     const int steps_, repetitions_;
     SceneRunner runner_;
-    bool keeps_start_ = false;  // or has been asked to
+    bool keeps_start_ = false;  // whether the backend has been asked to
 };
 
 const RegisteredCaseRunner overhead_runner("overhead", [](const BackendSpec&, const Scene& scene,
@@ -130,7 +132,7 @@ void OverheadStudy::run(StudyBench& bench) {
     const Scene& scene = bench.scene();
     const std::uint64_t springs = count_springs(scene.problem).total();
     int done = 0;
-    // One after another: nothing else is to ask the host or the device for anything.
+    // One case after another: nothing else may use the host or the device meanwhile.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
         bench.show(spec.label(), done, bench.expected_cases());

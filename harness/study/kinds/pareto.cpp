@@ -28,23 +28,23 @@
 namespace voxspring {
 namespace {
 
-/// Repetitions of a run stop once they have taken that long together.
+/// Repetitions of a run stop once they have taken this long together.
 constexpr double max_seconds = 1;
-/// A run as long as that is its own warm-up.
+/// A run longer than this needs no separate warm-up.
 constexpr double long_run_seconds = 0.25;
 
-/// Which time steps a scene is run with.
+/// The time steps with which a scene is run.
 struct TimeSteps {
     std::vector<double> fractions;  ///< of the stable time step, descending
-    int steps = 0;                  ///< in the first of them, which sets the end time: the same for all
-    int repetitions = 0;            ///< timed runs at each, fewer where they take more than a second together
+    int steps = 0;                  ///< at the first fraction; sets the end time of all
+    int repetitions = 0;            ///< timed runs at each; fewer if together they exceed a second
 
     double steps_at(double fraction) const { return std::round(steps * (fractions.front() / fraction)); }
-    /// To the end time, which all time steps reach.
+    /// The span to the end time, which all time steps reach.
     Span span(const Scene& scene) const { return {fractions.front() * scene.stable_time_step, steps}; }
 };
 
-/// What rows call the device: the same card has one name whatever the API.
+/// The device's name in rows: a card has one name for all APIs.
 std::string device_of(const Capabilities& capabilities, std::map<std::string, std::string>& by_uuid) {
     const std::string& device = capabilities.device;
     return capabilities.uuid.empty() ? device : by_uuid.emplace(capabilities.uuid, device).first->second;
@@ -62,7 +62,7 @@ TimedRuns time_runs(Backend& backend, const Scene& scene, const DivergenceMonito
                     int repetitions) {
     SceneRunner runner(scene);
     TimedRuns timed;
-    backend.monitor({});  // find_divergence() leaves one set where an earlier run diverged
+    backend.monitor({});  // an earlier run that diverged has left a monitor
     const auto once = [&] {
         runner.rewind(backend);
         return backend.timed([&] { runner.run(backend, steps); }).device_seconds;
@@ -78,12 +78,12 @@ TimedRuns time_runs(Backend& backend, const Scene& scene, const DivergenceMonito
         total += timed.seconds.back();
     }
     timed.last = backend.download();
-    // By what it left: checks on the way would be timed.
+    // Divergence is judged by the last state: checks during the runs would be timed.
     timed.divergence = find_divergence(backend, runner, monitor, timed.last, steps);
     return timed;
 }
 
-/// Runs one time step after another.
+/// Runs the scene at one time step after another.
 class ParetoRunner : public CaseRunner {
 public:
     ParetoRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
@@ -104,7 +104,7 @@ public:
     }
 
 private:
-    /// Takes the first of `steps`, so that the backend has what it compiles for that.
+    /// Makes the first of `steps` steps, so that the backend compiles what it needs.
     nlohmann::json compile(Backend& backend, int steps) const {
         const Scene stepped = in_steps(scene_, span_, steps);
         SceneRunner runner(stepped);
@@ -127,7 +127,7 @@ const RegisteredCaseRunner pareto_runner("pareto", [](const BackendSpec&, const 
 
 // --- In the process of the study ------------------------------------------------------------------------
 
-/// A time step of a scene, and what its runs are held against.
+/// A time step of a scene, and the reference for its runs.
 struct Step {
     const Scene& scene;
     const Scene& stepped;
@@ -138,7 +138,7 @@ struct Step {
 
 std::string name_of_row(int steps) { return "row of " + counted(std::uint64_t(steps), "step"); }
 
-/// Has every case compile, several at once: what that gives is kept for the runs at every time step.
+/// Makes every case compile, several at once. The compiled code serves the runs at every time step.
 void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int total) {
     std::vector<bool> compiles(cases.size());
     const auto attempt = [&](Case& one, const std::function<void()>& action) {
@@ -161,7 +161,8 @@ void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int tot
         });
 }
 
-/// One row. Throws what the case does, and std::runtime_error where it does not agree with the reference.
+/// Measures one row. Throws what the case throws, and std::runtime_error if it does not agree with the
+/// reference.
 ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& device) {
     const Scene& scene = step.scene;
     const int steps = step.solution.steps;
@@ -196,7 +197,7 @@ ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& de
     return one;
 }
 
-/// The same, kept in the journal, which may have it; nothing of a case that failed.
+/// run_step() with the journal, which may already have the row. Empty if the case failed.
 std::optional<ParetoRow> row_of_case(Case& benchmark_case, const Step& step, const std::string& device) {
     const std::string name = name_of_row(step.solution.steps);
     JournalScope& scope = benchmark_case.scope();
@@ -209,8 +210,9 @@ std::optional<ParetoRow> row_of_case(Case& benchmark_case, const Step& step, con
     return row != nullptr ? std::optional(pareto_row_from_json(*row)) : std::nullopt;
 }
 
-/// A backend is judged at the largest time step. What rounding does at smaller ones is what the study asks,
-/// it takes as long to measure as all else together, and the code that is judged is the same.
+/// Computes the spreads that a backend is judged by, which happens at the largest time step only. At smaller
+/// ones the effect of rounding is what the study measures, spreads would take as long as all the rest, and
+/// the code is the same.
 void measure_spreads(StudyBench& bench, const Scene& stepped, const std::vector<Case>& cases,
                      ReferenceSolution& solution) {
     for (const Case& one : cases) {
@@ -240,9 +242,9 @@ public:
     }
 
 private:
-    using RowsOfSteps = std::map<int, std::vector<ParetoRow>>;  ///< by steps
+    using RowsOfSteps = std::map<int, std::vector<ParetoRow>>;  ///< by number of steps
 
-    /// Adds to `rows_of`. Throws Interrupted; what is there by then is a result.
+    /// Adds rows to `rows_of`. Throws Interrupted; the rows added before that are valid.
     void measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const;
     TimeSteps time_steps_of(const Study& study, const StudyScene& item) const {
         return {fractions_, item.steps, study.repetitions};
@@ -281,7 +283,7 @@ void ParetoStudy::run(StudyBench& bench) {
     try {
         measure(bench, counts, rows_of);
     } catch (const Interrupted&) {
-        // Nothing further is begun.
+        // The rows so far are the result.
     }
     std::vector<ParetoRow> rows;
     for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());

@@ -74,8 +74,8 @@ std::string hash_of_state(const State& state) {
     return hash.text();
 }
 
-/// The time of a step is that of the rank that ends last; of what it is made of the rank tells that had most
-/// to do. All of the batch that is the median.
+/// Takes all times from the batch that is the median. The time of a step is that of the rank that ends last;
+/// its parts are those of the rank that had most to do.
 void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& row) {
     std::vector<double> totals;
     for (std::size_t b = 0; b < reports.front().batches.size(); ++b) {
@@ -84,7 +84,7 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
         totals.push_back(longest);
     }
     row.row.noisy = reasons_of_noise({.seconds = totals});
-    // The upper of two in the middle is a batch.
+    // Takes the upper one of two in the middle: their mean would be no batch.
     std::vector<double> sorted = totals;
     std::sort(sorted.begin(), sorted.end());
     const double middle = sorted[sorted.size() / 2];
@@ -102,7 +102,8 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
     row.waiting_seconds = busiest.waiting / steps;
 }
 
-/// What was seen of the card of each rank. Ranks of several processes on one card are no strangers there.
+/// Takes the observations of each rank's card. If ranks are separate processes, other ranks on the same card
+/// do not count as other users.
 void take_cards(const std::vector<RankReport>& reports, bool processes, ScalingRow& row) {
     for (const RankReport& report : reports) {
         Observed seen{.card_mhz = report.card_mhz, .other_users = report.other_users};
@@ -131,7 +132,7 @@ void take_sizes(const std::vector<RankReport>& reports, ScalingRow& row) {
     }
 }
 
-/// The most ranks that are on the same device, of those that have one.
+/// The largest number of ranks that share a device. Ranks without a device UUID do not count.
 int ranks_of_a_device(const std::vector<RankReport>& reports) {
     std::map<std::string, int> ranks;
     int most = 0;
@@ -141,17 +142,18 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
     return most;
 }
 
-/// How the borders of several ranks travel.
+/// The ways in which the borders of several ranks travel.
 const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
-/// How a scene is cut into subdomains (Decomposition).
+/// The ways to cut a scene into subdomains (Decomposition).
 const std::vector<std::string> known_cuts = {"slabs", "bricks"};
 
-/// "2x2x1"
+/// A cut as text: "2x2x1".
 std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.y, cut.z); }
 
-/// Of a scene: of how many layers each part of a Sample has; without it the whole body is verified.
+/// The key of a scene that gives the number of layers in each part of a Sample. Without it the whole body is
+/// verified.
 constexpr const char* sample_key = "sample_layers";
 constexpr int max_sample_layers = 1024;
 
@@ -225,11 +227,11 @@ private:
     std::vector<int> counts_ = {1, 2};
     std::vector<std::string> ways_ = known_ways;
     std::vector<std::string> cuts_ = known_cuts;
-    std::map<int, std::vector<glm::ivec3>> cuts_of_ranks_;  ///< of the scene at hand
+    std::map<int, std::vector<glm::ivec3>> cuts_of_ranks_;  ///< of the current scene
     int begun_ = 0;
 };
 
-/// The largest number of ranks of the study that the command line leaves.
+/// The largest number of ranks in the study that the command line admits.
 int ScalingStudy::most_ranks(const Study& study, int limit) const {
     int most = 1;
     for (const StudyScene& item : study.scenes) {
@@ -240,7 +242,8 @@ int ScalingStudy::most_ranks(const Study& study, int limit) const {
     return most;
 }
 
-/// Bricks where they have less border than slabs.
+/// The cuts for a number of ranks. Decomposition::bricks() returns the slabs if bricks would not send less;
+/// then slabs are the only cut.
 std::vector<glm::ivec3> ScalingStudy::cuts_for(const Problem& problem, int ranks) const {
     const glm::ivec3 slabs = Decomposition::slabs(problem, ranks);
     if (ranks == 1) return {slabs};
@@ -259,7 +262,7 @@ void ScalingStudy::find_cuts(const StudyBench& bench) {
     }
 }
 
-/// By threads only where all ranks would be of this host.
+/// The ways for a number of ranks. Ways between threads require all ranks to be on this host.
 std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
                                                const Capabilities& capabilities) const {
     if (ranks == 1) return {"none"};
@@ -275,20 +278,20 @@ std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
     return ways;
 }
 
-/// What ranks left.
+/// The results of all ranks.
 struct Found {
     std::vector<RankReport> reports = {};
     State state = {};  ///< room_for_state()
 };
 
-/// What a state is held against: all of it, or one part of a Sample.
+/// The reference for a state, or for one part of a Sample.
 struct Judgement {
-    Problem problem;  ///< as all edits leave it
+    Problem problem;  ///< after all edits
     State start;
-    std::vector<std::uint32_t> particle;             ///< of the scene, ascending; of all none
-    std::vector<std::uint32_t> place;                ///< where these are in what ranks leave
-    std::string reference;                           ///< its name
-    std::optional<ReferenceSolution> solution = {};  ///< of this very problem
+    std::vector<std::uint32_t> particle;             ///< of the scene, ascending; empty for the whole body
+    std::vector<std::uint32_t> place;                ///< indices of these in the state that ranks leave
+    std::string reference;                           ///< name of the reference
+    std::optional<ReferenceSolution> solution = {};  ///< for `problem`
 };
 
 /// One backend on one scene.
@@ -299,15 +302,15 @@ public:
             sampled_ = Sample::bricks(bench.scene(), settings.at(sample_key));
     }
 
-    /// The row of ranks that have these subdomains, in a process of its own: a rank that hangs is not there
-    /// for the next row.
+    /// Measures one row, with the subdomains of `cut`, in a separate process: a rank that hangs ends with it,
+    /// before the next row.
     void measure(glm::ivec3 cut, const std::string& way);
 
 private:
     RankPlan plan(glm::ivec3 cut, const std::string& way) const {
         RankPlan plan{.steps = bench_.item().steps, .repetitions = bench_.study().repetitions};
         plan.start_patience = bench_.options().timeout;
-        // A rank that hangs is to be named before the whole row is given up.
+        // Shorter than the time-out of the whole row, so that the message can name the rank that hangs.
         plan.patience = std::min(plan.patience, plan.start_patience / 4);
         plan.devices = bench_.options().devices;
         plan.cut = cut;
@@ -325,10 +328,10 @@ private:
 
     StudyBench& bench_;
     const BackendSpec spec_;
-    std::vector<Decomposition::Brick> sampled_ = {};  ///< empty: all is judged
+    std::vector<Decomposition::Brick> sampled_ = {};  ///< empty: the whole body is judged
     std::uint64_t judged_particles_ = 0;
     std::vector<std::unique_ptr<Judgement>> judgements_ = {};
-    std::string bits_of_one_ = {};  ///< of one rank's state; empty: not known
+    std::string bits_of_one_ = {};  ///< hash of one rank's state; empty: not known
 };
 
 void Contender::make_judgements() {
@@ -380,7 +383,7 @@ ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std
     take_cards(reports, way == "mpi", row);
     const auto threads = spec_.options.tuning.find("threads");
     const bool are_known = threads != spec_.options.tuning.end();
-    // By MPI the process that keeps a rank's worker carries its messages meanwhile.
+    // With MPI each rank has one more busy process, which carries the worker's messages.
     const int busy = (are_known ? std::stoi(threads->second) : 1) + (way == "mpi" ? 1 : 0);
     const int here = way == "mpi" ? std::min(row.ranks, bench_.options().mpi->ranks_here()) : row.ranks;
     const int most = ranks_of_a_device(reports);
@@ -429,7 +432,7 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
     return found;
 }
 
-/// What the journal keeps: the row and what its state's bits are.
+/// The journal's entry: the row and the hash of the state's bits.
 nlohmann::json Contender::judged(const Found& found, const RankPlan& plan, const std::string& way,
                                  bool keeps_bits) {
     if (const std::string reason = different_devices(found.reports); !reason.empty())
@@ -469,7 +472,7 @@ void Contender::measure(glm::ivec3 cut, const std::string& way) {
     const bool by_mpi = way == "mpi";
     const RankPlan plan = this->plan(cut, way);
     const int ranks = plan.ranks();
-    make_judgements();  // takes all cores: before any process waits
+    make_judgements();  // before the processes start, since this takes all cores
     SharedState shared(bench_.scene().problem.particle_count());
     const RankTask task = by_mpi ? this->task(cut) : RankTask();
     const SharedMemory mailroom =
@@ -489,7 +492,8 @@ void Contender::measure(glm::ivec3 cut, const std::string& way) {
             try {
                 const Found found =
                     by_mpi ? run_by_mpi(*entered, task, mailroom, shared) : run_as_threads(*entered, shared);
-                // What falls asleep does so in tiles, which are cut with the parts.
+                // Tiles at rest are left out of steps, and tiles depend on the cut: then bits may differ from
+                // those of one rank.
                 const bool keeps_bits = capabilities_of(entered->capabilities()).deterministic &&
                                         spec_.admitted_spacings_per_step() == 0;
                 scope.keep(name, judged(found, plan, way, keeps_bits));
@@ -513,7 +517,8 @@ void Contender::measure(glm::ivec3 cut, const std::string& way) {
     bench_.add("scaling", kept->at("row"));
 }
 
-/// Of a backend whose borders travel within its steps, which has no other ways than `ways`.
+/// Reports the other ways as skipped. For a backend whose borders travel within its steps, and which has only
+/// `ways`.
 void ScalingStudy::skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
                                    const std::vector<std::string>& ways) const {
     std::vector<std::string> others = ways_;
@@ -528,7 +533,8 @@ void ScalingStudy::skip_other_ways(StudyBench& bench, const BackendSpec& spec, i
 
 void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int threads) {
     BackendSpec of_rank = spec;
-    // Each rank has as many threads whatever their number, so that one rank is what several are held against.
+    // Every rank has the same number of threads, however many ranks there are, so that one rank is a fair
+    // baseline for several.
     const auto tuning = of_rank.options.tuning.find("threads");
     if (tuning != of_rank.options.tuning.end() && tuning->second == "auto")
         tuning->second = std::to_string(threads);

@@ -1,4 +1,4 @@
-// The kind of study `stability`: up to which time step backends are stable.
+// The kind of study `stability`: the largest time step at which backends are stable.
 #include <algorithm>
 #include <memory>
 #include <utility>
@@ -49,7 +49,8 @@ public:
         for (const auto& limit : limits) listed.push_back(limit ? nlohmann::json(*limit) : nlohmann::json());
         const bool empty =
             std::none_of(limits.begin(), limits.end(), [](const auto& l) { return l.has_value(); });
-        bool map = bench.item().settings.value("map", false);  // of the first
+        bool map =
+            bench.item().settings.value("map", false);  // only the first case that enters makes the map
         const auto enter = [&](const BackendSpec& spec) {
             std::optional<Case> entered =
                 bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}}, {.at_once = true});

@@ -1,4 +1,4 @@
-// The kind of study `stress`: what backends do at the ends of what can be simulated, on scenes of its own.
+// The kind of study `stress`: how backends behave at the limits of what can be simulated, on built-in scenes.
 #include "harness/study/stress.h"
 
 #include <map>
@@ -46,14 +46,14 @@ public:
         (void)item.require("lengths", "full, brief or shortest").one_of(names);
         return "stress";
     }
-    /// A suite brings its own scenes: what stands for them is one that every backend takes.
+    /// The suite makes the scenes that it runs. This placeholder is a scene that every backend takes.
     std::shared_ptr<const Scene> own_scene(const StudyScene& item) const override {
         Scene scene = load_scene("box@2");
         scene.name = item.scene;
         return std::make_shared<const Scene>(std::move(scene));
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 30; }
-    /// What the first case computes of references, the next ones have.
+    /// References that the first case computes are passed on to the next ones.
     void run(StudyBench& bench) override {
         const std::string lengths = bench.item().settings.at("lengths");
         measure_suites(

@@ -26,7 +26,8 @@ public:
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
         check_batch(study, scene, batch_of(study, item, scene));
     }
-    /// Where repetitions of slow cases are cut short those of large scenes are, which take most of the time.
+    /// If slow cases make fewer repetitions, large scenes are the slow ones, and they take most of the time.
+    /// So two repetitions are assumed.
     double steps_of_case(const Study& study, const StudyScene& item) const override {
         const bool cuts = std::isfinite(most_case_seconds_);
         return double(item.steps) * (cuts ? std::min(study.repetitions, 2) : study.repetitions);
@@ -39,7 +40,8 @@ public:
     }
 
 private:
-    /// Edits belong to the steps of their scene, which are then made all.
+    /// The batch for a scene. A scene with edits always makes all of its steps, since edits belong to certain
+    /// steps.
     Batch batch_of(const Study& study, const StudyScene& item, const Scene& scene) const {
         const auto most = most_particle_steps_ / std::int64_t(scene.problem.particle_count());
         const bool fewer = scene.edits.empty() && most < item.steps;
