@@ -16,8 +16,8 @@ inline constexpr Missing missing;
 /// Always one line of printable characters: control characters are escaped and long values are cut.
 class BadInput : public std::runtime_error {
 public:
-    /// `file` is the file or argument that was read, `key` the place in it (empty: all of it), `value` what
-    /// stands there, `accepted` what would have been accepted.
+    /// `file` is the file or argument that was read, `key` the place in it (empty: all of it), `value` the
+    /// text found there, and `accepted` what would have been accepted.
     BadInput(std::string_view file, std::string_view key, std::string_view value, std::string_view accepted);
     /// For a `key` that is missing.
     BadInput(std::string_view file, std::string_view key, Missing, std::string_view accepted);

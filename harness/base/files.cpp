@@ -55,7 +55,7 @@ bool is_pipe_or_device(const std::filesystem::path& path) {
 
 /// The file that `path` leads to, through any number of symbolic links. That file need not exist.
 std::filesystem::path behind_links(std::filesystem::path path) {
-    constexpr int most = 40;  // as many as Linux follows
+    constexpr int most = 40;  // the number of links that Linux follows
     std::error_code error;
     for (int links = 0; links < most && std::filesystem::is_symlink(path, error); ++links) {
         const std::filesystem::path target = std::filesystem::read_symlink(path, error);

@@ -1,5 +1,4 @@
-// How often values between a tenth of a microsecond and a second occur, in bins of equal ratio, and
-// percentiles.
+// Histograms of values between a tenth of a microsecond and a second, with logarithmic bins, and percentiles.
 #pragma once
 
 #include <cstdint>

@@ -48,10 +48,10 @@ public:
 
     [[noreturn]] void refuse(std::string_view accepted) const;
 
-    /// Its place in the document; empty for the document's root.
+    /// The value's place in the document; empty for the root.
     const std::string& path() const { return path_; }
     const std::string& file() const;
-    /// As compact JSON.
+    /// The value as compact JSON.
     std::string text() const;
 
 private:
@@ -75,7 +75,7 @@ public:
     std::optional<JsonValue> find(const std::string& key);
     /// The value of `key`; refuses an object without it, saying that `accepted` was expected.
     JsonValue require(const std::string& key, std::string_view accepted = "a value");
-    /// Every key and its value, whatever the key; all of them are then accepted.
+    /// All keys and values. All of them then count as accepted.
     std::vector<std::pair<std::string, JsonValue>> items();
     /// Refuses the first key that was never asked for, and names the keys that were.
     void finish() const;
@@ -91,15 +91,15 @@ private:
     std::vector<std::string> accepted_;
 };
 
-/// The object that `text` is. Syntax errors name line and column; a key that an object gives twice, nesting
-/// beyond 32 and numbers that overflow a double are refused. `file` is what messages name.
+/// Parses `text`, which must be an object. Messages about syntax errors name `file`, line and column.
+/// Repeated keys in an object, nesting beyond 32 levels and numbers that overflow a double are refused.
 JsonObject parse_json(std::string_view text, const std::string& file);
 
-/// `value` as JSON text, in one line or with `indent` blanks per level. Bytes that are not UTF-8, which a
-/// name of a file or of a device may have, become U+FFFD: nlohmann::json::dump() throws for them.
+/// `value` as JSON text, in one line or with `indent` blanks per level. Bytes that are not UTF-8, which names
+/// of files or devices may have, become U+FFFD, since nlohmann::json::dump() would throw for them.
 std::string json_text(const nlohmann::json& value, int indent = -1);
 
-/// `text` with U+FFFD for bytes that are not UTF-8, as json_text() has it.
+/// `text` with U+FFFD in place of bytes that are not UTF-8, as in json_text().
 std::string utf8_text(const std::string& text);
 
 /// Refuses a document whose `schema_version` is beyond `newest`. A document without the key has version 1.

@@ -13,7 +13,7 @@
 
 namespace voxspring {
 
-/// "3 h 20 min", "12 min", "45 s".
+/// A duration as text: "3 h 20 min", "12 min", "45 s".
 std::string duration_text(double seconds);
 
 /// Calls a function periodically from a separate thread, which takes no signals.
@@ -31,7 +31,7 @@ public:
     void stop();
     /// Postpones the next call as if a call had been made now. The caller holds the mutex.
     void postpone() { next_ = std::chrono::steady_clock::now() + between_; }
-    /// Held while the function is called.
+    /// The mutex, which is held while the function is called.
     std::mutex& mutex() { return mutex_; }
 
 private:

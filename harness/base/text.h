@@ -15,7 +15,7 @@ std::string percent_text(const nlohmann::json& fraction);
 /// The words with commas between them.
 std::string joined(const std::vector<std::string>& words);
 
-/// "1 step", "0 steps", "12 steps".
+/// A count with its noun: "1 step", "0 steps", "12 steps".
 std::string counted(std::uint64_t count, const std::string& noun);
 
 /// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".

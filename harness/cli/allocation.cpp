@@ -1,4 +1,4 @@
-// The program's own `operator new`: vectors of large scenes are gigabytes.
+// Replaces `operator new` for this program, since vectors of large scenes take gigabytes.
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>

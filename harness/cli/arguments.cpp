@@ -512,7 +512,7 @@ void check_options(const CLI::App& app) {
 }  // namespace
 
 int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& view) {
-    // Scripts read their own options.
+    // Scripts parse their options themselves.
     if (argc > 1 && is_script(argv[1])) return run_script(argv[1], {argv + 2, argv + argc});
     CLI::App app{
         "Voxspring: which GPU API and which data layout should run a mass-spring-damper model on this "

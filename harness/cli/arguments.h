@@ -9,7 +9,7 @@
 
 namespace voxspring {
 
-/// `voxspring view`, which takes a display: shows the scene and returns the exit code.
+/// `voxspring view`, which needs a display: shows the scene and returns the exit code.
 using ViewScene = std::function<int(const std::string& scene, const ViewOptions& options, std::ostream& out)>;
 
 /// Runs the command line and returns the exit code. Throws BadInput, BadSpecification and what the commands

@@ -13,13 +13,13 @@
 
 namespace voxspring {
 
-/// "voxspring 0.1.0 (commit 0123456789ab)".
+/// The version: "voxspring 0.1.0 (commit 0123456789ab)".
 std::string version_text();
 
-/// `voxspring list`: backends, available or why not; built-in scenes and studies.
+/// `voxspring list`: backends, with the reason if one is not available; built-in scenes and studies.
 void list_everything(bool json, std::ostream& out);
 
-/// `voxspring limits`: what each device can do at best, measured now.
+/// `voxspring limits`: measures the limits of each device.
 void list_limits(bool json, std::ostream& out);
 
 /// `voxspring info`: dims, particles, springs, memory and time step of a scene. Throws BadInput.

@@ -66,11 +66,11 @@ void row(std::ostream& out, const std::string& name, const Value& value) {
 std::string triple(const glm::ivec3& v) { return fmt::format("{} x {} x {}", v.x, v.y, v.z); }
 std::string triple(const glm::dvec3& v) { return fmt::format("{:g} x {:g} x {:g}", v.x, v.y, v.z); }
 
-/// "x to the left, y to the posterior, z to the superior".
+/// The axes in words: "x to the left, y to the posterior, z to the superior".
 std::string orientation(const Placement& placement) {
     if (placement.space.empty()) return "none: its axes are not said to be those of a body";
     std::string text;
-    constexpr double said = 5;  // degrees
+    constexpr double said = 5;  // degrees; smaller angles are not mentioned
     for (int axis = 0; axis < 3; ++axis) {
         const auto [side, degrees] = nearest_side(placement, axis);
         text += fmt::format("{}{} to the {}", axis > 0 ? ", " : "", "xyz"[axis],

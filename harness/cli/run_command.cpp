@@ -86,7 +86,7 @@ public:
 
 private:
     static constexpr double first_work =
-        1e6;  ///< steps of a particle; a slow machine takes a tenth of a second
+        1e6;  ///< particle steps; a slow machine takes a tenth of a second for them
     static constexpr double wanted_seconds = 0.2;
     static constexpr double most = 1e6;
     static constexpr int longest_graph = 256;  ///< in steps, of CUDA; multiples of it need no shorter graph

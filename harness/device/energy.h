@@ -25,7 +25,7 @@ public:
     virtual std::optional<double> watts() { return std::nullopt; }
     virtual std::optional<unsigned> clock_mhz() { return std::nullopt; }
     virtual std::vector<std::string> throttle_reasons() { return {}; }
-    /// "NVML" or "RAPL".
+    /// The meter's name: "NVML" or "RAPL".
     virtual std::string name() const = 0;
 };
 

@@ -24,8 +24,8 @@ public:
     const char* what() const noexcept override { return "interrupted"; }
 };
 
-/// A backend with its options that runs a scene. Its process is started by the first question that the
-/// journal has no answer to.
+/// A backend with its options that runs a scene. Its process starts with the first question that the journal
+/// cannot answer.
 class Case {
 public:
     /// `workers`, which have the scene, must outlive the case. With `second_hand` the case may reuse the
@@ -83,7 +83,7 @@ private:
     bool second_hand_;
     std::unique_ptr<Worker> process_;
     bool introducing_ = false;      ///< begin_introduction() was called
-    std::exception_ptr too_early_;  ///< what went wrong ahead of time
+    std::exception_ptr too_early_;  ///< the error of begin_introduction()
 };
 
 /// The API of a backend: "cuda" for cuda_march. A driver that is open for one backend serves the next one of

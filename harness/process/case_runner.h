@@ -30,7 +30,8 @@ public:
 using CaseRunnerFactory = std::function<std::unique_ptr<CaseRunner>(
     const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)>;
 
-/// `static const RegisteredCaseRunner runner("timing", ...);` in the file of a kind of study.
+/// Registers a runner, in the file of a kind of study:
+/// `static const RegisteredCaseRunner runner("timing", ...);`
 struct RegisteredCaseRunner {
     RegisteredCaseRunner(const std::string& name, CaseRunnerFactory factory);
 };

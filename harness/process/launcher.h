@@ -1,4 +1,4 @@
-// Where worker processes come from.
+// The launcher, which starts worker processes.
 //
 // A bare fork() of a program that has threads copies their locks, held, without the threads that would
 // release them. So the study starts this executable anew, as a launcher: a process with one thread, which

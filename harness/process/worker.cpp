@@ -81,7 +81,7 @@ nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
 void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, const Scene* scene,
                      const MakeAnswerer& make) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (getppid() != launcher) _exit(1);  // it died before that
+    if (getppid() != launcher) _exit(1);  // it died before the call above
     be_ended_first();
     std::optional<Scene> later_scene;
     std::unique_ptr<Answerer> answerer;

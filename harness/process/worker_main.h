@@ -15,7 +15,7 @@ void worker_main(int argc, char** argv);
 /// Whether worker_main() has been called.
 bool has_worker_main();
 
-/// How a program is started as a launcher: its two arguments, and the number of the socket to the study.
+/// How a program is started as a launcher: its two arguments, and the descriptor of the socket to the study.
 inline constexpr const char* worker_word = "worker";
 inline constexpr const char* worker_mark = "--of-a-study";
 inline constexpr int launcher_socket = 3;

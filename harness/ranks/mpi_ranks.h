@@ -33,7 +33,7 @@ struct RankTask {
     std::string fingerprint;  ///< of the scene, to check that all have the same
     std::string backend;      ///< the argument of BackendSpec::parse()
     RankPlan plan = {};       ///< the first plan.ranks() take part
-    Routes routes{1};         ///< between them
+    Routes routes{1};         ///< routes between the ranks
     int number = 0;           ///< of the task within the study
 };
 

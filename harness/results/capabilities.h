@@ -7,7 +7,7 @@
 
 namespace voxspring {
 
-/// An entry of `context.voxspring.backends` (results/schema.json).
+/// Capabilities as an entry of `context.voxspring.backends` (results/schema.json).
 nlohmann::json to_json(const Capabilities& capabilities);
 
 /// Reads such an entry, also one that version 0.1 wrote: that has neither `family` nor `software`, which then

@@ -122,7 +122,7 @@ std::vector<std::vector<Row>> medians_by_scene(std::vector<Row> rows_of_result) 
     return scenes;
 }
 
-/// "Debian GNU/Linux 12 (bookworm), Linux 6.1.0".
+/// The operating system: "Debian GNU/Linux 12 (bookworm), Linux 6.1.0".
 std::string os_name() {
     std::string name;
     std::ifstream file("/etc/os-release");

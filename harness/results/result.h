@@ -12,8 +12,8 @@
 
 namespace voxspring {
 
-/// `context.voxspring`: what was built (commit, whether the tree was clean, compilers, their flags) and
-/// the processor it runs on. The study adds the GPU.
+/// `context.voxspring`: the build (commit, whether the tree was clean, compilers, their flags) and the
+/// processor that it runs on. The study adds the GPU.
 nlohmann::json build_context();
 
 /// The time of a step in each repetition, in us, by the name of the case.

@@ -16,13 +16,13 @@
 
 namespace voxspring {
 
-/// Which scene and backend a row is about.
+/// The scene and the backend of a row.
 struct Identity {
     std::string name = {};  ///< SCENE/BACKEND/FORMULATION/PRECISION[/TUNING]
     std::string scene = {}, backend = {}, formulation = {}, precision = {}, tuning = {};
 };
 
-/// What was run.
+/// The work that was run.
 struct Workpiece {
     int steps = 0;
     std::uint64_t particles = 0, springs = 0;
@@ -62,8 +62,8 @@ struct LimitPart {
 /// The time from the construction of a backend to its first step.
 struct StartPart {
     double construct_seconds = 0, compile_seconds = 0, upload_seconds = 0;
-    double ready_seconds = 0;                       ///< all three: with no kernel on disk
-    std::optional<double> warm_ready_seconds = {};  ///< with all of them there; not in older files
+    double ready_seconds = 0;                       ///< sum of the three, with no compiled kernel on disk
+    std::optional<double> warm_ready_seconds = {};  ///< with all compiled kernels on disk; not in older files
 };
 
 /// What a backend chose for a scene and a device.
@@ -72,7 +72,7 @@ struct ChoicePart {
     double predicted_seconds = 0;  ///< Choice::step_seconds
 };
 
-/// What edits between steps cost.
+/// The cost of edits between steps.
 struct EditPart {
     int edits = 0;
     double median_seconds = 0, max_seconds = 0;
@@ -108,17 +108,17 @@ struct Row {
     std::optional<ReferencePart> reference = {};
     std::optional<VerdictPart> verdict = {};
     std::vector<std::string> noisy = {};  ///< why its time is not to be trusted
-    /// The card's clock, asked after each repetition.
+    /// Range of the card's clock, which is read after each repetition.
     std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};
     std::optional<bool> resumed = {};         ///< true, or absent
     std::optional<std::string> reason = {};   ///< why it was skipped, failed or chosen
-    std::optional<std::string> pattern = {};  ///< of a choice: what asked for it
+    std::optional<std::string> pattern = {};  ///< of a choice: the pattern that asked for it
 
     /// Median time of a step. The row must have a benchmark.
     double step_seconds() const { return 1e-6 * benchmark.value().real_microseconds; }
-    /// "gl_fragment_implicit increment float32 mask=none".
+    /// The backend and its options: "gl_fragment_implicit increment float32 mask=none".
     std::string label() const;
-    /// SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], without what Google Benchmark adds.
+    /// SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], without the suffix that Google Benchmark adds.
     std::string case_name() const;
     /// "~" to precede a figure that is not to be trusted, otherwise empty.
     std::string noise_mark() const { return noisy.empty() ? "" : "~"; }

@@ -13,7 +13,7 @@
 namespace voxspring {
 namespace {
 
-constexpr std::size_t min_name = 12;  ///< characters that a name keeps
+constexpr std::size_t min_name = 12;  ///< least number of characters of a shortened name
 constexpr std::size_t gap = 2;
 
 struct Laid {

@@ -26,8 +26,8 @@ struct Workload {
 };
 Workload workload_of(const Scene& scene);
 
-/// A rule: a backend and the workloads for which it is the fastest that was measured. Bounds are inclusive
-/// below and exclusive above.
+/// A rule: a backend, and the workloads for which it was the fastest one measured. Bounds are inclusive below
+/// and exclusive above.
 struct Rule {
     std::string backend;
     std::string tuning;  ///< "fetch=l1": what differs from the defaults; may be empty
@@ -57,7 +57,7 @@ const std::vector<SeveralDevices>& several_devices();
 std::string advice_on_devices(const std::vector<SeveralDevices>& measured, const std::string& backend,
                               const Workload& workload, int here);
 
-/// "a full lattice of 134 million voxels", "29449 particles, 21% of 140760 voxels".
+/// A workload in words: "a full lattice of 134 million voxels", "29449 particles, 21% of 140760 voxels".
 std::string describe(const Workload& workload);
 
 /// The choice of `--backend auto`.
@@ -83,7 +83,7 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<std::optional<Capabilities>(const BackendSpec&)>& takes);
 /// Whether the rules may choose a backend: not if it is a graphics API in software.
 bool may_be_chosen(const Capabilities& capabilities);
-/// Checks what follows "auto". Throws BadSpecification.
+/// Checks the options that follow "auto". Throws BadSpecification.
 void check_auto(const std::string& text);
 
 /// The choice on the devices of a measured result. `rows` are the medians of one scene, formulation and

@@ -75,7 +75,7 @@ public:
         const bool took_long = done_ >= least && seconds_ >= batch.most_seconds;
         return failure_.empty() && !took_long ? batch.repetitions - done_ : 0;
     }
-    /// Whether there is nothing left to ask.
+    /// Whether the case needs no further measurement.
     bool finished() const {
         return !failure_.empty() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")));
     }
@@ -217,7 +217,7 @@ private:
 
     Case& case_;
     const MeasurementContext& context_;
-    std::string failure_;  ///< empty: none so far
+    std::string failure_;  ///< empty: no failure so far
     int done_ = 0;         ///< repetitions
     double seconds_ = 0;   ///< sum of their times
     bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;

@@ -107,7 +107,7 @@ struct StabilityStudy::Search {
     double damping = 0;
     double relative_amplitude = 0;  ///< of the start, in spacings
     double stretch = 0;             ///< of the start; 0: not stretched
-    bool exact = false;             ///< theory holds within the tolerance
+    bool exact = false;             ///< whether theory holds within the tolerance
     double theory = 0;              ///< the largest stable time step
     double amplitude = 0;           ///< in units of length
     int steps = 0;

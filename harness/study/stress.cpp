@@ -162,8 +162,8 @@ private:
         return compare(problem, state, reference, spec_.options.precision, steps).relative_l2;
     }
 
-    /// A cube with face and edge springs. The time step is `fraction` of the infinite lattice's limit, 2 /
-    /// sqrt(12).
+    /// A cube with face and edge springs, whose time step is `fraction` of 2 / sqrt(12), the infinite
+    /// lattice's limit.
     static Problem cube(int side, double fraction) { return lattice(make_box(glm::ivec3(side)), fraction); }
     static Problem lattice(const VoxelGrid& grid, double fraction) {
         Problem problem = make_lattice_problem(grid, FACE_BITS | EDGE_BITS);

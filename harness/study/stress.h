@@ -28,8 +28,8 @@ public:
     /// The state `steps` steps after rest. `name` identifies the problem.
     const State& of(const std::string& name, const Problem& problem, int steps);
 
-    /// For references computed in another process: there report_to() makes it report each state, and take()
-    /// keeps it here.
+    /// For references computed in another process: report_to() there makes it report each state, and take()
+    /// keeps the state here.
     void report_to(const OnEvent& on_event) { on_event_ = on_event; }
     void take(const nlohmann::json& event);
     /// All references as JSON, and the reverse, for the next process to start with.

@@ -27,21 +27,21 @@ struct StudyScene {
 };
 
 /// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it stands for every
-/// registered backend whose name matches and that takes these options. `formulation=*` and `precision=*`
-/// stand for each one that the backend has. `auto[:key=value,...]` is what `--backend auto` chooses for the
-/// scene (auto_choice.h).
+/// registered backend whose name matches and that takes these options, with them. `formulation=*` and
+/// `precision=*` stand for each one that the backend has. `auto[:key=value,...]` is what `--backend auto`
+/// chooses for the scene (auto_choice.h).
 struct Study {
     std::string name;
     std::string description;
     std::string kind = "timing";  ///< a registered kind (study_kind.h)
     int repetitions = 9;
-    int steps = 0;                                       ///< for scenes that the command line adds
+    int steps = 0;                                       ///< of scenes that the command line adds
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
 };
 
-/// A built-in study or a study file. Throws BadInput.
+/// Loads a built-in study or a study file. Throws BadInput.
 Study load_study(const std::string& argument);
 
 struct Named {

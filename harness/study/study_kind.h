@@ -62,13 +62,14 @@ public:
     virtual void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const = 0;
 };
 
-/// `static const RegisteredStudyKind kind("timing", [] { return std::make_unique<Timing>(); });` in its file.
+/// Registers a kind, in the kind's file:
+/// `static const RegisteredStudyKind kind("timing", [] { return std::make_unique<Timing>(); });`
 struct RegisteredStudyKind {
     RegisteredStudyKind(const std::string& name, std::function<std::unique_ptr<StudyKind>()> make);
 };
 
 std::vector<std::string> study_kind_names();
-/// Throws std::out_of_range for a name that is not registered.
+/// Makes a kind by name. Throws std::out_of_range for a name that is not registered.
 std::unique_ptr<StudyKind> make_study_kind(const std::string& name);
 /// The study's kind, which has read the study's settings. Throws BadInput.
 std::unique_ptr<StudyKind> kind_of(const Study& study);

@@ -28,7 +28,7 @@ public:
     /// `volume` has the options for scenes that are volume files.
     StudyScenes(const StudyKind& kind, VolumeOptions volume) : kind_(kind), volume_(std::move(volume)) {}
 
-    /// Throws BadInput, TooLarge.
+    /// The scene of an item. Throws BadInput, TooLarge.
     std::shared_ptr<const Scene> of(const StudyScene& item);
     /// Refuses `scene`, the scene of `item`, if a different scene has the same name, since results identify
     /// scenes by name.

@@ -11,7 +11,7 @@
 namespace voxspring {
 namespace {
 
-/// A case on its way through its suite.
+/// A case that runs its suite.
 class SuiteCase {
 public:
     SuiteCase(StudyBench& bench, Case benchmark_case, const OnEvent& on_event, const int& done)

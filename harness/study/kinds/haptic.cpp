@@ -34,7 +34,7 @@ constexpr double edit_seconds = 0.1;
 /// How many times a case compares its force with the reference, at even intervals of its steps.
 constexpr int compared_forces = 20;
 
-/// One playing of the motion.
+/// One playing of the motion, and how it is played.
 struct Playing {
     double hertz = 0;
     bool edited = false, drawn = false;

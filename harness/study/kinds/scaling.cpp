@@ -35,7 +35,7 @@ namespace {
 
 // --- In the process of a case ---------------------------------------------------------------------------
 
-/// All ranks as threads of the process.
+/// Runs all ranks as threads of the case's process.
 class ScalingRunner final : public CaseRunner {
 public:
     ScalingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
@@ -294,7 +294,7 @@ struct Judgement {
     std::optional<ReferenceSolution> solution = {};  ///< for `problem`
 };
 
-/// One backend on one scene.
+/// One backend on one scene, with all numbers of ranks.
 class Contender {
 public:
     Contender(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {
