@@ -46,8 +46,7 @@ private:
 /// The counter of one package. It wraps to zero after `range`.
 struct Package {
     std::filesystem::path counter;
-    std::uint64_t range = 0, last = 0,
-                  before = 0;  ///< microjoules; `before` is the sum of all finished ranges
+    std::uint64_t range = 0, last = 0, before = 0;  ///< microjoules; `before`: all finished ranges
 };
 
 std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {

@@ -29,10 +29,9 @@ unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& 
 
 /// What is known about the repetitions of one case. A list is empty or has one element per repetition.
 struct Observed {
-    std::vector<double> seconds = {};  ///< of each repetition
-    std::vector<double> spins = {};    ///< spin_seconds() after it
-    std::vector<double> waits =
-        {};  ///< time that its threads waited for a core, as a fraction of the repetition
+    std::vector<double> seconds = {};        ///< of each repetition
+    std::vector<double> spins = {};          ///< spin_seconds() after it
+    std::vector<double> waits = {};          ///< its threads' waits for a core, relative to its time
     std::vector<unsigned> card_mhz = {};     ///< after it
     std::vector<unsigned> other_users = {};  ///< other programs' processes on the card
 };

@@ -22,8 +22,7 @@ struct Mailbox::Head {
     alignas(Line) std::atomic<std::uint64_t> taken;
 };
 
-static_assert(
-    std::atomic<std::uint64_t>::is_always_lock_free);  // only lock-free atomics work between processes
+static_assert(std::atomic<std::uint64_t>::is_always_lock_free);  // others do not work between processes
 
 Mailbox::Mailbox(Line* memory, std::size_t capacity) : memory_(memory), slot_lines_(lines_of(capacity)) {}
 

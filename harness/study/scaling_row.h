@@ -16,8 +16,7 @@ namespace voxspring {
 /// The times of one or several ranks.
 struct ScalingRow {
     Row row;
-    std::string family =
-        {};  ///< rows of one family are compared: a scene, or scenes that grow with the ranks
+    std::string family = {};   ///< whose rows are compared: a scene, or scenes that grow with the ranks
     std::string scaling = {};  ///< "strong", "weak"
     int ranks = 1;
     std::string cut = {};  ///< how many parts along x, y and z: "1x1x2"

@@ -307,8 +307,7 @@ private:
         // The first picture is drawn before the first tick, since it makes the card allocate memory.
         while (drawing_->pictures() == 0) {
             drawing_->hand_over_if_due();
-            std::this_thread::sleep_for(
-                std::chrono::milliseconds(1));  // lets other threads run beside this real-time thread
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));  // lets other threads run
         }
     }
 
@@ -367,9 +366,8 @@ private:
         return std::min(low, most);
     }
 
-    const std::unique_ptr<Shared>
-        shared_;  ///< null: not drawn. Declared before real_time_: its threads are not real-time
-    const RealTime real_time_;  // declared before anything starts threads for steps
+    const std::unique_ptr<Shared> shared_;  ///< null: not drawn. Its threads start before real_time_
+    const RealTime real_time_;              // before anything that starts threads for steps
     const Scene& scene_;
     const int steps_;
     std::array<SpringEdit, 2> edits_;

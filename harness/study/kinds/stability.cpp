@@ -49,8 +49,7 @@ public:
         for (const auto& limit : limits) listed.push_back(limit ? nlohmann::json(*limit) : nlohmann::json());
         const bool empty =
             std::none_of(limits.begin(), limits.end(), [](const auto& l) { return l.has_value(); });
-        bool map =
-            bench.item().settings.value("map", false);  // only the first case that enters makes the map
+        bool map = bench.item().settings.value("map", false);  // made by the first case only
         const auto enter = [&](const BackendSpec& spec) {
             std::optional<Case> entered =
                 bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}}, {.at_once = true});
