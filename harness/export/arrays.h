@@ -1,4 +1,5 @@
-// Arrays as file formats take them: their bytes as they lie in memory, little endian, and what these are.
+// Describes arrays for writers of files: their bytes as they lie in memory (little endian), and the type and
+// number of elements.
 #pragma once
 
 #include <bit>
@@ -15,13 +16,13 @@ static_assert(std::endian::native == std::endian::little, "arrays are written as
 /// `count` elements of `components` numbers each.
 struct ArrayBytes {
     char kind = 'f';        ///< 'f' floating point, 'i' signed and 'u' unsigned integers, as numpy says it
-    std::size_t width = 0;  ///< bytes a number
+    std::size_t width = 0;  ///< bytes per number
     std::size_t components = 1;
     std::size_t count = 0;
     std::string_view bytes;
 };
 
-/// Of a vector of numbers or of three of them each. `values` must outlive the view.
+/// The bytes of a vector whose elements are numbers or triples of numbers. `values` must outlive the view.
 template <class Value>
 ArrayBytes bytes_of(const std::vector<Value>& values) {
     const auto described = [&](auto number, std::size_t components) -> ArrayBytes {

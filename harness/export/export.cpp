@@ -131,7 +131,7 @@ Exports::~Exports() = default;
 
 int Exports::next(int step) const {
     int next = steps_;
-    // Every series has its next file at its next multiple.
+    // A series has its next file at the next multiple of its interval.
     for (const File& file : files_) {
         if (file.every && *file.every <= steps_ - step)
             next = std::min(next, step + *file.every - step % *file.every);
@@ -156,7 +156,7 @@ void Exports::look_at(const Snapshot& snapshot) {
 }
 
 std::string Exports::name_in_series(const std::filesystem::path& path, std::int64_t step) const {
-    // As many digits in each name, so that they sort by step.
+    // All names have the same number of digits, so that they sort by step.
     return fmt::format("{}_{:0{}}{}", path.stem().string(), step, digits_, path.extension().string());
 }
 

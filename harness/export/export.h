@@ -1,4 +1,4 @@
-// The files that `voxspring run --out` writes: one line a format in writers(), and series of them.
+// The files that `voxspring run --out` writes, alone or in series. Each format is one line in writers().
 #pragma once
 
 #include <cstdint>
@@ -16,65 +16,67 @@ namespace voxspring {
 
 class Pictures;
 
-/// A format.
+/// A file format.
 struct Writer {
     std::string_view ending;  ///< of the file's name, with its dot
     std::string_view description;
-    bool collected = false;                              ///< a series of it is listed in a .pvd file
-    std::string (*contents)(const Snapshot&) = nullptr;  ///< the file's bytes; null: a picture, see Pictures
+    bool collected = false;  ///< whether a .pvd file lists the files of a series
+    /// Returns the file's bytes. Null: the format is a picture, see Pictures.
+    std::string (*contents)(const Snapshot&) = nullptr;
 };
-/// Every format, by ending.
+/// All formats, sorted by ending.
 const std::vector<Writer>& writers();
-/// A line for each, for people.
+/// A line for each format, for users to read.
 std::string list_formats();
 
-/// A picture's or a window's size, "640x480". Throws BadInput, as a value of --size.
+/// Parses the size of a picture or a window, "640x480". Throws BadInput, which names --size.
 glm::ivec2 parse_size(const std::string& text);
 
-/// Of a folder of frames, where nothing says how many steps lie between them.
+/// The number of frames in a folder is at most this if no number of steps between them is given.
 inline constexpr int max_frames = 50;
 
 /// What `voxspring run` was asked to write.
 struct ExportOptions {
     std::vector<std::filesystem::path> out;
     std::optional<int> every;                     ///< steps between the files of a series
-    std::optional<std::filesystem::path> frames;  ///< folder of a series of pictures, made if it is missing
-    std::optional<std::string> colour;            ///< of pictures: a Colouring; displacement
-    std::optional<std::string> size;              ///< of pictures: WIDTHxHEIGHT; default_size
-    std::optional<std::filesystem::path> tool_force;  ///< of a scene's tool, see ToolForces
+    std::optional<std::filesystem::path> frames;  ///< folder of a series of pictures, created if missing
+    std::optional<std::string> colour;            ///< of pictures: a Colouring; absent: displacement
+    std::optional<std::string> size;              ///< of pictures: WIDTHxHEIGHT; absent: default_size
+    /// File of the force on the scene's tool, see ToolForces.
+    std::optional<std::filesystem::path> tool_force;
 };
 
-/// The files that a run was asked for, each replaced in one step (write_atomically).
+/// Writes the files that a run was asked for. Each is replaced atomically (write_atomically).
 ///
 /// Without `every` each path of `out` is written once, after the last step. With it a path body.vtu stands
-/// for a series body_000100.vtu, body_000200.vtu, ...: one after each `every` steps and one after the last
-/// step; and for body.pvd where the format is collected, which lists with their times those that are
-/// written, at any moment. `frames` stands for the series FRAMES/frame.png, without `every` of max_frames or
-/// fewer.
+/// for a series body_000100.vtu, body_000200.vtu, ...: a file after every `every` steps and one after the
+/// last step. If the format is collected, body.pvd lists the files written so far, with their times, at any
+/// moment. `frames` stands for the series FRAMES/frame.png. Without `every` that series has at most
+/// max_frames files.
 ///
-/// The pictures of a series have one camera and one scale: where there are several, show look_at() every
-/// snapshot that write() is going to get, first.
+/// The pictures of a series share a camera and a scale. For several pictures, first pass every snapshot that
+/// write() will get to look_at().
 class Exports {
 public:
-    /// Throws BadInput where an ending is none of writers(), a folder takes no new file, there is an `every`
-    /// but no path, two series would have one .pvd, or pictures are described of which there are none;
-    /// Unavailable where there is no OpenGL to draw them with.
+    /// Throws BadInput if an ending is not in writers(), a folder is not writable, `every` is given without a
+    /// path, two series would share a .pvd file, or options of pictures are given without a picture. Throws
+    /// Unavailable if there is no OpenGL to draw pictures with.
     Exports(const ExportOptions& options, int steps);
     ~Exports();
     Exports(const Exports&) = delete;
     Exports& operator=(const Exports&) = delete;
 
-    /// The run ends after `step` steps, earlier than was said: that is where the last files are due.
+    /// Tells that the run ends early, after `step` steps: the last files are due there.
     void end_at(int step) { steps_ = step; }
-    /// What the latest write() wrote, without the .pvd of a series.
+    /// The files that the latest write() wrote, without the .pvd of a series.
     const std::vector<std::filesystem::path>& written() const { return written_; }
 
-    /// The next step after `step` after which write() is due.
+    /// The number of steps, larger than `step`, after which write() is due next.
     int next(int step) const;
-    /// Whether there are pictures that have to look_at() a whole run before it is written.
+    /// Whether look_at() needs all snapshots of the run before the first is written.
     bool looks_ahead() const;
     void look_at(const Snapshot& snapshot);
-    /// Throws std::system_error, and what Pictures throws.
+    /// Writes the files that are due. Throws std::system_error, and what Pictures throws.
     void write(const Snapshot& snapshot);
 
     /// Null without pictures.
@@ -85,7 +87,7 @@ private:
         std::filesystem::path path;
         const Writer* writer = nullptr;
         std::optional<int> every;
-        std::string listed;  ///< what its .pvd has so far
+        std::string listed;  ///< entries of its .pvd so far
     };
     static bool is_picture(const File& file) { return file.writer->contents == nullptr; }
     std::string name_in_series(const std::filesystem::path& path, std::int64_t step) const;
@@ -95,7 +97,7 @@ private:
     std::vector<std::filesystem::path> written_;
     std::unique_ptr<Pictures> pictures_;
     int steps_ = 0;
-    std::size_t digits_ = 6;  ///< of a step in a series' names, at least
+    std::size_t digits_ = 6;  ///< digits of the step in names of a series, at least
 };
 
 }  // namespace voxspring

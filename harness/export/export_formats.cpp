@@ -24,9 +24,9 @@
 namespace voxspring {
 namespace {
 
-/// The springs of a problem, an array a quantity, in the order of list_springs().
+/// The springs of a problem in the order of list_springs(), with an array per quantity.
 struct SpringArrays {
-    std::vector<std::uint32_t> ends;  ///< two a spring
+    std::vector<std::uint32_t> ends;  ///< two per spring
     std::vector<double> rest_length, stiffness, tension;
 };
 
@@ -68,18 +68,18 @@ std::vector<double> masses(const Problem& problem) {
     return mass;
 }
 
-/// `values`, or as many zeros as there are particles where the problem has none.
+/// `values`, or a zero per particle if `values` is empty.
 std::vector<std::uint8_t> or_zeros(const std::vector<std::uint8_t>& values, const Problem& problem) {
     return values.empty() ? std::vector<std::uint8_t>(problem.particle_count()) : values;
 }
 
-/// Where a volume's file puts the grid; null: nowhere.
+/// The placement of the grid in the coordinates of the volume's file, or null if the file has none.
 const Placement* placement_of(const Snapshot& snapshot) {
     const auto& volume = snapshot.scene.volume;
     return volume && volume->placement ? &*volume->placement : nullptr;
 }
 
-/// Vectors along the grid's axes, in the coordinates of the volume's file if it has any.
+/// Converts vectors from the grid's axes to the coordinates of the volume's file, if it has any.
 std::vector<glm::dvec3> in_file(const Snapshot& snapshot, std::vector<glm::dvec3> vectors) {
     if (const Placement* placement = placement_of(snapshot)) {
         for (glm::dvec3& v : vectors) v = placement->to_file(v);
@@ -94,7 +94,7 @@ std::vector<glm::ivec3> voxels(const Lattice& lattice) {
     return voxel;
 }
 
-/// One value a voxel of one a particle; Value{} where a voxel is inactive.
+/// Scatters values of particles to voxels; inactive voxels get Value{}.
 template <class Value>
 std::vector<Value> on_grid(const Lattice& lattice, const std::vector<Value>& of_particle) {
     std::vector<Value> grid(lattice.voxel_count(), Value{});
@@ -104,7 +104,7 @@ std::vector<Value> on_grid(const Lattice& lattice, const std::vector<Value>& of_
 
 // --- VTK's XML files ----------------------------------------------------------------------------------
 
-/// One whose arrays follow the XML as they lie in memory ("appended raw").
+/// A VTK XML file whose arrays follow the XML as raw bytes ("appended raw").
 class VtkFile {
 public:
     /// `type` is VTK's name of the dataset.
@@ -112,7 +112,7 @@ public:
         : xml_("<?xml version=\"1.0\"?>\n<VTKFile type=\"" + type +
                "\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n") {}
 
-    /// A tag, such as `Piece NumberOfPoints="3"`, which end() closes.
+    /// Opens a tag, such as `Piece NumberOfPoints="3"`, which end() closes.
     void begin(const std::string& tag) {
         xml_ += "<" + tag + ">\n";
         open_.push_back(tag.substr(0, tag.find(' ')));
@@ -128,14 +128,14 @@ public:
         xml_ +=
             "<DataArray type=\"" + vtk_type(array) + "\" Name=\"" + name + "\" NumberOfComponents=\"" +
             std::to_string(array.components) + "\"" +
-            // Nothing else says how long an array of field data is.
+            // Field data needs its length here, which nothing else in the file gives.
             (open_.back() == "FieldData" ? " NumberOfTuples=\"" + std::to_string(array.count) + "\"" : "") +
             " format=\"appended\" offset=\"" + std::to_string(offset_) + "\"/>\n";
         offset_ += sizeof(std::uint64_t) + array.bytes.size();
         blocks_.push_back(std::make_unique<Block<Value>>(std::move(values)));
     }
 
-    /// The whole file. Gives back each array once it is in there.
+    /// Returns the whole file. Frees each array once it is copied.
     std::string bytes() {
         std::string file = std::move(xml_);
         file += "<AppendedData encoding=\"raw\">\n_";
@@ -178,7 +178,7 @@ private:
     std::uint64_t offset_ = 0;
 };
 
-/// When the state was: ParaView knows the first by its name.
+/// Adds the state's time and step. ParaView recognises TimeValue by its name.
 void add_time(VtkFile& file, const Snapshot& snapshot) {
     file.begin("FieldData");
     file.array("TimeValue", std::vector<double>{snapshot.time});
@@ -186,7 +186,7 @@ void add_time(VtkFile& file, const Snapshot& snapshot) {
     file.end();
 }
 
-/// What lines of two points each are, in integers of a width that the last of them fits.
+/// Adds the cells of lines with two points each. `Index` must be wide enough for the last offset.
 template <class Index>
 void add_lines(VtkFile& file, const std::vector<std::uint32_t>& ends) {
     file.array("connectivity", std::vector<Index>(ends.begin(), ends.end()));
@@ -213,7 +213,7 @@ struct ZipMemory {
 
     static ZipMemory& of(voidpf stream) { return *static_cast<ZipMemory*>(stream); }
     static voidpf open(voidpf memory, const void*, int) { return memory; }
-    static uLong read(voidpf, voidpf, void*, uLong) { return 0; }  // a file that is only written
+    static uLong read(voidpf, voidpf, void*, uLong) { return 0; }  // the file is only written
     static uLong write(voidpf, voidpf stream, const void* from, uLong size) {
         ZipMemory& memory = of(stream);
         try {
@@ -254,7 +254,8 @@ public:
         std::string header = std::string("{'descr': '") + (array.width == 1 ? '|' : '<') + array.kind +
                              std::to_string(array.width) + "', 'fortran_order': False, 'shape': " + shape +
                              ", }";
-        // Data begin at a multiple of 64, after the magic string, its version and the header's size.
+        // The header is padded so that the data begins at a multiple of 64 bytes. Ten bytes come before it:
+        // the magic string, the version and the header's size.
         constexpr std::size_t before = 10, alignment = 64;
         header.append(alignment - 1 - (before + header.size()) % alignment, ' ');
         header += '\n';
@@ -262,7 +263,7 @@ public:
         begin += {'\x01', '\x00', char(header.size() % 256), char(header.size() / 256)};
         begin += header;
 
-        // The first day that a zip knows: the same state gives the same file.
+        // A fixed date, the first that a zip can store, so that the same state gives the same file.
         zip_fileinfo info{};
         info.tmz_date.tm_year = 1980;
         info.tmz_date.tm_mday = 1;
@@ -286,7 +287,7 @@ public:
         array(name, "()", bytes_of(std::vector<Number>{value}));
     }
 
-    /// The whole file, which ends here.
+    /// Closes the file and returns its bytes.
     std::string bytes() {
         check(zipClose(file_.release(), nullptr));
         return std::move(memory_.bytes);
@@ -300,14 +301,14 @@ private:
         if (status != ZIP_OK) throw std::runtime_error("cannot make a .npz file: not enough memory");
     }
     void append(std::string_view bytes) {
-        constexpr std::size_t max_bytes = 1u << 30;  // of one call
+        constexpr std::size_t max_bytes = 1u << 30;  // per call
         for (; !bytes.empty(); bytes.remove_prefix(std::min(max_bytes, bytes.size()))) {
             check(
                 zipWriteInFileInZip(file_.get(), bytes.data(), unsigned(std::min(max_bytes, bytes.size()))));
         }
     }
 
-    ZipMemory memory_;  // before the file, which writes to it until it is closed
+    ZipMemory memory_;  // declared before the file, which writes to it until it is closed
     std::unique_ptr<std::remove_pointer_t<zipFile>, Close> file_;
 };
 
@@ -325,7 +326,7 @@ std::string csv(const Snapshot& snapshot) {
     const Problem& problem = snapshot.problem;
     const std::vector<glm::dvec3> position = positions(snapshot);
     const std::vector<glm::dvec3> velocity = velocities(snapshot);
-    const std::vector<glm::ivec3> voxel = voxels(problem.lattice);  // none of a body on no lattice
+    const std::vector<glm::ivec3> voxel = voxels(problem.lattice);  // empty for a body without a lattice
     std::string text = voxel.empty() ? "" : "voxel_x,voxel_y,voxel_z,";
     text += "x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,velocity_z\n";
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
@@ -358,7 +359,7 @@ std::string vti(const Snapshot& snapshot) {
     if (const Placement* placement = placement_of(snapshot)) {
         const auto& [x, y, z] = placement->direction;
         placed = "Origin=" + attribute_of({placement->origin.x, placement->origin.y, placement->origin.z}) +
-                 // Row after row of the matrix whose columns are the axes.
+                 // VTK reads the matrix, whose columns are the axes, row by row.
                  " Direction=" + attribute_of({x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z});
     }
     std::vector<std::uint8_t> label = or_zeros(problem.material, problem);

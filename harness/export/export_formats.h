@@ -1,6 +1,6 @@
-// Formats of what a run leaves: float64 throughout, nothing of the state is lost.
+// File formats for the state of a run. All are float64 and lose nothing of the state.
 //
-// `velocity` is that at the state's own time, (x(t + dt) - x(t - dt)) / (2 dt), see velocities().
+// `velocity` is the velocity at the state's time, (x(t + dt) - x(t - dt)) / (2 dt), see velocities().
 #pragma once
 
 #include <string>
@@ -9,13 +9,13 @@
 
 namespace voxspring {
 
-/// A line for each particle after one that names the columns: voxel, position, displacement and velocity
-/// along x, y and z. Numbers are the shortest texts that read back as the same bits.
+/// A CSV table: a line that names the columns, then a line per particle with voxel, position, displacement
+/// and velocity along x, y and z. Numbers are the shortest texts that read back as the same bits.
 std::string csv(const Snapshot& snapshot);
 
-/// VTK ImageData: a point a voxel, at its centre. Where a volume's file says where its grid lies, Origin and
-/// Direction are those of the file, and vectors are in its coordinates; otherwise the grid begins at 0, and
-/// its axes are the coordinates. Point data, of which an inactive voxel has zeros:
+/// VTK ImageData: one point per voxel, at its centre. If a volume's file places its grid, Origin and
+/// Direction are those of the file and vectors are in its coordinates. Otherwise the grid begins at 0 and its
+/// axes are the coordinates. Inactive voxels have zeros in the point data:
 ///
 ///     active        uint8       1 where there is a particle
 ///     label         uint8       0 where there is none, m + 1 where it is of material m
@@ -28,15 +28,15 @@ std::string csv(const Snapshot& snapshot);
 /// Field data: TimeValue and step. Throws std::invalid_argument for a problem without a lattice.
 std::string vti(const Snapshot& snapshot);
 
-/// VTK UnstructuredGrid: a point a particle, where it is now, in the coordinates of vti() and in canonical
-/// order; a line a spring, once, in the order of list_springs(), so that what was cut is not there. Point
-/// data: displacement, velocity (float64, 3), mass (float64), pinned, material (uint8) and, on a lattice,
-/// voxel (int32, 3). Cell data (float64): rest_length, stiffness and tension, the force with which the spring
-/// pulls its ends together, negative where it pushes. Field data: TimeValue and step.
+/// VTK UnstructuredGrid. It has a point per particle at its present position, in the coordinates of vti() and
+/// in canonical order, and a line per spring in the order of list_springs(). Springs that were cut are
+/// absent. Point data: displacement, velocity (float64, 3), mass (float64), pinned, material (uint8) and, on
+/// a lattice, voxel (int32, 3). Cell data (float64): rest_length, stiffness and tension, which is the force
+/// with which the spring pulls its ends together, negative if it pushes. Field data: TimeValue and step.
 std::string vtu(const Snapshot& snapshot);
 
-/// A zip of numpy arrays, not compressed, along the grid's axes, whose voxel (0, 0, 0) is at 0. With n
-/// particles in canonical order and m springs in the order of list_springs():
+/// An uncompressed zip of numpy arrays. Vectors are along the grid's axes, and voxel (0, 0, 0) is at 0. With
+/// n particles in canonical order and m springs in the order of list_springs():
 ///
 ///     position, displacement, velocity    (n, 3) float64
 ///     increment                           (n, 3) float64, x(t) - x(t - dt): what --resume goes on from

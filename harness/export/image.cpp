@@ -13,8 +13,8 @@
 namespace voxspring {
 namespace {
 
-/// What one file is written with. libpng leaves its own functions, which are C, by longjmp and never by an
-/// exception: what has a destructor lives out of their reach.
+/// All that writing one file needs. libpng reports errors by longjmp out of its C functions, so objects with
+/// destructors live here, outside the functions that a jump leaves.
 struct Writing {
     Writing(const Image& to_write, std::vector<png_text> to_add) : image(to_write), text(std::move(to_add)) {}
     ~Writing() { png_destroy_write_struct(&png, &info); }
@@ -64,7 +64,7 @@ void write(Writing& writing) {
     png_write_end(png, nullptr);
 }
 
-/// False where libpng failed. No object with a destructor lives here or in write().
+/// Returns false if libpng failed. No object with a destructor may live here or in write().
 bool try_to_write(Writing& writing) {
     if (setjmp(png_jmpbuf(writing.png)) != 0) return false;
     write(writing);
@@ -87,7 +87,7 @@ void Image::blend(int x, int y, const Colour& colour, double coverage) {
 
 std::string encode_png(const Image& image, const std::map<std::string, std::string>& text) {
     std::vector<png_text> chunks;
-    auto own = text;  // libpng does not write to them and asks for pointers through which it could
+    auto own = text;  // a copy: libpng asks for non-const pointers, though it does not write
     for (auto& [keyword, words] : own) {
         png_text chunk{};
         chunk.compression = PNG_TEXT_COMPRESSION_NONE;
@@ -97,7 +97,7 @@ std::string encode_png(const Image& image, const std::map<std::string, std::stri
         chunks.push_back(chunk);
     }
     Writing writing(image, std::move(chunks));
-    // Without memory it gives none; whatever else is wrong here is another version than its header's.
+    // The result is null if memory runs out or if the library's version is not that of its header.
     writing.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &writing, fail, pass_over);
     if (writing.png != nullptr) writing.info = png_create_info_struct(writing.png);
     if (writing.info == nullptr) throw std::runtime_error("PNG: libpng cannot be used");

@@ -1,4 +1,4 @@
-// Pixels, and the PNG files they are written to.
+// An image in memory, and its encoding as a PNG file.
 #pragma once
 
 #include <array>
@@ -10,7 +10,7 @@
 
 namespace voxspring {
 
-/// Red, green, blue and opacity, each 0 to 1, colours as in sRGB and not multiplied by the opacity.
+/// Red, green, blue and opacity, each from 0 to 1. Colours are sRGB and not multiplied by the opacity.
 using Colour = std::array<double, 4>;
 
 struct Image {
@@ -26,13 +26,13 @@ struct Image {
     }
     const std::uint8_t* at(int x, int y) const { return const_cast<Image*>(this)->at(x, y); }
 
-    /// Lays `colour`, with `coverage` (0 to 1) times its opacity, over a pixel; beside the image nothing
-    /// happens.
+    /// Blends `colour`, with `coverage` (0 to 1) times its opacity, over a pixel. Pixels outside the image
+    /// are ignored.
     void blend(int x, int y, const Colour& colour, double coverage);
 };
 
-/// A PNG file, the same bytes for the same image and `text`, which are its tEXt chunks: keyword (1 to 79
-/// Latin characters) to text. Throws std::runtime_error.
+/// Encodes a PNG file. The same image and `text` give the same bytes. `text` becomes the tEXt chunks and maps
+/// keywords (1 to 79 Latin characters) to texts. Throws std::runtime_error.
 std::string encode_png(const Image& image, const std::map<std::string, std::string>& text);
 
 }  // namespace voxspring

@@ -6,13 +6,14 @@
 namespace voxspring {
 namespace {
 
-/// 0 to 26: which of the 27 voxels around one an offset of -1, 0 or 1 along each axis names.
+/// Numbers the 27 voxels around a voxel, itself included, from 0 to 26. Offsets are -1, 0 or 1 along each
+/// axis.
 std::size_t around(glm::ivec3 offset) {
     const int index = (offset.z + 1) * 9 + (offset.y + 1) * 3 + offset.x + 1;
     return std::size_t(index);
 }
 
-/// The mask bit of each such offset; that of the voxel itself is not looked at.
+/// The mask bit for each number of around(). That of the voxel itself is not used.
 std::array<std::uint32_t, 27> bits_by_offset() {
     std::array<std::uint32_t, 27> bits{};
     for (const Direction& direction : directions()) bits[around(direction.offset)] = 1U << direction.bit;
@@ -41,7 +42,7 @@ bool LatticeSurface::is_cut(std::uint32_t i, glm::ivec3 offset) const {
 std::array<glm::ivec3, 4> LatticeSurface::corners_of(const Face& face) {
     const int u = (face.axis + 1) % 3;
     const int v = (face.axis + 2) % 3;
-    // Counter-clockwise from outside: u x v is `axis`.
+    // Counter-clockwise from outside, because u x v points along `axis`.
     std::array<std::pair<int, int>, 4> sides = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
     if (face.direction < 0) std::swap(sides[1], sides[3]);
     std::array<glm::ivec3, 4> corners{};
@@ -72,7 +73,7 @@ LatticeSurface::Corner LatticeSurface::corner(glm::ivec3 voxel, glm::ivec3 sign)
     }
     corner.inside = inside;
 
-    // Where edges of the block of eight centres cross the surface, on average.
+    // The mean of the points where edges of the cube of eight voxel centres cross the surface.
     glm::dvec3 crossing(0);
     int crossings = 0;
     for (unsigned n = 0; n < 8; ++n) {

@@ -1,5 +1,5 @@
-// Where the surface of a body is: which faces of voxels are open, and which particles their corners follow.
-// None of it depends on where the particles are.
+// Finds the surface of a body: the open faces of voxels, and the particles that their corners follow. It does
+// not depend on where the particles are.
 #pragma once
 
 #include <array>
@@ -12,39 +12,42 @@
 
 namespace voxspring {
 
-/// Of a problem on a lattice, which must outlive it.
+/// The surface of a problem on a lattice. The problem must outlive this.
 class LatticeSurface {
 public:
     explicit LatticeSurface(const Problem& problem);
 
-    /// The particle at a voxel, which may lie outside the lattice; no_particle: none.
+    /// The particle at a voxel, or no_particle. The voxel may lie outside the lattice.
     std::uint32_t at(glm::ivec3 voxel) const;
-    /// Whether the springs that the problem has would join particle `i` and an active neighbour, and do not.
+    /// Whether particle `i` and its active neighbour at `offset` lack the spring that the problem's spring
+    /// groups would give them.
     bool is_cut(std::uint32_t i, glm::ivec3 offset) const;
 
-    /// A face of the particle at a voxel, on its side `direction` (-1 or 1) along `axis`.
+    /// The face of a particle's voxel on the side `direction` (-1 or 1) along `axis`.
     struct Face {
         std::uint32_t particle;
         glm::ivec3 voxel;
         int axis, direction;
     };
-    /// Calls visit(face) for every face that is to be seen: between an active voxel and an inactive one, or
-    /// between two active voxels whose spring is cut.
+    /// Calls visit(face) for every visible face: one between an active voxel and an inactive one, or between
+    /// two active voxels whose spring is cut.
     template <class Visit>
     void visit_open_faces(Visit visit) const;
-    /// Which corner of its voxel each of a face's four corners is, counter-clockwise from outside: -1 or 1
-    /// along each axis.
+    /// The four corners of a face as corners of its voxel, -1 or 1 along each axis. Counter-clockwise from
+    /// outside.
     static std::array<glm::ivec3, 4> corners_of(const Face& face);
 
-    /// What a corner of a voxel follows.
+    /// The particles that a corner of a voxel follows.
     struct Corner {
-        std::array<std::uint32_t, 8> particle{};  ///< of the voxels around it, see place_of()
-        unsigned inside = 0;  ///< bit n: springs hold particle[n] together with the voxel's own
-        glm::dvec3 crossing{
-            0};  ///< where the surface is, in voxels from the voxel's centre towards the corner
+        /// Particles of the eight voxels around the corner, see place_of().
+        std::array<std::uint32_t, 8> particle{};
+        unsigned inside = 0;  ///< bit n: springs connect particle[n] to the voxel's particle
+        /// Where the surface is, in voxels from the voxel\'s centre; positive is towards the corner.
+        glm::dvec3 crossing{0};
     };
     Corner corner(glm::ivec3 voxel, glm::ivec3 sign) const;
-    /// Of the n-th voxel around a corner, in voxels from the one whose corner it is towards the corner.
+    /// The offset of the n-th voxel around a corner, in voxels from the voxel whose corner it is; positive is
+    /// towards the corner.
     static glm::ivec3 place_of(unsigned n) { return {n & 1, n >> 1 & 1, n >> 2}; }
 
 private:
@@ -58,7 +61,7 @@ void LatticeSurface::visit_open_faces(Visit visit) const {
     const Lattice& lattice = problem_.lattice;
     for (std::size_t n = 0; n < problem_.particle_count(); ++n) {
         const auto i = std::uint32_t(n);
-        // A voxel whose face springs are all there has no open face.
+        // A voxel that has all its face springs has no open face.
         if ((lattice.mask[n] & FACE_BITS) == FACE_BITS) continue;
         const glm::ivec3 voxel = lattice.coordinates(lattice.voxel[n]);
         for (int axis = 0; axis < 3; ++axis) {

@@ -14,7 +14,7 @@ namespace voxspring {
 namespace {
 
 constexpr double decades = 3;
-/// WCAG's contrast of it is 5.1 on white, and 3.5 on a page that is nearly black (#15181c).
+/// Its contrast by WCAG is 5.1 on white and 3.5 on a nearly black page (#15181c).
 constexpr Colour ink = {0.431, 0.431, 0.431, 1};
 
 Colour from_hex(unsigned rgb) {
@@ -38,8 +38,8 @@ Colour colour_at(Colouring colouring, double place) {
 }
 
 // --- Letters ------------------------------------------------------------------------------------------
-// Strokes of a pen: points "xy" on a grid, joined by lines; a blank lifts the pen, a single point is a dot.
-// Letters stand on y = 2 and reach to 7, the high ones to 9. Only those that a legend needs.
+// Strokes of a pen: points "xy" on a grid, joined by lines. A blank lifts the pen, and a single point is a
+// dot. Letters stand on y = 2 and reach to 7, tall ones to 9. Only letters that a legend needs are here.
 const std::map<char, std::string_view> strokes = {
     {'0', "190803123243483919"},
     {'1', "072922"},
@@ -69,14 +69,14 @@ const std::map<char, std::string_view> strokes = {
     {'s', "46371706153443321203"},
     {'t', "19132232 0737"},
 };
-constexpr double line_height = 9;  // of the grid
-constexpr double blank = 3;        // its width
+constexpr double line_height = 9;  // in units of the grid
+constexpr double blank = 3;        // width of a blank
 constexpr double gap = 2.2;        // from one letter to the next
 constexpr double half_pen = 0.5;
 
 class Pen {
 public:
-    /// `unit`: pixels that a unit of the grid takes.
+    /// `unit` is the size of a grid unit in pixels.
     Pen(Image& image, double unit) : image_(image), unit_(unit) {}
 
     static double width(std::string_view text) {
@@ -86,7 +86,7 @@ public:
     }
     double pixels(std::string_view text) const { return width(text) * unit_; }
 
-    /// Letters stand on the pixel row `baseline`, the first one's left side at `left`.
+    /// Letters stand on the pixel row `baseline`, and the left side of the first one is at `left`.
     void write(std::string_view text, double left, double baseline) const {
         for (const char letter : text) {
             const auto found = strokes.find(letter);
@@ -103,7 +103,7 @@ private:
         for (std::size_t n = 0; n < found->second.size(); ++n) {
             if (found->second[n] == ' ') continue;
             widest = std::max(widest, found->second[n] - '0');
-            ++n;  // over its y
+            ++n;  // skips its y
         }
         return widest;
     }
@@ -123,7 +123,8 @@ private:
             down = true;
             ++n;
         }
-        // From the lowest row that a pen at y = 0 reaches to the highest, and as far to the sides.
+        // The box of all pixels that the pen can reach, from the lowest stroke to the highest and to both
+        // sides.
         const int left = int(std::floor(origin.x - unit_));
         const int right = int(std::ceil(origin.x + 8 * unit_));
         const int top = int(std::floor(origin.y - 8 * unit_));
@@ -133,7 +134,7 @@ private:
                 const glm::dvec2 here((x + 0.5 - origin.x) / unit_, (origin.y - y - 0.5) / unit_ + 2);
                 double nearest = 8;
                 for (const auto& [from, to] : lines) nearest = std::min(nearest, distance(here, from, to));
-                // One pixel from full to none.
+                // The edge fades from full to none within one pixel.
                 image_.blend(x, y, ink, std::clamp((half_pen - nearest) * unit_ + 0.5, 0.0, 1.0));
             }
         }
@@ -150,7 +151,7 @@ private:
     double unit_;
 };
 
-/// "0.25", "1e-5": without what printf pads with.
+/// "0.25", "1e-5": without the padding that printf adds to exponents.
 std::string short_text(double value, int digits) {
     std::string text = fmt::format("{:.{}g}", value, digits);
     const std::size_t e = text.find('e');
@@ -198,7 +199,7 @@ std::vector<Scale::Tick> Scale::ticks() const {
         }
         return ticks;
     }
-    // Steps of 1, 2 or 5 times a power of ten, of which at most five fit.
+    // The step is 1, 2 or 5 times a power of ten, such that at most five steps fit.
     const double power = std::pow(10, std::floor(std::log10(max_)) - 1);
     double step = 10 * power;
     for (const double factor : {20, 10, 5, 2}) {

@@ -1,4 +1,4 @@
-// What colours mean: scales, the maps from them to colours, and the bar that shows both.
+// The meaning of colours in pictures: scales, colour maps, and the bar that shows both.
 #pragma once
 
 #include <array>
@@ -11,37 +11,37 @@
 
 namespace voxspring {
 
-/// What a body is coloured by.
+/// The quantity that colours a body.
 enum class Colouring : std::uint8_t {
     displacement,  ///< distance from rest
-    error,         ///< distance from float64 after the same steps
+    error,         ///< distance from the float64 reference after the same steps
 };
 
 /// "displacement" or "error".
 std::string to_string(Colouring colouring);
-/// The other way; nothing for another text.
+/// The colouring with that name; nullopt for any other text.
 std::optional<Colouring> colouring_called(const std::string& text);
 
-/// From a colouring's values to 0 to 1: displacements from 0 evenly, errors by their logarithm, over three
-/// decades at most.
+/// Maps a colouring's values to 0 to 1: displacements linearly from 0, errors by their logarithm over at most
+/// three decades.
 class Scale {
 public:
-    /// `max`: the end of the scale, finite and not negative. `largest`: the largest value of the picture that
-    /// it stands under; nothing: max.
+    /// `max` is the end of the scale, finite and not negative. `largest` is the largest value in the picture
+    /// above the legend; absent: max.
     Scale(Colouring colouring, double max, std::optional<double> largest = {})
         : colouring_(colouring), max_(max), largest_(largest.value_or(max)) {}
 
     Colouring colouring() const { return colouring_; }
     double max() const { return max_; }
     double largest() const { return largest_; }
-    /// 0 to 1; all is 0 where max() is.
+    /// The place of a value, from 0 to 1. Every place is 0 if max() is 0.
     double place(double value) const;
 
     struct Tick {
         double value;
         std::string label;
     };
-    /// A few round values on the scale, ascending.
+    /// A few round values on the scale, in ascending order.
     std::vector<Tick> ticks() const;
 
 private:
@@ -49,17 +49,18 @@ private:
     double max_, largest_;
 };
 
-/// Knots of a map from 0 to 1 to colours, evenly spaced, linear between: viridis for displacements and plasma
-/// for errors, of matplotlib (Smith, van der Walt and Firing, CC0), at every 17th of their 256 entries.
-/// Perceptually uniform, and told apart by every colour vision; within 7/255 of the tables.
+/// Evenly spaced knots of a piecewise linear colour map on 0 to 1. The maps are matplotlib's viridis for
+/// displacements and plasma for errors (Smith, van der Walt and Firing, CC0), at every 17th of their 256
+/// entries. Both are perceptually uniform and readable with every kind of colour vision. Interpolation stays
+/// within 7/255 of the full tables.
 inline constexpr int colour_knots = 16;
 const std::array<Colour, colour_knots>& colours_of(Colouring colouring);
 
-/// Part of an image's height that the legend takes, from below.
+/// The share of an image's height that the legend takes, at the bottom.
 inline constexpr double legend_share = 0.18;
 
-/// The bar with its ticks and what it shows, at the bottom of the image, in a grey that is read on light and
-/// on dark.
+/// Draws the colour bar, its ticks and its title at the bottom of the image, in a grey that is legible on
+/// light and dark backgrounds.
 void draw_legend(Image& image, const Scale& scale);
 
 }  // namespace voxspring

@@ -13,14 +13,14 @@
 namespace voxspring {
 namespace {
 
-/// What the body may take of the picture's width, and of its height above the legend.
+/// The share of the picture's width, and of its height above the legend, that the body may take.
 constexpr double margin = 0.94;
-/// At an edge. Every renderer has so many.
+/// Samples per pixel at edges. Every renderer supports four.
 constexpr int samples_a_pixel = 4;
-/// A batch of faces on its way to the card takes 28 MiB.
+/// Faces are sent to the card in batches of this number, which take 28 MiB.
 constexpr std::size_t batch = std::size_t(1) << 18;
 
-/// As the card reads it.
+/// A vertex in the layout that the shader reads.
 struct Vertex {
     glm::vec3 position;
     glm::vec3 normal;
@@ -53,7 +53,7 @@ void attribute(GLuint array, GLuint location, int components, std::size_t offset
     glVertexArrayAttribBinding(array, location, 0);
 }
 
-/// Two triangles for each of `faces` faces of four vertices.
+/// Indices of two triangles for each of `faces` faces with four vertices.
 std::vector<std::uint32_t> corners_of(std::size_t faces) {
     std::vector<std::uint32_t> corners;
     for (std::size_t n = 0; n < faces; ++n) {
@@ -63,7 +63,8 @@ std::vector<std::uint32_t> corners_of(std::size_t faces) {
     return corners;
 }
 
-/// Where a pixel is half body, half nothing, its colour came out half as bright.
+/// Undoes the multiplication by opacity: a pixel that is half body and half background came out half as
+/// bright.
 void divide_by_opacity(Image& image) {
     for (std::size_t n = 0; n < image.pixels.size(); n += 4) {
         const int opacity = image.pixels[n + 3];
@@ -95,7 +96,7 @@ glm::dvec3 Camera::turned(glm::dvec3 direction) const {
 
 glm::dvec3 Camera::reach() const {
     const glm::dvec3 half = (high_ - low_) / 2.0;
-    // A body that has collapsed onto a line or a point is still somewhere.
+    // A body that has collapsed onto a line or a point still needs an extent above 0.
     const double largest = std::max({half.x, half.y, half.z});
     return glm::max(half, glm::dvec3(largest > 0 ? 1e-6 * largest : 1));
 }
@@ -134,7 +135,7 @@ void Painter::begin(const Camera& camera, const Scale& scale) {
     glClearDepth(1);
     glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
 
-    // Vertices leave the host as multiples of the reach: large and small bodies are alike in float32.
+    // Vertices are sent as multiples of the reach, so that float32 suits large and small bodies alike.
     const glm::dvec3 reach = camera.reach();
     const glm::dvec2 fitted = fit(camera);
     const glm::dvec2 half = glm::dvec2(size_) / 2.0;

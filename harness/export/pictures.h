@@ -1,4 +1,4 @@
-// The pictures that a run was asked for.
+// Draws the pictures that a run was asked for.
 #pragma once
 
 #include <cstdint>
@@ -13,45 +13,45 @@
 
 namespace voxspring {
 
-/// Draws a run's snapshots. Those that it has looked at before fix what all pictures have in common: a camera
-/// that has every one of them in view, and a scale to the largest value of any. What a legend calls the
-/// largest is that of its own picture. A lone picture needs no look before.
+/// Draws a run's snapshots. The snapshots passed to look_at() determine what all pictures share: a camera
+/// that shows every one of them, and a scale up to the largest value of any. The largest value that a legend
+/// names is that of its picture. A single picture needs no look_at().
 ///
-/// Particles of parts that nothing holds (parts.h) are drawn where they are, but count neither for the camera
-/// nor for the scale: they fall for ever, and the body would be a dot of one colour.
+/// Particles of parts that nothing holds (parts.h) are drawn where they are, but do not affect the camera or
+/// the scale. They fall for ever, and the body would shrink to a dot of one colour.
 class Pictures {
 public:
-    /// Throws Unavailable where there is no OpenGL.
+    /// Throws Unavailable if there is no OpenGL.
     Pictures(Colouring colouring, glm::ivec2 size);
 
-    /// Snapshots are of one scene, which is kept until the last, and come in the order of their steps; an
-    /// earlier one starts anew. Throws std::runtime_error.
+    /// Snapshots must be of one scene, which must outlive the last of them, and come in the order of their
+    /// steps. An earlier step than the last starts the float64 run anew. Throws std::runtime_error.
     void look_at(const Snapshot& snapshot);
-    /// A PNG file of a snapshot. It carries, as the text "voxspring", JSON with scene, particles, steps,
-    /// backend, coloured_by, the snapshot's largest value of it and the device that drew it. Throws as
-    /// look_at() does.
+    /// A PNG file of a snapshot. Its text chunk "voxspring" has JSON with the scene, particles, steps,
+    /// backend, coloured_by, the snapshot's largest value of that quantity, and the device that drew it.
+    /// Throws as look_at() does.
     std::string png(const Snapshot& snapshot);
 
     Colouring colouring() const { return colouring_; }
-    /// Of the colouring, in the snapshot that was seen last, of what something holds.
+    /// The colouring's largest value in the latest snapshot, among particles of parts that something holds.
     double largest() const { return largest_; }
 
 private:
-    /// float64 beside the run.
+    /// The float64 run beside the run that is drawn.
     struct Reference {
         Reference(const Scene& scene, int steps);
         std::unique_ptr<Backend> backend;
         SceneRunner runner;
         std::int64_t step = 0;
     };
-    /// One per particle.
+    /// The colouring's values, one per particle.
     std::vector<double> values_of(const Snapshot& snapshot);
     const std::vector<std::uint32_t>& loose_of(const Scene& scene);
 
     Colouring colouring_;
     Painter painter_;
     std::optional<Reference> reference_;
-    const Scene* scene_ = nullptr;  ///< whose `loose_` is known
+    const Scene* scene_ = nullptr;  ///< the scene of `loose_`
     std::vector<std::uint32_t> loose_;
     Camera camera_;
     double largest_ = 0;

@@ -1,4 +1,4 @@
-// What a framebuffer shows.
+// Reads the pixels of a framebuffer.
 #pragma once
 
 #include <glm/vec2.hpp>
@@ -7,7 +7,8 @@
 
 namespace voxspring {
 
-/// The lower left `size` pixels of the framebuffer that is bound for reading. The caller asks for errors.
+/// The lower left `size` pixels of the framebuffer that is bound for reading. The caller checks for OpenGL
+/// errors.
 Image read_pixels(glm::ivec2 size);
 
 }  // namespace voxspring

@@ -30,7 +30,7 @@
 namespace voxspring {
 namespace {
 
-/// The arrays of a .npz file.
+/// Reads the arrays of a .npz file.
 class NpzReader {
 public:
     explicit NpzReader(const std::filesystem::path& file)
@@ -38,7 +38,7 @@ public:
         if (!file_) refuse("", name_, "a .npz file that `voxspring run --out` wrote");
     }
 
-    /// Fills `values` with the array `name`, which must have as many elements, of the same type.
+    /// Fills `values` with the array `name`, which must have the same number of elements and the same type.
     template <class Value>
     void read(const std::string& name, std::vector<Value>& values) {
         const ArrayBytes wanted = bytes_of(values);
@@ -58,7 +58,7 @@ public:
         close(name);
         return value[0];
     }
-    /// The array `name` of as many rows as the file says, of `columns` numbers each.
+    /// The array `name`, with `columns` numbers per row. The file gives the number of rows.
     template <class Number>
     std::vector<Number> rows(const std::string& name, std::size_t columns) {
         constexpr std::size_t most = std::size_t(1) << 40, at_once = std::size_t(1) << 20;
@@ -72,7 +72,7 @@ public:
         if (count > most) refuse(name, "its shape", "an array that fits into memory");
         check(name, header,
               fmt::format("{}{},{})", key, count, columns > 1 ? fmt::format(" {}", columns) : ""));
-        // Memory is taken for what is there, whatever the header says.
+        // Memory grows with the data that is really there, whatever the header says.
         for (std::size_t left = count * columns; left > 0;) {
             const std::size_t piece = std::min(left, at_once), before = values.size();
             values.resize(before + piece);
@@ -93,8 +93,8 @@ private:
         void operator()(unzFile file) const { unzClose(file); }
     };
 
-    /// Goes to the data of the array `name`, whose elements must be of the type of `wanted`; returns what
-    /// stands before them.
+    /// Seeks the data of the array `name`, whose elements must have the type of `wanted`. Returns the array's
+    /// header.
     std::string open(const std::string& name, const ArrayBytes& wanted) {
         if (unzLocateFile(file_.get(), (name + ".npy").c_str(), 1) != UNZ_OK ||
             unzOpenCurrentFile(file_.get()) != UNZ_OK)
@@ -116,10 +116,10 @@ private:
         if (header.find(part) == std::string::npos)
             refuse(name, header.substr(0, header.find('\n')), part + ", as the scene has it");
     }
-    /// All of the array has been read.
+    /// Closes the array and checks that all of it has been read.
     void close(const std::string& name) {
         char more = 0;
-        // Closing it checks what was read against the file's sum.
+        // Closing checks the data against the checksum in the file.
         if (unzReadCurrentFile(file_.get(), &more, 1) != 0 || unzCloseCurrentFile(file_.get()) != UNZ_OK)
             refuse(name, "its data", "as many bytes as its header says, undamaged");
     }
@@ -161,7 +161,8 @@ void check_scene(NpzReader& file, const Scene& scene) {
                     "the time step of the scene " + scene.name + ", " + std::to_string(problem.time_step));
 }
 
-/// The direction from `first` to `second`, as springs of the lattice have it; null where there is none.
+/// The lattice direction from `first` to `second`, or null if they are not neighbours in the order of lattice
+/// springs.
 const Direction* direction_between(const Problem& problem, std::uint32_t first, std::uint32_t second) {
     const Lattice& lattice = problem.lattice;
     if (first >= second || second >= lattice.voxel.size()) return nullptr;
@@ -215,7 +216,7 @@ void read_springs(NpzReader& file, const Scene& scene, SavedState& saved) {
     }
 }
 
-/// Says where the file's particles are others than the scene's.
+/// Records in `saved.differs` how the file's particles differ from the scene's.
 void compare_particles(NpzReader& file, const Scene& scene, SavedState& saved) {
     const Problem& problem = scene.problem;
     std::vector<double> mass(problem.particle_count());
@@ -239,7 +240,7 @@ bool before(const Spring& a, const Spring& b) {
            std::tie(b.first, b.second, b.stiffness, b.rest_length);
 }
 
-/// What still applies of each edit to `problem` and to what the edits before it left.
+/// The part of each edit that still applies to `problem` as the edits before it left it.
 std::vector<ScheduledEdit> still_applying(Problem problem, const std::vector<ScheduledEdit>& edits) {
     SpringEditor editor(problem);
     std::vector<ScheduledEdit> made;
@@ -282,7 +283,7 @@ SavedState read_saved_state(const std::filesystem::path& path, const Scene& scen
 
 std::size_t springs_that_differ(const Scene& scene, const SavedState& saved) {
     const Problem own = problem_after(scene, saved.step);
-    std::size_t ends = 0;  // of lattice springs, each of which has two
+    std::size_t ends = 0;  // ends of lattice springs, of which each spring has two
     for (std::size_t i = 0; i < saved.mask.size(); ++i)
         ends += std::size_t(std::popcount(saved.mask[i] ^ own.lattice.mask[i]));
     if (saved.springs == own.springs) return ends / 2;
@@ -294,7 +295,8 @@ std::size_t springs_that_differ(const Scene& scene, const SavedState& saved) {
     std::vector<Spring> other;
     std::set_symmetric_difference(these.begin(), these.end(), those.begin(), those.end(),
                                   std::back_inserter(other), before);
-    // The same springs in another order are added up in another one.
+    // If only the order of the springs differs, forces are summed in another order: that counts as one
+    // difference.
     return ends / 2 + std::max<std::size_t>(other.size(), 1);
 }
 

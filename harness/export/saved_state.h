@@ -1,4 +1,5 @@
-// A state that `voxspring run --out FILE.npz` or the key w of `voxspring view` wrote, to go on from.
+// Reads a state that `voxspring run --out FILE.npz` or the key w of `voxspring view` wrote, so that a run can
+// resume from it.
 #pragma once
 
 #include <cstddef>
@@ -12,28 +13,29 @@
 namespace voxspring {
 
 struct SavedState {
-    int step = 0;  ///< after which it was
+    int step = 0;  ///< steps after which the state was saved
     State state;
     std::vector<std::uint32_t> mask;  ///< Lattice::mask
     std::vector<Spring> springs;      ///< Problem::springs
-    /// What else the file holds of the particles and the scene has otherwise: a sentence, or empty.
+    /// A sentence about other properties of particles in which the file differs from the scene; empty if
+    /// there are none.
     std::string differs;
 };
 
-/// Reads displacement, increment, step and springs of the arrays that npz() lists, to the bit. Throws
-/// BadInput where the file is no such one, holds what is not finite, is of other voxels, another spacing or
-/// another time step than `scene`, or has lattice springs that the scene's lattice cannot have: of another
-/// stiffness or rest length, or between other particles. Allocates what the scene's state takes and what the
-/// file's own springs take.
+/// Reads displacement, increment, step and springs from the arrays that npz() lists, with the same bits.
+/// Throws BadInput if the file is of another kind, has a number that is not finite, differs from `scene` in
+/// its voxels, spacing or time step, or has lattice springs that are impossible on the scene's lattice
+/// because of their stiffness, rest length or particles. Allocates memory for the scene's state and for the
+/// springs that the file really has.
 SavedState read_saved_state(const std::filesystem::path& file, const Scene& scene);
 
-/// How many springs the state has otherwise than `scene` after as many steps: cut or joined by hand, or by
-/// edits that the scene does not have.
+/// The number of springs in which the state differs from `scene` after the same number of steps: they were
+/// cut or joined by hand, or by edits that the scene does not have.
 std::size_t springs_that_differ(const Scene& scene, const SavedState& saved);
 
-/// Makes `scene` one that has the state's springs from its start on. Of its edits those remain that come
-/// after the state, and of each of them what still applies: a spring that is gone is not cut, and particles
-/// that a spring joins are not joined again, as in `voxspring view`.
+/// Gives `scene` the state's springs from its start on. Edits before the state are dropped. Of each later
+/// edit the part that still applies remains: a spring that is gone is not cut, and particles that a spring
+/// joins are not joined again, as in `voxspring view`.
 void take_springs(Scene& scene, const SavedState& saved);
 
 }  // namespace voxspring

@@ -12,7 +12,7 @@ std::vector<glm::dvec3> positions(const Snapshot& snapshot) {
 
 std::vector<glm::dvec3> velocities(const Snapshot& snapshot) {
     const Problem& problem = snapshot.problem;
-    const auto backend = make_perturbed_reference({});  // float64, and not perturbed
+    const auto backend = make_perturbed_reference({});  // float64, without perturbation
     backend->upload(problem, snapshot.state);
     if (problem.has_tool())
         backend->move_tool(snapshot.scene.tool_motion.at_step(snapshot.step, problem.time_step));

@@ -1,4 +1,4 @@
-// What of a run is written to a file.
+// The state of a run as writers of files get it.
 #pragma once
 
 #include <cstdint>
@@ -13,17 +13,17 @@ namespace voxspring {
 /// A run after `step` steps. Quantities are in the scene's units.
 struct Snapshot {
     const Scene& scene;
-    const Problem& problem;  ///< the scene's as the edits made so far have left it
+    const Problem& problem;  ///< the scene's problem as the edits so far have left it
     const State& state;
     std::int64_t step = 0;
     double time = 0;      ///< step times time step
-    std::string backend;  ///< that ran it, as BackendSpec::label() has it
+    std::string backend;  ///< label of the backend that ran it, see BackendSpec::label()
 };
 
 /// Rest position plus displacement, one element per particle.
 std::vector<glm::dvec3> positions(const Snapshot& snapshot);
 /// The velocity at the snapshot's time, (x(t + dt) - x(t - dt)) / (2 dt), one element per particle. x(t + dt)
-/// is that of another step in float64: with the snapshot's springs, and the scene's tool where it is in that
+/// comes from one more step in float64, with the snapshot's springs and the scene's tool where it is in that
 /// step.
 std::vector<glm::dvec3> velocities(const Snapshot& snapshot);
 

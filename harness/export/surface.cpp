@@ -13,17 +13,17 @@
 namespace voxspring {
 namespace {
 
-/// `length` times the direction of `vector`; 0 if it has none.
+/// `vector` scaled to `length`; 0 if `vector` is 0.
 glm::dvec3 scaled(glm::dvec3 vector, double length) {
     const double own = glm::length(vector);
     return own > 0 ? vector * (length / own) : glm::dvec3(0);
 }
 
-/// Where the shortest turn that takes the axis `from` to the direction of `to` takes another axis.
+/// Applies to `axis` the smallest rotation that takes the unit vector `from` to the direction of `to`.
 glm::dvec3 turned_along(glm::dvec3 axis, glm::dvec3 from, glm::dvec3 to) {
     const glm::dvec3 direction = scaled(to, 1);
-    const double squared = 1 + glm::dot(from, direction);  // of half of the sum of both, twice
-    // Half a turn may as well be one about this axis.
+    const double squared = 1 + glm::dot(from, direction);  // twice the squared length of half the sum of both
+    // Opposite directions: half a turn about `axis` is one of the possible rotations.
     return squared > 1e-9 ? axis - (glm::dot(axis, direction) / squared) * (from + direction) : axis;
 }
 
@@ -40,7 +40,7 @@ public:
 
     const LatticeSurface& surface() const { return surface_; }
 
-    /// The four vertices of a face.
+    /// The four vertices of a face, with their normals.
     std::array<SurfaceVertex, 4> face(const LatticeSurface::Face& face) const {
         const std::array<glm::ivec3, 4> corners = LatticeSurface::corners_of(face);
         std::array<SurfaceVertex, 4> vertices;
@@ -52,7 +52,7 @@ public:
         const bool cut = surface_.at(face.voxel + step(face.axis, face.direction)) != no_particle;
         for (std::size_t n = 0; n < 4; ++n) {
             glm::dvec3 smooth = cut ? flat : carried(frame, slope(face.voxel, corners[n]));
-            // Where the body is as thin as a voxel or has collapsed, its slope says nothing of this face.
+            // If the body is one voxel thick or has collapsed, its slope is no normal of this face.
             if (!(glm::dot(smooth, flat) > 0.2)) smooth = flat;
             vertices[n].normal = smooth;
         }
@@ -60,7 +60,7 @@ public:
     }
 
 private:
-    using Frame = std::array<glm::dvec3, 3>;  ///< from one voxel's centre to the next along each axis
+    using Frame = std::array<glm::dvec3, 3>;  ///< vectors from one voxel's centre to the next along each axis
 
     static glm::ivec3 step(int axis, int direction) {
         glm::ivec3 offset(0);
@@ -70,8 +70,8 @@ private:
 
     glm::dvec3 place(std::uint32_t i) const { return problem_.rest_position[i] + displacement_[i]; }
 
-    /// From differences to the neighbours that a particle has; along an axis where it has none, turned with
-    /// them.
+    /// The frame from the differences to a particle's neighbours. An axis without neighbours is rotated with
+    /// the other axes.
     Frame frame_of(std::uint32_t i, glm::ivec3 voxel) const {
         Frame frame;
         std::array<bool, 3> known{};
@@ -105,7 +105,7 @@ private:
         return frame;
     }
 
-    /// The corner of the particle at `voxel` towards `sign`.
+    /// The vertex at the corner of `voxel` towards `sign`.
     SurfaceVertex corner(glm::ivec3 voxel, glm::ivec3 sign) const {
         const LatticeSurface::Corner corner = surface_.corner(voxel, sign);
         SurfaceVertex vertex;
@@ -125,9 +125,10 @@ private:
         return vertex;
     }
 
-    /// How active voxels thin out around a corner, at rest: outwards, over the 64 voxels nearest to it.
+    /// The outward gradient of the density of active voxels around a corner at rest, over its 64 nearest
+    /// voxels.
     glm::dvec3 slope(glm::ivec3 voxel, glm::ivec3 sign) const {
-        // Voxels at -3/2, -1/2, 1/2 and 3/2 along each axis; binomial weights, and their differences.
+        // Binomial weights of the voxels at -3/2, -1/2, 1/2 and 3/2 along each axis, and their differences.
         constexpr std::array<double, 4> weight = {1, 3, 3, 1};
         constexpr std::array<double, 4> change = {-1, -1, 1, 1};
         const glm::ivec3 first = voxel + (sign - glm::ivec3(1)) / 2 - glm::ivec3(1);
@@ -146,7 +147,7 @@ private:
         return sum / problem_.lattice.spacing;
     }
 
-    /// A normal at rest as the deformation carries it along: by the cofactors of its gradient.
+    /// Transforms a normal at rest by the deformation: by the cofactors of its gradient.
     glm::dvec3 carried(const Frame& frame, glm::dvec3 normal) const {
         const glm::dvec3 spacing = problem_.lattice.spacing;
         const std::array<glm::dvec3, 3> gradient = {frame[0] / spacing.x, frame[1] / spacing.y,

@@ -1,4 +1,4 @@
-// The surface of a deformed body as quads: what a picture of it shows.
+// The surface of a deformed body as quads, for pictures.
 #pragma once
 
 #include <cstddef>
@@ -12,21 +12,21 @@ namespace voxspring {
 
 struct SurfaceVertex {
     glm::dvec3 position{0};
-    glm::dvec3 normal{0};  ///< outwards, of length 1; 0 where a body has collapsed
+    glm::dvec3 normal{0};  ///< outwards, of length 1; 0 if the body has collapsed there
     double value = 0;
 };
 
-/// The largest surface that surface_of() makes; its vertices take 3 GiB.
+/// The largest number of faces that surface_of() makes. Their vertices take 3 GiB.
 inline constexpr std::size_t max_faces = std::size_t(1) << 24;
 
-/// Four vertices a face, counter-clockwise from outside: the faces between an active voxel and an inactive
-/// one, and those between two active voxels whose spring is cut. Vertices follow `displacement` and carry the
-/// mean of `value` (both one a particle) over the particles around them that springs hold together, so that a
-/// cut opens. Stairs of voxels come out as slopes: a vertex is where the edges from active to inactive voxels
-/// around it cross on average ("surface nets").
+/// Returns four vertices per face, counter-clockwise from outside. Faces lie between an active voxel and an
+/// inactive one, and between two active voxels whose spring is cut. A vertex follows the `displacement` of
+/// the particles around it that springs hold together, so that a cut opens, and carries the mean of their
+/// `value`. Both arrays have one element per particle. Stairs of voxels become slopes: a vertex lies at the
+/// mean of the crossings of the edges from active to inactive voxels around it ("surface nets").
 ///
-/// Throws std::runtime_error where a displacement is not finite, the problem lies on no lattice or there are
-/// more than max_faces.
+/// Throws std::runtime_error if a displacement is not finite, the problem has no lattice, or there are more
+/// than max_faces.
 std::vector<SurfaceVertex> surface_of(const Problem& problem, std::span<const glm::dvec3> displacement,
                                       std::span<const double> value);
 

@@ -1,4 +1,4 @@
-// The force on a scene's tool along a run, which `voxspring run --tool-force FILE.csv` writes.
+// Records the force on a scene's tool during a run, for `voxspring run --tool-force FILE.csv`.
 #pragma once
 
 #include <filesystem>
@@ -10,7 +10,7 @@
 
 namespace voxspring {
 
-/// A CSV table: a line that names its columns, then a line after each so many steps and after the last.
+/// A CSV table: a line that names the columns, then a line after every `every` steps and after the last step.
 ///
 ///     step, time                   of the scene; the force is that of the step that ends there
 ///     x, y, z                      how far the tool had moved in that step since it took hold (a length)
@@ -20,16 +20,16 @@ namespace voxspring {
 /// Numbers are the shortest texts that read back as the same bits.
 class ToolForces {
 public:
-    /// `every`: steps between lines; nothing: as many as the tool stays where it is. The run ends after
-    /// `steps` steps. Throws BadInput where the path does not end in .csv or takes no file, and where the
-    /// scene has no tool. The scene must outlive it.
+    /// `every` is the number of steps between lines; absent: the steps between two moves of the tool. The run
+    /// ends after `steps` steps. Throws BadInput if the path does not end in .csv or is not writable, or if
+    /// the scene has no tool. The scene must outlive this.
     ToolForces(std::filesystem::path path, const Scene& scene, std::optional<int> every, int steps);
 
-    /// The next step after `step` after which a line is due.
+    /// The number of steps, larger than `step`, after which the next line is due.
     int next(int step) const;
-    /// Adds the line of step `step`, at least 1, unless that is the last line already.
+    /// Adds the line for step `step`, which is at least 1, unless it is already the last line.
     void add(int step, const glm::dvec3& force);
-    /// Replaces the file in one step. Throws std::system_error.
+    /// Replaces the file atomically. Throws std::system_error.
     void write() const;
 
     const std::filesystem::path& path() const { return path_; }
@@ -39,7 +39,7 @@ private:
     const Scene& scene_;
     int every_;
     int steps_;
-    int last_ = 0;  ///< step of the last line
+    int last_ = 0;  ///< the step of the last line
     std::string text_ = "step,time,x,y,z,force_x,force_y,force_z\n";
 };
 

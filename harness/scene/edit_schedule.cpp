@@ -12,10 +12,11 @@
 namespace voxspring {
 namespace {
 
-/// Voxels that a suture by shape may span: pairs of particles grow with the cube of it.
+/// The largest distance in voxels that a suture by shape may span. The number of pairs of particles grows
+/// with its cube.
 constexpr int max_suture_voxels = 8;
 
-/// One time of an edit.
+/// One repetition of an edit, with the step after which it is made.
 struct Due {
     const EditSpec* spec;
     int time;
@@ -65,7 +66,7 @@ void check_reach(const std::vector<EditSpec>& specs, const glm::dvec3& spacing) 
     }
 }
 
-/// Every time of every edit by step; of one step, in the order of the file.
+/// All repetitions of all edits, sorted by step. Those of one step keep the order of the file.
 std::vector<Due> by_step(const std::vector<EditSpec>& specs) {
     std::vector<Due> all;
     for (const EditSpec& spec : specs) {
@@ -76,7 +77,7 @@ std::vector<Due> by_step(const std::vector<EditSpec>& specs) {
     return all;
 }
 
-/// The particles that the suture `spec` joins by their voxels.
+/// The pairs of particles that the suture `spec` names by their voxels.
 std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs_of(const EditSpec& spec, const Lattice& lattice,
                                                               const std::vector<std::uint32_t>& particle) {
     const auto particle_at = [&](const glm::ivec3& c) {
@@ -97,7 +98,7 @@ std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs_of(const EditSpec& sp
     return pairs;
 }
 
-/// Makes the edit on what `editor` has.
+/// Makes the edit on the springs that `editor` has now.
 SpringEdit make_edit(const Due& due, SpringEditor& editor, const Lattice& lattice,
                      const std::vector<std::uint32_t>& particle) {
     const EditSpec& spec = *due.spec;

@@ -1,4 +1,4 @@
-// A scene file's cuts and sutures, found on its voxels.
+// Finds which springs a scene file's cuts and sutures change.
 #pragma once
 
 #include <vector>
@@ -10,9 +10,9 @@
 
 namespace voxspring {
 
-/// The edits of `specs` in the order in which they are made, each found on what the ones before it left of
-/// `problem`. An edit that repeats changes something at least once; times without a change are left out.
-/// Throws BadInput.
+/// The edits of `specs` in the order in which they are made. Each is computed on `problem` as the edits
+/// before it left it. An edit that repeats must change something at least once; repetitions without a change
+/// are left out. Throws BadInput.
 std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
                                           const SceneSizeLimits& limits);
 

@@ -8,7 +8,8 @@
 namespace voxspring {
 namespace {
 
-/// Sets of particles that grow together. A set is named by its first particle.
+/// Disjoint sets of particles, merged as springs join them (union-find). A set is named by its first
+/// particle.
 class Sets {
 public:
     explicit Sets(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
@@ -26,8 +27,8 @@ private:
     std::vector<std::uint32_t> parent_;
 };
 
-/// Whether there is a particle in each voxel and a spring between any two that share a face, as in a box of
-/// 10^8 particles, where looking for parts takes long.
+/// Whether every voxel has a particle and every two voxels that share a face are joined by a spring. Such a
+/// box has one part. It may have 10^8 particles, for which the search for parts would take long.
 bool is_whole_box(const Problem& problem) {
     const glm::dvec3 dims(problem.lattice.dims);
     const double voxels = dims.x * dims.y * dims.z;
@@ -65,7 +66,7 @@ BodyParts parts_of(const Problem& problem) {
     }
     for (const Spring& spring : problem.springs) sets.join(spring.first, spring.second);
 
-    // Numbered by their first particles, then by size.
+    // Parts are numbered by their first particles at first, then renumbered by size.
     BodyParts parts;
     parts.part.resize(count);
     std::vector<std::size_t> size;

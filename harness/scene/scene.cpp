@@ -38,7 +38,7 @@ bool ends_with(const std::string& text, const std::string& end) {
 
 std::string file_name(const std::string& file) { return std::filesystem::path(file).filename().string(); }
 
-/// A dataset and, of a volume, what else its file says.
+/// A dataset. For a volume also the facts that its file states, and notes.
 struct LoadedDataset {
     LabelledGrid labelled;
     std::optional<VolumeFacts> volume{};
@@ -64,7 +64,7 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
         if (!std::filesystem::is_regular_file(path, error)) dataset.file_source->refuse("a file that exists");
     }
     const Volume volume = read_volume(path, {scene.spacing, dataset.frame}, limits);
-    // A file of segments says itself what is the body.
+    // In a file of segments the segments are the body.
     const bool by_label =
         !scene.mass.by_label.empty() || !scene.stiffness.by_label.empty() || !volume.segments.empty();
     LoadedDataset loaded{dataset.labels || (by_label && !dataset.threshold)
@@ -76,7 +76,8 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
     return loaded;
 }
 
-/// Replaces the sides of the body that `scene` names by sides of the grid, or by directions along its axes.
+/// Replaces anatomical sides in `scene`, such as "left", by sides of the grid or by directions along its
+/// axes.
 class AnatomicalSides {
 public:
     AnatomicalSides(const std::optional<VolumeFacts>& volume, std::vector<std::string>& notes)
@@ -113,7 +114,7 @@ private:
         const GridSide side = nearest_grid_side(placement(region.source), *region.anatomical);
         region.axis = side.axis;
         region.upper = side.upper;
-        constexpr double said = 5;  // what nobody would see
+        constexpr double said = 5;  // smaller angles are not noticeable
         const std::string note = fmt::format("{} is taken for {}{}, which is {:.0f} degrees off",
                                              anatomical_sides[std::size_t(*region.anatomical)],
                                              "xyz"[side.axis], side.upper ? '+' : '-', side.degrees);
@@ -121,11 +122,11 @@ private:
             notes_.push_back(note);
     }
 
-    const Placement* placement_;  ///< null where left and right are not known
+    const Placement* placement_;  ///< null if the file does not say where left and right are
     std::vector<std::string>& notes_;
 };
 
-/// The parameter's value for each of `labels`; nothing if it is one a spring group.
+/// The parameter's value for each of `labels`. Only for a parameter that is not given per spring group.
 std::vector<double> value_per_label(const Parameter& parameter, const std::vector<Label>& labels) {
     if (parameter.everywhere) return std::vector<double>(labels.size(), *parameter.everywhere);
     std::vector<double> values;
@@ -146,7 +147,7 @@ std::vector<double> value_per_label(const Parameter& parameter, const std::vecto
     return values;
 }
 
-/// The stiffness of each group in use.
+/// The parameter's value for each spring group; 1 for groups that are not in use.
 std::array<double, 3> value_per_group(const Parameter& parameter, const std::vector<SpringGroup>& groups) {
     std::array<double, 3> values{1, 1, 1};
     for (const auto& [group, value] : parameter.by_group) {
@@ -169,7 +170,7 @@ std::uint32_t bits_of(const std::vector<SpringGroup>& groups) {
     return bits;
 }
 
-/// Particles and springs of `labelled` with the scene's masses and stiffnesses.
+/// Builds the particles and springs of `labelled`, with the scene's masses and stiffnesses.
 Problem make_problem(const SceneFile& scene, LabelledGrid labelled) {
     const std::vector<double> mass = value_per_label(scene.mass, labelled.labels);
     const bool by_group = !scene.stiffness.by_group.empty();
@@ -194,7 +195,7 @@ Problem make_problem(const SceneFile& scene, LabelledGrid labelled) {
     return problem;
 }
 
-/// The first and the last slice along `axis` that have an active voxel.
+/// The first and the last slice along `axis` that contain an active voxel.
 std::pair<int, int> active_slices(const Lattice& lattice, int axis) {
     int lowest = lattice.dims[axis];
     int highest = 0;
@@ -207,7 +208,7 @@ std::pair<int, int> active_slices(const Lattice& lattice, int axis) {
     return {lowest, highest};
 }
 
-/// The box of voxels that `region` is, both ends included.
+/// The first and the last voxel of the box that `region` covers, both included.
 std::pair<glm::ivec3, glm::ivec3> voxels_of(const Region& region, const Lattice& lattice) {
     if (!region.at_side) return {region.from, region.to};
     const auto [lowest, highest] = active_slices(lattice, region.axis);
@@ -225,10 +226,10 @@ std::pair<glm::ivec3, glm::ivec3> voxels_of(const Region& region, const Lattice&
     return {from, to};
 }
 
-/// The particles of `region`, of which there must be one at least; ascending.
+/// The particles of `region`, ascending. Refuses a region without particles.
 std::vector<std::size_t> particles_in(const Region& region, const Lattice& lattice) {
     const auto [from, to] = voxels_of(region, lattice);
-    // Row after row of its voxels, whose particles follow each other.
+    // We search row by row: the particles of a row have consecutive numbers.
     std::vector<std::size_t> particles;
     const auto number_of = [&](int x, int y, int z) {
         return (std::int64_t(z) * lattice.dims.y + y) * lattice.dims.x + x;
@@ -247,9 +248,9 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
     return particles;
 }
 
-/// The region at the same side of another axis, the one along which the body is longest, where it has but one
-/// slice along the region's own and would be pinned as a whole: a rod along z that the heart's region is
-/// applied to.
+/// Moves `region` to the same side of the body's longest axis if the body has only one slice along the
+/// region's axis. Otherwise it would be pinned as a whole, such as a rod along z to which the region of
+/// `heart` is applied.
 Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
     std::array<int, 3> extent{};
     for (int axis = 0; axis < 3; ++axis) {
@@ -263,7 +264,7 @@ Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
 
 void pin_regions(Problem& problem, const SceneFile& scene) {
     if (scene.pinned.empty()) return;
-    // What a volume by itself is pinned by, its user has not chosen.
+    // The user of a volume file without a scene file has not chosen where it is pinned.
     const bool by_itself = scene.dataset.type == DatasetType::volume && !scene.dataset.file_source;
     std::vector<std::uint8_t> pinned(problem.particle_count());
     for (const Region& region : scene.pinned) {
@@ -273,19 +274,20 @@ void pin_regions(Problem& problem, const SceneFile& scene) {
     pin(problem, std::move(pinned));
 }
 
-/// Sets `field` on the particles of its region that may move, times `scale`. A field of zeros leaves `out`
-/// empty.
+/// Sets `out` to `scale` times `field` on those particles of its region that may move. A field of zeros
+/// leaves `out` empty.
 void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double scale,
                const Problem& problem) {
-    if (!field.region && field.vector == glm::dvec3(0) && !(field.amplitude > 0)) return;  // is zero
+    if (!field.region && field.vector == glm::dvec3(0) && !(field.amplitude > 0)) return;  // all zeros
     out.assign(problem.particle_count(), glm::dvec3(0));
     std::vector<bool> chosen(out.size(), !field.region);
     if (field.region) {
         for (const std::size_t i : particles_in(*field.region, problem.lattice)) chosen[i] = true;
     }
-    // Drawn for every particle: which numbers one gets does not depend on the region.
+    // Numbers are drawn for every particle, so that those of a particle do not depend on the region.
     std::mt19937_64 generator(field.seed);
-    // Written out, since the standard leaves the values of its distributions to the library.
+    // The distribution is written out because the values of the standard's distributions differ between
+    // libraries.
     const auto uniform = [&] { return std::ldexp(double(generator() >> 11), -52) - 1; };
     for (std::size_t i = 0; i < out.size(); ++i) {
         glm::dvec3 value = field.vector;
@@ -303,7 +305,7 @@ std::string why_nothing_oscillates(const Problem& problem) {
     return pinned.empty() ? "there are no springs" : "no particle that may move has a spring";
 }
 
-/// `limiting`: with_all_springs().
+/// `limiting` is the problem as with_all_springs() returns it.
 double choose_time_step(const TimeStep& chosen, double stable, const Problem& limiting,
                         const std::string& file) {
     if (chosen.absolute) return *chosen.absolute;
@@ -321,7 +323,7 @@ double choose_time_step(const TimeStep& chosen, double stable, const Problem& li
     throw BadInput(file, "time_step", missing, accepted);
 }
 
-/// The motion of a built-in scene is built in as well.
+/// Reads the tool's motion: built in for a built-in scene, otherwise a file beside the scene file.
 ToolMotion load_motion(const ToolSpec& tool, const std::string& file, bool is_builtin) {
     if (is_builtin) {
         return parse_tool_motion(builtin_motion_files.at(tool.motion), tool.motion, tool.time_scale,
@@ -333,7 +335,7 @@ ToolMotion load_motion(const ToolSpec& tool, const std::string& file, bool is_bu
     return read_tool_motion(path.string(), tool.time_scale, tool.length_scale);
 }
 
-/// What the tool holds and how it moves.
+/// Adds the tool: the particles that it holds, and its motion.
 void take_tool(Scene& scene, const ToolSpec& spec, const std::string& file, bool is_builtin) {
     Tool tool;
     for (const std::size_t i : particles_in(spec.region, scene.problem.lattice))
@@ -356,7 +358,7 @@ void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file
     throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
 }
 
-/// Gravity, and what is to be said where nobody has chosen it.
+/// The scene's gravity. Adds a note if the user has not chosen it.
 glm::dvec3 gravity_of(const SceneFile& scene, const glm::dvec3& spacing, std::vector<std::string>& notes) {
     if (!scene.gravity_in_voxels) return scene.gravity;
     const glm::dvec3 gravity = scene.gravity * spacing;
@@ -430,8 +432,8 @@ std::string builtin_names() {
 
 /// "@64" or "@120x102x92" at the end of an argument.
 struct Resize {
-    std::string base;    ///< the argument before the '@'
-    std::string suffix;  ///< from the '@'; empty if there is none
+    std::string base;    ///< the part of the argument before the '@'
+    std::string suffix;  ///< the part from the '@' on; empty if there is none
     glm::ivec3 dims{0};
 };
 
@@ -471,7 +473,7 @@ SceneFile volume_with_parameters_of_heart(const std::string& file) {
     return scene;
 }
 
-/// What the command line says instead.
+/// Lets the options of the command line replace what `scene` says.
 void apply(const VolumeOptions& volume, SceneFile& scene) {
     scene.dataset.labels = volume.labels;
     scene.dataset.threshold = volume.threshold;
@@ -517,7 +519,7 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
         file_says.dataset.dims = resize.dims;
     }
     Scene scene = build(file_says, argument, limits, builtin != nullptr);
-    // A file keeps its ending: my heart.json is not the scene heart.
+    // The name of a file keeps its ending: the user's heart.json is not the built-in scene heart.
     scene.name = utf8_text(file_name(resize.base)) + resize.suffix;
     scene.source = argument;
     return scene;

@@ -28,7 +28,7 @@ double positive(const JsonValue& value) { return value.number(min_quantity, max_
 
 glm::dvec3 vector(const JsonValue& value) { return value.vec3(max_quantity); }
 
-/// Three whole numbers within [low, high].
+/// Reads three whole numbers within [low, high].
 glm::ivec3 voxel_triple(const JsonValue& value, int low, int high) {
     const std::vector<JsonValue> list = value.array(3, 3);
     return {int(list[0].integer(low, high)), int(list[1].integer(low, high)),
@@ -130,7 +130,7 @@ Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
     return parameter;
 }
 
-/// Reads one side: of the grid, "x-" to "z+", or of the body, "left" and so on. `Side` has members
+/// Reads a side of the grid ("x-" to "z+") or of the body ("left" and so on). `Side` has the members
 /// anatomical, axis and upper.
 template <class Side>
 void read_side(const JsonValue& value, Side& side) {
@@ -146,7 +146,7 @@ void read_side(const JsonValue& value, Side& side) {
     }
 }
 
-/// The region whose keys `object` has, if it has any; it may have others, which the caller asks for.
+/// The region that `object` describes, if it has any key of a region. Other keys are left to the caller.
 std::optional<Region> find_region(JsonObject& object) {
     Region region{.source = object.value()};
     const auto side = object.find("side");
@@ -237,7 +237,7 @@ glm::dvec3 direction(const JsonValue& value) {
     return v;
 }
 
-/// The shape that `object` names by one of three keys; nothing if it names none.
+/// The shape that `object` gives by one of three keys, or nullopt if it has none of them.
 std::optional<Shape> read_shape(JsonObject& object, const std::string& accepted) {
     const auto plane = object.find("plane");
     const auto triangles = object.find("triangles");

@@ -1,5 +1,5 @@
-// What a scene file says, before any voxel is made: its keys, checked one by one. What can only be judged
-// against the voxels is judged in scene.cpp. Accepts exactly what results/scene.schema.json accepts.
+// The content of a scene file, before any voxel is made. The reader checks each key by itself and accepts
+// exactly what results/scene.schema.json accepts; scene.cpp checks what depends on the voxels.
 #pragma once
 
 #include <cstdint>
@@ -23,48 +23,50 @@ enum class DatasetType : std::uint8_t { box, heart, volume };
 struct DatasetSpec {
     DatasetType type = DatasetType::box;
     glm::ivec3 dims{0};                    ///< of a box or heart
-    double missing = 0;                    ///< share of its voxels, at random
-    std::uint64_t seed = 0;                ///< of those
+    double missing = 0;                    ///< share of its voxels that are left out at random
+    std::uint64_t seed = 0;                ///< for that random choice
     std::string file;                      ///< of a volume, relative to the scene file
-    std::optional<JsonValue> file_source;  ///< for messages; absent for a volume by itself
-    std::optional<double> threshold;       ///< of a volume; never together with labels
-    /// Of a volume, no label twice: whole numbers, or names of segments.
+    std::optional<JsonValue> file_source;  ///< for messages; absent for a volume without a scene file
+    std::optional<double> threshold;       ///< of a volume; never given together with labels
+    /// Labels of a volume: whole numbers or names of segments, without duplicates.
     std::optional<std::vector<std::string>> labels;
     std::optional<std::int64_t> frame;      ///< of a volume with several values per voxel
-    std::optional<PartsToKeep> parts;       ///< absent: all
+    std::optional<PartsToKeep> parts;       ///< absent: all parts
     std::optional<JsonValue> parts_source;  ///< for messages
 };
 
-/// A material parameter: one value, one a spring group, or one a label. One of the three is there.
+/// A material parameter: one value for all, one per spring group or one per label. Exactly one of the three
+/// is given.
 struct Parameter {
     std::optional<double> everywhere;
     std::map<SpringGroup, double> by_group;
-    std::map<std::string, double> by_label;  ///< by any of a label's words
+    std::map<std::string, double> by_label;  ///< keys are any of a label's words
     std::optional<JsonValue> source;         ///< for messages; absent for a default
 };
 
-/// Particles chosen by where they are: those in the outermost slices on a side of the grid, counted from the
-/// first slice that has any, or those in the voxels from `from` to `to`, both included.
+/// Particles chosen by their location: those in the outermost slices on a side of the grid, counted from the
+/// first slice that has particles, or those in the box of voxels from `from` to `to`, both included.
 struct Region {
     bool at_side = false;
-    std::optional<AnatomicalSide> anatomical{};  ///< which side, until what follows is known
-    int axis = 0;                                ///< of the side
-    bool upper = false;                          ///< the side with the larger coordinate
-    int slices = 1;                              ///< how many from the side
-    double fraction =
-        0;  ///< > 0, instead of `slices`: of the extent of the active voxels, one slice at least
+    /// Side of the body; loading replaces it by `axis` and `upper`.
+    std::optional<AnatomicalSide> anatomical{};
+    int axis = 0;        ///< axis of the side
+    bool upper = false;  ///< whether it is the side with the larger coordinate
+    int slices = 1;      ///< number of slices from the side
+    /// If > 0, replaces `slices`: share of the extent of the active voxels, at least one slice.
+    double fraction = 0;
     glm::ivec3 from{0};
     glm::ivec3 to{0};
     JsonValue source;  ///< for messages
 };
 
-/// Gravity that a scene gives by where it pulls to.
+/// Gravity given by the side that it pulls towards.
 struct GravityTowards {
-    std::optional<AnatomicalSide> anatomical{};  ///< or, if there is none, along an axis of the grid
+    std::optional<AnatomicalSide> anatomical{};  ///< absent: `axis` and `upper` give a side of the grid
     int axis = 0;
     bool upper = false;
     double strength = 0;
-    JsonValue source;  ///< of the side, for messages
+    JsonValue source;  ///< value of the side, for messages
 };
 
 struct PointLoad {
@@ -78,26 +80,26 @@ struct InitialField {
     glm::dvec3 vector{0};
     double amplitude = 0;  ///< 0: not random
     std::uint64_t seed = 0;
-    std::optional<Region> region{};  ///< the others are at rest; absent: everywhere
+    std::optional<Region> region{};  ///< other particles are at rest; absent: all particles
 };
 
 struct TimeStep {
     double fraction = 0.8;
-    bool of_limit = false;           ///< of the true limit rather than of its bound (stability.h)
-    std::optional<double> absolute;  ///< instead of the fraction
+    bool of_limit = false;  ///< the fraction is of the true limit rather than of its bound (stability.h)
+    std::optional<double> absolute;  ///< replaces the fraction
     std::optional<JsonValue> source;
 };
 
-/// A cut or a suture, once or several times.
+/// A cut or a suture, made once or several times.
 struct EditSpec {
-    int step = 0;  ///< after how many steps
+    int step = 0;  ///< the edit is made after this number of steps
     bool suture = false;
-    std::optional<Shape> shape{};                             ///< or, of a suture,
-    std::vector<std::pair<glm::ivec3, glm::ivec3>> voxels{};  ///< the voxels that it joins
-    double within = 0;                  ///< of a suture by shape: the longest spring that it adds
+    std::optional<Shape> shape{};                             ///< absent for a suture that names voxels
+    std::vector<std::pair<glm::ivec3, glm::ivec3>> voxels{};  ///< pairs of voxels that the suture joins
+    double within = 0;                  ///< for a suture by shape: the longest spring that it adds
     std::optional<double> stiffness{};  ///< of a suture
-    int times = 1, every = 0;           ///< how often, and how many steps apart
-    glm::dvec3 move{0};                 ///< of the shape from one time to the next
+    int times = 1, every = 0;           ///< number of repetitions, and steps between them
+    glm::dvec3 move{0};                 ///< translation of the shape from one repetition to the next
     JsonValue source;                   ///< for messages
 };
 
@@ -107,8 +109,8 @@ struct ToolSpec {
     double stiffness = 1;
     std::string motion;                       ///< the file, relative to the scene file
     JsonValue motion_source;                  ///< for messages
-    double time_scale = 1, length_scale = 1;  ///< units of the scene in one of the file
-    int every = 1;                            ///< steps for which the tool stays where it is
+    double time_scale = 1, length_scale = 1;  ///< units of the scene per unit of the file
+    int every = 1;                            ///< number of steps between two moves of the tool
 };
 
 struct SceneFile {
@@ -120,8 +122,8 @@ struct SceneFile {
     Parameter stiffness;
     double damping = 0;
     glm::dvec3 gravity{0};
-    std::optional<GravityTowards> gravity_towards;  ///< instead
-    bool gravity_in_voxels = false;  ///< to be multiplied by the spacing, axis by axis: nobody has chosen it
+    std::optional<GravityTowards> gravity_towards;  ///< replaces `gravity`
+    bool gravity_in_voxels = false;  ///< gravity is a default, to be multiplied by the spacing axis by axis
     TimeStep time_step;
     std::vector<Region> pinned;
     InitialField displacement;

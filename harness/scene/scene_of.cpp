@@ -1,4 +1,4 @@
-// A scene of a problem that another program built, which no parser has looked at.
+// Makes a scene of a problem that another program built. No parser has checked it, so it is checked here.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -40,7 +40,7 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
     require(lattice.voxel.back() < lattice.voxel_count(), "a voxel is outside of its grid");
 }
 
-/// Backends read the particle beyond every bit without looking whether there is one.
+/// Checks every mask bit: backends read the neighbour that a bit stands for without checking that it exists.
 void check_masks(const Problem& problem) {
     const Lattice& lattice = problem.lattice;
     if (lattice.mask.empty()) return;

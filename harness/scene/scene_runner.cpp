@@ -48,7 +48,7 @@ std::string SceneRunner::unsupported(const Backend& backend) {
     for (const ScheduledEdit& scheduled : scene_.edits) {
         if (!reason.empty()) break;
         apply(*edited_, scheduled.edit);
-        // No other edit asks for what the scene did not ask for at its start.
+        // Edits within the lattice need nothing of the backend that the scene does not need at its start.
         if (!scheduled.edit.leaves_lattice()) continue;
         reason = backend.unsupported(*edited_);
         if (!reason.empty()) reason += " (edit after step " + std::to_string(scheduled.step) + ")";
@@ -80,8 +80,8 @@ void SceneRunner::rewind(Backend& backend) {
         backend.rewind();
         return;
     }
-    // Not edited_, which the edits to come change: backends read the problem that was uploaded until the
-    // next.
+    // We do not upload edited_, which later edits change: a backend reads the uploaded problem until the next
+    // upload.
     backend.upload(start_problem(), start_ != nullptr ? *start_ : scene_.state);
     if (keeps_start_ == &backend && !backend.keep_start()) keeps_start_ = nullptr;
 }

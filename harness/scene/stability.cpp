@@ -28,8 +28,9 @@ double largest_eigenvalue(const Eigen::Matrix3d& symmetric) {
         .maxCoeff();
 }
 
-/// For each particle the matrix sum_j k_ij r r^T of its springs beyond the lattice; empty if there are none.
-/// A tool's end of a spring does not move with the particle: half of its stiffness counts.
+/// For each particle the matrix sum_j k_ij r r^T over its springs beyond the lattice; empty if there are
+/// none. Only half the stiffness of a tool's spring counts, because its other end does not move with the
+/// particle.
 std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     std::vector<Eigen::Matrix3d> sum;
     if (problem.springs.empty() && !problem.has_tool()) return sum;
@@ -39,7 +40,7 @@ std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     for (const Spring& spring : problem.springs) {
         const glm::dvec3 offset = problem.rest_position[spring.first] - problem.rest_position[spring.second];
         const double length = glm::length(offset);
-        Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // of a spring without a direction
+        Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // for a spring without a direction
         if (length > 0) {
             const Eigen::Matrix3d along = outer_product(offset / length);
             const double transverse = std::max(0.0, 1 - spring.rest_length / length);
@@ -51,15 +52,15 @@ std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     return sum;
 }
 
-/// A spring for small displacements: its force is that of `along` on the part of u_i - u_j along `direction`
-/// and of `across` on the rest.
+/// A spring linearised for small displacements. Its stiffness is `along` for the component of u_i - u_j along
+/// `direction`, and `across` for the rest.
 struct LinearSpring {
     std::uint32_t first, second;
     double along, across;
     Eigen::Vector3d direction;
 };
 
-/// The springs that act on a particle that is not pinned, in units of `stiffness`.
+/// All springs except those between two pinned particles. Stiffnesses are in units of `stiffness`.
 std::vector<LinearSpring> linear_springs(const Problem& problem, const std::vector<glm::dvec3>& displacement,
                                          double stiffness) {
     const double shortest = std::sqrt(problem.shortest_squared());
@@ -70,7 +71,7 @@ std::vector<LinearSpring> linear_springs(const Problem& problem, const std::vect
         if (!displacement.empty()) offset += displacement[spring.first] - displacement[spring.second];
         const double length = glm::length(offset);
         const double k = spring.stiffness / stiffness;
-        // Under the shortest length the force has no direction of its own (spring.h).
+        // Below the shortest length the force does not depend on the spring's direction (spring.h).
         const double across = k * (1 - spring.rest_length / std::max(length, shortest));
         const glm::dvec3 r = length < shortest ? glm::dvec3(0) : offset / length;
         linear.push_back(
@@ -79,10 +80,10 @@ std::vector<LinearSpring> linear_springs(const Problem& problem, const std::vect
     return linear;
 }
 
-/// M^-1/2 K M^-1/2 with zeros in the rows and columns of pinned particles.
+/// The matrix M^-1/2 K M^-1/2, with zeros in the rows and columns of pinned particles.
 class Oscillations {
 public:
-    /// `stiffness`: the unit of the springs' own.
+    /// `stiffness` is the unit of the stiffnesses in `springs`.
     Oscillations(const Problem& problem, std::vector<LinearSpring> springs, double stiffness)
         : springs_(std::move(springs)),
           held_(problem.tool.particles),
@@ -96,7 +97,7 @@ public:
 
     Eigen::Index rows() const { return 3 * inverse_root_mass_.size(); }
 
-    /// Leaves zeros where particles are pinned.
+    /// Sets the components of pinned particles to zero.
     void remove_pinned(Eigen::VectorXd& vector) const {
         for (Eigen::Index i = 0; i < inverse_root_mass_.size(); ++i) {
             if (inverse_root_mass_[i] == 0) vector.segment<3>(3 * i).setZero();
@@ -121,33 +122,35 @@ public:
 
 private:
     std::vector<LinearSpring> springs_;
-    std::vector<std::uint32_t> held_;  ///< by the tool, with springs of that stiffness
+    /// Particles that the tool holds by springs of stiffness tool_stiffness_.
+    std::vector<std::uint32_t> held_;
     double tool_stiffness_;
-    Eigen::VectorXd inverse_root_mass_;  ///< 0 where pinned
+    Eigen::VectorXd inverse_root_mass_;  ///< 0 for pinned particles
 };
 
-/// Where the iteration starts: neighbours on a lattice against each other, as in its fastest mode, which
-/// saves it half of its steps; and a part of everything else.
+/// The start vector of the iteration. Neighbours on a lattice move against each other, as in its fastest
+/// mode, which halves the number of iterations. Random numbers add a component of every other mode.
 std::vector<double> fast_start(const Problem& problem) {
     std::vector<double> start(3 * problem.particle_count());
     std::mt19937_64 generator(1);
     for (double& component : start) component = std::ldexp(double(generator() >> 11), -54);
     for (std::size_t i = 0; i < problem.lattice.voxel.size(); ++i) {
         const glm::ivec3 at = problem.lattice.coordinates(problem.lattice.voxel[i]);
-        // Not by the same amount along x, y and z: their sum might be a mode of a cube, but not the fastest.
+        // Amounts differ along x, y and z: with equal ones the sum might be a mode of a cube, but not its
+        // fastest.
         for (int axis = 0; axis < 3; ++axis)
             start[3 * i + std::size_t(axis)] += (at[axis] % 2 == 0 ? 1 : -1) * (1 + 0.1 * axis);
     }
     return start;
 }
 
-/// Of Lanczos' iteration: what its residual is at the end, and when it gives up.
+/// Lanczos' iteration ends at this relative residual, or gives up after this number of multiplications.
 constexpr double max_residual = 1e-6;
 constexpr int max_multiplications = 1000;
-/// Beyond these a solution takes minutes.
+/// For more particles the iteration takes minutes.
 constexpr std::size_t max_oscillators = 300'000;
 
-/// The largest eigenvalue of the symmetric tridiagonal matrix that Lanczos' iteration has made so far, and
+/// The largest eigenvalue of the symmetric tridiagonal matrix that Lanczos' iteration has built so far, and
 /// the residual of its eigenvector in the large matrix.
 std::pair<double, double> largest_ritz_value(const std::vector<double>& diagonal,
                                              const std::vector<double>& beside) {
@@ -159,11 +162,11 @@ std::pair<double, double> largest_ritz_value(const std::vector<double>& diagonal
             std::abs(beside.back() * solver.eigenvectors()(size - 1, size - 1))};
 }
 
-/// The largest eigenvalue of `matrix`, or nothing if max_multiplications do not find it.
+/// The largest eigenvalue of `matrix`, or nullopt if max_multiplications do not find it.
 ///
-/// Vectors are not made orthogonal to all earlier ones, which would take four fifths of the time: in exact
-/// arithmetic they are, and what rounding leaves of that adds copies of eigenvalues that were found, but no
-/// other ones, and does not change what the residual says of the largest (Paige 1980).
+/// Vectors are not orthogonalised against all earlier ones, which would take four fifths of the time. In
+/// exact arithmetic they are orthogonal anyway. The loss of orthogonality by rounding adds copies of
+/// eigenvalues that were found, but no false ones, and the residual stays valid for the largest (Paige 1980).
 std::optional<double> largest_eigenvalue(const Oscillations& matrix, std::vector<double> start) {
     const Eigen::Index size = matrix.rows();
     Eigen::VectorXd v = Eigen::Map<const Eigen::VectorXd>(start.data(), size);
@@ -182,7 +185,8 @@ std::optional<double> largest_eigenvalue(const Oscillations& matrix, std::vector
             beside.back() == 0) {
             const auto [value, residual] = largest_ritz_value(diagonal, beside);
             if (residual <= max_residual * value || beside.back() == 0) return value;
-            // A solution of the small matrix takes the time of its size to the third.
+            // Solving the small matrix takes time proportional to the cube of its size, so it is done ever
+            // more rarely.
             next_solution += 1 + next_solution / 20;
         }
         before.swap(v);
@@ -200,14 +204,15 @@ double frequency_bound_squared(const Problem& problem) {
             outer_product(glm::normalize(glm::dvec3(direction.offset) * problem.lattice.spacing));
     }
     const std::vector<Eigen::Matrix3d> beyond = beyond_lattice(problem);
-    // Which particle a neighbour is matters only where materials differ.
+    // The index of a neighbour is needed only if materials differ.
     std::optional<LatticeSprings> springs;
     if (problem.has_materials()) springs.emplace(problem);
-    std::unordered_set<std::uint32_t> seen;  // masks, which decide the matrix where nothing else differs
+    // Masks so far: if nothing else differs, the mask determines the matrix.
+    std::unordered_set<std::uint32_t> seen;
     const bool by_mask = !problem.has_materials() && beyond.empty();
 
     double largest = 0;
-    std::optional<std::uint32_t> before;  // the mask of the last one that was looked at: mostly the same
+    std::optional<std::uint32_t> before;  // the mask of the particle before, which is mostly the same
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
         const std::uint32_t mask = problem.lattice.mask.empty() ? 0 : problem.lattice.mask[i];
         if (by_mask && mask == before) continue;

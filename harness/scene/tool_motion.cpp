@@ -17,10 +17,10 @@ namespace {
 constexpr std::string_view header = "time,x,y,z";
 constexpr std::array<std::string_view, 4> columns = {"time", "x", "y", "z"};
 constexpr std::uintmax_t max_file_bytes = std::uintmax_t(64) << 20;
-/// An interval of more than so many times the median is a gap.
+/// An interval longer than this multiple of the median interval is a gap.
 constexpr double max_gap = 10;
 
-/// What stands before `end` in `text`, which is left with what stands behind.
+/// Removes the text up to and including `end` from `text`, and returns what stands before `end`.
 std::string_view cut(std::string_view& text, char end) {
     const std::size_t at = text.find(end);
     const std::string_view before = text.substr(0, at);
@@ -28,7 +28,7 @@ std::string_view cut(std::string_view& text, char end) {
     return before;
 }
 
-/// Blanks and tabs around a word do not count.
+/// Removes blanks, tabs and carriage returns around a word.
 std::string_view trimmed(std::string_view word) {
     constexpr std::string_view blanks = " \t\r";
     const std::size_t first = word.find_first_not_of(blanks);
@@ -42,7 +42,7 @@ bool is_header(std::string_view line) {
                        [&](std::string_view column) { return trimmed(cut(line, ',')) == column; });
 }
 
-/// A sample of four finite numbers of at most max_quantity.
+/// Parses four finite numbers of magnitude at most max_quantity.
 std::array<double, 4> parse_sample(std::string_view line, const std::string& file, const std::string& where) {
     std::array<double, 4> sample{};
     if (std::count(line.begin(), line.end(), ',') != 3)
@@ -51,7 +51,7 @@ std::array<double, 4> parse_sample(std::string_view line, const std::string& fil
         const std::string_view field = trimmed(cut(line, ','));
         const auto [stop, error] = std::from_chars(field.data(), field.data() + field.size(), sample[c]);
         const bool is_number = error == std::errc() && stop == field.data() + field.size() && !field.empty();
-        // No comparison with NaN holds.
+        // Written so that NaN, which fails every comparison, is refused.
         if (!is_number || !(std::abs(sample[c]) <= max_quantity))
             throw BadInput(file, where + ", " + std::string(columns[c]), field,
                            "a number from -1e12 to 1e12");
@@ -59,7 +59,7 @@ std::array<double, 4> parse_sample(std::string_view line, const std::string& fil
     return sample;
 }
 
-/// Intervals between `time`, line 2 of the file being the first.
+/// Refuses a gap in `time`. The first time is on line 2 of the file.
 void check_gaps(const std::vector<double>& time, const std::string& file) {
     std::vector<double> interval;
     for (std::size_t n = 1; n < time.size(); ++n) interval.push_back(time[n] - time[n - 1]);
@@ -89,7 +89,7 @@ glm::dvec3 ToolMotion::at(double when) const {
 
 ToolMotion parse_tool_motion(std::string_view text, const std::string& file, double time_scale,
                              double length_scale) {
-    // What spreadsheets and scripts put around a file: a byte order mark, and empty lines at its end.
+    // Spreadsheets and scripts add a byte order mark and empty lines at the end; both are ignored.
     if (constexpr std::string_view mark = "\xEF\xBB\xBF"; text.starts_with(mark))
         text.remove_prefix(mark.size());
     const std::size_t last = text.find_last_not_of(" \t\r\n");

@@ -1,8 +1,8 @@
-// How a hand moved a tool: a recording in a file, and where the tool is at any time.
+// The recorded motion of a tool in a hand: reads the file, and says where the tool is at any time.
 //
-// The file is CSV: a first line "time,x,y,z", then a line for each sample. Any unit will do, see ToolMotion;
-// only how far the tool has moved since the first sample counts. Between samples it moves in a straight line,
-// before the first and after the last it rests.
+// The file is CSV: a first line "time,x,y,z", then a line per sample. The reader scales its units to the
+// scene's. Only the displacement since the first sample counts. Between samples the tool moves in a straight
+// line; before the first and after the last sample it rests.
 #pragma once
 
 #include <cstdint>
@@ -14,27 +14,27 @@
 namespace voxspring {
 
 struct ToolMotion {
-    int every = 1;             ///< steps for which the tool stays where it is
-    std::vector<double> time;  ///< of each sample, ascending from 0, in the scene's unit
-    /// How far it has moved by then since it took hold, in the scene's unit of length.
+    int every = 1;             ///< number of steps between two moves of the tool
+    std::vector<double> time;  ///< time of each sample, ascending from 0, in the scene's unit
+    /// How far the tool has moved at each sample since it took hold, in the scene's unit of length.
     std::vector<glm::dvec3> displacement;
 
     bool empty() const { return time.empty(); }
-    /// Zero where there is no sample.
+    /// The displacement at time `when`. Zero if there are no samples.
     glm::dvec3 at(double when) const;
-    /// Where it is in the step that follows `step` steps of the scene.
+    /// The displacement in the step that follows the scene's first `step` steps.
     glm::dvec3 at_step(std::int64_t step, double time_step) const {
         return at(double(step / every) * every * time_step);
     }
 };
 
-/// The motion that CSV `text` says, with times and lengths multiplied by these. `file` is what messages name.
-/// Throws BadInput, naming line and column, where something is missing or no finite number, where a time is
-/// not later than the one before, or where the recording has a gap: an interval of more than ten times the
+/// The motion in the CSV `text`, with times and lengths multiplied by the given scales. Messages name `file`.
+/// Throws BadInput, naming the line and the column, if a value is missing or not a finite number, if a time
+/// is not later than the one before, or if the recording has a gap: an interval of more than ten times the
 /// median.
 ToolMotion parse_tool_motion(std::string_view text, const std::string& file, double time_scale,
                              double length_scale);
-/// The same of a file, of at most 64 MiB.
+/// Reads the motion from a file of at most 64 MiB, as parse_tool_motion() does.
 ToolMotion read_tool_motion(const std::string& file, double time_scale, double length_scale);
 
 }  // namespace voxspring
