@@ -48,7 +48,7 @@ struct Parameter {
 /// first slice that has particles, or those in the box of voxels from `from` to `to`, both included.
 struct Region {
     bool at_side = false;
-    /// Side of the body; loading replaces it by `axis` and `upper`.
+    /// Side of the body, if one is given; loading replaces it by `axis` and `upper`.
     std::optional<AnatomicalSide> anatomical{};
     int axis = 0;        ///< axis of the side
     bool upper = false;  ///< whether it is the side with the larger coordinate

@@ -16,7 +16,8 @@ double quotient(double difference, double size) {
     return size > 0 ? difference / size : std::copysign(std::numeric_limits<double>::infinity(), difference);
 }
 
-/// Of a spring of stiffness 1. `rest`: as particle i sees it. `relative`: u_i - u_j.
+/// The energy of a spring of stiffness 1. `rest` is the spring at rest as particle i sees it, `relative` is
+/// u_i - u_j.
 double spring_energy(const RestSpring& rest, const glm::dvec3& relative) {
     const glm::dvec3 offset = rest.offset + relative;
     // |d| - l = (|d|^2 - l^2) / (|d| + l), the numerator as in strain_density().

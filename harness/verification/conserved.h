@@ -1,4 +1,4 @@
-// What a simulation conserves, or changes in a known way: momentum and energy, and how far a run drifts from
+// Momentum and energy, which a simulation conserves or changes in a known way, and how far a run drifts from
 // the reference in them.
 #pragma once
 
@@ -8,7 +8,7 @@
 
 namespace voxspring {
 
-/// Of the particles that can move.
+/// Momentum of the particles that can move.
 struct Momentum {
     glm::dvec3 sum{0};  ///< m v, v = increment / time step: the velocity half a step ago
     double size = 0;    ///< sum of |m v|
@@ -16,7 +16,7 @@ struct Momentum {
 };
 Momentum momentum(const Problem& problem, const State& state);
 
-/// Of the particles that can move and of all springs.
+/// Energy of the particles that can move and of all springs.
 struct Energy {
     double kinetic = 0;     ///< sum of m |v|^2 / 2
     double springs = 0;     ///< sum of k (|d| - l)^2 / 2, free of cancellation
@@ -28,20 +28,20 @@ struct Energy {
 };
 Energy energy(const Problem& problem, const State& state);
 
-/// Both of one state.
+/// Momentum and energy of one state.
 struct Conserved {
     Momentum momentum;
     Energy energy;
 };
 Conserved conserved(const Problem& problem, const State& state);
 
-/// The difference of a run from the reference after the same steps of the same problem: of the discrete
-/// motion, which keeps no continuous energy, it shows what rounding did alone.
+/// The difference of a run from the reference after the same steps of the same problem. The discrete motion
+/// does not conserve the continuous energy exactly; the difference shows only the effect of rounding.
 struct Drift {
     double momentum = 0;  ///< |sum p - sum p_ref| / sum |p_ref|
     double energy = 0;    ///< (E - E_ref) / Energy::size() of the reference; its sign says gained or lost
 };
-/// 0 where both vanish; infinite where the reference alone does.
+/// A component is 0 if numerator and denominator vanish, and infinite if only the denominator does.
 Drift drift(const Conserved& run, const Conserved& reference);
 
 }  // namespace voxspring

@@ -14,7 +14,7 @@ namespace {
 constexpr int check_every = 64;
 constexpr std::int64_t longest_replay = 1'000'000;
 
-/// The largest of lengths; NaN where any is.
+/// The largest of several lengths; NaN if any of them is NaN.
 struct Longest {
     double length = 0;
     Longest& operator+=(const Longest& other) {

@@ -1,4 +1,4 @@
-// When a run counts as diverged, and after which step it did.
+// Decides whether a run has diverged, and finds the step after which it did.
 #pragma once
 
 #include <optional>
@@ -10,32 +10,34 @@
 
 namespace voxspring {
 
-/// The farthest that a particle of a run within its bounds moves in one step, in units of length:
+/// An upper bound on how far a particle of a run that has not diverged moves in one step, in units of length:
 ///
 ///     l + |v_0| + 2 |u_0| + 4 |d| + s + dt^2 (|g| + |load / m|) n
 ///
-/// l is the longest rest length, v_0 the longest increment and u_0 the longest displacement of the start, s
-/// the largest strain of a spring at rest (a length), d the farthest that a tool moves (its springs
-/// accelerate by no more than omega^2 d), n the `steps`, or the 1 / lambda within which damping balances a
-/// constant force if that is less. An energy bound: below the stability limit, omega dt < 2, a mode of
-/// amplitude A moves by no more than 2 A a step, A being the start's or half the strain's; what a constant
-/// force adds to the increment in n steps is n dt^2 of it. One rest length a step is room for springs that
-/// meet. A run that diverges grows by a factor a step, so that the room costs few steps.
+/// Here l is the longest rest length, v_0 the longest increment and u_0 the longest displacement of the
+/// start, s the largest strain of a spring at rest (a length), and d the farthest that a tool moves, whose
+/// springs accelerate by at most omega^2 d. n is `steps`, or 1 / lambda if that is less: within so many steps
+/// damping balances a constant force. It is an energy bound. Below the stability limit, omega dt < 2, a mode
+/// of amplitude A moves by at most 2 A per step, where A is that of the start or half the strain. A constant
+/// force adds n dt^2 times the acceleration to the increment in n steps. One rest length per step is a margin
+/// for springs whose ends meet. A diverging run grows by a factor per step, so that the margin delays its
+/// detection by few steps only.
 double largest_increment(const Scene& scene, int steps, const State& start);
 inline double largest_increment(const Scene& scene, int steps) {
     return largest_increment(scene, steps, scene.state);
 }
 
-/// What every run of the harness is held to: largest_increment(), checked every 64 steps.
+/// The monitor of every run in the harness: it checks largest_increment() every 64 steps.
 DivergenceMonitor divergence_monitor(const Scene& scene, int steps, const State& start);
 inline DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {
     return divergence_monitor(scene, steps, scene.state);
 }
 
-/// Where the run of `steps` since the last rewind(), which left `last`, departed from its bounds, if it has:
-/// as the backend saw it, or between its last check and `last`. The step is found by playing the scene once
-/// more checked after every step, unless that takes more than a million steps. A `last` that is not finite
-/// and that the second run does not confirm is left to compare(). Leaves `monitor` set.
+/// Finds where the run of `steps` steps since the last rewind(), whose final state is `last`, left its
+/// bounds, if it did: as the backend reported it, or between its last check and `last`. To find the step, the
+/// scene runs once more and is checked after every step, unless that takes more than a million steps. If
+/// `last` is not finite and the second run does not confirm that, the case is left to compare(). `monitor`
+/// stays set on the backend.
 std::optional<Divergence> find_divergence(Backend& backend, SceneRunner& runner,
                                           const DivergenceMonitor& monitor, const State& last, int steps);
 

@@ -7,7 +7,7 @@
 namespace voxspring {
 
 double gate(double spread, double motion, double admitted) {
-    // Where nothing moves, standing still is right: the spread alone decides.
+    // Without motion standing still is right, so only the spread decides.
     if (motion == 0) return gate_in_spreads * spread + admitted;
     const double most = max_share_of_motion * motion;
     if (!(most >= min_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();

@@ -1,4 +1,4 @@
-// What every row of a result says about the accuracy of its run.
+// Judges the accuracy of a run, for every row of a result.
 #pragma once
 
 #include <cstdint>
@@ -16,42 +16,43 @@
 
 namespace voxspring {
 
-/// What the runs of a scene after a number of steps are held against.
+/// The reference with which runs of a scene are compared after a number of steps.
 struct ReferenceSolution {
-    const Problem& problem;  ///< as the edits until then leave it
+    const Problem& problem;  ///< the problem as the edits until then leave it
     int steps = 0;
-    State same_step;     ///< float64 at the same time step: the rounding error is the difference from it
-    Refined refined;     ///< float64 without a time step: the total error is
-    const State& start;  ///< where the runs began
-    Conserved conserved = {};  ///< of same_step
-    /// Of what backends' runs round; where a model is missing they are only held to be finite.
+    State same_step;     ///< float64 at the same time step; the difference from it is the rounding error
+    Refined refined;     ///< float64 in the limit of time step 0; the difference from it is the total error
+    const State& start;  ///< the state at which the runs began
+    Conserved conserved = {};  ///< conserved quantities of same_step
+    /// The spread of each rounding model. Runs whose model is missing are only required to be finite.
     std::vector<std::pair<RoundingModel, Spread>> spreads = {};
     mutable std::optional<StateSummary> summary =
-        {};  ///< of same_step; judge() makes it where it asks for it
+        {};  ///< summary of same_step; judge() computes it on demand
 };
-/// Null where there is none.
+/// The spread of `model`, or null if `solution` has none.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
-/// The differences from the reference, each against its gate() (error_threshold.h), which admits the error
-/// that a tuning asks for (`sleep`): the largest and the root mean square. Of a chaotic scene neither is
-/// judged, and the state fails only where it is not finite or one of its statistics exceeds statistic_gate().
+/// Compares a state with the reference. The largest difference and the root mean square are each judged by
+/// gate() (error_threshold.h), which admits the error that a tuning asks for (`sleep`). In a chaotic scene
+/// neither is judged: the state fails only if it is not finite or one of its statistics exceeds
+/// statistic_gate().
 Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
 
-/// What a row says of its accuracy; nothing where that is not known. results/schema.json defines each.
+/// The accuracy that a row reports. Unknown values are absent. results/schema.json defines each field.
 struct Errors {
     std::optional<double> relative_l2, max;       ///< rounding
-    std::optional<std::uint64_t> worst_particle;  ///< whose rounding error `max` is
+    std::optional<std::uint64_t> worst_particle;  ///< the particle whose rounding error is `max`
     std::optional<double> total_relative_l2, total_max,
         total_uncertainty;                    ///< against the converged solution
-    std::optional<std::string> total_reason;  ///< why there are none of these
+    std::optional<std::string> total_reason;  ///< why the total errors are absent
     std::optional<double> momentum, energy;
     bool chaotic = false;
-    std::optional<double> spread;  ///< of the row's rounding model, rms, as a share of the motion
+    std::optional<double> spread;  ///< rms spread of the row's rounding model, as a share of the motion
 };
 Errors errors_of(const ReferenceSolution& solution, const State& state, const Comparison& comparison,
                  const BackendSpec& spec);
 
-/// Of a run that has none.
+/// What a row reports if the errors of its run are not known.
 Errors no_errors(const ReferenceSolution& solution, const BackendSpec& spec);
 
 }  // namespace voxspring

@@ -24,17 +24,18 @@ namespace {
 
 const std::string reference = reference_backend + ":formulation=increment";
 
-/// From here on no list of springs is made.
+/// For scenes with more particles no list of springs is made.
 constexpr std::size_t max_listed_particles = std::size_t(1) << 22;
-/// Particles times steps that cpu_reference takes about a second for.
+/// Particles times steps that cpu_reference computes in about a second.
 constexpr double max_plain_updates = 1e7;
-/// Those of all refined runs together: about a minute on two cores. Beyond it there is no total error.
+/// Limit of particles times steps of all refined runs together: about a minute on two cores. Beyond it no
+/// total error is computed.
 constexpr double max_refined_updates = 5e9;
-/// Of a run on all cores, the first steps that cpu_reference repeats: beyond them two orders of a sum may
-/// part.
+/// The number of first steps of a run on all cores that cpu_reference repeats. Later, two orders of summation
+/// may diverge.
 constexpr int max_checked_steps = 100;
 
-/// Whether references of the scene are too large for lists, and for the cache.
+/// Whether the scene is too large for lists of springs and for the cache.
 bool is_large(const Scene& scene) { return scene.problem.particle_count() > max_listed_particles; }
 bool is_plain(const Scene& scene, int steps) {
     return double(scene.problem.particle_count()) * std::max(steps, 1) <= max_plain_updates;
@@ -42,7 +43,7 @@ bool is_plain(const Scene& scene, int steps) {
 
 static_assert(sizeof(glm::dvec3) == 3 * sizeof(double));
 
-/// A state as the cache keeps it: displacements, then increments.
+/// The bytes of a state in the cache: displacements, then increments.
 std::string packed(const State& state) {
     std::string bytes;
     for (const auto* vectors : {&state.displacement, &state.increment})
@@ -50,7 +51,7 @@ std::string packed(const State& state) {
     return bytes;
 }
 
-/// Nothing if that is no state of `particles`.
+/// The state in these bytes, or nullopt if they are no state of `particles` particles.
 std::optional<State> unpacked(const std::optional<std::string>& bytes, std::size_t particles) {
     const std::size_t size = particles * sizeof(glm::dvec3);
     if (!bytes || bytes->size() != 2 * size) return std::nullopt;
@@ -64,7 +65,7 @@ std::optional<State> unpacked(const std::optional<std::string>& bytes, std::size
     return state;
 }
 
-/// A list of a start, whose hash is the same whether zeros are left out or not.
+/// Adds a list of the start's state. The hash is the same whether a list of zeros is left empty or not.
 void add_start(Hash& hash, const std::vector<glm::dvec3>& list, std::size_t particles) {
     if (!list.empty()) return hash.add_numbers(list);
     hash.add_number(particles);
@@ -81,10 +82,10 @@ void add(Hash& hash, const Spring& spring) {
     hash.add_number(spring.rest_length);
 }
 
-/// All that a trajectory is computed from.
+/// Adds everything on which a trajectory depends.
 void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(steps);
-    // Taken apart as a whole: a further member does not compile before it is here.
+    // The structured binding names all members, so that a new member does not compile until it is added here.
     const auto& [rest_position, materials, material, pinned, ghosts, load, tool, lattice, rest_length,
                  group_stiffness, group_bits, springs, gravity, damping, time_step] = scene.problem;
     hash.add_numbers(rest_position);
@@ -109,7 +110,7 @@ void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(time_step);
     add_start(hash, scene.state.displacement, scene.problem.particle_count());
     add_start(hash, scene.state.increment, scene.problem.particle_count());
-    // These leave the seeds of scenes without them as they are.
+    // Added only if present, so that scenes without them keep their seeds.
     if (!ghosts.empty()) hash.add_numbers(ghosts);
     if (scene.problem.has_tool()) {
         hash.add_numbers(tool.particles);
@@ -133,7 +134,7 @@ void add(Hash& hash, const Scene& scene, int steps) {
     }
 }
 
-/// All that determines it: the program as well, and what of it.
+/// Name of a cached result: a hash of the scene, the program and the kind of result.
 std::string name_of(const Scene& scene, int steps, const std::string& what) {
     Hash hash;
     hash.add(fingerprint_of_executable());
@@ -142,7 +143,7 @@ std::string name_of(const Scene& scene, int steps, const std::string& what) {
     return hash.text();
 }
 
-/// The same on every machine and of every build.
+/// A hash that is equal on every machine and for every build.
 std::string hash_for_seed(const Scene& scene, int steps, const RoundingModel& model) {
     Hash hash;
     hash.add(to_string(model));
@@ -151,10 +152,10 @@ std::string hash_for_seed(const Scene& scene, int steps, const RoundingModel& mo
 }
 std::uint64_t seed_of(const std::string& hash) { return std::stoull(hash.substr(0, 16), nullptr, 16); }
 
-/// A hash of the same for each model, side by side: of a large scene each takes as long as all of them.
+/// A hash per model, computed in parallel. For a large scene all of them then take as long as one.
 std::vector<std::string> hashes_of(const std::vector<RoundingModel>& models,
                                    const std::function<std::string(const RoundingModel&)>& hash_of_model) {
-    (void)fingerprint_of_executable();  // which may throw
+    (void)fingerprint_of_executable();  // called here first because it may throw
     std::vector<std::string> hashes(models.size());
 #pragma omp parallel for schedule(dynamic) if (models.size() > 1)
     for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(models.size()); ++n)
@@ -162,7 +163,7 @@ std::vector<std::string> hashes_of(const std::vector<RoundingModel>& models,
     return hashes;
 }
 
-/// How many of the runs of a scene in `counts` steps take max_refined_updates together.
+/// How many of the runs of a scene in `counts` steps fit into max_refined_updates together.
 std::size_t affordable_runs(const Scene& scene, const std::vector<int>& counts) {
     double updates = 0;
     for (std::size_t k = 0; k < counts.size(); ++k) {
@@ -172,7 +173,8 @@ std::size_t affordable_runs(const Scene& scene, const std::vector<int>& counts) 
     return counts.size();
 }
 
-/// One step of Neville's scheme: to dt = 0 from two values whose squared steps have the given ratio of roots.
+/// One step of Neville's scheme: extrapolates to dt = 0 from two values whose time steps have the given
+/// ratio.
 std::vector<glm::dvec3> extrapolate(const std::vector<glm::dvec3>& coarse,
                                     const std::vector<glm::dvec3>& fine, double ratio) {
     std::vector<glm::dvec3> result(fine.size());
@@ -183,10 +185,10 @@ std::vector<glm::dvec3> extrapolate(const std::vector<glm::dvec3>& coarse,
 
 }  // namespace
 
-/// Perturbed runs one after the other, in the same memory.
+/// Memory that perturbed runs use one after the other.
 struct References::PerturbedRuns {
     std::unique_ptr<PerturbedReference> backend;
-    State state;  ///< that the last one left
+    State state;  ///< the final state of the latest run
 };
 
 std::string fingerprint_of(const Scene& scene) {
@@ -223,7 +225,7 @@ Scene at_time_step(const Scene& scene, double time_step) {
             increment = glm::dvec3(0);
             continue;
         }
-        // a dt^2, all of it at the scene's own step.
+        // a dt^2, with the scene's time step throughout.
         const glm::dvec3 accelerated = next.increment[i] - (1 - problem.damping) * increment;
         const glm::dvec3 velocity = scale * increment + accelerated / 2.0;
         increment = ratio * ((1 + g) * velocity - ratio / 2 / scale * accelerated);
@@ -247,7 +249,7 @@ std::string References::name_of_backend(const Scene& scene, int steps) {
     return is_plain(scene, steps) ? reference_backend : parallel_reference_name;
 }
 
-/// From the scene's start on. The runner has the edited problem, which the backend looks at until its next
+/// Runs the scene from its start. The runner holds the edited problem, which the backend reads until its next
 /// upload.
 void References::play(SceneRunner& runner, int steps, Backend& backend) const {
     runner.rewind(backend);
@@ -258,7 +260,7 @@ void References::play(SceneRunner& runner, int steps, Backend& backend) const {
     using Clock = std::chrono::steady_clock;
     constexpr std::chrono::duration<double> often(0.1);
     const auto begin = Clock::now();
-    // Pieces that take about that long: the state is the same however a run is cut into calls.
+    // The run is cut into pieces of about that duration. The state does not depend on how it is cut.
     for (int done = 0, piece = 1; done < steps;) {
         piece = std::min(piece, steps - done);
         const auto piece_begin = Clock::now();
@@ -284,7 +286,8 @@ void References::check_first_steps(const Scene& scene, int steps) const {
     const auto plain = BackendSpec::parse(reference).make();
     const auto parallel = make_perturbed_reference({});
     const State one = computed(scene, first, *plain), other = computed(scene, first, *parallel);
-    // Both round in float64 and add forces in different orders; in so few steps that is no more.
+    // Both round in float64 and sum forces in different orders. In so few steps they differ by no more than
+    // this.
     constexpr double agreement = 1e-9;
     const double apart = relative_difference(other.displacement, one.displacement);
     if (apart <= agreement) return;
@@ -364,8 +367,8 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
         runs.backend->read(runs.state);
         return runs.state;
     };
-    // Chaotic scenes alone are judged by statistics. To such a scene the first run says that it is one; runs
-    // before the one that does are made again.
+    // Only chaotic scenes are judged by statistics. Usually the first run shows that a scene is chaotic. Runs
+    // before the one that shows it are repeated.
     std::optional<Problem> edited;
     std::optional<StateSummary> reference_summary;
     const auto take_statistics = [&](const State& state) {
@@ -380,7 +383,7 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
     for (int run = 0; run <= random; ++run) {
         const State& state = rounded(run);
         const Comparison apart = differences(state, expected);
-        // Not finite: infinite, which is chaotic.
+        // If a state is not finite the differences are infinite, and the scene counts as chaotic.
         spread.max = std::max(spread.max, apart.max);
         spread.rms = std::max(spread.rms, apart.rms);
         ++spread.runs;
@@ -397,7 +400,7 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
 
 Refined References::refined(const Scene& scene, const Span& span, std::vector<int> counts) {
     constexpr int doublings = 4;
-    constexpr std::size_t max_columns = 5;  // beyond the tenth order rounding decides
+    constexpr std::size_t max_columns = 5;  // beyond the tenth order rounding dominates
     constexpr double smallest = 1e-11;
     Refined result;
     if (!scene.edits.empty()) {
@@ -412,10 +415,11 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     while (counts.size() < asked + doublings && counts.back() <= std::numeric_limits<int>::max() / 2)
         counts.push_back(2 * counts.back());
 
-    // Without three runs there is no estimate, so that they are all or none.
+    // An estimate needs all runs that were asked for, and at least three. If these are not affordable, none
+    // is made.
     std::size_t affordable = affordable_runs(scene, counts);
     if (affordable < std::min(counts.size(), std::max<std::size_t>(asked, 3))) affordable = 0;
-    std::vector<std::vector<glm::dvec3>> row;  // of Neville's tableau, the run itself first
+    std::vector<std::vector<glm::dvec3>> row;  // row of Neville's tableau, the run itself first
     std::vector<glm::dvec3> finest_asked;
     for (std::size_t k = 0; k < counts.size(); ++k) {
         if (k == affordable) {
@@ -433,8 +437,8 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
         }
         std::swap(row, next);
         if (k + 1 < asked || row.size() < 3) continue;
-        // Within a row neighbours are close whether or not it converges: their difference is that to the row
-        // before, divided by up to 4^5 - 1.
+        // We compare with the row before: neighbours within a row are close whether or not it converges,
+        // since their difference is that to the row before divided by up to 4^5 - 1.
         const std::vector<glm::dvec3>& best = row.back();
         result.uncertainty = relative_difference(next.back(), best);
         result.finest = counts[k];

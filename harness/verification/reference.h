@@ -1,4 +1,4 @@
-// What errors are taken against: float64 at the same time step, and float64 refined in time.
+// The references for errors: float64 at the same time step, and float64 refined in time.
 #pragma once
 
 #include <chrono>
@@ -18,73 +18,73 @@
 
 namespace voxspring {
 
-/// The same motion in steps of another size: `scene` with `time_step`, or `scene` itself if it has that step.
+/// Returns the scene with another time step and the same motion; `scene` itself if it has that step already.
 ///
-/// What the motion is: with g = lambda / (2 - lambda), the integrator is, exactly, the central difference of
-/// second order of x'' + (2 g / dt) x' = f with f = (force / m + gravity) / (1 - lambda / 2), started at x(0)
-/// with the velocity
+/// The motion is defined as follows. With g = lambda / (2 - lambda), the integrator is exactly the
+/// second-order central difference of x'' + (2 g / dt) x' = f with f = (force / m + gravity) / (1 - lambda /
+/// 2), started at x(0) with the velocity
 ///
 ///     v(0) = (x(dt) - x(-dt)) / (2 dt) = ((1 - lambda / 2) (x(0) - x(-dt)) + a dt^2 / 2) / dt
 ///
-/// where a = force / m + gravity at the start. Refining keeps these three, the rate 2 g / dt, f and v(0): g
-/// grows with the step, lambda' = 2 g' / (1 + g'), the mass is divided and gravity multiplied by (1 - lambda'
-/// / 2) / (1
-/// - lambda / 2), and x(0) - x(-dt') = dt' ((1 + g') v(0) - dt' f(0) / 2). So every run is of second order,
-/// its error is a series in dt^2, and at its own step a scene is what it says. A scene at rest has moved by
-/// nothing in the step before its start: its velocity is half a step of acceleration, and refined starts have
-/// moved.
+/// where a = force / m + gravity at the start. Refinement keeps three things: the rate 2 g / dt, f and v(0).
+/// Hence g grows with the step, lambda' = 2 g' / (1 + g'), the mass is divided and gravity multiplied by (1 -
+/// lambda' / 2) / (1 - lambda / 2), and x(0) - x(-dt') = dt' ((1 + g') v(0) - dt' f(0) / 2). Every run is
+/// then of second order, its error is a series in dt^2, and with its own step the scene is unchanged. A scene
+/// at rest has not moved in the step before its start. Its velocity is therefore half a step of acceleration,
+/// and the increments of refined starts are not zero.
 ///
-/// Of no use for a scene with edits or a tool: a force that changes from one step to the next makes the order
-/// one.
+/// This does not help for scenes with edits or a tool: a force that jumps between two steps reduces the order
+/// to one.
 Scene at_time_step(const Scene& scene, double time_step);
 
-/// A span of time as a number of steps of some size.
+/// A span of time, as a number of time steps of a given size.
 struct Span {
     double time_step = 0;
     int steps = 0;
 };
-/// `scene` in `steps` steps over the span: one time step to the bit, whoever asks. (At span.steps, the
-/// span's.)
+/// `scene` with the time step that covers the span in `steps` steps. All callers get the same bits; for
+/// span.steps steps it is the time step of the span.
 Scene in_steps(const Scene& scene, const Span& span, int steps);
 
-/// Where float64 goes as its time step goes to zero.
+/// The limit of float64 runs as their time step goes to zero.
 struct Refined {
-    std::vector<glm::dvec3> displacement;  ///< empty: did not converge
-    double uncertainty = 0;  ///< relative L2: how much the last but one extrapolation differs from it
-    int finest = 0;          ///< steps over the span of the finest run
-    std::string reason;      ///< why there is none
+    std::vector<glm::dvec3> displacement;  ///< empty if it did not converge
+    double uncertainty = 0;  ///< relative L2 difference of the last but one extrapolation from `displacement`
+    int finest = 0;          ///< number of steps of the finest run
+    std::string reason;      ///< why `displacement` is empty
 };
 
-/// Computes references, each once: the latest are kept in memory, up to 1 GiB, and all on disk.
+/// Computes references, each only once. The latest are kept in memory, up to 1 GiB, and all on disk.
 ///
-/// Short runs of small bodies are of cpu_reference: one thread and a plain loop over a list of springs, which
-/// shares no code with what is compared with it but the functions of spring.h. Others are of
-/// perturbed_reference.h, on all cores and with SIMD, after its first steps have been found to be those of
-/// cpu_reference on the very scene. With cpu_parallel it shares how SIMD registers are filled
-/// (simd/lanes-inl.h), with other backends nothing but those functions. Beyond four million particles, whose
-/// list of springs no memory may hold, those first steps are left out, and nothing is kept: reading takes
-/// longer than computing the few steps that such scenes are timed for.
+/// Short runs of small bodies use cpu_reference: one thread and a plain loop over a list of springs. It
+/// shares only the functions of spring.h with the backends under test. Other runs use perturbed_reference.h
+/// on all cores with SIMD. Its first steps are checked against cpu_reference on the same scene. It shares the
+/// filling of SIMD registers (simd/lanes-inl.h) with cpu_parallel, and only the functions of spring.h with
+/// other backends. Beyond four million particles the list of springs may not fit into memory: the check is
+/// left out, and nothing is cached, because reading would take longer than computing the few steps for which
+/// such scenes are timed.
 class References {
 public:
-    /// Told, about ten times a second, how many of a trajectory's steps are done. What it throws ends the
-    /// computation and passes through.
+    /// Called about ten times per second with the number of steps of a trajectory that are done. An exception
+    /// that it throws ends the computation and reaches the caller.
     using OnProgress = std::function<void(int done, int steps)>;
 
-    /// Nothing is told of what takes less than `quiet`.
+    /// Computations shorter than `quiet` do not call `on_progress`.
     explicit References(DiskCache cache = DiskCache{}, OnProgress on_progress = {},
                         std::chrono::duration<double> quiet = std::chrono::seconds(1))
         : cache_(std::move(cache)), on_progress_(std::move(on_progress)), quiet_(quiet) {}
 
-    /// After `steps` steps of the scene, edits included: what rounding errors are taken against.
+    /// The state after `steps` steps of the scene, edits included: the reference for rounding errors.
     State after(const Scene& scene, int steps);
 
-    /// At the end of `span`, what total errors are taken against: the polynomial in dt^2 through runs of
-    /// `counts` steps, ascending, and of twice as many and so on, at dt = 0 (Richardson). Converged if the
-    /// extrapolations with and without the finest run differ by less than a hundredth of the error of the run
-    /// of counts.back() steps, and of 1, or by less than 1e-11; given up after four doublings.
+    /// The displacement at the end of `span` in the limit dt = 0: the reference for total errors. It is
+    /// Richardson's extrapolation, by a polynomial in dt^2 through runs of `counts` steps (ascending) and of
+    /// repeatedly doubled numbers of steps. It has converged if the extrapolations with and without the
+    /// finest run differ by less than a hundredth of the error of the run of counts.back() steps, and of 1,
+    /// or by less than 1e-11. It gives up after four doublings.
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
-    /// How far rounding of each of these kinds carries the scene in `steps` steps, whose reference is
+    /// The spread of each rounding model: how far its rounding carries the scene in `steps` steps from
     /// `reference`.
     std::vector<Spread> spreads(const Scene& scene, int steps, const State& reference,
                                 const std::vector<RoundingModel>& models);
@@ -92,10 +92,10 @@ public:
         return spreads(scene, steps, reference, {model}).front();
     }
 
-    /// Trajectories computed so far rather than found.
+    /// The number of trajectories that were computed so far, rather than found in memory or on disk.
     int computed() const { return computed_; }
 
-    /// The backend that a reference of so many steps is of, and what result rows call it.
+    /// The backend that computes a reference of `steps` steps, and its name in result rows.
     static std::unique_ptr<Backend> backend_of(const Scene& scene, int steps);
     static std::string name_of_backend(const Scene& scene, int steps);
 
@@ -115,13 +115,14 @@ private:
     int computed_ = 0;
 };
 
-/// The same of two scenes that are the same in every number, whatever they are called.
+/// A hash of the scene. Two scenes that are equal in every number have the same hash, whatever their names.
 std::string fingerprint_of(const Scene& scene);
 
-/// The plain one.
+/// The plain, single-threaded reference.
 inline const std::string reference_backend = "cpu_reference";
 
-/// ||a - b|| / ||b|| of two lists of vectors; 0 if both vanish, infinite if only b does.
+/// The relative L2 difference ||a - b|| / ||b|| of two lists of vectors; 0 if both vanish, infinite if only b
+/// does.
 double relative_difference(const std::vector<glm::dvec3>& a, const std::vector<glm::dvec3>& b);
 
 }  // namespace voxspring

@@ -1,4 +1,4 @@
-// How far rounding carries a scene: measured, by running the reference with rounding put in at random.
+// The spread: how far rounding carries a scene, measured by runs of the reference with random rounding added.
 #pragma once
 
 #include <array>
@@ -10,33 +10,35 @@
 
 namespace voxspring {
 
-/// What a backend rounds, and how much.
+/// Describes what a backend rounds, and by how much.
 struct RoundingModel {
     Formulation formulation = Formulation::position;
     Precision precision = Precision::float32;
-    double root_error = 0;  ///< of approximate roots and divisions that its options ask for
+    /// Relative error of the approximate roots and divisions that its options ask for.
+    double root_error = 0;
 
     friend bool operator==(const RoundingModel&, const RoundingModel&) = default;
 };
 RoundingModel rounding_model_of(const BackendSpec& spec);
-/// "increment/float32", and what its roots are off by.
+/// "increment/float32", followed by the error of its roots if there is one.
 std::string to_string(const RoundingModel& model);
 
-/// The largest distances between the reference and runs of it that are rounded as a model rounds
-/// (backends/cpu/perturbed_reference.h): one to nearest, the others at random. Lengths are in the scene's
-/// unit.
+/// The largest distances between the reference and runs of it that are rounded as a model says
+/// (backends/cpu/perturbed_reference.h). One run rounds to nearest, the others at random. Lengths are in the
+/// scene's unit.
 struct Spread {
     double max = 0;  ///< of any particle
     double rms = 0;  ///< over all particles
-    double motion_max =
-        0;  ///< what they are a share of: how far a particle of the reference ends from its start
+    /// How far a particle of the reference ends from its start, of which `max` is a share.
+    double motion_max = 0;
     double motion_rms = 0;
-    std::array<double, Statistic::count> statistic{};  ///< differences of statistics(), of a chaotic scene
+    std::array<double, Statistic::count> statistic{};  ///< differences of statistics(), for a chaotic scene
     int runs = 0;
 };
 
-/// How many random runs beside the one to nearest: a few; one of a body whose many particles say as much in
-/// it; more of a few particles, whose largest of three would be a matter of luck, and which take no time.
+/// The number of random runs beside the one that rounds to nearest. It is a few in general, and one for a
+/// body whose many particles are statistics enough. It is more for a body of few particles: the largest of
+/// three runs would be a matter of luck, and further runs take no time.
 int random_runs(std::size_t particles);
 
 }  // namespace voxspring

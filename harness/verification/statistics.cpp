@@ -11,7 +11,7 @@
 namespace voxspring {
 namespace {
 
-/// How far particles moved, and their mass and its moment.
+/// Sums over particles: squared displacement, mass, and moment of mass.
 struct Moved {
     double squares = 0, mass = 0;
     glm::dvec3 moment{0};
@@ -23,9 +23,9 @@ struct Moved {
     }
 };
 
-/// Of all octaves, squared differences and how many they are.
+/// For each octave the sum of squared differences, and their number.
 struct Bands {
-    static constexpr std::size_t most = 31;  // distances below 2^31
+    static constexpr std::size_t most = 31;  // octaves of distances below 2^31
     std::array<double, most> squares{};
     std::array<std::uint64_t, most> pairs{};
     Bands& operator+=(const Bands& other) {
@@ -37,7 +37,7 @@ struct Bands {
     }
 };
 
-/// One number an octave, from distance 1 on.
+/// The spectrum of the displacement, one number per octave, from distance 1 on.
 std::vector<double> spectrum_of(const Problem& problem, const State& state) {
     const Lattice& lattice = problem.lattice;
     if (lattice.mask.empty()) return {};

@@ -1,4 +1,4 @@
-// What is left to compare of two runs whose particles rounding has driven apart.
+// Statistics that can still be compared after rounding has driven the particles of two runs apart.
 #pragma once
 
 #include <array>
@@ -11,29 +11,29 @@
 
 namespace voxspring {
 
-/// Numbers of a whole state by which two runs can be told apart.
+/// A number of a whole state by which two runs are compared.
 struct Statistic {
     enum Kind : std::size_t { centre_of_mass, kinetic_energy, spring_energy, spectrum, count };
     double difference = 0;
-    double size = 0;  ///< what the difference is a part of
+    double size = 0;  ///< the size with which the difference is compared
 };
 using Statistics = std::array<Statistic, Statistic::count>;
 std::string to_string(Statistic::Kind kind);
 
-/// What statistics() compares of one state.
+/// The quantities of one state that statistics() compares.
 struct StateSummary {
-    double moved = 0;  ///< root mean square of how far particles moved
+    double moved = 0;  ///< root mean square of the distances that particles moved
     glm::dvec3 centre_of_mass{0};
     Energy energy;
-    /// That of the displacement, in octaves: a band's number is the root mean square of the difference
-    /// between particles 1, 2, 4 ... voxels apart along each axis. Empty without a lattice.
+    /// Spectrum of the displacement in octaves. The number of a band is the root mean square of the
+    /// difference between particles 1, 2, 4 ... voxels apart along each axis. Empty without a lattice.
     std::vector<double> spectrum;
 };
-/// Of `state`, which the problem's particles reached from `start`. In an order of sums that does not depend
-/// on the number of threads.
+/// Summarises `state`, which the problem's particles reached from `start`. The order of summation does not
+/// depend on the number of threads.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state);
 
-/// Of a run against the reference, each after the same steps from the same start:
+/// Compares a run with the reference, both after the same steps from the same start:
 ///
 /// | statistic | difference | size |
 /// | --- | --- | --- |

@@ -17,7 +17,7 @@ double largest_component(const glm::dvec3& v) {
     return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
 }
 
-/// The first particle that is not finite.
+/// The smallest index of a particle that is not finite.
 struct FirstInfinite {
     std::size_t particle = std::numeric_limits<std::size_t>::max();
     FirstInfinite& operator+=(const FirstInfinite& other) {
@@ -26,7 +26,7 @@ struct FirstInfinite {
     }
 };
 
-/// How far particles are apart, and the first of those that are farthest.
+/// Differences of particles from the reference, and the first particle with the largest one.
 struct Apart {
     double squared_error = 0, squared_reference = 0;
     double max = 0;
@@ -111,7 +111,8 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 Comparison differences(const State& state, const State& reference) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Comparison result;
-    result.relative_l2 = result.max = result.rms = infinity;  // until every component has been compared
+    // Replaced once every component has been compared.
+    result.relative_l2 = result.max = result.rms = infinity;
     std::ostringstream reason;
     const auto infinite = sum_of<FirstInfinite>(state.displacement.size(), [&](auto& part, std::size_t i) {
         if (!finite(state.displacement[i])) part.particle = std::min(part.particle, i);

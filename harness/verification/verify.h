@@ -1,4 +1,4 @@
-// How far a backend's state is from the oracle's, and how far it may be.
+// Compares a backend's state with the oracle's, and bounds the difference.
 #pragma once
 
 #include <cstddef>
@@ -9,38 +9,41 @@
 
 namespace voxspring {
 
-/// A state against the reference, over all particles. Lengths are in the scene's unit of length.
+/// The difference of a state from the reference, over all particles. Lengths are in the scene's unit of
+/// length.
 struct Comparison {
-    bool finite = false;     ///< every component of the state is; if not, the errors are infinite
+    bool finite = false;  ///< whether every component of the state is finite; if not, the errors are infinite
     double relative_l2 = 0;  ///< ||u - u_ref|| / ||u_ref||, u the displacement; 0 if both vanish,
                              ///< infinite if only u_ref does
     double max = 0;          ///< largest |u_i - u_ref_i|
     double rms = 0;          ///< root mean square of |u_i - u_ref_i|
     std::size_t worst = 0;   ///< particle with the largest difference, or the first that is not finite
-    double tolerance = 0;    ///< on `max`; infinite: it is not judged by that
-    double tolerance_rms = std::numeric_limits<double>::infinity();  ///< likewise on `rms`
-    std::string reason;                                              ///< empty: passed; otherwise why not
+    double tolerance = 0;    ///< bound on `max`; infinite: `max` is not judged
+    /// Bound on `rms`; infinite: `rms` is not judged.
+    double tolerance_rms = std::numeric_limits<double>::infinity();
+    std::string reason;  ///< why the state failed; empty: it passed
     bool passed() const { return reason.empty(); }
 };
 
-/// Over all springs at rest.
+/// Largest values over all springs at rest.
 struct SpringLengths {
-    double longest = 0;  ///< rest length
-    double strain = 0;   ///< by how much one is longer or shorter at rest than its rest length
+    double longest = 0;  ///< longest rest length
+    double strain = 0;   ///< largest difference between a spring's length at rest and its rest length
 };
 SpringLengths spring_lengths(const Problem& problem);
 
-/// The most that gravity and loads together accelerate a particle by.
+/// The largest acceleration of a particle by gravity and loads together.
 double forced_acceleration(const Problem& problem);
 
-/// Bound on the largest rounding error of any particle after the few `steps` of a test, from the number of
-/// steps and the precision alone: quick, and far too wide for a long run, which judge() (errors.h) measures.
+/// Bound on the largest rounding error of any particle after the few `steps` of a test, computed without a
+/// further run. It is quick, and far too wide for long runs, for which judge() (errors.h) uses measured
+/// spreads.
 ///
-/// Rounding errors of independent sign, d a step, drive a free mode as a doubly summed random walk, d
-/// sqrt(n^3 / 3) / sqrt(3) in the mean; three times that, d n^1.5, is the tolerance. n is two more than
-/// `steps`: a start is two states, each rounded to the backend's precision as a step would round it. With u
-/// half an ulp of 1, l the longest rest length and U = max|displacement| + n max|increment|, which bounds how
-/// far any particle has been from rest,
+/// Rounding errors of independent sign, of size d per step, drive a free mode as a doubly summed random walk,
+/// by d sqrt(n^3 / 3) / sqrt(3) in the mean. The tolerance is three times that, d n^1.5. n is `steps` plus
+/// two: a start consists of two states, each rounded to the backend's precision as a step would round it. Let
+/// u be half an ulp of 1, l the longest rest length, and U = max|displacement| + n max|increment|, which
+/// bounds how far any particle has been from rest. Then
 ///
 /// | formulation | d / u | |
 /// | --- | --- | --- |
@@ -50,36 +53,38 @@ double forced_acceleration(const Problem& problem);
 /// | increment | U + 16 w | forces are off by a few u of w, by how much a spring's ends move apart |
 /// | compensated | 16 w | the state's own rounding is gone |
 ///
-/// The stability limit keeps the forces of a step under 4 times what a spring changes by: w = min(2 U + s, 2
-/// l), s the largest strain at rest (a length), since the cancellation-free force of ends that went 2 U apart
-/// is off by a few u of that, and of no more than 2 l however far they were rotated.
+/// The stability limit keeps the forces of a step below 4 times the change of a spring's length. w = min(2 U
+/// + s, 2 l), where s is the largest strain at rest (a length): the cancellation-free force between ends that
+/// moved 2 U apart has an error of a few u times that distance, and times at most 2 l, however far the spring
+/// was rotated.
 ///
-/// `paper` has a bias on top: fl(2 - lambda) - fl(1 - lambda) differs from 1 by up to 1.5 u unless lambda is
-/// 0, which acts each step and always the same way, as a force proportional to x: 1.5 u max|x| n^2 / 2.
+/// `paper` has an additional bias: fl(2 - lambda) - fl(1 - lambda) differs from 1 by up to 1.5 u unless
+/// lambda is 0. It acts in every step and always in the same direction, like a force proportional to x: 1.5 u
+/// max|x| n^2 / 2.
 ///
-/// Nor are errors of independent sign where gravity or loads act on what springs have not reached yet: the
-/// same a dt^2 is added to a state X, x or the displacement, each step, and rounded with it in the same way.
-/// That costs e = min(half an ulp of X, a dt^2) a step, e n^2 / 2 after n and no more than the motion itself,
-/// U; where a dt^2 is the smaller one, motion stalls. `increment` adds to v, which is as small as what is
-/// added.
+/// Errors also have the same sign if gravity or loads act on particles that no wave of springs has reached
+/// yet. The same a dt^2 is then added to a state X (x or the displacement) in each step, and rounded in the
+/// same way. The error is e = min(half an ulp of X, a dt^2) per step and e n^2 / 2 after n steps, but no more
+/// than the motion U. If a dt^2 is the smaller one, motion stalls. `increment` adds to v, which is as small
+/// as what is added.
 ///
-/// A tool's springs are as others, as long as it moves no farther than the longest spring.
+/// A tool's springs behave like others as long as the tool moves no farther than the longest spring.
 ///
-/// The reference has been rounded too, in float64 and at worst in `position`: d is no less than its.
+/// The reference is rounded too, in float64 and at worst in `position`: d is at least as large as for that.
 ///
-/// `root_error` is that of approximate roots and divisions (BackendEntry::root_error). It makes a spring's
-/// force off by that share of it where it comes from the strain, of k l where it is a difference of lengths:
-/// w or l times the error, and always to the same side, since the same length has the same error. A force
-/// that is off so drives a mode of frequency o, o dt < 2, in its own rhythm, whose amplitude then grows by no
-/// more than that per step.
+/// `root_error` is the relative error of approximate roots and divisions (BackendEntry::root_error). It
+/// causes an error of that share of the force if the force is computed from the strain, and of that share of
+/// k l if it is a difference of lengths: the error times w or l. The sign is always the same, because the
+/// same length has the same error. Such a force drives a mode of frequency o, o dt < 2, in resonance, and the
+/// amplitude grows by no more than that error per step.
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position, double root_error = 0);
 
-/// Finiteness first, then sizes, then every component; against no tolerance. A reference without
-/// displacements is one at rest.
+/// Compares without a tolerance: first finiteness, then sizes, then every component. A reference without
+/// displacements is at rest.
 Comparison differences(const State& state, const State& reference);
 
-/// The same against rounding_tolerance().
+/// Compares as differences() does, and judges the result by rounding_tolerance().
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
                    int steps, Formulation formulation = Formulation::position, double root_error = 0);
 
