@@ -13,8 +13,8 @@
 namespace voxspring {
 namespace {
 
-/// Collects vertices, each once: around one corner of the lattice a vertex for each set of particles that
-/// springs hold together.
+/// Collects vertices without duplicates: around a corner of the lattice there is one vertex for each set of
+/// particles that springs hold together.
 class Vertices {
 public:
     Vertices(const Problem& problem, const LatticeSurface& surface)
@@ -30,8 +30,7 @@ public:
         }
         const glm::u64vec3 at(face.voxel + (sign + 1) / 2);
         const std::uint64_t place = (at.z * corners_.y + at.y) * corners_.x + at.x;
-        // The set's first particle is one of the eight voxels around the corner, by which it is told from
-        // others there.
+        // The voxel of the set's first particle, one of the eight around the corner, identifies the set.
         std::uint64_t set = 0;
         for (std::uint64_t n = 0; n < 8; ++n) {
             if (first == corner.particle[n]) {
@@ -45,7 +44,7 @@ public:
         return known->second;
     }
 
-    std::vector<BodyMesh::Vertex> vertices;  ///< which follow particles by their own numbers
+    std::vector<BodyMesh::Vertex> vertices;  ///< here they follow indices of the problem's particles
 
 private:
     BodyMesh::Vertex made(const LatticeSurface::Face& face, glm::ivec3 sign,
@@ -65,7 +64,7 @@ private:
     std::unordered_map<std::uint64_t, std::uint32_t> by_place_;
 };
 
-/// Has vertices follow places in mesh.particles, which it fills, instead of particles.
+/// Fills mesh.particles, and replaces the particles that vertices follow by indices into it.
 void number_particles(BodyMesh& mesh) {
     for (const BodyMesh::Vertex& vertex : mesh.vertices)
         mesh.particles.insert(mesh.particles.end(), vertex.follows.begin(),

@@ -15,9 +15,10 @@
 namespace voxspring {
 namespace {
 
-static_assert(sizeof(BodyMesh::Vertex) == 12 * sizeof(float));  // as shaders/mesh_vertices.comp reads it
+// The layout that shaders/mesh_vertices.comp reads.
+static_assert(sizeof(BodyMesh::Vertex) == 12 * sizeof(float));
 
-/// Neither light nor dark: viridis and plasma are told from it at both ends.
+/// Neither light nor dark, so that both ends of viridis and plasma stand out from it.
 constexpr std::array<float, 4> background = {0.16F, 0.17F, 0.19F, 1};
 
 gl::Texture picture_texture(const gl::Context& context, GLenum format, glm::ivec2 size) {
@@ -89,7 +90,7 @@ void BodyPainter::put_displacements(std::span<const glm::vec4> followed) {
 void BodyPainter::put_values(std::span<const double> value) {
     if (value.empty() && !has_values_ && values_.bytes() > 0) return;
     context_.make_current();
-    std::vector<float> followed(1);  // never empty, so that there is something to bind
+    std::vector<float> followed(1);  // never empty, because an empty buffer cannot be bound
     if (!value.empty()) {
         followed.clear();
         for (const std::uint32_t i : mesh_.particles) followed.push_back(float(value[i]));

@@ -1,4 +1,4 @@
-// Draws a body's surface from displacements that lie on the card, wherever they came from.
+// Draws a body's surface from displacements on the card, whatever their source.
 #pragma once
 
 #include <array>
@@ -19,39 +19,39 @@
 
 namespace voxspring {
 
-/// Of what is shown, by its value: from `low` at the one end of the colours to `high` at the other.
+/// The colour scale: `low` is the value at one end of the colours, `high` that at the other.
 struct Shades {
     double low = 0, high = 1;
     Colouring colours = Colouring::displacement;
 };
 
-/// In a context, which must outlive it and which each call makes current. Throws DeviceError.
+/// Draws in an OpenGL context, which must outlive this and which each call makes current. Throws DeviceError.
 class BodyPainter {
 public:
     explicit BodyPainter(const gl::Context& context);
 
-    /// All that follows is of this body, at rest until the next displacements.
+    /// Replaces the body. It is at rest until displacements are set.
     void set_mesh(BodyMesh mesh);
     const BodyMesh& mesh() const { return mesh_; }
 
-    /// A buffer for Backend::feed() of mesh().particles, until the next mesh.
+    /// The buffer to pass to Backend::feed() with mesh().particles. Valid until the next set_mesh().
     GLuint displacements() const { return displacements_.get(); }
-    /// The same from the host: one displacement a particle of the problem.
+    /// Sets displacements from the host, one per particle of the problem.
     void put_displacements(std::span<const glm::dvec3> displacement);
-    /// The same of mesh().particles alone, in their order: x, y, z and 0.
+    /// Sets displacements of mesh().particles only, in their order: x, y, z and 0.
     void put_displacements(std::span<const glm::vec4> followed);
-    /// One value a particle of the problem to be shown in colours; without any it is the displacement's
-    /// length.
+    /// Sets the values that colours show, one per particle of the problem. If `value` is empty, colours show
+    /// the length of the displacement.
     void put_values(std::span<const double> value);
 
-    /// Draws the body, with what lies in displacements() now, on a picture of `size` pixels.
+    /// Draws the body into a picture of `size` pixels, with the present contents of displacements().
     void draw(const Orbit& orbit, glm::ivec2 size, const Shades& shades);
-    /// Copies the picture to the framebuffer that a window shows.
+    /// Copies the picture to the window's framebuffer.
     void show() const;
     Image picture() const;
-    /// The place on the body that is seen at a pixel of the picture; nothing beside the body.
+    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there.
     std::optional<glm::dvec3> place_at(glm::dvec2 pixel) const;
-    /// The least and the largest value on the picture's body. Waits for the card.
+    /// The smallest and the largest value on the body in the picture. Waits for the card.
     std::array<double, 2> range() const;
 
 private:
@@ -64,12 +64,12 @@ private:
     BodyMesh mesh_;
     gl::StorageBuffer vertices_, displacements_, values_, places_, faces_, first_face_, face_of_vertex_,
         normals_;
-    gl::Buffer corners_;  ///< of triangles
+    gl::Buffer corners_;  ///< vertex indices of triangles
     bool has_values_ = false;
     glm::ivec2 size_{0};
     gl::Texture colour_, depth_;
     gl::Framebuffer target_;
-    Orbit orbit_;  ///< of the picture
+    Orbit orbit_;  ///< view of the picture
 };
 
 }  // namespace voxspring

@@ -15,7 +15,7 @@
 namespace voxspring {
 namespace {
 
-/// A body that has no surface is no failure of whoever steps it.
+/// The mesh, or Unavailable if the body has no surface: that is not a failure of the thread that steps.
 BodyMesh mesh_or_absent(const Problem& problem) {
     try {
         return mesh_of(problem);
@@ -39,10 +39,10 @@ LiveDrawing::LiveDrawing(const gl::Context& own, Backend& backend, const Problem
     : own_(own), backend_(backend) {
     const Capabilities on = backend.capabilities();
     const bool steps_on_cores = on.family == ApiFamily::cpu || on.is_software;
-    // With a copy of its own, which edits change when their mesh is made.
+    // The drawing thread has its copy of the problem, to which edits are applied when the mesh is rebuilt.
     thread_ =
         std::jthread([this, steps_on_cores, own_problem = problem](const std::stop_token& stop) mutable {
-            // Of the cores that the backend steps on meshes take one.
+            // If the backend steps on the cores, building meshes may use only one.
             if (steps_on_cores) omp_set_num_threads(1);
             run(stop, own_problem);
         });
@@ -55,7 +55,7 @@ LiveDrawing::LiveDrawing(const gl::Context& own, Backend& backend, const Problem
 }
 
 LiveDrawing::~LiveDrawing() {
-    (void)own_.try_make_current();  // for feed_
+    (void)own_.try_make_current();  // destroying feed_ needs the context
 }
 
 void LiveDrawing::hand_over_if_due() {
@@ -108,8 +108,8 @@ void LiveDrawing::feed_mesh(std::unique_lock<std::mutex> lock) {
     own_.make_current();
     feed_.reset();
     host_feed_.reset();
-    // First: to lend OpenGL's buffer to CUDA for each picture holds up the thread that steps for longer than
-    // these few bytes do on their way through the host.
+    // host_feed() is preferred: lending OpenGL's buffer to CUDA for each picture delays the stepping thread
+    // for longer than copying these few bytes through the host.
     host_feed_ = backend_.host_feed(particles);
     if (host_feed_ || !shares) return;
     handed_over_.replace(own_, std::vector<glm::vec4>(particles.size()));
@@ -136,10 +136,11 @@ std::optional<double> LiveDrawing::picture_seconds() const {
 // --- In the drawing thread ------------------------------------------------------------------------------
 
 void LiveDrawing::run(const std::stop_token& stop, Problem& problem) {
-    // Whoever steps may be real-time, and his threads with him: ticks go before pictures.
+    // The stepping thread may be real-time, and this thread inherits that. Ticks take precedence over
+    // pictures.
     const sched_param normal{.sched_priority = 0};
     sched_setscheduler(0, SCHED_OTHER, &normal);
-    // Words, not exceptions, go from thread to thread: they belong to one alone.
+    // Threads exchange messages rather than exceptions, which belong to one thread only.
     std::optional<std::string> absent, failure;
     try {
         draw(stop, problem);
@@ -163,7 +164,7 @@ void LiveDrawing::draw(const std::stop_token& stop, Problem& problem) {
     Orbit orbit;
     orbit.show(painter.mesh().low, painter.mesh().high);
     publish(painter.mesh(), context.shares());
-    // A mesh is seen before the next one is made, however fast edits follow each other.
+    // Each mesh is drawn at least once before the next one is built, however fast edits come.
     bool is_seen = false;
     for (;;) {
         std::vector<const SpringEdit*> edits;
@@ -203,7 +204,7 @@ bool LiveDrawing::draw_picture(BodyPainter& painter, const Orbit& orbit) {
     }
     if (is_of_this_mesh) {
         if (feed_) {
-            // Binding it lets this context see what another one has written.
+            // Binding the buffer makes the writes of the other context visible in this one.
             glBindBuffer(GL_COPY_READ_BUFFER, handed_over_.get());
             glBindBuffer(GL_COPY_WRITE_BUFFER, painter.displacements());
             glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0,

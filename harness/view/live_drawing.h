@@ -1,5 +1,5 @@
-// Draws a body beside whoever steps it, as the live view does but without a window: for those who measure
-// what that costs.
+// Draws a body beside the thread that steps it, as the live view does but without a window, to measure what
+// that costs.
 #pragma once
 
 #include <chrono>
@@ -25,42 +25,43 @@
 
 namespace voxspring {
 
-/// A thread with a context of its own draws and waits for the card. All functions are for the thread that
-/// steps. It hands displacements over by a buffer that is neither's: what a picture is drawn from cannot be
-/// written meanwhile, and a context is current in one thread alone. The drawing thread gives that buffer back
-/// when the picture is finished, and not once it has copied it: a card that has to come back to another
-/// context once more a picture steps less meanwhile.
+/// A second thread, with a separate OpenGL context, draws and waits for the card. All functions are called by
+/// the stepping thread. It hands displacements over in a buffer between the two, because the buffer that a
+/// picture is drawn from cannot be written meanwhile and a context is current in one thread only. The drawing
+/// thread returns that buffer when the picture is finished rather than right after copying it: one more
+/// switch of contexts per picture would slow the steps on the card.
 class LiveDrawing {
 public:
     static constexpr int pictures_a_second = 60;
     static constexpr glm::ivec2 size{1280, 800};
 
-    /// Of `problem`, which `backend` has uploaded; no upload may follow. `own` is a context of the calling
-    /// thread, which a gl::Sharing shares: an OpenGL backend that was made meanwhile puts displacements into
-    /// the drawing's buffer. All references must outlive this. Throws Unavailable where there is no OpenGL or
-    /// the body has no surface, DeviceError.
+    /// Draws `problem`, which `backend` has uploaded; no further upload may follow. `own` is a context of the
+    /// calling thread, which a gl::Sharing shares: an OpenGL backend that was made while that lived writes
+    /// displacements into the drawing's buffer. All references must outlive this. Throws Unavailable if there
+    /// is no OpenGL or the body has no surface, and DeviceError.
     LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem);
     LiveDrawing(const LiveDrawing&) = delete;
     LiveDrawing& operator=(const LiveDrawing&) = delete;
-    /// Waits for the picture that is being drawn.
+    /// Waits until the current picture is finished.
     ~LiveDrawing();
 
-    /// Hands over where the particles are, if a sixtieth of a second has passed and the picture before has
-    /// been taken. Throws DeviceError if the backend fails, or drawing has.
+    /// Hands over the displacements if a sixtieth of a second has passed and the buffer is free again. Throws
+    /// DeviceError if the backend fails or drawing has failed.
     void hand_over_if_due();
-    /// The backend has been given `edit`, which must outlive this. The drawing thread makes the mesh anew.
+    /// To be called after the backend has been given `edit`, which must outlive this. The drawing thread
+    /// rebuilds the mesh.
     void follow(const SpringEdit& edit);
-    /// Has the backend feed the mesh that there is now, if it is another one. Takes longer than a tick may:
-    /// for the time between two of them. Until then nothing is handed over. Throws DeviceError.
+    /// Connects the backend to the present mesh if that is new. It takes longer than a tick may and belongs
+    /// between two ticks. Until it is called nothing is handed over. Throws DeviceError.
     void follow_mesh();
 
-    /// That are finished.
+    /// The number of finished pictures.
     std::int64_t pictures() const;
-    /// Medians: of handing displacements over, in the thread that steps, and of a picture, from taking them
-    /// until the card has drawn it. Of none nothing.
+    /// Median durations: of handing displacements over, in the stepping thread, and of a picture, from taking
+    /// the displacements until the card has drawn it. Absent if there was none.
     std::optional<double> hand_over_seconds() const;
     std::optional<double> picture_seconds() const;
-    /// "host_feed", "feed" or "download": the function of Backend that displacements come from.
+    /// "host_feed", "feed" or "download": the function of Backend that provides displacements.
     std::string displacements_by() const;
 
 private:
@@ -70,35 +71,37 @@ private:
     void run(const std::stop_token& stop, Problem& problem);
     void draw(const std::stop_token& stop, Problem& problem);
     void publish(const BodyMesh& mesh, bool shares);
-    /// Draws what was handed over, and gives it back; false if that was of another mesh.
+    /// Draws the displacements that were handed over and returns the buffer. Returns false, without a
+    /// picture, if they were of another mesh.
     bool draw_picture(BodyPainter& painter, const Orbit& orbit);
 
     const gl::Context& own_;
     Backend& backend_;
     gl::StorageBuffer handed_over_;  ///< on the card; the thread's that is_full_ says, as the next one
     std::vector<glm::dvec3> downloaded_;
-    std::span<const glm::vec4> brought_;  ///< to the host, by host_feed_
-    // One of them, or none: download().
+    std::span<const glm::vec4> brought_;  ///< displacements that host_feed_ brought to the host
+    // At most one of these is set. Without either, displacements come from Backend::download().
     std::unique_ptr<HostFeed> host_feed_;
     std::unique_ptr<Feed> feed_;
     int fed_mesh_ = 0;
     Clock::time_point due_;
     std::vector<double> hand_overs_;
 
-    /// Of all that follows. Whoever steps may be real-time and the other one not: he waits for it as seldom
-    /// as he can, and else asks again in the next tick.
+    /// Guards all members below. The stepping thread may be real-time while the drawing thread is not, so it
+    /// waits for the mutex as rarely as possible: if the mutex is taken, it tries again in the next tick.
     mutable std::mutex mutex_;
     std::condition_variable_any changed_;
-    bool is_full_ = false;  ///< the drawing thread's turn
+    bool is_full_ = false;  ///< it is the drawing thread's turn
     int mesh_of_full_ = 0;
-    int mesh_ = 0;                          ///< its number; 0: none yet
-    std::vector<std::uint32_t> particles_;  ///< of the mesh, until the other thread has taken them
+    int mesh_ = 0;  ///< number of the latest mesh; 0: none yet
+    /// Particles of the latest mesh, until the stepping thread takes them.
+    std::vector<std::uint32_t> particles_;
     bool shares_ = false;
-    std::vector<const SpringEdit*> edits_;  ///< that the mesh is without
+    std::vector<const SpringEdit*> edits_;  ///< edits that the mesh does not have yet
     std::optional<std::string> absent_, failure_;
-    std::vector<double> pictures_;  ///< seconds
+    std::vector<double> pictures_;  ///< duration of each picture in seconds
 
-    std::jthread thread_;  ///< the last one: ends before anything that it uses
+    std::jthread thread_;  ///< declared last: it ends before anything that it uses is destroyed
 };
 
 }  // namespace voxspring

@@ -8,7 +8,7 @@
 namespace voxspring {
 
 bool finite(const State& state) {
-    // Zero times what is not finite is NaN, which no sum loses.
+    // Zero times a number that is not finite is NaN, and NaN survives every sum.
     double zero = 0;
     for (const auto* vectors : {&state.displacement, &state.increment}) {
 #pragma omp parallel for schedule(static) reduction(+ : zero)

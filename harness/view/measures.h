@@ -1,4 +1,4 @@
-// What a window says of a state.
+// Properties of a state that a window shows.
 #pragma once
 
 #include <vector>
@@ -7,12 +7,12 @@
 
 namespace voxspring {
 
-/// Whether every number of the state is.
+/// Whether every number of the state is finite.
 bool finite(const State& state);
 
-/// For each particle the mean of |x_i - x_j| / l_ij - 1 over its springs: by how much they are stretched, or
-/// shorter where it is negative, as a part of their rest lengths. 0 without springs; those of no rest length
-/// are left out. On all cores.
+/// For each particle the mean of |x_i - x_j| / l_ij - 1 over its springs: their mean stretch as a share of
+/// the rest length, negative if they are shortened. 0 without springs. Springs of rest length 0 are left out.
+/// Runs on all cores.
 std::vector<double> tensions(const Problem& problem, const State& state);
 
 }  // namespace voxspring

@@ -12,9 +12,9 @@
 namespace voxspring {
 namespace {
 
-/// Of the picture's height.
+/// The angle in radians that the picture's height covers.
 constexpr double field_of_view = 0.6;
-/// From straight above things would turn over.
+/// The largest elevation: beyond straight above the view would turn over.
 constexpr double highest = 1.5;
 
 }  // namespace

@@ -1,4 +1,4 @@
-// A camera that goes around a body.
+// A camera that moves around a body.
 #pragma once
 
 #include <glm/mat4x4.hpp>
@@ -7,41 +7,42 @@
 
 namespace voxspring {
 
-/// From an eye through a pixel.
+/// A line of sight from the eye through a pixel.
 struct Ray {
     glm::dvec3 origin{0};
     glm::dvec3 direction{0};  ///< of length 1
 };
 
-/// Looks at a point from a distance, z up. Angles in radians, sizes in pixels, y down.
+/// A camera that looks at a point from a distance, z up. Angles are in radians. Pixels count from the top, y
+/// down.
 class Orbit {
 public:
-    /// All between `low` and `high` is to be seen.
+    /// Moves the camera so that the box from `low` to `high` is visible.
     void show(const glm::dvec3& low, const glm::dvec3& high);
 
-    /// Half a turn for as many pixels as the picture is high.
+    /// Turns around the body: half a turn for a movement by the picture's height.
     void turn(glm::dvec2 pixels, glm::ivec2 size);
-    /// The point that it looks at goes along with the pointer.
+    /// Shifts the view so that the point that it looks at follows the pointer.
     void shift(glm::dvec2 pixels, glm::ivec2 size);
-    /// Nearer for `notches` above 0.
+    /// Moves nearer if `notches` is positive.
     void zoom(double notches);
 
     glm::dvec3 eye() const;
     glm::dmat4 to_eye() const;
     glm::dmat4 to_clip(glm::ivec2 size) const;
     Ray through(glm::dvec2 pixel, glm::ivec2 size) const;
-    /// The pixel at which a place is seen. Of a place behind the eye it says nothing.
+    /// The pixel at which a place appears. The result is meaningless for a place behind the eye.
     glm::dvec2 pixel_of(const glm::dvec3& place, glm::ivec2 size) const;
-    /// The place that is seen at a pixel with a value of the depth buffer, 0 (near) to 1.
+    /// The place at a pixel whose value in the depth buffer is `depth`, from 0 (near) to 1.
     glm::dvec3 place_at(glm::dvec2 pixel, double depth, glm::ivec2 size) const;
-    /// How far along the line of sight a place lies.
+    /// The distance of a place from the eye along the viewing direction.
     double distance_to(const glm::dvec3& place) const;
-    /// Towards the eye.
+    /// The unit vector from the point that it looks at towards the eye.
     glm::dvec3 backward() const;
 
 private:
     glm::dvec3 middle_{0};
-    double radius_ = 1;  ///< of what is to be seen
+    double radius_ = 1;  ///< radius of what is to be visible
     double distance_ = 3;
     double azimuth_ = 0.5, elevation_ = 0.4;
 };

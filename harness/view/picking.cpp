@@ -10,12 +10,13 @@ namespace {
 
 using Pair = std::pair<std::uint32_t, std::uint32_t>;
 
-/// A particle by how far away it is; of two at the same distance the one with the smaller number is nearer.
+/// A particle with its distance. Of two at the same distance the one with the smaller index counts as nearer.
 using Near = std::pair<double, std::uint32_t>;
 
 double squared(const glm::dvec3& v) { return glm::dot(v, v); }
 
-/// All that `find(i, found)` appends for each i below `count`, on all cores, sorted.
+/// Collects all that `find(i, found)` appends for each i below `count`. Runs on all cores and sorts the
+/// result.
 template <class Found, class Find>
 std::vector<Found> gather(std::size_t count, const Find& find) {
     std::vector<Found> all;
@@ -67,13 +68,14 @@ std::vector<Pair> Places::springs_through(const std::array<glm::dvec3, 4>& quad)
         low = glm::min(low, corner);
         high = glm::max(high, corner);
     }
-    // Wider than the triangles by more than rounding adds to where a line is.
+    // The box is larger than the triangles by more than the rounding error of a line's position.
     const glm::dvec3 reach = glm::max(glm::abs(low), glm::abs(high));
     const double margin = 1e-9 * std::max({reach.x, reach.y, reach.z});
     low -= margin;
     high += margin;
 
-    // On which sides of the box each particle is: a line between two on the same side does not meet it.
+    // For each particle the sides of the box beyond which it lies. A spring with both ends beyond the same
+    // side does not meet the box.
     std::vector<std::uint8_t> outside(count());
 #pragma omp parallel for schedule(static)
     for (std::size_t i = 0; i < count(); ++i) {

@@ -1,5 +1,5 @@
-// What a hand, a blade and a needle meet: particles and springs by the places to which a state has moved
-// them.
+// Finds what a hand, a blade and a needle meet: particles and springs at the places to which a state has
+// moved them.
 #pragma once
 
 #include <array>
@@ -14,8 +14,9 @@
 
 namespace voxspring {
 
-/// A problem's particles where a state, which is finite, has moved them: rest position plus displacement.
-/// Refers to both. All functions are on all cores and give the same however many these are.
+/// The places of a problem's particles in a state, which must be finite: rest position plus displacement. It
+/// refers to both arguments. All functions run on all cores, and their results do not depend on the number of
+/// cores.
 class Places {
 public:
     Places(const Problem& problem, const State& state) : problem_(problem), state_(state) {}
@@ -26,18 +27,18 @@ public:
 
     /// The particle nearest to `place`.
     std::uint32_t nearest_to(const glm::dvec3& place) const;
-    /// Those within `radius` of `place`, ascending; the nearest where there is none, and the nearest `most`
-    /// where there are more.
+    /// The particles within `radius` of `place`, ascending. If there is none, the nearest particle; if there
+    /// are more than `most`, the nearest `most`.
     std::vector<std::uint32_t> near(const glm::dvec3& place, double radius, std::size_t most) const;
 
-    /// The pairs whose spring goes through one of the triangles (0, 1, 3) and (0, 3, 2) of a quad, their
-    /// borders included; ascending, the smaller particle first.
+    /// The pairs of particles whose spring passes through one of the triangles (0, 1, 3) and (0, 3, 2) of a
+    /// quad, borders included. Pairs are ascending, with the smaller particle first.
     std::vector<std::pair<std::uint32_t, std::uint32_t>> springs_through(
         const std::array<glm::dvec3, 4>& quad) const;
 
-    /// The springs of `whole`, the same particles with other springs, that join two of them within `radius`
-    /// of the line from `a` to `b`, and that the problem has no longer; those of the lattice by their first
-    /// particle and direction, then the others in their order.
+    /// Springs that `whole` has and the problem no longer has, if both ends are within `radius` of the line
+    /// from `a` to `b`. `whole` has the same particles with other springs. Lattice springs come first, sorted
+    /// by first particle and direction, then the others in their order.
     std::vector<ChangedSpring> lost_springs(const Problem& whole, const glm::dvec3& a, const glm::dvec3& b,
                                             double radius) const;
 

@@ -19,25 +19,26 @@ namespace {
 
 constexpr const char* not_finite = "the state is no longer finite";
 
-/// What the hand, and what the needle, may take of the room that a time step leaves: less than half each, so
-/// that both together do not reach the limit.
+/// The share of the room left by the time step that the hand and the needle may each take. It is less than
+/// half, so that both together stay below the limit.
 constexpr double share_of_room = 0.4;
 
-/// omega^2 of the time step at which a scene with that damping is just stable.
+/// The omega^2 for which `time_step` is just stable with that damping.
 double frequency_squared_at(double time_step, double damping) {
     return 4 * (1 - damping / 2) / (time_step * time_step);
 }
 
-/// By how much omega^2 may grow before the scene's time step is no longer stable: a spring between a particle
-/// of mass m and what does not move adds no more than its stiffness over m. Not above 0 where it is not
-/// stable now.
+/// By how much omega^2 may grow before the scene's time step becomes unstable. A spring between a particle of
+/// mass m and a fixed point adds at most its stiffness over m. The result is 0 or negative if the time step
+/// is not stable now.
 double room_for_springs(const Scene& scene) {
     const double damping = scene.problem.damping;
     return frequency_squared_at(scene.problem.time_step, damping) -
            frequency_squared_at(scene.stable_time_step, damping);
 }
 
-/// The loads of a scene's own: take_hold() has given it those of zero beside a tool.
+/// The loads of the scene itself. take_hold() adds loads of zero to a problem with a tool; these are left
+/// out.
 std::vector<glm::dvec3> loads_without_tool(const Problem& problem) {
     if (!problem.has_tool()) return problem.load;
     const bool none = std::all_of(problem.load.begin(), problem.load.end(),
@@ -45,7 +46,7 @@ std::vector<glm::dvec3> loads_without_tool(const Problem& problem) {
     return none ? std::vector<glm::dvec3>{} : problem.load;
 }
 
-/// `problem`, which lives on.
+/// A pointer to `problem` that does not own it. `problem` must outlive the pointer.
 std::shared_ptr<const Problem> not_owned(const Problem& problem) {
     return {std::shared_ptr<const Problem>{}, &problem};
 }
@@ -89,7 +90,7 @@ std::string Simulation::refusal(const Backend& backend, const Problem& problem, 
     const auto leaves = [](const ScheduledEdit& scheduled) { return scheduled.edit.leaves_lattice(); };
     const auto first =
         std::find_if(scene_.edits.begin() + std::ptrdiff_t(next_edit), scene_.edits.end(), leaves);
-    // No other edit asks for what the problem does not ask for already.
+    // Edits within the lattice need nothing of the backend that the problem does not need already.
     if (!why.empty() || first == scene_.edits.end()) return why;
     Problem joined = problem;
     for (auto scheduled = first; scheduled != scene_.edits.end(); ++scheduled) {
@@ -276,7 +277,7 @@ Simulation::Change Simulation::stitch(const std::pair<std::uint32_t, std::uint32
     Problem sewn = problem_;
     const SpringEdit edit = SpringEditor(sewn).suture(std::span(&ends, 1));
     if (edit.empty()) return {};
-    // Whatever is cut and joined from here on, no more springs than these are ever there.
+    // Whatever is cut and joined later, the problem never has more springs than these.
     Problem all = with_all_springs(scene_);
     all.springs.insert(all.springs.end(), stitches_.begin(), stitches_.end());
     const ChangedSpring& added = edit.added.front();
@@ -340,7 +341,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
         try {
             if (is_broken()) return not_finite;
         } catch (const DeviceError&) {
-            // As any failure: it goes on from what was kept.
+            // We treat it as any failure, and go on from the state that was kept last.
         }
     }
     Problem problem = without_hand();
@@ -363,7 +364,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
     is_latest_ = false;
     use_tool_of(*uploaded);
     holds_ = false;
-    tick_ = -1;  // where upload() has put the scene's tool
+    tick_ = -1;  // where upload() puts the scene's tool
     steps_ = kept_.steps;
     next_edit_ = kept_.next_edit;
     if (kept_.springs_version != springs_version_) {
@@ -396,10 +397,10 @@ std::string Simulation::compare(bool on) {
     }
     if (is_broken()) return not_finite;
     Running other;
-    other.backend = make_perturbed_reference({});  // takes every problem, and is not perturbed
+    other.backend = make_perturbed_reference({});  // accepts every problem; not perturbed
     other.upload(std::make_shared<const Problem>(problem_), state());
     if (holds_) other.backend->move_tool(moved_);
-    tick_ = -1;  // the scene's tool is told again where it is
+    tick_ = -1;  // makes the next step place the scene's tool again
     other_ = std::move(other);
     return {};
 }
