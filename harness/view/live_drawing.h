@@ -77,7 +77,8 @@ private:
 
     const gl::Context& own_;
     Backend& backend_;
-    gl::StorageBuffer handed_over_;  ///< on the card; the thread's that is_full_ says, as the next one
+    /// Buffer on the card; is_full_ tells which thread may use it, and the next member.
+    gl::StorageBuffer handed_over_;
     std::vector<glm::dvec3> downloaded_;
     std::span<const glm::vec4> brought_;  ///< displacements that host_feed_ brought to the host
     // At most one of these is set. Without either, displacements come from Backend::download().

@@ -14,22 +14,22 @@
 
 namespace voxspring {
 
-/// One way to compress.
+/// A decoder for one method of compression.
 class ByteStream::Decoder {
 public:
     virtual ~Decoder() = default;
     virtual std::string name() const = 0;
-    /// Decodes what fits from `from` to `to` and shortens both by what it took and gave. True at the end of a
-    /// member. Throws what is wrong with the data as a string.
+    /// Decodes as much as fits from `from` to `to`, and shortens both by what it consumed and produced.
+    /// Returns true at the end of a member. Throws a string that says what is wrong with the data.
     virtual bool decode(std::span<char>& from, std::span<std::byte>& to) = 0;
-    /// What every member begins with; empty: there is never a second one.
+    /// The bytes with which every member begins; empty: there is never a second member.
     virtual std::string_view magic() const = 0;
     /// Prepares for another member.
     virtual void restart() = 0;
 
 protected:
-    /// zlib's and bzip2's streams have the same fields. Not all of a large span is offered to them at once:
-    /// they count in 32 bits.
+    /// zlib's and bzip2's streams have the same fields. A large span is passed to them in parts, because they
+    /// count in 32 bits.
     template <class Z, class Step>
     static auto advance(Z& z, std::span<char>& from, std::span<std::byte>& to, const Step& step) {
         const std::size_t room = std::min(to.size(), std::size_t{1} << 30);
@@ -49,7 +49,7 @@ namespace {
 class Inflater final : public ByteStream::Decoder {
 public:
     explicit Inflater(bool gzip) : gzip_(gzip) {
-        // 16: a gzip header and its checksum are expected; 32: that or a zlib header.
+        // 16: a gzip header and its checksum are expected; 32: either a gzip or a zlib header.
         if (inflateInit2(&z_, (gzip ? 16 : 32) + MAX_WBITS) != Z_OK) throw std::bad_alloc();
     }
     ~Inflater() override { inflateEnd(&z_); }
@@ -106,7 +106,7 @@ std::unique_ptr<ByteStream::Decoder> decoder_of(Encoding encoding) {
     return std::make_unique<Inflater>(encoding == Encoding::gzip);
 }
 
-/// Passes over lines of `stream`.
+/// Skips lines of `stream`.
 void skip_lines(std::istream& stream, const std::string& file, std::int64_t lines) {
     for (std::int64_t line = 0; line < lines; ++line) {
         if (!stream.ignore(std::numeric_limits<std::streamsize>::max(), '\n') || stream.eof())
@@ -126,11 +126,11 @@ std::size_t ByteStream::read_raw(std::span<std::byte> bytes) {
     return std::size_t(stream_.gcount());
 }
 
-/// Whether another member begins here; otherwise passes over what is left, which is no data.
+/// Returns whether another member begins here. If not, skips the remaining bytes, which are no data.
 bool ByteStream::next_member() {
     if (at_end_) return false;
     const std::string_view magic = decoder_->magic();
-    if (encoded_.size() < magic.size()) {  // what is left is moved to the front
+    if (encoded_.size() < magic.size()) {  // moves the remaining bytes to the front
         std::copy(encoded_.begin(), encoded_.end(), buffer_.begin());
         const auto room = std::span(buffer_).subspan(encoded_.size());
         encoded_ = std::span(buffer_).first(encoded_.size() + read_raw(std::as_writable_bytes(room)));
@@ -187,14 +187,14 @@ std::uint64_t ByteStream::skip_rest() {
 
 namespace {
 
-/// Appends what is kept of bytes that come piece by piece.
+/// Receives data piece by piece and appends the bytes that are kept.
 class Keeper {
 public:
     Keeper(const KeptBytes& kept, std::uint64_t count)
         : kept_(kept), wanted_(count / kept.period * kept.length) {}
 
     void take(std::span<const std::byte> piece) {
-        // The vector grows with what was really read, at most to twice that.
+        // The vector grows with the data that was really read, to at most twice its size.
         const std::uint64_t needed = bytes.size() + piece.size();
         if (needed > bytes.capacity())
             bytes.reserve(std::min(wanted_, std::max<std::uint64_t>(needed, 2 * bytes.size())));
@@ -215,10 +215,10 @@ public:
 private:
     const KeptBytes kept_;
     const std::uint64_t wanted_;
-    std::uint64_t at_ = 0;  ///< within a period
+    std::uint64_t at_ = 0;  ///< position within the current period
 };
 
-/// Passes the rest of `stream` to `keeper`, `count` bytes.
+/// Passes the rest of `stream`, which must be `count` bytes, to `keeper`.
 void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count, Keeper& keeper,
                std::string_view key, const std::string& accepted) {
     constexpr std::size_t piece = std::size_t{1} << 16;
@@ -235,7 +235,7 @@ void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count,
         throw BadInput(file, key, "more than " + std::to_string(count) + " bytes of data", accepted);
 }
 
-/// How many decoded bytes lie before the last `count` ones.
+/// The number of decoded bytes before the last `count` ones.
 std::uint64_t before_last(std::istream& stream, Encoding encoding, const std::string& file,
                           std::uint64_t count, std::string_view key, const std::string& accepted) {
     const auto first = stream.tellg();
@@ -296,7 +296,7 @@ std::vector<std::byte> read_data(std::istream& behind_header, const std::string&
     }
     for (const std::filesystem::path& data : place.files) {
         std::error_code error;
-        // A device or a pipe might never end.
+        // Only regular files are read: a device or a pipe might never end.
         if (!std::filesystem::is_regular_file(data, error)) {
             throw BadInput(file, place.files_key, data.filename().string(),
                            "a file with the data, " + data.string() + ", that exists");

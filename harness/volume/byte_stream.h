@@ -1,4 +1,5 @@
-// The bytes behind a volume's header, plain or compressed, without trusting what the header says about them.
+// Reads the bytes behind a volume's header, plain or compressed, without trusting what the header says about
+// them.
 #pragma once
 
 #include <array>
@@ -15,7 +16,7 @@
 
 namespace voxspring {
 
-enum class Encoding : std::uint8_t { raw, gzip, zlib, bzip2 };  ///< zlib's data may also be gzip's
+enum class Encoding : std::uint8_t { raw, gzip, zlib, bzip2 };  ///< data called zlib may also be gzip
 
 /// Reads a stream from its current place to its end. Messages name `file`.
 class ByteStream {
@@ -25,17 +26,17 @@ public:
     ByteStream(const ByteStream&) = delete;
     ByteStream& operator=(const ByteStream&) = delete;
 
-    /// Fills `bytes` and returns how many there were: fewer only at the end of the data. Throws BadInput if
-    /// a compressed stream is damaged or cut short.
+    /// Fills `bytes` and returns the number of bytes read, which is smaller only at the end of the data.
+    /// Throws BadInput if a compressed stream is damaged or cut short.
     std::size_t read(std::span<std::byte> bytes);
 
-    /// Passes over `count` bytes; false if there are not that many.
+    /// Skips `count` bytes. Returns false if there are fewer.
     bool skip(std::uint64_t count);
 
-    /// How many bytes there are until the end of the data.
+    /// Skips to the end of the data and returns the number of bytes skipped.
     std::uint64_t skip_rest();
 
-    /// Bytes behind compressed data that are none, once the end of the data was read.
+    /// After the end of the data: the number of bytes behind it that are not compressed data.
     std::uint64_t ignored() const { return ignored_; }
 
     class Decoder;
@@ -46,42 +47,46 @@ private:
 
     std::istream& stream_;
     std::string file_;
-    std::unique_ptr<Decoder> decoder_;  ///< null where the bytes are plain
+    std::unique_ptr<Decoder> decoder_;  ///< null if the bytes are not compressed
     std::array<char, 1 << 16> buffer_;
-    std::span<char> encoded_;     ///< what of the buffer is still to be decoded
-    bool at_member_end_ = false;  ///< a compressed file is one member or several, one after another
+    std::span<char> encoded_;     ///< the part of the buffer that is still to be decoded
+    bool at_member_end_ = false;  ///< a compressed file consists of one or more members
     bool at_end_ = false;
     std::uint64_t ignored_ = 0;
 };
 
-/// Where a header says that its data lies.
+/// The location of the data according to a header.
 struct DataPlace {
-    /// In this order, each with an equal part of the data; empty: in the header's own file.
+    /// Files of the data in this order, each with an equal part. Empty: the data is in the file of the
+    /// header.
     std::vector<std::filesystem::path> files{};
-    std::string files_key{};             ///< of the header, which names the files
-    std::optional<Encoding> encoding{};  ///< absent: gzip if it begins as gzip does, otherwise raw
-    std::int64_t skipped_lines = 0;      ///< of each file, before it is decoded
-    /// Where the encoded data begins, from the start of its file; absent: behind the header, or at the start
-    /// of another file.
+    std::string files_key{};             ///< key in the header that names the files
+    std::optional<Encoding> encoding{};  ///< absent: gzip if the data begins like gzip, otherwise raw
+    std::int64_t skipped_lines = 0;      ///< lines to skip in each file before it is decoded
+    /// Offset of the encoded data from the start of its file. Absent: it begins behind the header, or at the
+    /// start of another file.
     std::optional<std::int64_t> begin{};
-    std::string bytes_key{"byte skip"};  ///< of the header, which says the next
-    std::int64_t skipped_bytes = 0;      ///< of what is decoded; at_end: the data is what that ends with
+    std::string bytes_key{"byte skip"};  ///< key in the header that gives skipped_bytes
+    /// Decoded bytes to skip; at_end: the data is at the end of the decoded bytes.
+    std::int64_t skipped_bytes = 0;
     static constexpr std::int64_t at_end = -1;
 };
 
-/// Of each `period` bytes those from `first` on, `length` of them.
+/// Selects from each `period` bytes the `length` bytes from `first` on.
 struct KeptBytes {
     std::uint64_t period = 1, first = 0, length = 1;
 };
 
-/// What is kept of the `count` bytes at `place`, which must be all that is there. `behind_header` stands
-/// behind the header of `file`. Allocates in proportion to what was really read. Throws BadInput naming `key`
-/// and `count_means`, what the header says that makes it `count` bytes. Adds to `notes` what was ignored.
+/// Returns the selected bytes of the `count` bytes at `place`, where there must be exactly `count`. The
+/// position of `behind_header` is behind the header of `file`. Allocates memory in proportion to what was
+/// really read. Throws BadInput that names `key` and `count_means`, which explains why the header requires
+/// `count` bytes. Adds notes on ignored data to `notes`.
 std::vector<std::byte> read_data(std::istream& behind_header, const std::string& file, const DataPlace& place,
                                  std::uint64_t count, const KeptBytes& kept, std::string_view key,
                                  const std::string& count_means, std::vector<std::string>& notes);
 
-/// Gzip if `stream` goes on as gzip does, otherwise raw; leaves it where it is.
+/// Returns gzip if the next bytes of `stream` are those of a gzip header, otherwise raw. Does not move the
+/// stream.
 Encoding encoding_at(std::istream& stream);
 
 }  // namespace voxspring

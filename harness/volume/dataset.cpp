@@ -14,7 +14,7 @@
 namespace voxspring {
 namespace {
 
-// The phantom in its design box, in which x runs from the atria to the apex.
+// Dimensions of the phantom in its design box; x runs from the atria to the apex.
 constexpr glm::dvec3 design{60, 51, 46};
 constexpr double wall = 1.1285;
 constexpr double size = 0.9121;
@@ -43,7 +43,7 @@ Chamber chamber(glm::dvec3 centre, glm::dvec3 relative_axes, double walls) {
     return {{centre, axes}, {centre, axes - walls * wall}};
 }
 
-/// A tube along x, by its cross section.
+/// A tube along x, described by its cross section.
 struct Tube {
     double y, z, radius;
 
@@ -145,7 +145,7 @@ VoxelGrid make_heart(glm::ivec3 dims) {
 
 void remove_at_random(VoxelGrid& grid, double fraction, std::uint64_t seed) {
     std::mt19937_64 generator(seed);
-    // The standard leaves the values of its distributions to the library.
+    // We do not use the standard's distributions, whose values differ between libraries.
     const auto limit = std::uint64_t(std::ldexp(fraction, 53));
     for (std::uint8_t& label : grid.label) {
         if (generator() >> 11 < limit) label = 0;

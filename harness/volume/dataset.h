@@ -1,4 +1,4 @@
-// Where a scene's voxels come from.
+// Makes the voxels of datasets, and limits their size.
 #pragma once
 
 #include <cstddef>
@@ -12,43 +12,44 @@
 
 namespace voxspring {
 
-/// The largest grid that is loaded. Checked before anything is allocated.
+/// The size of the largest grid that is loaded. Checked before memory is allocated.
 struct SceneSizeLimits {
-    std::uint64_t voxels = 0;     ///< of the grid; at most 2^32 - 1, so that an index fits 32 bits
+    std::uint64_t voxels = 0;     ///< of the grid; at most 2^32 - 1, so that an index fits into 32 bits
     std::uint64_t particles = 0;  ///< active voxels
-    /// Voxels times triangles that all edits together may look at: an hour of a slow machine.
+    /// Largest number of voxels times triangles that all edits together may examine: about an hour on a slow
+    /// machine.
     double edit_work = 1e11;
 
-    /// What fits memory_limit(): 16 bytes for a voxel (the largest voxel type, label and index) and 192 for a
-    /// particle (the problem and two states).
+    /// The limits that fit memory_limit(): 16 bytes per voxel (the largest voxel type, label and index) and
+    /// 192 bytes per particle (the problem and two states).
     static SceneSizeLimits of_this_machine();
 };
 
-/// Spacing, mass, stiffness and time step lie between these, so that no product of a few of them leaves the
-/// range of a 64-bit float.
+/// Bounds of spacing, mass, stiffness and time step. A product of a few of them stays within the range of a
+/// 64-bit float.
 inline constexpr double min_quantity = 1e-12;
 inline constexpr double max_quantity = 1e12;
 
-/// Labels of a volume: whole numbers of at most 15 digits, which a 64-bit float holds exactly. A particle's
-/// material is a byte.
+/// Labels of a volume are whole numbers of at most 15 digits, which a 64-bit float holds exactly. There are
+/// at most 255, because the material of a particle is a byte.
 inline constexpr std::int64_t max_label = 999'999'999'999'999;
 inline constexpr std::size_t max_labels = 255;
 
-/// The longest side of a grid, so that a product of three fits 64 bits.
+/// The longest side of a grid, chosen so that a product of three sides fits into 64 bits.
 inline constexpr int max_side = 1 << 20;
 
-/// Sides of a grid that nobody has checked yet.
+/// Sides of a grid before they are checked.
 using GridSides = glm::vec<3, std::int64_t>;
 
-/// Voxels of a grid. Throws BadInput, naming `file`, `key` and the dims, if a side is not within 1 to
-/// max_side or if there are more voxels than `limits` allows.
+/// The number of voxels of a grid. Throws BadInput, naming `file`, `key` and the dims, if a side is not
+/// within 1 to max_side or if there are more voxels than `limits` allows.
 std::uint64_t checked_voxel_count(GridSides dims, const SceneSizeLimits& limits, std::string_view file,
                                   std::string_view key);
 
 /// "60 x 51 x 46".
 std::string to_string(GridSides dims);
 
-/// Every voxel active. Spacing 1.
+/// A box with all voxels active and spacing 1.
 VoxelGrid make_box(glm::ivec3 dims);
 
 /// The heart phantom: two ventricles, two atria, two vessels and two valves, made of ellipsoids and tubes
@@ -56,7 +57,7 @@ VoxelGrid make_box(glm::ivec3 dims);
 /// paper's MRI heart: 140760 voxels, 29449 of them active. Spacing 1.
 VoxelGrid make_heart(glm::ivec3 dims);
 
-/// Makes each voxel inactive with the probability `fraction`; the same ones for a seed on every machine.
+/// Makes each voxel inactive with the probability `fraction`. A seed gives the same voxels on every machine.
 void remove_at_random(VoxelGrid& grid, double fraction, std::uint64_t seed);
 
 }  // namespace voxspring

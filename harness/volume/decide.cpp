@@ -1,4 +1,4 @@
-// What a header's claims mean: the rules of docs/volumes.md, the same for all formats.
+// Interprets a header's claims by the rules of docs/volumes.md, which are the same for all formats.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -20,10 +20,12 @@ namespace {
 
 constexpr const char* axis_names = "xyz";
 
-/// How far axes may be from a right angle to be taken for one, in degrees. The rest length of an edge spring
-/// is then wrong by less than 0.5%, which is what a header with two digits leaves of a direction.
+/// Axes that deviate from a right angle by at most this number of degrees are taken for orthogonal. The rest
+/// length of an edge spring is then wrong by less than 0.5%, which is the accuracy of a direction that a
+/// header gives with two digits.
 constexpr double right_angle_tolerance = 0.5;
-/// From here on it is said: less is what four digits leave.
+/// Deviations from this number of degrees on are reported. Smaller ones are within the accuracy of four
+/// digits.
 constexpr double said_angle = 0.05;
 
 constexpr const char* or_spacing = "; --spacing or \"spacing\" in a scene takes its place";
@@ -32,9 +34,9 @@ double degrees(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) 
 
 bool is_spacing(double distance) { return distance >= min_quantity && distance <= max_quantity; }
 
-/// Which axes are the grid's x, y and z: those that the file marks as space; where it marks fewer than three,
-/// the first of those of unknown kind too. There, axes of size 1 beyond three are left out, first the last
-/// ones, then the first ones.
+/// Finds the axes that are the grid's x, y and z: those that the file marks as space and, if it marks fewer
+/// than three, also those of unknown kind. If there are more than three, axes of size 1 are left out first,
+/// from the end and then from the beginning; then axes of unknown kind, from the end.
 class AxesOfSpace {
 public:
     explicit AxesOfSpace(const VolumeClaims& claims) : claims_(claims) {
@@ -56,7 +58,7 @@ public:
             left_out_ = claims.axes[axes_.front()].name;
             axes_.erase(axes_.begin());
         }
-        // Marked ones stay; of the others the last ones go.
+        // Axes marked as space stay; of the others the last ones are dropped.
         for (std::size_t a = axes_.size(); a-- > 0 && axes_.size() > 3;) {
             if (kind(axes_[a]) == AxisKind::unknown) axes_.erase(axes_.begin() + std::ptrdiff_t(a));
         }
@@ -70,7 +72,7 @@ public:
     bool contains(std::size_t axis) const {
         return std::find(axes_.begin(), axes_.end(), axis) != axes_.end();
     }
-    /// An axis of size 1 that was left out before x, of an unknown kind; empty: none.
+    /// The name of an axis of size 1 that was left out before x; empty: none.
     const std::string& left_out() const { return left_out_; }
 
 private:
@@ -118,7 +120,7 @@ private:
         if (!thin.empty()) say("the grid has 1 voxel along " + thin);
     }
 
-    /// One value per voxel, or the layers of a segmentation.
+    /// Decides which scalars are the values: one per voxel, or the layers of a segmentation.
     void decide_values() {
         const std::size_t none = claims_.axes.size();
         std::size_t several = none;
@@ -265,9 +267,9 @@ private:
         volume().facts.placement = placement;
     }
 
-    /// Two fields may say how long a step is.
+    /// Two fields may give the distance between voxels: notes it if they differ.
     void check_length(int axis, double length) {
-        constexpr double said = 1e-3;  // what a header with four digits leaves
+        constexpr double said = 1e-3;  // the accuracy of a header with four digits
         const double distance = volume().spacing[axis];
         if (!claims_.directions_have_lengths || choice_.spacing || std::abs(length / distance - 1) < said)
             return;
@@ -303,7 +305,8 @@ private:
     DecidedVolume decided_;
 };
 
-/// The coordinate of `space` that runs between `side` and its opposite, and 1 if it grows towards `side`.
+/// The coordinate of `space` that runs between `side` and its opposite, and 1 if it grows towards `side`,
+/// otherwise -1.
 std::pair<int, double> coordinate_of(const std::string& space, AnatomicalSide side) {
     const auto first_letter = [](AnatomicalSide s) {
         return char(anatomical_sides[std::size_t(s)][0] - 'a' + 'A');

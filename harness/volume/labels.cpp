@@ -1,4 +1,4 @@
-// Which voxels of a volume are active, and what their labels are.
+// Determines which voxels of a volume are active, and their labels.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -23,7 +23,7 @@ namespace {
 /// Calls `use(first)` with a pointer to the scalars of `volume`, whatever their type.
 template <class Use>
 void visit_scalars(const Volume& volume, const Use& use) {
-    // operator new aligns for every scalar type.
+    // The cast is safe because operator new aligns for every scalar type.
     const void* first = volume.data.data();
     switch (volume.type) {
         case ScalarType::int8:
@@ -49,7 +49,7 @@ void visit_scalars(const Volume& volume, const Use& use) {
     }
 }
 
-/// Calls `use(voxel, value)` for every voxel of a layer in order.
+/// Calls `use(voxel, value)` for every voxel of a layer, in order.
 template <class Use>
 void for_each_value(const Volume& volume, std::size_t layer, const Use& use) {
     const std::size_t count = volume.voxel_count(), inner = volume.inner;
@@ -68,8 +68,8 @@ VoxelGrid inactive_grid(const Volume& volume) {
 
 bool is_integer(ScalarType type) { return type != ScalarType::float32 && type != ScalarType::float64; }
 
-/// Values as labels. A file that stores them scaled keeps a label as the nearest number that its slope
-/// reaches, and has slope and intercept in 24 bits.
+/// Converts values to labels. A file with scaled values stores a label as the nearest number that its slope
+/// can represent, and stores slope and intercept in 24 bits.
 class Rounding {
 public:
     explicit Rounding(const Volume& volume)
@@ -82,9 +82,9 @@ public:
         return scaled_ ? std::ldexp(std::abs(value) + 2 * intercept_, -23) : 0;
     }
 
-    /// The whole number that `value` was stored for, if it was for one: it is as near to that as a scaled
-    /// integer gets, but never further than a twentieth, or differs by 4 units in the last place of a 32-bit
-    /// float, which is what a resampled label map leaves.
+    /// The whole number for which `value` was stored, if any. The value is accepted if it is as near to a
+    /// whole number as a scaled integer gets, plus 4 units in the last place of a 32-bit float, which a
+    /// resampled label map may be off by. It is never accepted if it is further than a twentieth away.
     std::optional<std::int64_t> label(double value) {
         if (!(std::abs(value) <= double(max_label))) return {};
         const double whole = std::round(value), off = std::abs(value - whole);
@@ -105,14 +105,14 @@ private:
     double intercept_, step_, furthest_ = 0;
 };
 
-/// A particle's material is a byte.
+/// Refuses more labels than a material, which is a byte, can distinguish.
 void check_count(const Volume& volume, std::size_t labels) {
     if (labels <= max_labels) return;
     throw BadInput(volume.file, "labels", "more than " + std::to_string(max_labels) + " labels",
                    "a list of those to use, at most " + std::to_string(max_labels));
 }
 
-/// The distinct values other than zero and NaN, which must be at most 255 whole numbers; ascending.
+/// The distinct values other than zero and NaN, ascending. They must be whole numbers, at most 255 of them.
 std::vector<std::int64_t> occurring_labels(const Volume& volume) {
     Rounding rounding(volume);
     std::vector<std::int64_t> labels;
@@ -134,7 +134,7 @@ std::vector<std::int64_t> occurring_labels(const Volume& volume) {
     return labels;
 }
 
-/// The number that `word` spells as JSON spells a whole number.
+/// The whole number that `word` spells in the notation of JSON, if it does.
 std::optional<std::int64_t> number_of(const std::string& word) {
     std::int64_t number = 0;
     const char* end = word.data() + word.size();
@@ -189,7 +189,7 @@ LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<
         if (value != latest) {
             latest = value;
             latest_material = 0;
-            // Only a value that may be one of the labels is rounded.
+            // Only values that may be one of the labels are passed to label().
             const auto found = material.find(std::abs(value) <= double(max_label) ? std::llround(value) : 0);
             if (found != material.end() && rounding.label(value)) latest_material = found->second;
         }
@@ -204,7 +204,7 @@ LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<
     return result;
 }
 
-/// Every segment with the words that mean it and no other.
+/// The label of every segment, with the words that identify it and no other segment.
 std::vector<Label> labels_of(const std::vector<Segment>& segments) {
     const auto words_of = [](const Segment& segment) {
         return std::vector<std::string>{segment.name, segment.id, std::to_string(segment.value)};
@@ -257,7 +257,7 @@ LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector
         for (std::size_t s = 0; s < segments.size(); ++s) chosen.push_back(s);
     }
     check_count(volume, chosen.size());
-    std::vector<std::uint8_t> rank(segments.size());  // from 1 on, of those that are chosen
+    std::vector<std::uint8_t> rank(segments.size());  // position among the chosen segments, from 1 on
     for (std::size_t c = 0; c < chosen.size(); ++c) rank[chosen[c]] = std::uint8_t(c + 1);
 
     std::vector<bool> shared(volume.voxel_count());
@@ -292,7 +292,7 @@ LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector
         if (words) refuse_absent(volume, segments[s].name);
         result.notes.push_back("segment " + segments[s].name + " has no voxel");
     }
-    // Materials are those that have voxels.
+    // Only segments that have voxels become materials.
     std::vector<std::uint8_t> material(chosen.size() + 1);
     for (std::size_t c = 0; c < chosen.size(); ++c) {
         if (voxels[chosen[c]] == 0) continue;

@@ -1,5 +1,5 @@
-// MetaImage (.mha, .mhd): a text header whose last field says where the data is, behind it or in other files.
-// Format: https://itk.org/Wiki/MetaIO/Documentation
+// Reads MetaImage headers (.mha, .mhd): text whose last field says where the data is, behind it or in other
+// files. Format: https://itk.org/Wiki/MetaIO/Documentation
 #include <fmt/format.h>
 
 #include <cmath>
@@ -25,12 +25,12 @@ constexpr int max_dimensions = 10;  // as in the reference implementation
 
 struct Header : TextHeader {
     using TextHeader::TextHeader;
-    std::vector<std::string> listed_files;  ///< of "ElementDataFile = LIST"
+    std::vector<std::string> listed_files;  ///< files of "ElementDataFile = LIST"
 };
 
 bool is_list(const std::string& data_file) { return words(data_file + " .")[0] == "LIST"; }
 
-/// Leaves `stream` at the data.
+/// Reads the header and leaves `stream` at the data.
 Header read_header(std::istream& stream, const std::string& file) {
     Header header(file);
     HeaderLines lines(stream, file);
@@ -69,7 +69,7 @@ bool flag(const TextHeader& header, const std::string& name, bool otherwise = fa
 }
 
 ScalarType scalar_type(const TextHeader& header) {
-    // A MET_LONG has 4 bytes, whatever a long has where it was written.
+    // A MET_LONG has 4 bytes, whatever the size of a long on the machine that wrote it.
     static const std::map<std::string, ScalarType> types = {
         {"MET_CHAR", ScalarType::int8},       {"MET_UCHAR", ScalarType::uint8},
         {"MET_SHORT", ScalarType::int16},     {"MET_USHORT", ScalarType::uint16},
@@ -91,7 +91,7 @@ DataPlace data_place(const Header& header) {
     DataPlace place;
     place.encoding = flag(header, "CompressedData") ? Encoding::zlib : Encoding::raw;
     place.bytes_key = "HeaderSize";
-    // A size counts from the start of the file, before anything is decoded.
+    // HeaderSize counts from the start of the file, before decoding.
     const std::int64_t before = header.whole_number("HeaderSize", DataPlace::at_end);
     if (before == DataPlace::at_end) place.skipped_bytes = DataPlace::at_end;
     if (before > 0) place.begin = before;
@@ -112,7 +112,7 @@ DataPlace data_place(const Header& header) {
     return place;
 }
 
-/// Refuses what would have to be understood for the voxels to be right.
+/// Refuses kinds of files whose voxels this reader would misunderstand.
 void check_kind(const TextHeader& header) {
     const std::string* type = header.find("ObjectType");
     if (type != nullptr && lower_case(*type) != "image") header.refuse("ObjectType", "Image");
@@ -128,7 +128,7 @@ double number(const TextHeader& header, const std::string& name, double otherwis
     return *value;
 }
 
-/// The value of the first of `names` that the header has.
+/// The value of the first of `names` that the header has; `found` is set to that name.
 std::optional<std::string> first_of(const TextHeader& header, const std::vector<std::string>& names,
                                     std::string& found) {
     for (const std::string& name : names) {
@@ -150,7 +150,8 @@ std::optional<std::vector<double>> numbers_of(const std::string& text, std::size
     return numbers.size() == count ? std::optional(numbers) : std::nullopt;
 }
 
-/// Which axes are values of one voxel the format says by a number of channels alone: they come first.
+/// Reads the axes of DimSize. Values of one voxel are not among them: the format gives them by a number of
+/// channels.
 std::vector<AxisClaim> read_axes(const TextHeader& header) {
     const auto dimensions = parse_number<int>(header.require("NDims"));
     if (!dimensions || *dimensions < 3 || *dimensions > max_dimensions)
@@ -180,7 +181,7 @@ std::vector<AxisClaim> read_axes(const TextHeader& header) {
     return axes;
 }
 
-/// The direction of an axis by the letter of the side that it comes from, in the space LPS.
+/// The direction of an axis in the space LPS, from the letter of the side from which it comes.
 std::optional<glm::dvec3> direction_from(char letter) {
     switch (letter) {
         case 'R':
@@ -200,8 +201,8 @@ std::optional<glm::dvec3> direction_from(char letter) {
     }
 }
 
-/// The matrix has a row for each axis of the file, in LPS, as ITK takes it; AnatomicalOrientation counts
-/// where there is none.
+/// Sets directions. The matrix has a row for each axis of the file, in LPS, as ITK reads it. Without a matrix
+/// AnatomicalOrientation is used.
 void place_axes(const TextHeader& header, VolumeClaims& claims) {
     std::string field;
     const std::size_t count = claims.axes.size();
@@ -241,7 +242,7 @@ void place_axes(const TextHeader& header, VolumeClaims& claims) {
     }
 }
 
-/// Values of a voxel that follow each other are an axis before the others.
+/// Adds the channels, whose values follow each other, as an axis before the others.
 void add_channels(const TextHeader& header, VolumeClaims& claims) {
     const std::string* text = header.find("ElementNumberOfChannels");
     if (text == nullptr) return;

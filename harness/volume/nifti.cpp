@@ -1,5 +1,6 @@
-// NIfTI-1 and NIfTI-2, as one file or as a pair of header and image. libnifti knows the headers and their
-// byte orders; the rest is read here, since libnifti mends headers that lie and allocates what they ask for.
+// Reads NIfTI-1 and NIfTI-2, as one file or as a pair of header and image. libnifti provides the structs of
+// the headers and swaps their bytes. The rest is read here, because libnifti repairs wrong headers and
+// allocates what they ask for.
 #include <fmt/format.h>
 #include <nifti/nifti2_io.h>
 
@@ -36,12 +37,12 @@ const std::map<int, ScalarType>& scalar_types() {
     return types;
 }
 
-/// What is needed of a header of either version, in this machine's byte order.
+/// The needed fields of a header of either version, in this machine's byte order.
 struct Header {
     int version = 1;
-    std::uint64_t bytes = 0;  ///< of the header itself
+    std::uint64_t bytes = 0;  ///< size of the header itself
     bool big_endian = false;
-    bool pair = false;  ///< the voxels are in a file of their own
+    bool pair = false;  ///< whether the voxels are in a separate file
     std::array<std::int64_t, 8> dim{};
     std::array<double, 8> pixdim{};
     int datatype = 0;
@@ -86,8 +87,8 @@ Header header_of(const Raw& raw, int version, const std::string& file) {
     return header;
 }
 
-/// Reads what of `Raw` follows its first four bytes, which are `size` and in the byte order that the header
-/// is in.
+/// Reads the rest of a `Raw` header after its first four bytes. These are `size`, still in the byte order of
+/// the header.
 template <class Raw>
 Header read_header_as(ByteStream& bytes, int size, bool reversed, int version, const std::string& file) {
     Raw raw{};
@@ -123,7 +124,7 @@ Header read_header(ByteStream& bytes, const std::string& file) {
                    "348, the mark of a NIfTI-1 file, or 540, that of NIfTI-2");
 }
 
-/// dim[1] to dim[3] are space, dim[4] is time and what follows are values of one voxel, whatever the sizes.
+/// Whatever their sizes, dim[1] to dim[3] are space, dim[4] is time, and later ones are values of one voxel.
 std::vector<AxisClaim> axes_of(const Header& header, VolumeClaims& claims) {
     const std::int64_t count = header.dim[0];
     if (count < 3 || count > 7) {
@@ -142,7 +143,7 @@ std::vector<AxisClaim> axes_of(const Header& header, VolumeClaims& claims) {
         axis.distance = header.pixdim[a];
         axis.distance_key = "pixdim[" + std::to_string(a) + "]";
         axis.distance_text = fmt::format("{}", header.pixdim[a]);
-        // Writers of three dimensions leave 0 behind them.
+        // Programs that write three dimensions leave the later sizes at 0.
         if (axis.size == 0 && a > 3) {
             axis.size = 1;
             claims.notes.push_back(axis.name.substr(0, 6) + " is 0 and is taken for 1");
@@ -152,7 +153,7 @@ std::vector<AxisClaim> axes_of(const Header& header, VolumeClaims& claims) {
     return axes;
 }
 
-/// Of the three axes of space.
+/// The unit of the three axes of space.
 std::string unit_of(const Header& header) {
     switch (XYZT_TO_SPACE(header.units)) {
         case NIFTI_UNITS_METER:
@@ -166,8 +167,8 @@ std::string unit_of(const Header& header) {
     }
 }
 
-/// Directions of the axes and the origin, by the sform if there is one and by the qform otherwise, as other
-/// readers do. A file with neither has no orientation.
+/// Sets the directions of the axes and the origin: from the sform if there is one, otherwise from the qform,
+/// as other readers do. A file with neither has no orientation.
 void place_axes(const Header& header, VolumeClaims& claims) {
     if (header.sform <= 0 && header.qform <= 0) return;
     claims.space = "RAS";
@@ -186,7 +187,7 @@ void place_axes(const Header& header, VolumeClaims& claims) {
     claims.origin = glm::dvec3(rows[0][3], rows[1][3], rows[2][3]);
 }
 
-/// Refuses what is stored in the format and has no voxels.
+/// Refuses files of this format that hold no voxels.
 void check_intent(const Header& header, const std::string& file) {
     constexpr int first_of_cifti = 3000, last_of_cifti = 3099;
     const int code = header.intent;
@@ -210,7 +211,7 @@ ScalarType scalar_type(const Header& header, const std::string& file) {
     throw BadInput(file, "datatype", std::to_string(header.datatype), "one of the scalar types " + accepted);
 }
 
-/// Where the voxels begin in their file.
+/// The offset of the voxels in their file.
 std::int64_t data_offset(const Header& header, ByteStream& bytes, VolumeClaims& claims) {
     // In one file, four bytes after the header say whether there are extensions.
     const std::uint64_t min = header.pair ? 0 : header.bytes + 4;

@@ -1,5 +1,5 @@
-// NRRD: a text header, then the data: behind an empty line in the same file, or in files that it names.
-// Format: https://teem.sourceforge.net/nrrd/format.html
+// Reads NRRD headers. They are text, and the data follows behind an empty line or is in files that the header
+// names. Format: https://teem.sourceforge.net/nrrd/format.html
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -28,13 +28,13 @@ const std::string directions_key = "space directions";
 
 struct Header : TextHeader {
     using TextHeader::TextHeader;
-    std::vector<std::string> listed_files;    ///< of "data file: LIST"
+    std::vector<std::string> listed_files;    ///< files of "data file: LIST"
     std::map<std::string, std::string> said;  ///< keys and values, "key:=value"
 };
 
 bool is_list(const std::string& data_file) { return words(data_file + " .")[0] == "LIST"; }
 
-/// Leaves `stream` at the data.
+/// Reads the header and leaves `stream` at the data.
 Header read_header(std::istream& stream, const std::string& file) {
     Header header(file);
     HeaderLines lines(stream, file);
@@ -143,7 +143,7 @@ DataPlace data_place(const Header& header) {
     return place;
 }
 
-/// "(1,0,0) (0,1,0) none": one vector an axis.
+/// Parses "(1,0,0) (0,1,0) none": one vector per axis, or none.
 std::vector<std::optional<glm::dvec3>> space_directions(const TextHeader& header) {
     const std::string accepted = "a vector (x,y,z) for each axis of space";
     const std::string& text = header.require(directions_key);
@@ -167,7 +167,7 @@ std::vector<std::optional<glm::dvec3>> space_directions(const TextHeader& header
             direction[component] = *number;
             vector.erase(0, comma + 1);
         }
-        // Some writers spell "none" so.
+        // Some programs write "none" as a vector of NaN.
         const bool is_none = std::isnan(direction.x) && std::isnan(direction.y) && std::isnan(direction.z);
         directions.push_back(is_none ? std::nullopt : std::optional(direction));
         at = end + 1;
@@ -175,14 +175,14 @@ std::vector<std::optional<glm::dvec3>> space_directions(const TextHeader& header
     return directions;
 }
 
-/// `axis` as its kind says, where the file has kinds. Domains and axes of an unknown kind may be of space.
+/// Sets the kind of `axis` from the file's text for it. Domains and axes of unknown kind may be of space.
 void apply_kind(AxisClaim& axis, const std::string& kind) {
     if (kind == "domain" || kind == "???" || kind == "none") return;
     axis.kind = kind == "space" ? AxisKind::space : AxisKind::other;
     if (axis.kind == AxisKind::other) axis.name += " (" + kind + ")";
 }
 
-/// `"mm" "mm" "um"`, a text for each axis.
+/// Parses `"mm" "mm" "um"`, one text per axis.
 std::vector<std::string> quoted_texts(const std::string& text) {
     std::vector<std::string> list;
     for (auto from = text.find('"'); from != std::string::npos;) {
@@ -207,7 +207,7 @@ void read_distances(const TextHeader& header, std::vector<AxisClaim>& axes) {
     }
 }
 
-/// Axes with a vector are of space, those without are not.
+/// Reads directions. Axes with a vector are of space, those without are not.
 void read_directions(const TextHeader& header, std::vector<AxisClaim>& axes) {
     const std::string* text = header.find(directions_key);
     if (text == nullptr) return;
@@ -225,7 +225,7 @@ void read_directions(const TextHeader& header, std::vector<AxisClaim>& axes) {
     }
 }
 
-/// "space units" has one for each axis of the space, "units" one for each axis of the file.
+/// Reads units. "space units" has one per axis of the space, "units" one per axis of the file.
 void read_units(const TextHeader& header, std::vector<AxisClaim>& axes) {
     if (const std::string* text = header.find("units")) {
         const auto list = quoted_texts(*text);
@@ -235,7 +235,8 @@ void read_units(const TextHeader& header, std::vector<AxisClaim>& axes) {
     }
     if (const std::string* text = header.find("space units")) {
         const auto list = quoted_texts(*text);
-        // A direction mixes the axes of the space, which so have one unit or none that could be used.
+        // A direction mixes the axes of the space, so that a unit can be used only if all of them have the
+        // same.
         const bool same =
             !list.empty() && std::count(list.begin(), list.end(), list[0]) == std::ptrdiff_t(list.size());
         std::size_t next = 0;
@@ -278,7 +279,7 @@ std::vector<AxisClaim> read_axes(const TextHeader& header, VolumeClaims& claims)
     return axes;
 }
 
-/// The sides that the coordinates of the file's space grow towards; empty for one without anatomy.
+/// The sides towards which the coordinates of the file's space grow; empty for a space without anatomy.
 std::string space_of(const TextHeader& header) {
     const std::string* text = header.find("space");
     if (text == nullptr) return {};
@@ -293,7 +294,7 @@ std::string space_of(const TextHeader& header) {
     return found == spaces.end() ? std::string() : found->second;
 }
 
-/// The vector "(1,2,3)".
+/// Parses a vector such as "(1,2,3)".
 std::optional<glm::dvec3> vector_of(const std::string& text) {
     std::string numbers = trimmed(text);
     if (numbers.size() < 2 || numbers.front() != '(' || numbers.back() != ')') return {};
@@ -330,7 +331,7 @@ std::vector<Segment> segments_of(const Header& header) {
         const std::string* id = find("ID");
         const std::string* name = find("Name");
         if (id == nullptr && name == nullptr) return segments;
-        // Files from before layers could be shared have a layer for each segment, of zeros and ones.
+        // Older files, in which segments could not share a layer, have a layer of zeros and ones per segment.
         Segment segment;
         segment.id = id != nullptr ? *id : *name;
         segment.name = name != nullptr ? *name : *id;

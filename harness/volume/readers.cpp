@@ -25,13 +25,14 @@ std::filesystem::path partner_of(const std::filesystem::path& file) {
     const std::string ending = lower.substr(dot, lower.size() - packed - dot);
     if (ending != ".hdr" && ending != ".img") return {};
     const bool is_header = ending == ".hdr";
-    // In capitals where the named file has them; a pair may also be x.IMG beside x.hdr.
+    // The ending is first tried in capitals if the named file has capitals; a pair may also be x.IMG beside
+    // x.hdr.
     const bool capitals = name[dot + 1] < 'a';
     const auto exists = [](const std::filesystem::path& path) {
         std::error_code error;
         return std::filesystem::is_regular_file(path, error);
     };
-    // x.hdr, x.img, x.hdr.gz or x.img.gz; empty where there is none.
+    // Finds x.hdr, x.img, x.hdr.gz or x.img.gz; empty if it does not exist.
     const auto found = [&](bool header, bool gzipped) -> std::filesystem::path {
         for (const bool in_capitals : {capitals, !capitals}) {
             const std::string stem = name.substr(0, dot);
@@ -43,7 +44,7 @@ std::filesystem::path partner_of(const std::filesystem::path& file) {
     };
     const bool gzipped = packed > 0;
     if (const auto alike = found(!is_header, gzipped); !alike.empty()) return alike;
-    // Of the other kind only if it does not belong to a file of that kind.
+    // A partner that is compressed differently is taken only if it does not belong to another file.
     return found(is_header, !gzipped).empty() ? found(!is_header, !gzipped) : std::filesystem::path{};
 }
 

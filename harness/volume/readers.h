@@ -1,4 +1,4 @@
-// One reader a format, which reports what a header says, and what they share.
+// The readers, one per format, which report what a header says, and what they share.
 #pragma once
 
 #include <cstddef>
@@ -13,19 +13,19 @@
 
 namespace voxspring {
 
-/// `stream` has the header; `file` is what messages name and what the names of data files in the header are
-/// relative to. Throw BadInput.
+/// Read a header from `stream`. Messages name `file`, and names of data files in the header are relative to
+/// its folder. Throw BadInput.
 VolumeClaims read_nrrd_header(std::istream& stream, const std::string& file);
 VolumeClaims read_metaimage_header(std::istream& stream, const std::string& file);
-/// `image` has the voxels of a pair; empty: the one that belongs to the header's name.
+/// `image` is the file with the voxels of a pair; empty: the one that belongs to the header's name.
 VolumeClaims read_nifti_header(std::istream& stream, const std::string& file,
                                const std::filesystem::path& image = {});
 
-/// Decides what the claims mean and reads the voxels. `stream` has the header and stands behind it.
+/// Interprets the claims and reads the voxels. The position of `stream` is behind the header.
 Volume read_voxels(std::istream& stream, const VolumeClaims& claims, const VolumeChoice& choice,
                    const SceneSizeLimits& limits);
 
-/// All of it.
+/// Read header and voxels.
 Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
                   const VolumeChoice& choice = {});
 Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
@@ -33,12 +33,12 @@ Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeL
 Volume read_metaimage(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
                       const VolumeChoice& choice = {});
 
-/// Makes scalars of the other byte order those of this machine.
+/// Converts scalars to the byte order of this machine.
 void to_native_order(std::vector<std::byte>& data, ScalarType type, bool big_endian);
 
-/// The file that belongs to one of a pair: x.img for x.hdr, and so on. One that is compressed alike goes
-/// first; the other kind is taken only where it does not have a partner that it would be parted from. Empty
-/// where there is none. In capitals where `file` is.
+/// The partner of a file of a pair: x.img for x.hdr, and so on. A partner that is compressed in the same way
+/// is preferred. One that is compressed differently is taken only if it has no such partner itself. An ending
+/// in capitals is tried first if that of `file` is in capitals. The result is empty if there is no partner.
 std::filesystem::path partner_of(const std::filesystem::path& file);
 
 }  // namespace voxspring

@@ -1,4 +1,4 @@
-// The text headers of NRRD and MetaImage files: fields by name.
+// Reads the text headers of NRRD and MetaImage files as fields by name.
 #pragma once
 
 #include <charconv>
@@ -13,14 +13,14 @@
 
 namespace voxspring {
 
-/// `text` without the blanks around it.
+/// `text` without blanks at its ends.
 std::string trimmed(std::string_view text);
 std::string lower_case(std::string text);
 std::string upper_case(std::string text);
-/// What blanks part.
+/// The parts of `text` between blanks.
 std::vector<std::string> words(const std::string& text);
 
-/// The number that all of `text` is.
+/// The number that the whole of `text` spells; nullopt if it is not a number.
 template <class Number>
 std::optional<Number> parse_number(const std::string& text) {
     const std::string plain = trimmed(text);
@@ -31,11 +31,12 @@ std::optional<Number> parse_number(const std::string& text) {
     return number;
 }
 
-/// Lines of a header that together have at most 1 MiB, so that a file that is none does not fill memory.
+/// Reads the lines of a header, at most 1 MiB together, so that a file without a header does not fill the
+/// memory.
 class HeaderLines {
 public:
     HeaderLines(std::istream& stream, const std::string& file) : stream_(stream), file_(file) {}
-    /// The next line without its end; nothing at the end of the file. Throws BadInput beyond the limit.
+    /// The next line without its line end; nullopt at the end of the file. Throws BadInput beyond the limit.
     std::optional<std::string> next();
 
 private:
@@ -44,8 +45,8 @@ private:
     std::size_t read_ = 0;
 };
 
-/// Fields by name; capitals and blanks in names make no difference. Refusals are BadInput and name the file.
-/// A field may be there twice; one that is asked for must have the same value each time.
+/// The fields of a header by name. Case and blanks in names do not matter. Refusals are BadInput and name the
+/// file. A field may occur repeatedly, but when it is looked up its values must be equal.
 class TextHeader {
 public:
     explicit TextHeader(std::string file) : file_(std::move(file)) {}
@@ -55,13 +56,13 @@ public:
     const std::string* find(const std::string& name) const;
     const std::string& require(const std::string& name) const;
     [[noreturn]] void refuse(const std::string& name, std::string_view accepted) const;
-    /// A whole number of at least `min`, 0 where there is no such field.
+    /// The field as a whole number of at least `min`; 0 if there is no such field.
     std::int64_t whole_number(const std::string& name, std::int64_t min) const;
 
 private:
     std::string file_;
     std::map<std::string, std::string> fields_;
-    std::set<std::string> ambiguous_;  ///< those with two values
+    std::set<std::string> ambiguous_;  ///< fields with different values
 };
 
 }  // namespace voxspring

@@ -16,8 +16,8 @@ VolumeClaims read_nifti_alone(std::istream& stream, const std::string& file) {
 
 struct Format {
     std::string_view ending;
-    VolumeClaims (*read)(std::istream&, const std::string&) = nullptr;  ///< null: of a NIfTI pair
-    bool is_image = false;  ///< of a pair, whose header is read first
+    VolumeClaims (*read)(std::istream&, const std::string&) = nullptr;  ///< null: part of a NIfTI pair
+    bool is_image = false;  ///< whether it is the image of a pair, whose header is read first
 };
 
 const std::vector<Format>& formats() {
@@ -36,7 +36,7 @@ const std::vector<Format>& formats() {
     return all;
 }
 
-/// Null for a name that is no volume's.
+/// The format of a file with this name; null if it is no volume file.
 const Format* format_of(const std::string& name) {
     const std::string lower = lower_case(name);
     const auto found = std::find_if(formats().begin(), formats().end(),
@@ -51,7 +51,7 @@ std::ifstream opened(const std::string& file, const std::string& as) {
     return stream;
 }
 
-/// Which header belongs to an image, for people.
+/// Describes to the user which header belongs to an image.
 std::string header_of(const std::filesystem::path& image) {
     const std::string name = image.filename().string();
     const std::string plain = name.substr(0, lower_case(name).rfind(".img")) + ".hdr";
@@ -60,7 +60,7 @@ std::string header_of(const std::filesystem::path& image) {
            " if that has no other image";
 }
 
-/// The pair that the named file belongs to. Messages about the header name that.
+/// Reads the pair to which `file` belongs. Messages about the header name the header's file.
 Volume read_pair(const std::filesystem::path& file, bool is_image, const VolumeChoice& choice,
                  const SceneSizeLimits& limits) {
     const std::filesystem::path partner = partner_of(file);

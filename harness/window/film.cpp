@@ -46,7 +46,7 @@ Film::Film(const std::filesystem::path& file, glm::ivec2 size) : file_(file) {
     }
     std::array<int, 2> ends{};
     if (pipe2(ends.data(), O_CLOEXEC) != 0) throw std::runtime_error("no pipe to ffmpeg");
-    // Sides are made even, which most formats ask for.
+    // Width and height are made even, as most formats require.
     std::vector<std::string> words = {*ffmpeg,
                                       "-y",
                                       "-loglevel",
@@ -74,7 +74,7 @@ Film::Film(const std::filesystem::path& file, glm::ivec2 size) : file_(file) {
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, ends[0], STDIN_FILENO);
-    // In a process group of its own, which Ctrl-C does not reach: the film is finished.
+    // ffmpeg gets a new process group, which Ctrl-C does not reach, so that it finishes the film.
     posix_spawnattr_t attributes;
     posix_spawnattr_init(&attributes);
     posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
@@ -88,7 +88,7 @@ Film::Film(const std::filesystem::path& file, glm::ivec2 size) : file_(file) {
         close(pipe_);
         throw std::runtime_error("ffmpeg cannot be started: " + std::string(std::strerror(failed)));
     }
-    // An ffmpeg that ends early shows when its pipe is written.
+    // If ffmpeg ends early, writing to its pipe must fail rather than end this process.
     std::signal(SIGPIPE, SIG_IGN);
 }
 

@@ -1,4 +1,4 @@
-// A film of what a window shows.
+// Records what a window shows as a film.
 #pragma once
 
 #include <sys/types.h>
@@ -12,25 +12,27 @@
 
 namespace voxspring {
 
-/// As many pictures a second as a film has.
+/// Pictures per second of film.
 inline constexpr int film_rate = 30;
 
-/// Where ffmpeg is found, the file itself, in whatever format its ending asks ffmpeg for; else a folder of
-/// its name without ending, with frame_000001.png and so on.
+/// If ffmpeg is installed the result is the file itself, in the format that ffmpeg chooses by its ending.
+/// Otherwise it is a folder, named like the file without its ending, with frame_000001.png and so on.
 class Film {
 public:
-    /// Of pictures of that size. Throws BadInput where the folder takes no new file, std::runtime_error.
+    /// All pictures must have this size. Throws BadInput if the folder is not writable, and
+    /// std::runtime_error.
     Film(const std::filesystem::path& file, glm::ivec2 size);
     ~Film();
     Film(const Film&) = delete;
     Film& operator=(const Film&) = delete;
 
-    /// Whether a film that has run for `seconds` lacks a picture.
+    /// Whether the film needs a picture when it has run for `seconds`.
     bool wants(double seconds) const { return double(pictures_) <= seconds * film_rate; }
-    /// What is seen from there on until the next: it stands for all that were missed before it. Throws
-    /// std::runtime_error where it cannot be written.
+    /// Adds the picture that is visible after `seconds`. It also stands in for all pictures missed before.
+    /// Throws std::runtime_error if it cannot be written.
     void add(const Image& image, double seconds);
-    /// Finishes the file and says what has become of it: "film.mp4, 12.5 s". Throws std::runtime_error.
+    /// Finishes the file and returns a description of the result: "film.mp4, 12.5 s". Throws
+    /// std::runtime_error.
     std::string finish();
 
 private:

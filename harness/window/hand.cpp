@@ -9,9 +9,10 @@
 namespace voxspring {
 namespace {
 
-/// A stroke is cut in stretches of as many pixels at least.
+/// A stroke is cut in pieces of at least this number of pixels.
 constexpr double stretch = 4;
-/// Each begins so many before the end of the one before: the body moves between two frames.
+/// Each piece begins this number of pixels before the end of the previous one, because the body moves between
+/// frames.
 constexpr double overlap = 10;
 
 }  // namespace
@@ -56,12 +57,12 @@ std::string Hand::press(const Controls& controls, glm::ivec2 size) {
 
 std::string Hand::cut(const Controls& controls, glm::ivec2 size) {
     const glm::dvec2 to = before_.pixel;
-    // Beside the body the blade goes on as deep as it was.
+    // Outside the body the blade keeps its distance from the eye.
     const auto place = painter_.place_at(to);
     const double distance = place ? orbit_.distance_to(*place) : cut_distance_;
     if (distance <= 0 || glm::distance(*cut_from_, to) < stretch) return {};
-    // From as far before the surface as it may rise towards the eye, and without a gap to the stretch before
-    // where it has just fallen or risen.
+    // The cut begins in front of the surface, which may rise towards the eye, and spans both distances, so
+    // that no gap to the previous piece remains where the surface has just fallen or risen.
     const double before = cut_distance_ > 0 ? cut_distance_ : distance;
     const double depth = double(controls.depth);
     const double nearest = std::min(before, distance) - depth / 2,

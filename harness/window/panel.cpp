@@ -29,7 +29,7 @@ void plot(const char* name, const History& history, const char* format) {
                      float(std::max(history.largest(), 1e-12)), ImVec2(ImGui::GetContentRegionAvail().x, 36));
 }
 
-/// The colours of the body, with the values of both ends.
+/// Draws the colour bar of the body, with the values at both ends.
 void draw_colours(Colouring colouring, const std::array<double, 2>& range) {
     const auto& knots = colours_of(colouring);
     const ImVec2 from = ImGui::GetCursorScreenPos();

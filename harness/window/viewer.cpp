@@ -39,16 +39,16 @@ double seconds_since(Clock::time_point begin) {
 }
 
 constexpr double frame_seconds = 1.0 / 60;
-/// Of a frame's time, what steps may take where as many are made as fit.
+/// The share of a frame's time for steps if as many are made as fit.
 constexpr double stepping_share = 0.6;
 constexpr int most_steps_a_frame = 10'000;
-/// In how many moves the hand goes from where it was in one frame to where it is in the next.
+/// The number of moves in which the hand goes from its place in one frame to that in the next.
 constexpr int moves_a_frame = 8;
-/// From one reading of values on the body to the next, and from one kept state to the next.
+/// Intervals between two readings of values on the body, and between two kept states.
 constexpr double range_seconds = 0.5, keep_seconds = 1, keep_seconds_of_large = 20;
 constexpr std::size_t large = 1'000'000;
 
-/// As the rules choose, among backends that a hand can take hold of.
+/// Chooses a backend by the rules of `auto`, among those that support a tool.
 AutoChoice choose_for_hand(const std::string& text, const Scene& scene) {
     return choose_backend(text, scene, [&](const Backend& candidate) {
         return candidate.has_tool() && candidate.unsupported(scene.problem).empty();
@@ -85,7 +85,7 @@ public:
 
     Viewer(const Viewer&) = delete;
     Viewer& operator=(const Viewer&) = delete;
-    ~Viewer() { feed_.reset(); }  // while the window's context, the one that drew last, is current
+    ~Viewer() { feed_.reset(); }  // while the window's context, which drew last, is still current
 
     int run() {
         const CaughtInterruptions caught;
@@ -101,7 +101,7 @@ public:
     }
 
 private:
-    /// Calls `use`, in which the backend may fail: the window stays, and says why.
+    /// Calls `use`. If the backend fails in it the window stays open and shows the reason.
     template <class Use>
     void guarded(Use use) {
         try {
@@ -120,7 +120,7 @@ private:
 
     void say(std::string message, bool is_bad = false) {
         if (message.empty()) return;
-        out_ << "step " << simulation_->steps() << ": " << message << std::endl;  // now: it may be a pipe
+        out_ << "step " << simulation_->steps() << ": " << message << std::endl;  // flushed: it may be a pipe
         figures_.message = std::move(message);
         figures_.is_bad = is_bad;
     }
@@ -134,7 +134,7 @@ private:
     // --- The body ---------------------------------------------------------------------------------------
 
     void take_mesh() {
-        drop_feed();  // which fills the old one's buffer
+        drop_feed();  // the feed fills the old mesh's buffer
         painter_.set_mesh(mesh_of(simulation_->problem()));
         springs_version_ = simulation_->springs_version();
     }
@@ -145,7 +145,7 @@ private:
         uploads_ = 0;
     }
 
-    /// Has the picture's body be where the simulation is.
+    /// Updates the displacements, and after a cut the mesh, from the simulation.
     void take_displacements() {
         if (simulation_->springs_version() != springs_version_) take_mesh();
         if (simulation_->uploads() != uploads_) {
@@ -176,7 +176,7 @@ private:
         say(refused);
     }
 
-    /// Lengths and stiffnesses that suit the scene.
+    /// Sets the lengths and stiffnesses of the controls to values that suit the scene.
     void scale_controls() {
         const Problem& problem = simulation_->problem();
         const glm::dvec3 extent = painter_.mesh().high - painter_.mesh().low;
@@ -221,7 +221,8 @@ private:
 
     void follow_pointer(glm::ivec2 size) {
         Pointer pointer{.pixel = window_.pointer()};
-        // What begins on the panel stays there; what begins on the body goes on over the panel.
+        // A drag that begins on the panel belongs to the panel. One that begins on the body goes on over the
+        // panel.
         if (!ImGui::GetIO().WantCaptureMouse || was_on_body_) {
             const auto [left, right, middle] = window_.buttons();
             pointer.left = left;
@@ -242,7 +243,7 @@ private:
             say("reset");
         }
         if (requests.backend) {
-            drop_feed();  // which is the old backend's
+            drop_feed();  // the feed belongs to the old backend
             const std::string refused = simulation_->switch_to(BackendSpec::parse(*requests.backend));
             hand_.forget();
             if (refused.empty()) {
@@ -264,7 +265,8 @@ private:
         try {
             simulation_->save(path);
         } catch (const std::exception& error) {
-            // A full disk or a folder that is read-only: the body is still there, and another --save may be.
+            // The disk may be full or the folder read-only. The simulation goes on, and a later attempt may
+            // succeed.
             say(fmt::format("the state is not saved: {}", error.what()), true);
             return;
         }
@@ -275,18 +277,18 @@ private:
         if (controls_.paused) return one ? 1 : 0;
         if (!controls_.as_many_as_fit) return controls_.steps_a_frame;
         if (step_seconds_ <= 0) return 1;
-        // A picture that takes longer than a frame has, as one that the processor draws, is worth as many
-        // steps as take as long as it does.
+        // If a picture takes longer than a frame, for example because the processor draws it, steps may take
+        // as long as the picture.
         const double budget = std::max(stepping_share * frame_seconds, drawing_seconds_);
         return int(std::clamp(budget / step_seconds_, 1.0, double(most_steps_a_frame)));
     }
 
-    /// The steps of a frame, the hand going from where it was to where it is meanwhile.
+    /// Makes the steps of a frame. The hand moves from its previous to its present place meanwhile.
     void advance(bool one) {
         const int steps = steps_of_frame(one);
         if (steps == 0) return;
-        // The picture before is not to be drawn in the time of these steps: where the processor draws it
-        // would take the steps' threads from them, and where a card does, the steps would wait for it.
+        // We wait for the previous picture. If the processor draws it, it would take threads from the steps;
+        // if a card does, the steps would wait for it.
         window_.context().make_current();
         glFinish();
         const auto begin = Clock::now();
@@ -296,7 +298,7 @@ private:
         for (int move = 1; move <= moves; ++move) {
             if (simulation_->holds())
                 simulation_->drag(hand_before_ + (to - hand_before_) * (double(move) / moves));
-            // The last step is the one that is timed.
+            // The last step is left to tick(), which times it.
             const int end = move < moves ? int(std::int64_t(steps) * move / moves) : steps - 1;
             if (end > done) simulation_->step(end - done);
             done = end;
@@ -305,12 +307,12 @@ private:
         hand_before_ = simulation_->holds() ? to : glm::dvec3(0);
         const double seconds = seconds_since(begin);
         stepping_seconds_ = seconds;
-        // A mean of some frames: one that was disturbed is not to halve the next one's steps.
+        // A running mean over frames, so that one slow frame does not halve the steps of the next.
         step_seconds_ = step_seconds_ <= 0 ? seconds / steps : 0.8 * step_seconds_ + 0.2 * seconds / steps;
         figures_.steps_a_second.add(steps / std::max(seconds, frame_wall_));
     }
 
-    /// One step, from the tool's position leaving the host to the force arriving there.
+    /// Makes and times one step: from the tool's position leaving the host to the force arriving there.
     void tick() {
         simulation_->backend().synchronize();
         const auto begin = Clock::now();
@@ -345,7 +347,7 @@ private:
         ++frames_;
     }
 
-    /// A film that cannot be written ends; the body goes on.
+    /// Records a picture. If the film cannot be written it ends, and the simulation goes on.
     void record(glm::ivec2 size, double seconds) {
         try {
             film_->add(read_pixels(size), seconds);
@@ -356,7 +358,8 @@ private:
         }
     }
 
-    /// Twice a second: the colours' range, the figures of the run, and now and then a state to go on from.
+    /// Called twice per second. Updates the range of the colours and the figures of the run, and from time to
+    /// time keeps a state to go on from.
     void tell() {
         figures_.steps = simulation_->steps();
         figures_.time = double(figures_.steps) * simulation_->problem().time_step;
@@ -396,10 +399,10 @@ private:
     Controls controls_;
     Figures figures_;
     std::vector<std::string> backends_;
-    std::unique_ptr<Feed> feed_;  ///< null: by way of the host
+    std::unique_ptr<Feed> feed_;  ///< null: displacements go through the host
     std::uint64_t springs_version_ = 0, uploads_ = 0;
     std::optional<Film> film_;
-    std::string film_failure_;  ///< empty: none
+    std::string film_failure_;  ///< why the film has ended; empty: it has not
     bool failed_ = false, was_on_body_ = false;
     glm::dvec3 hand_before_{0};
     double step_seconds_ = 0, stepping_seconds_ = 0, drawing_seconds_ = 0, last_frame_ = 0,
@@ -412,7 +415,7 @@ private:
 }  // namespace
 
 int view_scene(const std::string& scene, const ViewOptions& options, std::ostream& out) {
-    // What can be refused is, before a window opens.
+    // Bad arguments are refused before a window opens.
     if (options.save) check_writable(*options.save, "--save", ".npz");
     if (asks_for_auto(options.backend)) {
         check_auto(options.backend);

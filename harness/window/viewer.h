@@ -8,8 +8,8 @@
 
 namespace voxspring {
 
-/// Returns the exit code once the window is closed. Throws BadInput, BadSpecification, Unavailable where
-/// there is no display, and DeviceError where the window's own card fails.
+/// Shows the scene and returns the exit code once the window is closed. Throws BadInput, BadSpecification,
+/// Unavailable if there is no display, and DeviceError if the card that draws the window fails.
 int view_scene(const std::string& scene, const ViewOptions& options, std::ostream& out);
 
 }  // namespace voxspring

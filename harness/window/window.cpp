@@ -1,6 +1,6 @@
 #include "harness/window/window.h"
 
-// Before GLFW's headers, which then take its EGL.
+// Included before GLFW's headers, which then use this EGL.
 #include <epoxy/egl.h>
 #include <epoxy/gl.h>
 // clang-format off: the native functions need the first header's types.
@@ -36,7 +36,7 @@ void Window::Destroy::operator()(GLFWwindow* window) const noexcept { glfwDestro
 
 Window::Window(const std::string& title, glm::ivec2 size, bool resizable) {
     glfwWindowHint(GLFW_CLIENT_API, GLFW_OPENGL_API);
-    // As the backends' contexts are made, so that they can share.
+    // Made through EGL as the backends' contexts are, so that they can share buffers.
     glfwWindowHint(GLFW_CONTEXT_CREATION_API, GLFW_EGL_CONTEXT_API);
     glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);
     glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 5);
@@ -50,23 +50,24 @@ Window::Window(const std::string& title, glm::ivec2 size, bool resizable) {
     sharing_ = std::make_unique<gl::Sharing>(*context_);
     glfwSwapInterval(1);
 
-    // ImGui misses a key that goes down and up between two frames. It calls this after its own.
+    // We collect characters ourselves: ImGui misses a key that goes down and up between two frames. ImGui's
+    // callback also calls this one.
     glfwSetWindowUserPointer(window_.get(), &typed_);
     glfwSetCharCallback(window_.get(), [](GLFWwindow* window, unsigned character) {
         static_cast<std::u32string*>(glfwGetWindowUserPointer(window))->push_back(char32_t(character));
     });
-    // The escape key is no character.
+    // The escape key produces no character, so it needs a key callback.
     glfwSetKeyCallback(window_.get(), [](GLFWwindow* window, int key, int, int action, int) {
         if (key == GLFW_KEY_ESCAPE && action == GLFW_PRESS)
             static_cast<std::u32string*>(glfwGetWindowUserPointer(window))->push_back(escape_key);
     });
     IMGUI_CHECKVERSION();
     ImGui::CreateContext();
-    ImGui::GetIO().IniFilename = nullptr;  // leaves no file behind
+    ImGui::GetIO().IniFilename = nullptr;  // ImGui writes no settings file
     ImGui::StyleColorsDark();
     glfwSetInputMode(window_.get(), GLFW_STICKY_MOUSE_BUTTONS, GLFW_TRUE);
     ImGui_ImplGlfw_InitForOpenGL(window_.get(), true);
-    // A window that opens under the pointer is not always told that it is there.
+    // A window that opens under the pointer is not always told that the pointer is inside.
     ImGui_ImplGlfw_CursorEnterCallback(window_.get(), GLFW_TRUE);
     ImGui_ImplOpenGL3_Init("#version 450");
 }

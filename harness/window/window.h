@@ -12,37 +12,37 @@ struct GLFWwindow;
 
 namespace voxspring {
 
-/// What Window::typed() has for the escape key.
+/// The character that Window::typed() holds for the escape key.
 inline constexpr char32_t escape_key = 0x1B;
 
-/// One a process, on the process's first thread.
+/// There is at most one per process, on the process's first thread.
 class Window {
 public:
-    /// `size` in the window system's units. Throws Unavailable where there is no display or no OpenGL 4.5 on
+    /// `size` is in the window system's units. Throws Unavailable if there is no display, or no OpenGL 4.5 on
     /// it.
     Window(const std::string& title, glm::ivec2 size, bool resizable);
     ~Window();
     Window(const Window&) = delete;
     Window& operator=(const Window&) = delete;
 
-    /// While it lives backends' contexts share its buffers.
+    /// The window's context. While the window lives, contexts of backends share its buffers.
     const gl::Context& context() const { return *context_; }
-    /// Of what it shows, in pixels; 0 while it is an icon.
+    /// Size of the framebuffer in pixels; 0 while the window is minimised.
     glm::ivec2 pixels() const;
-    /// Pixels of a unit in which ImGui draws.
+    /// Pixels per unit of ImGui's coordinates.
     glm::dvec2 pixels_a_unit() const;
-    /// Where the pointer is, in pixels from the upper left corner, and which of its buttons are down: left,
-    /// right and middle. One that went down and up between two frames is down in one.
+    /// The pointer's position in pixels from the upper left corner, and whether its left, right and middle
+    /// buttons are down. A button that went down and up between two frames counts as down in one frame.
     glm::dvec2 pointer() const;
     std::array<bool, 3> buttons() const;
 
     bool is_closed() const;
     void close();
-    /// What was typed since the frame before.
+    /// The characters typed since the previous frame.
     const std::u32string& typed() const { return typed_; }
-    /// Waits for input, no longer than so many seconds, and takes what has come. Begins ImGui's frame.
+    /// Waits at most `seconds` for input, handles it, and begins ImGui's frame.
     void begin_frame(double seconds);
-    /// Draws ImGui's windows over what the framebuffer shows.
+    /// Draws ImGui's windows over the contents of the framebuffer.
     void draw_panels();
     void swap();
 
