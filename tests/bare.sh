@@ -1,29 +1,29 @@
 #!/bin/bash
-# A newcomer's first hour: `./run study` and `./run test` of a clone of this tree's commit, in a minimal Debian 12 that has git and
-# neither a compiler, nor make, nor nvcc, nor a graphics card.
+# Tests a newcomer's first hour: `./run study` and `./run test` in a clone of this tree's commit, on a minimal Debian 12 that has git
+# but no compiler, make, nvcc or graphics card.
 #
-# Usage: bare.sh [brief]. `brief` leaves out the default study and the tests that the package carries, which are the longest: these
-# run in other stages of `./run test all`.
+# Usage: bare.sh [brief]. `brief` leaves out the default study and the tests that the package contains. These take longest, and run in
+# other stages of `./run test all`.
 #
-# Exit code: 0 both did what README says; 1 one of them did not; 77 it cannot be tried here, and the last line says why.
+# Exit code: 0 both did what README says; 1 one of them did not; 77 the test cannot run here, and the last line says why.
 #
-# The Debian is made by debootstrap from where this machine's apt-get takes its packages, and kept as build/bare/debian.tar; the
-# packages that `run` installs in it are kept in build/bare/archives. It lives in a temporary folder and runs in namespaces that are
-# private to it, where /dev is a file system with six devices: nothing in there can name one of this machine. Compilations
-# are taken from the cache of this machine's other stages, which is all that a newcomer does not have.
+# debootstrap makes the Debian from the package sources of this machine's apt-get. It is kept as build/bare/debian.tar, and the
+# packages that `run` installs in it are kept in build/bare/archives. It is unpacked in a temporary folder and runs in private
+# namespaces, where /dev is a file system with six devices, so that nothing inside can reach a device of this machine. Compilations
+# come from the cache of this machine's other stages. A newcomer has all of this except that cache.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 kept=$root/build/bare
 home=/root/voxspring
 
-# What is neither success nor failure.
+# Prints why the test cannot run here, and exits: neither success nor failure.
 cannot() {
     echo "$1"
     exit 77
 }
 
-# "deb URI SUITE COMPONENT" of this release of Debian, from wherever this machine takes it.
+# Prints lines "deb URI SUITE COMPONENT" for this release of Debian, with the sources that this machine uses.
 sources() {
     local codename
     # shellcheck source=/dev/null  # a file of the system
@@ -34,7 +34,7 @@ sources() {
 }
 
 # --- In the namespaces --------------------------------------------------------------------------------
-# Mounts what a Debian has in the folder $1.
+# Mounts the file systems that a Debian in the folder $1 needs.
 mount_all() {
     local system=$1 device
     mount --bind "$system" "$system"
@@ -56,13 +56,13 @@ mount_all() {
     mount --bind "$CCACHE_DIR" "$system/ccache"
 }
 
-# Runs a command and says how long it took.
+# Runs a command and prints how long it took.
 timed() {
     local TIMEFORMAT="bare: took %R s, in which the processors worked for %U s and the kernel for %S s"
     time "$@"
 }
 
-# Runs a command in the clone, with no variables but these.
+# Runs a command in the new Debian, with these environment variables only.
 newcomer() {
     local proxy keep=()
     for proxy in http_proxy https_proxy no_proxy; do
@@ -72,7 +72,7 @@ newcomer() {
         CCACHE_BASEDIR="$home" CCACHE_IGNOREOPTIONS="${CCACHE_IGNOREOPTIONS--Werror}" CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
 }
 
-# The result of a study has a row of that backend on the scene.
+# expect_row RESULT SCENE BACKEND: checks that a study's result has a row of that backend on that scene.
 expect_row() {
     grep -q "\"name\": \"$2/$3/" "$1" || { echo "bare: $1 has no row of $3 on $2"; return 1; }
 }
@@ -84,7 +84,7 @@ try_both() {
     newcomer apt-get -q update --error-on=any >"$kept/log" 2>&1 || cannot "there is no network: $(grep '^E:' "$kept/log" | head -n 1)"
     for study in "${studies[@]}"; do
         echo "bare: ./run study $study"
-        # Warnings are no errors in this build: what it compiles is not for stages where they are.
+        # This build does not treat warnings as errors, so its compilations must not enter the cache of stages that do.
         timed newcomer CCACHE_READONLY=1 "$home/run" study "$study" --out "$home/$study.json"
         for backend in cpu_reference cpu_parallel gl_fragment_implicit gl_compute_implicit vulkan_implicit; do
             expect_row "$system$home/$study.json" box@8 $backend
@@ -112,12 +112,12 @@ mkdir -p "$kept"
 export CCACHE_DIR=${CCACHE_DIR:-$root/build/ccache}
 mkdir -p "$CCACHE_DIR"
 system=$(mktemp -d "$kept/system-XXXXXX")
-# Nothing of this machine is mounted in it out here.
+# Outside of the namespaces nothing of this machine is mounted in it.
 trap 'rm -rf --one-file-system "$system"' EXIT
 if [ ! -e "$kept/debian.tar" ]; then
     echo "bare: making a minimal Debian"
     read -r _ uri suite _ <<<"$(printf '%s\n' "${listed[@]}" | awk '$3 !~ /-/' | head -n 1)"
-    # ccache is there for speed alone.
+    # ccache is installed only for speed.
     if ! unshare --mount debootstrap --variant=minbase --include=git,ca-certificates,ccache "$suite" "$system" "$uri" >"$kept/log" 2>&1; then
         cannot "debootstrap made no Debian from $uri: $(tail -n 1 "$kept/log")"
     fi

@@ -1,4 +1,4 @@
-// Finds which springs a scene file's cuts and sutures change.
+// Finds the springs that cuts and sutures of a scene file change.
 #pragma once
 
 #include <vector>
