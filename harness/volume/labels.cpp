@@ -68,8 +68,8 @@ VoxelGrid inactive_grid(const Volume& volume) {
 
 bool is_integer(ScalarType type) { return type != ScalarType::float32 && type != ScalarType::float64; }
 
-/// Converts values to labels. In a file with scaled values a label becomes the nearest number that the slope
-/// can represent, and slope and intercept have 24 bits.
+/// Converts values to labels. If a file stores its values scaled, a label becomes the nearest number that the
+/// slope can represent, and slope and intercept have 24 bits.
 class Rounding {
 public:
     explicit Rounding(const Volume& volume)
