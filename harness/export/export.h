@@ -18,7 +18,7 @@ class Pictures;
 
 /// A file format.
 struct Writer {
-    std::string_view ending;  ///< of the file's name, with its dot
+    std::string_view ending;  ///< ending of the file's name, with its dot
     std::string_view description;
     bool collected = false;  ///< whether a .pvd file lists the files of a series
     /// Returns the file's bytes. Null: the format is a picture, see Pictures.
@@ -35,7 +35,7 @@ glm::ivec2 parse_size(const std::string& text);
 /// The number of frames in a folder is at most this if no number of steps between them is given.
 inline constexpr int max_frames = 50;
 
-/// What `voxspring run` was asked to write.
+/// The export options of `voxspring run`.
 struct ExportOptions {
     std::vector<std::filesystem::path> out;
     std::optional<int> every;                     ///< steps between the files of a series
@@ -79,7 +79,7 @@ public:
     /// Writes the files that are due. Throws std::system_error, and what Pictures throws.
     void write(const Snapshot& snapshot);
 
-    /// Null without pictures.
+    /// The drawer of pictures; null if there are none.
     const Pictures* pictures() const { return pictures_.get(); }
 
 private:

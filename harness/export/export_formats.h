@@ -17,10 +17,10 @@ std::string csv(const Snapshot& snapshot);
 /// Direction are those of the file and vectors are in its coordinates. Otherwise the grid begins at 0 and its
 /// axes are the coordinates. Inactive voxels have zeros in the point data:
 ///
-///     active        uint8       1 where there is a particle
-///     label         uint8       0 where there is none, m + 1 where it is of material m
+///     active        uint8       1 if the voxel has a particle, otherwise 0
+///     label         uint8       m + 1 for a particle of material m, 0 without a particle
 ///     pinned        uint8
-///     springs       uint8       of the lattice, that the particle still has
+///     springs       uint8       number of lattice springs that the particle still has
 ///     mass          float64
 ///     displacement  float64, 3
 ///     velocity      float64, 3
@@ -39,13 +39,13 @@ std::string vtu(const Snapshot& snapshot);
 /// n particles in canonical order and m springs in the order of list_springs():
 ///
 ///     position, displacement, velocity    (n, 3) float64
-///     increment                           (n, 3) float64, x(t) - x(t - dt): what --resume goes on from
+///     increment                           (n, 3) float64, x(t) - x(t - dt), which --resume needs
 ///     mass                                (n,) float64
 ///     pinned, material                    (n,) uint8
 ///     voxel                               (n, 3) int32, x, y, z; (0, 3) without a lattice
 ///     springs                             (m, 2) uint32, the particles at its ends, the smaller first
 ///     rest_length, stiffness, tension     (m,) float64, as in vtu()
-///     lattice_springs                     () int64, how many of the springs, the first, are of the lattice
+///     lattice_springs                     () int64, the number of lattice springs, which come first
 ///     dims                                (3,) int32, voxels along x, y, z
 ///     spacing                             (3,) float64
 ///     step                                () int64

@@ -12,10 +12,10 @@ namespace voxspring {
 
 /// A CSV table: a line that names the columns, then a line after every `every` steps and after the last step.
 ///
-///     step, time                   of the scene; the force is that of the step that ends there
+///     step, time                   step and time of the scene; the force is that of the step that ends then
 ///     x, y, z                      how far the tool had moved in that step since it took hold (a length)
-///     force_x, force_y, force_z    on the tool, see Backend::tool_force() (mass times length per time
-///     squared)
+///     force_x, force_y, force_z    force on the tool, see Backend::tool_force() (mass times length per
+///                                  time squared)
 ///
 /// Numbers are the shortest texts that read back as the same bits.
 class ToolForces {

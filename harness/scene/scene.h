@@ -92,7 +92,7 @@ Scene parse_scene(const std::string& text, const std::string& file, const SceneS
 /// Makes a scene, without edits, of a problem that was built in memory. A list of `state` may be empty, which
 /// means zeros: for a body at rest both are. A time step of 0 is replaced by half of the stable one. Throws
 /// std::invalid_argument, whose message says what is wrong: a name that is empty or has a '/' or a blank, an
-/// array that does not have one element per particle (nor is empty, where it may be), or a number or index
+/// array that does not have one element per particle and is not an allowed empty one, or a number or index
 /// outside its range.
 Scene scene_of(const std::string& name, Problem problem, State state = {});
 

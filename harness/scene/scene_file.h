@@ -78,7 +78,7 @@ struct PointLoad {
 /// +-amplitude.
 struct InitialField {
     glm::dvec3 vector{0};
-    double amplitude = 0;  ///< 0: not random
+    double amplitude = 0;  ///< 0: the field is not random
     std::uint64_t seed = 0;
     std::optional<Region> region{};  ///< other particles are at rest; absent: all particles
 };
@@ -133,7 +133,7 @@ struct SceneFile {
     std::optional<ToolSpec> tool;
 };
 
-/// Throws BadInput.
+/// Reads a scene file from its JSON. Throws BadInput.
 SceneFile read_scene_file(JsonObject document);
 
 std::string to_string(SpringGroup group);

@@ -39,7 +39,7 @@ Conserved conserved(const Problem& problem, const State& state);
 /// does not conserve the continuous energy exactly; the difference shows only the effect of rounding.
 struct Drift {
     double momentum = 0;  ///< |sum p - sum p_ref| / sum |p_ref|
-    double energy = 0;    ///< (E - E_ref) / Energy::size() of the reference; its sign says gained or lost
+    double energy = 0;    ///< (E - E_ref) / Energy::size() of the reference; positive: energy was gained
 };
 /// A component is 0 if numerator and denominator vanish, and infinite if only the denominator does.
 Drift drift(const Conserved& run, const Conserved& reference);

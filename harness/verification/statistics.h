@@ -37,9 +37,9 @@ StateSummary summary_of(const Problem& problem, const State& start, const State&
 ///
 /// | statistic | difference | size |
 /// | --- | --- | --- |
-/// | centre of mass | of the two | `moved` of the reference |
-/// | kinetic, spring energy | of the two | Energy::size() of the reference |
-/// | spectrum | of the two, over all bands | of the reference, likewise |
+/// | centre of mass | distance of the two | `moved` of the reference |
+/// | kinetic, spring energy | difference of the two | Energy::size() of the reference |
+/// | spectrum | Euclidean norm of the differences of bands | that norm of the reference's bands |
 Statistics statistics(const StateSummary& run, const StateSummary& reference);
 
 }  // namespace voxspring

@@ -47,11 +47,11 @@ double forced_acceleration(const Problem& problem);
 ///
 /// | formulation | d / u | |
 /// | --- | --- | --- |
-/// | position | max abs(x) + 16 l | the state's own rounding; forces, a few u of lengths under 4 l in sum |
+/// | position | max abs(x) + 16 l | rounding of the state; forces, a few u of lengths under 4 l in sum |
 /// | paper | 3 max abs(x) + 16 l | two products of x and their difference are rounded as well |
 /// | displacement | U + 16 l | the state is as small as U; forces are still differences of lengths |
-/// | increment | U + 16 w | forces are off by a few u of w, by how much a spring's ends move apart |
-/// | compensated | 16 w | the state's own rounding is gone |
+/// | increment | U + 16 w | forces are off by a few u of w, by which a spring's ends move apart |
+/// | compensated | 16 w | the state itself has no rounding error |
 ///
 /// The stability limit keeps the forces of a step below 4 times the change of a spring's length. w = min(2 U
 /// + s, 2 l), where s is the largest strain at rest (a length): the cancellation-free force between ends that

@@ -54,7 +54,7 @@ Header read_header(std::istream& stream, const std::string& file) {
     return header;
 }
 
-/// `otherwise` where there is no such field.
+/// The value of the field, or `otherwise` if there is no such field.
 bool flag(const TextHeader& header, const std::string& name, bool otherwise = false) {
     const std::string* text = header.find(name);
     if (text == nullptr) return otherwise;
@@ -119,7 +119,7 @@ void check_kind(const TextHeader& header) {
     if (!flag(header, "BinaryData", true)) header.refuse("BinaryData", "True: voxels as bytes, not as text");
 }
 
-/// `otherwise` where there is no such field.
+/// The value of the field, or `otherwise` if there is no such field.
 double number(const TextHeader& header, const std::string& name, double otherwise) {
     const std::string* text = header.find(name);
     if (text == nullptr) return otherwise;
