@@ -1,5 +1,5 @@
-// What strategies share whose state lies in structure of arrays (backends/layout/march_layout.h): its
-// buffers, how it goes in and out, and which problems their springs by class serve.
+// What the strategies share that keep their state in structure of arrays (backends/layout/march_layout.h):
+// the buffers, how the state goes in and out, and which problems springs by class can step.
 #pragma once
 
 #include <array>
@@ -22,7 +22,7 @@
 
 namespace voxspring::cuda {
 
-/// The device, as far as plans depend on it.
+/// What plans need to know of the device.
 inline MarchDevice march_device(const Device& device) {
     return {.multiprocessors = device.multiprocessors(),
             .threads = device.threads_per_multiprocessor(),
@@ -116,7 +116,8 @@ protected:
         const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
         positions_[0].upload(packed.current, stream());
         if (by_increments(formulation_)) {
-            // A step writes every particle's u here before any reads it; what is none is zero.
+            // A step writes every particle's u here before any step reads it; elements without a particle
+            // stay zero.
             positions_[1].resize(packed.current.size());
             positions_[1].fill_with_zeros(stream());
             increment_.upload(packed.before, stream());
@@ -125,7 +126,7 @@ protected:
             increment_.resize(0);
         }
     }
-    /// The kernel's constants for `problem`, with the device's own inverse roots.
+    /// The kernel's constants for `problem`, with inverse roots that the device itself computed.
     MarchStep<Real> measured_step(const Problem& problem) const {
         MarchStep<Real> step = make_march_step<Real>(problem, formulation_);
         if (!by_increments(formulation_)) measure_inverse_roots<Real>(step.rest_length, stream());

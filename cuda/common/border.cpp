@@ -10,7 +10,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// By way of the host's memory, which the kernels read and write themselves.
+/// Border messages through the host's memory, which the kernels read and write themselves.
 template <class Real>
 class HostBorder final : public Border {
 public:
@@ -28,7 +28,7 @@ public:
     }
     void write(const std::byte* from) override {
         if (bytes() == 0) return;
-        taken_.wait();  // the message before, which may still be read
+        taken_.wait();  // the message before, which the device may still be reading
         std::memcpy(message_.data(), from, bytes());
         scatter_places(places(), message_.data(), state_.stream);
         taken_.record(state_.stream);

@@ -1,5 +1,5 @@
-// The places of some particles in the state of a backend with a kernel a step, for the part of a body beside
-// it.
+// The places of a border's particles in the state of a backend that launches one kernel per step. The border
+// is shared with the part of the body beside this one.
 #pragma once
 
 #include <cstdint>
@@ -15,15 +15,15 @@
 
 namespace voxspring::cuda {
 
-/// A state whose particles have borders.
+/// A state of which some particles lie at borders.
 template <class Real>
 struct BorderState {
-    const Stream& stream;                     ///< in which it is stepped
-    std::function<BorderPlaces<Real>()> now;  ///< as the steps so far leave it; `element` and `count` unset
+    const Stream& stream;                     ///< the stream in which it is stepped
+    std::function<BorderPlaces<Real>()> now;  ///< after the steps so far; `element` and `count` are unset
     std::function<void()> written;            ///< called once places have been written between steps
-    BordersFirst* first = nullptr;            ///< where borders are stepped first; null: `stream` alone
+    BordersFirst* first = nullptr;            ///< set if borders are stepped first; null: `stream` does all
 
-    /// Where they are sent and received.
+    /// The stream in which borders are sent and received.
     const Stream& lane() const { return first == nullptr ? stream : first->stream(); }
     void begin_send() const {
         if (first != nullptr) first->begin_send();
@@ -41,15 +41,15 @@ struct BorderState {
     }
 };
 
-// Each of these enqueues one kernel; none where there are no particles. A message may be in device memory,
-// also of a peer, or in pinned memory of the host.
+// Each of these functions enqueues one kernel, or none if there are no particles. A message may be in device
+// memory, a peer's included, or in pinned memory of the host.
 
 template <class Real>
 void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream);
 template <class Real>
 void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream);
 
-/// `elements`: of the border's particles. The stream must outlive it.
+/// `elements`: those of the border's particles. The stream must outlive it.
 template <class Real>
 std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>& elements, BorderState<Real> state);
 

@@ -1,5 +1,5 @@
-// Steps of a part of a body whose borders go first: stepped, sent and received in a stream of their own,
-// while all else is stepped in the backend's.
+// Steps of a part of a body whose borders go first: they are stepped, sent and received in a second stream,
+// while the backend's stream steps all else.
 #pragma once
 
 #include <utility>
@@ -9,26 +9,26 @@
 
 namespace voxspring::cuda {
 
-/// The order of both streams, in which an arrow is an event that is waited for:
+/// The order of work in both streams. An arrow is an event that is waited for:
 ///
 ///     backend's   begun   interior of step n .................   | begun   interior of n + 1 ...
 ///                   v                            ^ stepped   ^ arrived
 ///     stream()      border of step n   send   receive          |  border of n + 1 ...
 ///
-/// So whatever is enqueued in the backend's stream between two steps sees the whole of the state, and none of
-/// it has to know of the other stream. A border is sent before that stream comes to the interior's end,
-/// unless stay_behind() was called.
+/// So whatever is enqueued in the backend's stream between two steps sees the whole state and need not know
+/// of the second stream. A border is sent before the interior of its step ends, unless stay_behind() was
+/// called.
 class BordersFirst {
 public:
-    /// `whole`: the backend's stream, which must outlive this. A border's work goes before the interior's
-    /// wherever the device could do either.
+    /// `whole`: the backend's stream, which must outlive this. The device prefers the border's work to the
+    /// interior's wherever it could begin either.
     explicit BordersFirst(const Stream& whole) : whole_(whole) {}
 
-    /// Where borders are sent and received.
+    /// The stream in which borders are stepped, sent and received.
     const Stream& stream() const { return own_; }
 
-    /// Enqueues a step: enqueue_border(stream) and enqueue_interior(stream), none of which reads what the
-    /// other one writes.
+    /// Enqueues a step with enqueue_border(stream) and enqueue_interior(stream). Neither may read what the
+    /// other writes.
     template <class EnqueueBorder, class EnqueueInterior>
     void step(EnqueueBorder enqueue_border, EnqueueInterior enqueue_interior) {
         catch_up();
@@ -38,15 +38,16 @@ public:
         stepped_.hold(whole_);
         is_ahead_ = true;
     }
-    /// What the backend's stream has been given since the latest step is to be done before a border is sent
-    /// or received: something else than a step, or a step that was not this one's.
+    /// The next send or receive waits for everything that the backend's stream has been given. To be called
+    /// when that was something else than a step of this object.
     void stay_behind() { is_ahead_ = false; }
 
     /// Called before a send is enqueued in stream().
     void begin_send() {
         if (!std::exchange(is_ahead_, false)) catch_up();
     }
-    /// Called once what follows it is enqueued there: ghosts are where the parts beside this one sent them.
+    /// Called once the receive is enqueued there: what follows in the backend's stream finds the ghosts as
+    /// the parts beside this one sent them.
     void end_receive() {
         arrived_.record(own_);
         arrived_.hold(whole_);
@@ -60,10 +61,10 @@ private:
 
     const Stream& whole_;
     const Stream own_ = Stream::with_priority();
-    Event begun_ = Event::without_time();    ///< in the backend's: all before has been done
-    Event stepped_ = Event::without_time();  ///< in the own one: the border of the latest step has been
-    Event arrived_ = Event::without_time();  ///< in the own one: so have its ghosts
-    bool is_ahead_ = false;                  ///< the latest that was enqueued is a step
+    Event begun_ = Event::without_time();    ///< in the backend's stream: all before has been done
+    Event stepped_ = Event::without_time();  ///< in the second stream: the border of the latest step is done
+    Event arrived_ = Event::without_time();  ///< in the second stream: its ghosts have arrived
+    bool is_ahead_ = false;                  ///< the latest work that was enqueued is a step
 };
 
 }  // namespace voxspring::cuda

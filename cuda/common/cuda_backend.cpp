@@ -41,7 +41,7 @@ Capabilities CudaBackend::capabilities() const {
 std::string CudaBackend::unsupported(const Problem& problem) const {
     if (std::string why = Backend::unsupported(problem); !why.empty()) return why;
     if (std::string why = refused(problem); !why.empty()) return why;
-    // What the last upload took is given back, or taken over, by the next.
+    // The next upload frees what the last one allocated, or uses it again.
     std::uint64_t available = device_.free_bytes() + bytes_held();
     for (const Buffer<std::byte>& copy : start_) available += copy.bytes();
     if (max_bytes_needed(problem) <= available) return {};
@@ -65,7 +65,7 @@ void CudaBackend::check_waits() const {
 }
 
 void CudaBackend::forget_graphs() {
-    stream_.synchronize();  // what was captured may still run
+    stream_.synchronize();  // a captured graph may still run
     graphs_ = {};
 }
 
@@ -73,7 +73,7 @@ void CudaBackend::begin_upload() {
     try {
         synchronize();
     } catch (const DeviceError&) {
-        // A launch that waited in vain has lost its state and nothing else.
+        // A launch that waited in vain has lost its state; everything else is intact.
         stream_.synchronize();
     }
     start_.clear();
@@ -105,7 +105,7 @@ bool CudaBackend::keep_start() {
     std::uint64_t needed = 0;
     for (const StateArray& array : arrays) needed += array.bytes;
     start_.clear();
-    // Half of what is free is left to those who allocate later.
+    // Half of the free memory is left to later allocations.
     if (needed > device_.free_bytes() / 2) return false;
     for (const StateArray& array : arrays) {
         start_.emplace_back().resize(array.bytes);
@@ -134,8 +134,8 @@ void CudaBackend::stand_at_start() {
 }
 
 void CudaBackend::step(int count) {
-    // A check after every graph of the longest kind costs less than 1% of the graph, even where a step takes
-    // no longer than its launch. A caller that asks for more checks pays for them.
+    // With a check after every graph of the greatest length, checks cost less than 1% of a graph, even where
+    // a step takes no longer than its launch. A caller that asks for more checks pays for them.
     const bool often = monitor_.every > 0 && monitor_.every < 32;
     while (count > 0) {
         const int steps = often ? std::min(count, monitor_.every - int(steps_ - last_check_)) : count;
@@ -169,7 +169,8 @@ void CudaBackend::enqueue_steps(int count) {
     }
 }
 
-// No graph: what it holds another stream sees the end of, and a border is to be sent before that.
+// Split steps are not captured in a graph: another stream could go on only at the end of the graph, but a
+// border is to be sent before that.
 void CudaBackend::enqueue_split_steps(int count) {
     for (; count > 0; --count) {
         enqueue_tool(current_);
@@ -188,7 +189,7 @@ void CudaBackend::stepped(int count) {
 
 void CudaBackend::check_divergence() {
     let_end();
-    // It reads ghosts as well, which are not to arrive meanwhile.
+    // The check reads ghosts as well, so none may arrive meanwhile.
     if (borders_first_) borders_first_->stay_behind();
     enqueue_divergence_check({steps_, last_check_, monitor_.largest_increment}, first_divergence_.data());
     last_check_ = steps_;

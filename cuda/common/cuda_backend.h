@@ -1,4 +1,4 @@
-// What every CUDA backend shares, whatever its kernels are: the device, its clock, and the replay of steps.
+// What all CUDA backends share, whatever their kernels are: the device, its clock, and the replay of steps.
 #pragma once
 
 #include <array>
@@ -33,7 +33,7 @@ StateArray state_array(const Buffer<T>& buffer) {
     return {buffer.data(), buffer.bytes()};
 }
 
-/// A backend whose two position buffers take turns: a step reads one and overwrites x(t - dt) in the other.
+/// A backend whose two position buffers swap roles: a step reads one and overwrites x(t - dt) in the other.
 class CudaBackend : public Backend {
 public:
     Capabilities capabilities() const override;
@@ -50,27 +50,28 @@ public:
 protected:
     const Device& device() const { return device_; }
     const Stream& stream() const { return stream_; }
-    /// What is stepped: the problem of the latest upload or edit, as set_problem() was told.
+    /// The problem that is stepped, of the latest upload or edit: what set_problem() was told.
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
-    /// Whether border() gives one: of strategies whose places between two steps are in memory.
+    /// Whether border() returns a border. True for strategies whose places are in memory between two steps.
     virtual bool gives_borders() const { return false; }
-    /// Whether a step can be launched in two parts: those that override the functions that do so.
+    /// Whether a step can be launched in two parts. A strategy that says so overrides the functions for
+    /// parts.
     virtual bool splits_steps() const { return false; }
-    /// To be called by device_borders(): from here on until the next upload() borders are stepped first, if
-    /// `way` asks for that, by what this points to; null if not. Throws Unavailable where all that a launch
-    /// takes together is the borders'.
+    /// To be called by device_borders(). If `way` asks for borders that are stepped first, they are from here
+    /// on until the next upload(), by the returned object; otherwise the result is null. Throws Unavailable
+    /// if a joint launch leaves nothing to the interior.
     BordersFirst* put_first(const std::vector<SharedParticles>& borders, const std::string& way);
-    /// Whether they are.
+    /// Whether borders are stepped first.
     bool is_split() const { return is_split_; }
 
     /// Lets a kernel end that waits for further steps. Called before anything but steps and moves of the tool
     /// is enqueued.
     virtual void let_end() {}
-    /// Waits for the stream alone, and checks the waits of what ran in it.
+    /// Waits for the stream alone, and checks whether a launch in it has waited in vain.
     void wait_for_stream();
-    /// Throws DeviceError, with what a launch has said that waited in vain.
+    /// Throws DeviceError with the note of a launch that waited in vain.
     void check_waits() const;
 
     /// To be called first in upload(): waits for the device, frees the copy of the last start and loads the
@@ -84,21 +85,21 @@ protected:
         return Kernel::get(source, device_, compile_time_);
     }
 
-    /// Since upload() or rewind().
+    /// Steps since upload() or rewind().
     std::int64_t steps() const { return steps_; }
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
-    /// Stands at step 0 with x(t) in buffer 0.
+    /// Returns to step 0, with x(t) in buffer 0.
     void stand_at_start();
-    /// To be called when what enqueue_step() enqueues has changed.
+    /// To be called when enqueue_step() would enqueue something else than before.
     void forget_graphs();
 
-    /// To be called when that many more steps have been enqueued: checks for divergence if it is time to.
+    /// To be called when `count` more steps have been enqueued: checks for divergence if a check is due.
     void stepped(int count);
     /// Whether a divergence monitor is set.
     bool monitored() const { return monitor_.every > 0; }
-    /// Enqueues `count` steps, and checks between them: graphs of single ones unless overridden.
+    /// Enqueues `count` steps and the checks between them. By default it replays graphs of single steps.
     virtual void enqueue_steps(int count);
 
 private:
@@ -106,33 +107,33 @@ private:
 
     /// Empty, or why the strategy cannot run `problem`, memory aside.
     virtual std::string refused(const Problem& problem) const = 0;
-    /// Device memory that upload(problem) would take, and that the last one took.
+    /// Device memory that upload(problem) would take, and that the last upload took.
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// No less than bytes_needed(), where that is quicker to say.
+    /// An upper bound of bytes_needed(), for strategies that can compute one faster.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
-    /// The arrays that a step leaves for the next one. What else a start needs, rewound() restores.
+    /// The arrays that a step leaves for the next one. rewound() restores what else a start needs.
     virtual std::vector<StateArray> state_arrays() const = 0;
-    /// The state arrays are those of step 0 again.
+    /// Called when the state arrays are those of step 0 again.
     virtual void rewound() {}
     /// Enqueues what the tool does before a step that reads buffer `reading`, if there is one.
     virtual void enqueue_tool(int) {}
-    /// The tool, if there is one, is where it took hold.
+    /// Puts the tool, if there is one, back to where it took hold.
     virtual void rest_tool() {}
     /// Enqueues one step that reads buffer `reading`. Not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
-    /// Has steps be made in two parts, one of which has the particles `border`. Returns whether anything is
-    /// left to the other one.
+    /// Splits steps into two parts, one of which has the particles `border`. Returns whether the other part
+    /// has anything to do.
     virtual bool split_steps(const std::vector<std::uint32_t>& /*border*/) { return false; }
-    /// Enqueues such a part of a step that reads buffer `reading`.
+    /// Enqueues one such part of a step that reads buffer `reading`.
     virtual void enqueue_part(int /*reading*/, StepPart, const Stream&) {}
-    /// Whether the next step can be made so now.
+    /// Whether the next step can be made in two parts.
     virtual bool splits_next_step() const { return true; }
     void enqueue_split_steps(int count);
-    /// Which of two kinds of step the next one is, 0 or 1. Each kind has graphs of its own.
+    /// Which of two kinds of step the next one is, 0 or 1. Graphs are kept for each kind.
     virtual int kind_of_step() const { return 0; }
 
-    /// Empty, or what a launch has said that waited in vain: the state is worthless until the next upload.
+    /// Empty, or the note of a launch that waited in vain: the state is worthless until the next upload.
     virtual std::string failure_note() const { return {}; }
 
     /// Enqueues a check of x(t).
@@ -142,7 +143,7 @@ private:
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }
 
-    Device device_;  // first: its absence is found before anything is created on it
+    Device device_;  // first: a missing device is found before anything is created on it
     Stream stream_;
     Event begin_, end_;
     const Problem* problem_ = nullptr;
@@ -150,15 +151,16 @@ private:
     int current_ = 0;
     DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;                    ///< since upload()
-    std::int64_t last_check_ = 0;               ///< after how many of them
+    std::int64_t last_check_ = 0;               ///< the step of the last check
     Buffer<FirstDivergence> first_divergence_;  ///< one element
     std::vector<Buffer<std::byte>> start_;      ///< copies of the state arrays, for rewind()
     /// The longest graph has 2^8 steps, beside which its launch costs nothing.
     static constexpr int graph_lengths = 9;
-    /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. Captured when first launched: a
-    /// batch of steps that was run once since upload() captures nothing when it is timed.
+    /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. A graph is captured when it is
+    /// first launched, so a batch of steps that was run once since upload() captures nothing when it is
+    /// timed.
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
-    std::optional<BordersFirst> borders_first_;  ///< once it was asked for
+    std::optional<BordersFirst> borders_first_;  ///< set once a caller has asked for it
     bool is_split_ = false;
 };
 

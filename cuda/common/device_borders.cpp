@@ -28,7 +28,7 @@ public:
         sent_.upload(elements.sent, state.lane());
         received_.upload(elements.received, state.lane());
     }
-    /// On the other side.
+    /// The number of the part on the other side.
     int part() const { return part_; }
     /// Numbers in the messages.
     std::size_t to_send() const { return state_.places(sent_).numbers(); }
@@ -46,7 +46,7 @@ private:
     Buffer<std::uint32_t> sent_, received_;
 };
 
-/// The borders of this backend's that another part has.
+/// The borders of the other part, which must be of the same kind as this part's.
 template <class Borders>
 Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     auto* const borders = dynamic_cast<Borders*>(other.get());
@@ -54,7 +54,7 @@ Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     return *borders;
 }
 
-/// Of all messages together.
+/// Bytes of all messages together.
 template <class Real, class Links>
 std::size_t bytes_sent(const Links& links) {
     std::size_t bytes = 0;
@@ -76,7 +76,7 @@ std::string without_peer_access(int own, int other) {
     return "device " + std::to_string(own) + " has no peer access to device " + std::to_string(other);
 }
 
-/// A line on standard error, however many uploads connect the same devices.
+/// Writes a line to standard error once, however many uploads connect the same devices.
 void say_once(const std::string& line) {
     static std::mutex mutex;
     static std::set<std::string> said;
@@ -87,13 +87,13 @@ void say_once(const std::string& line) {
 /// Messages that a device writes into the memory of the next one: by copies, or by the kernel that gathers
 /// them.
 ///
-/// Every part sends over every border in every turn. When it sends message n + 2 its stream has waited for
-/// the other side's message n + 1, which that side sent after it had taken message n. So two places for
-/// messages are enough, and no event goes back.
+/// Every part sends over every border in every turn. Before it sends message n + 2, its stream has waited for
+/// the other side's message n + 1, which that side sent after it had taken message n. So two buffers for
+/// messages are enough, and no event has to go back.
 template <class Real>
 class PeerBorders final : public DeviceBorders {
 public:
-    /// `stores`: by the kernel that gathers.
+    /// `stores`: the kernel that gathers writes the messages; otherwise copies do.
     PeerBorders(const std::vector<SharedElements>& borders, bool stores, const Device& device,
                 const BorderState<Real>& state)
         : stores_(stores), device_(device.number()), state_(state), stream_(state.lane()) {
@@ -139,21 +139,22 @@ public:
     }
 
 private:
-    /// What both sides of a border use, which the last of them gives back.
+    /// The two buffers for messages that arrive at one side of a border, and their events. Both sides share
+    /// it; it is freed with the last of them.
     struct Shore {
         std::array<Buffer<Real>, 2> arrived;
-        std::array<Event, 2> sent{Event::without_time(), Event::without_time()};  ///< what goes from here
+        std::array<Event, 2> sent{Event::without_time(), Event::without_time()};  ///< by this side
     };
     struct Link {
         Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
         Side<Real> side;
-        Buffer<Real> leaving;  ///< of copies
+        Buffer<Real> leaving;  ///< what is copied; unused with stores
         std::shared_ptr<Shore> own, theirs = nullptr;
         int their_device = 0;
     };
 
-    /// A kernel stores into the other device's memory by peer access alone. A copy takes it where it is
-    /// there, and the driver takes a copy through the host's memory where it is not.
+    /// A kernel can store into the other device's memory through peer access alone. A copy uses peer access
+    /// if there is any; otherwise the driver copies through the host's memory.
     void connect_to(int device) const {
         if (stores_) return require_peer_access(device_, device);
         if (enable_peer_access(device_, device)) return;
@@ -171,7 +172,7 @@ private:
     const BorderState<Real> state_;
     const Stream& stream_;
     std::vector<Link> links_;
-    std::size_t sent_ = 0, received_ = 0;  ///< turns
+    std::size_t sent_ = 0, received_ = 0;  ///< counts of messages
 };
 
 /// Messages that NCCL carries.
@@ -209,7 +210,7 @@ public:
         const std::shared_future<NcclId> id = first.known_id_;
         ranks_ = std::make_unique<NcclRanks>(Nccl::load(), int(parts.size()), id.get(), int(part));
     }
-    /// NCCL takes seconds to start.
+    /// Keeps the communicator of the borders before, since NCCL takes seconds to start.
     void take_over(DeviceBorders& before) override {
         ranks_ = std::move(dynamic_cast<NcclBorders&>(before).ranks_);
     }
@@ -220,7 +221,7 @@ public:
         for (Link& link : links_) link.side.gather(link.leaving.data());
     }
 
-    /// All at once: of two ranks each may wait for the other.
+    /// Sends and receives in one group: of two ranks each may wait for the other.
     void receive() override {
         ranks_->together([&] {
             for (const Link& link : links_) {
@@ -243,7 +244,7 @@ private:
     const BorderState<Real> state_;
     const Stream& stream_;
     std::vector<Link> links_;
-    std::promise<NcclId> id_;  ///< of the first part, which the others take
+    std::promise<NcclId> id_;  ///< set by the first part; the others copy it
     std::shared_future<NcclId> known_id_ = id_.get_future().share();
     std::unique_ptr<NcclRanks> ranks_;
 };
@@ -259,7 +260,7 @@ bool enable_peer_access(int own, int other) {
     if (possible == 0) return false;
     const cudaError_t status = cudaDeviceEnablePeerAccess(other, 0);
     if (status == cudaErrorPeerAccessAlreadyEnabled) {
-        cudaGetLastError();  // as it should be
+        cudaGetLastError();  // clears the error: access was enabled before, which is fine
     } else {
         check(status);
     }

@@ -12,25 +12,25 @@
 
 namespace voxspring::cuda {
 
-/// "peer", "stores" and "nccl", and with `_overlap` behind them those in which borders are stepped and sent
-/// first: Capabilities::border_ways of backends whose steps can be split so, or not.
+/// The ways "peer", "stores" and "nccl". If `splits_steps`, also each of them with the suffix `_overlap`, in
+/// which borders are stepped and sent first. For Capabilities::border_ways.
 std::vector<std::string> border_ways(bool splits_steps);
-/// Whether borders are stepped first.
+/// Whether borders are stepped first in this way.
 bool overlaps(const std::string& way);
 
-/// Has the current device, `own`, read and write the memory of `other`, if the hardware connects them so.
-/// Whether it does.
+/// Lets the current device, `own`, read and write the memory of `other`. Returns false if the hardware does
+/// not connect the two in this way.
 bool enable_peer_access(int own, int other);
-/// The same for what cannot do without: throws Unavailable where the hardware does not.
+/// Calls enable_peer_access() and throws Unavailable where that returns false.
 void require_peer_access(int own, int other);
 
-/// The elements that particles of a border are.
+/// SharedParticles with elements of the state in place of particles.
 struct SharedElements {
-    int part;  ///< SharedParticles
+    int part;  ///< as in SharedParticles
     std::vector<std::uint32_t> sent, received;
 };
 
-/// Backend::device_borders() of a state that is stepped on `device`; `state.first` where `way` overlaps.
+/// Backend::device_borders() for a state that is stepped on `device`. Uses `state.first` if `way` overlaps.
 template <class Real>
 std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
                                                    const std::string& way, const Device& device,

@@ -11,7 +11,7 @@ template <class Real, class Particles>
 void enqueue(const Kernel& kernel, const Particles& particles, std::size_t count,
              const DivergenceCheck& parameters, FirstDivergence* first, const Stream& stream) {
     if (count == 0) return;
-    // Few enough blocks that one atomic of each costs nothing.
+    // So few blocks that one atomic operation of each costs nothing.
     constexpr std::size_t block = 256, max_blocks = 1024;
     const auto blocks = unsigned(std::min(max_blocks, (count + block - 1) / block));
     const auto max_squared = Real(parameters.largest_increment * parameters.largest_increment);

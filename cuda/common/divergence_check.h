@@ -10,19 +10,20 @@
 namespace voxspring::cuda {
 
 struct DivergenceCheck {
-    std::int64_t step;         ///< after which it checks
+    std::int64_t step;         ///< the step after which it checks
     std::int64_t last_check;   ///< the step of the check before
     double largest_increment;  ///< |x(t) - x(t - dt)|
 };
 
-/// Enqueues a check. An increment is the difference from `before` to `words` or, where that is null, three
-/// numbers of `increment`, `pitch` elements apart. A word without bits is no particle. `first` starts with
-/// the largest numbers there are.
+/// Enqueues a check. An increment is the difference from `before` to `words`. If `before` is null, it is
+/// three numbers of `increment`, `pitch` elements apart. A word without bits is no particle. The caller fills
+/// `first` with the largest numbers there are.
 template <class Real>
 void launch_divergence_check(const ParticleRecord<Real>* words, const ParticleRecord<Real>* before,
                              const Real* increment, std::size_t pitch, std::size_t count,
                              const DivergenceCheck& parameters, FirstDivergence* first, const Stream& stream);
-/// The same of positions in axes `pitch` apart, where what is no particle neither moves nor is infinite.
+/// launch_divergence_check() for positions in axes `pitch` apart. Elements without a particle neither move
+/// nor are infinite.
 template <class Real>
 void launch_divergence_check_on_axes(const Real* now, const Real* before, const Real* increment,
                                      std::size_t pitch, std::size_t count, const DivergenceCheck& parameters,

@@ -15,18 +15,19 @@
 
 namespace voxspring::cuda {
 
-/// Writes up to so many bytes to `to`, which is aligned to 16 and has room for a multiple of that. They
-/// travel with the launch of a kernel, so that `from` may change at once, and steps before and after need not
-/// wait for the engine that copies: that takes longer than many an edit. Enqueues one kernel.
+/// Writes `from`, which is short, to `to`, which is aligned to 16 bytes and has room for a multiple of that.
+/// The bytes travel as an argument of a kernel launch: `from` may change at once, and the steps before and
+/// after need not wait for the copy engine, which would take longer than many an edit does. Enqueues one
+/// kernel.
 void send_as_argument(std::byte* to, std::span<const std::byte> from, const Stream& stream);
 
 /// Memory for values on their way to a kernel; grows by doubling, so that edits seldom allocate.
 template <class T>
 class Staging {
 public:
-    /// The values on the device, until the next call in the same `stream`. `values` may change at once. Where
-    /// they are too many for an argument, the call waits until the device has fetched what was sent some
-    /// calls before, so that the host may be that many edits ahead of it.
+    /// The values on the device, valid until the next call in the same `stream`. `values` may change at once.
+    /// If they are too many for an argument, the call waits until the device has fetched the values of a call
+    /// some calls back, so the host may be that many edits ahead.
     const T* send(std::span<const T> values, const Stream& stream) {
         if (values.empty()) return buffer_.data();
         constexpr std::size_t word = 16;
@@ -39,7 +40,7 @@ public:
         }
         return buffer_.data();
     }
-    /// Where send() puts them; stays as long as no call brings more than any before.
+    /// Where send() puts the values. It stays the same as long as no call sends more than all calls before.
     const T* data() const { return buffer_.data(); }
     std::size_t bytes() const { return buffer_.bytes(); }
 
@@ -68,11 +69,11 @@ private:
     }
 
     Buffer<T> buffer_;
-    std::array<Slot, 8> slots_;  ///< in turns
+    std::array<Slot, 8> slots_;  ///< used in turns
     std::size_t next_ = 0;
 };
 
-/// Lists of some particles on their way to a kernel, in one copy.
+/// Sends the lists of some particles to a kernel in one copy.
 template <class Real>
 class StagedRows {
 public:
@@ -110,17 +111,17 @@ private:
     Staging<std::byte> staging_;
 };
 
-// Each of these enqueues one kernel.
+// Each of these functions enqueues one kernel.
 
 template <class Real>
 void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count,
                 const Stream& stream);
-/// The same of words that are bits alone.
+/// write_bits() for words that hold nothing but bits.
 void write_words(std::uint32_t* words, const EditedWord* edited, std::size_t count, const Stream& stream);
-/// The first `slots` of `edited` into `slot`, the others as write_bits() does.
+/// Writes the first `slots` of `edited` into `slot`, and the others as write_bits() does.
 void write_slots_and_bits(std::uint16_t* slot, std::size_t slots, ParticleRecord<float>* words,
                           const EditedWord* edited, std::size_t count, const Stream& stream);
-/// `count` rows and, unless `words` is null, the bits of their particles.
+/// Writes `count` rows and, unless `words` is null, the bits of their particles.
 template <class Real>
 void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape,
                 ParticleRecord<Real>* words, std::uint32_t* neighbour, SpringConstants<Real>* constants,

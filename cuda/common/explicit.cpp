@@ -116,7 +116,7 @@ private:
         return {launch, std::move(lists.bits)};
     }
 
-    /// Longer lists, or lists of the other kind, for the particles where they are.
+    /// Lays out longer lists, or lists of the other kind, for the particles where they are.
     void lay_out_anew(const Problem& edited) {
         this->synchronize();
         auto [launch, bits] = lay_out(edited);

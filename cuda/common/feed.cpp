@@ -1,6 +1,6 @@
 #include "cuda/common/feed.h"
 
-// The system's own, which cuda_gl_interop.h names types of.
+// The system's header, whose types cuda_gl_interop.h names.
 #include <GL/gl.h>
 #include <cuda_gl_interop.h>
 
@@ -18,7 +18,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// Has the device put what `feeding` says into `displacements`, which it reaches.
+/// Enqueues the kernel that writes what `feeding` names to `displacements`, which the device can reach.
 template <class Real>
 void enqueue_feed(Feeding<Real> feeding, const Buffer<FedWord<Real>>& fed, void* displacements,
                   const Stream& stream) {
@@ -27,14 +27,15 @@ void enqueue_feed(Feeding<Real> feeding, const Buffer<FedWord<Real>>& fed, void*
     launch_for_each(*support_kernels<Real>().feed, feeding.count, stream, feeding, displacements);
 }
 
-/// Before what a feed holds is freed, which waits for whatever the device runs: a launch that waits for ticks
-/// ends where `feeding` is asked, else only when its patience does.
+/// To be called before the buffers of a feed are freed, since freeing waits for whatever the device runs.
+/// Asking `feeding` ends a launch that waits for ticks; otherwise such a launch would end only when its
+/// patience does.
 template <class Real>
 void end_launch(const std::function<Feeding<Real>()>& feeding) noexcept {
     try {
         static_cast<void>(feeding());
     } catch (const DeviceError&) {
-        // It has ended, and whoever steps next hears why.
+        // The launch has ended. The next call that steps reports why.
     }
 }
 
@@ -73,8 +74,8 @@ private:
     Buffer<FedWord<Real>> fed_;
 };
 
-/// The kernel writes to the host's memory itself: a copy of so few bytes would be one more command that waits
-/// for its turn.
+/// A feed whose kernel writes to the host's memory itself. A copy of so few bytes would be one more command
+/// that waits for its turn.
 template <class Real>
 class PinnedFeed final : public HostFeed {
 public:
@@ -112,7 +113,7 @@ std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint
     const cudaError_t refused =
         cudaGraphicsGLRegisterBuffer(&resource, buffer, cudaGraphicsRegisterFlagsWriteDiscard);
     if (refused != cudaSuccess) {
-        cudaGetLastError();  // has been seen
+        cudaGetLastError();  // clears the error, which was handled here
         return nullptr;
     }
     return std::make_unique<WindowFeed<Real>>(Resource(resource), fed, stream, std::move(feeding));

@@ -12,11 +12,11 @@
 namespace voxspring::cuda {
 
 /// What fills the OpenGL buffer `buffer`, whose context is current, with what `feeding` says when it is
-/// asked. The stream must outlive it. Null where that context is on another device, or on none.
+/// asked. The stream must outlive it. The result is null if that context is on another device, or on none.
 template <class Real>
 std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint32_t buffer,
                                 const Stream& stream, std::function<Feeding<Real>()> feeding);
-/// The same into host memory.
+/// What fills host memory with what `feeding` says when it is asked.
 template <class Real>
 std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
                                          std::function<Feeding<Real>()> feeding);

@@ -25,7 +25,7 @@ std::uint64_t implicit_bytes(const Problem& problem, BlockShape shape, Formulati
 template <class Real>
 class ImplicitBackend final : public ParticleBackend<Real, ImplicitStep<Real>> {
 public:
-    /// `tiled`: by way of shared memory.
+    /// `tiled`: neighbours come through shared memory.
     ImplicitBackend(const KernelFamily& family, const Options& options, bool tiled)
         : ParticleBackend<Real, ImplicitStep<Real>>(family),
           shape_(BlockShape::parse(options.tuning.at("block"))),
@@ -53,14 +53,14 @@ public:
         resting_.upload(problem, state, shape_, this->stream());
         launch.kernel = this->kernel(source(problem, launch.grid, registers_for(launch.grid)));
         if (tiled_) launch.shared_bytes = tile_bytes();
-        // Compiled where it is of use, and kept with what the graphs hold of it.
+        // This kernel is compiled only where it is of use. It is kept for as long as graphs may refer to it.
         if (resting_.may_check()) {
             std::shared_ptr<const Kernel> kernel =
                 this->kernel(source(problem, launch.grid, resting_registers, resting_.terms()));
             if (kernel != resting_kernel_) this->forget_graphs();
             resting_kernel_ = std::move(kernel);
             resting_kernel_->allow_shared(launch.shared_bytes);
-            // As many as may run at once at most: how many have something to do is known on the device alone.
+            // At most as many blocks as may run at once: only the device knows how many have something to do.
             const int at_once = this->device().multiprocessors() *
                                 this->blocks_with(resting_registers, shape_.x * shape_.y * shape_.z);
             resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
@@ -68,12 +68,12 @@ public:
         launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
-        // For resume(), which is to see where these have moved.
+        // resume() compares this with the latest launch and so finds out whether the buffers have moved.
         launch.step.active = resting_.active(0);
         if (!by_increments(this->formulation()))
             calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
-        // What a tool pulls at is known from the first step on.
+        // With a tool there is no look: what the tool pulls at is known from the first step on.
         if (resting_.checks() && this->held().size() == 0) {
             launch_resting(resting_.look(), 0);
             resting_.looked(this->stream());
@@ -124,8 +124,8 @@ private:
                resting_.bytes_held();
     }
 
-    /// What rests beside a particle that has been moved is to be stepped. Which blocks are beside one is not
-    /// asked: all are stepped once.
+    /// A particle was moved, so the blocks beside it have to be stepped. All blocks are stepped once, which
+    /// is simpler than to find out which ones are beside it.
     void border_written() override { resting_.wake(this->current(), this->stream()); }
 
     bool splits_steps() const override { return !launches_all_; }
@@ -202,21 +202,22 @@ private:
     }
 
     int registers_for(dim3 grid) const {
-        // Box 160^3 and 256^3 (study `tuning`).
+        // Measured with box 160^3 and 256^3 (study `tuning`).
         constexpr RegisterChoice choice{
             .on_positions = 32, .displacement = 40, .increment = 48, .compensated = 64};
         return ParticleBackend<Real, ImplicitStep<Real>>::registers_for(registers_, threads_of(grid),
                                                                         max_threads, {128, 64}, choice);
     }
 
-    /// Where all threads run at once the vote is one more thing to wait for.
+    /// Where all threads run at once, the vote would be one more thing to wait for.
     bool votes(dim3 grid) const {
         return interior_ == "auto" ? !this->run_at_once(threads_of(grid), 64, max_threads)
                                    : interior_ == "vote";
     }
 
-    /// Of a thread that takes several blocks, and keeps what it compares with what it wrote: with 32 a step
-    /// of all blocks of a large box took four times as long.
+    /// Registers per thread of the kernel that leaves out blocks at rest. Its threads take several blocks
+    /// each and keep the old state to compare it with the new one: with 32 registers a step of all blocks of
+    /// a large box took four times as long.
     static constexpr int resting_registers = 64;
 
     const BlockShape shape_;
@@ -228,7 +229,7 @@ private:
     std::shared_ptr<const Kernel> resting_kernel_;
     dim3 resting_grid_;
     Buffer<BlockOrigin> origins_;
-    BlockParts<BlockOrigin> parts_;  ///< of a step in two parts
+    BlockParts<BlockOrigin> parts_;  ///< for steps in two parts
     Buffer<BlockOrigin> part_origins_;
     Buffer<Real> compliance_;
 };

@@ -1,5 +1,5 @@
-// Launches whose blocks wait for each other: what they count, and how the host hears of one that waited in
-// vain.
+// Launches whose blocks wait for each other: what they count, and how the host learns that one of them waited
+// in vain.
 #pragma once
 
 #include <algorithm>
@@ -16,12 +16,12 @@ namespace voxspring::cuda {
 
 class JointLaunch {
 public:
-    static constexpr int most_steps = 1 << 16;  ///< of a launch
+    static constexpr int most_steps = 1 << 16;  ///< of one launch
 
-    /// `watched`: on a device whose driver ends kernels that run for seconds, since it has a display.
+    /// `watched`: the device has a display, so that its driver ends kernels that run for seconds.
     explicit JointLaunch(bool watched) : watched_(watched) {}
 
-    /// For the arguments of the launches from now on.
+    /// Resets what the arguments of the next launches refer to.
     void start_anew(const Stream& stream) {
         pace_.forget();
         started_blocks_.resize(1);
@@ -33,9 +33,9 @@ public:
     std::uint32_t* started_blocks() const { return started_blocks_.data(); }
     WaitLimit wait_limit() const { return {stall_.data(), max_wait_nanoseconds}; }
 
-    /// Calls launch(steps, tag, launches) for `count` steps, of no more than `longest` each; then
-    /// `stepped(steps)`. Where the device is watched no launch is long (Pace), and the first ones since
-    /// start_anew() are waited for in `stream`, to see how long they take.
+    /// Calls launch(steps, tag, launches) until `count` steps are launched, with no more than `longest` each,
+    /// and after each launch stepped(steps). On a watched device launches are kept short (Pace): the first
+    /// ones since start_anew() are waited for in `stream`, to see how long they take.
     template <class Launch, class Stepped>
     void enqueue(int count, int longest, const Stream& stream, Launch launch, Stepped stepped) {
         while (count > 0) {
@@ -55,15 +55,16 @@ public:
         }
     }
 
-    /// Calls launch(tag, launches) for a launch that does not know how many steps it takes. They are counted
-    /// when it is asked for them.
+    /// Calls launch(tag, launches) for a launch that does not know how many steps it will take. asked_for()
+    /// counts them as they are ordered.
     template <class Launch>
     void open(Launch launch) {
         launch(tag_, ++launches_);
     }
     void asked_for(int steps) { tag_ += std::uint32_t(steps); }
 
-    /// Empty, or of which wait in vain a launch has told. It ends soon after. `block`: "resident block".
+    /// Empty, or which wait a launch has reported to be in vain. Such a launch ends soon after. `block`: what
+    /// to call a block in the note, for example "resident block".
     std::string failure_note(const std::string& block) const {
         if (stall_.size() == 0) return {};
         const std::uint64_t mark = *static_cast<const volatile std::uint64_t*>(stall_.data());
@@ -85,8 +86,8 @@ private:
     std::uint32_t launches_ = 0;  ///< since start_anew()
 };
 
-/// Steps of a launch: with divergence checks between them, often enough to find it early, and seldom enough
-/// that a launch costs 1% at most, since it takes as long as some ten steps.
+/// The most steps per launch. With divergence checks between launches, so few that a divergence is found
+/// early, and so many that a launch, which takes as long as some ten steps, costs 1% at most.
 inline int longest_joint_launch(bool monitored) { return monitored ? 1024 : JointLaunch::most_steps; }
 
 }  // namespace voxspring::cuda

@@ -1,4 +1,4 @@
-// Rest lengths as the device's own inverse root measures them (physics/inverse_root.h).
+// Rest lengths measured with the device's inverse root (physics/inverse_root.h).
 #pragma once
 
 #include <array>

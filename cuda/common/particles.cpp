@@ -3,7 +3,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// Compute capability, times ten.
+/// Compute capability times ten.
 constexpr int first_with_dependent_launches = 90;
 
 bool is_tuned(const Options& options, const std::string& key, const std::string& value) {

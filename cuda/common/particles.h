@@ -1,5 +1,5 @@
-// What the backend of every strategy with a kernel of one step shares: the particles' buffers, arrays with an
-// element for each particle, and the launch of a step.
+// What the backends of all strategies share whose kernel takes one step: the buffers of particles, arrays
+// with one element per particle, and the launch of a step.
 #pragma once
 
 #include <algorithm>
@@ -27,21 +27,21 @@
 
 namespace voxspring::cuda {
 
-/// How many blocks of `block` threads have at least `count` threads.
+/// How many blocks of `block` threads are needed for `count` threads.
 inline unsigned blocks_for(std::size_t count, unsigned block) {
     return unsigned(units_of(count, std::size_t(block)));
 }
 
-/// The type of kernels/fetch.h by which kernels read positions.
+/// The type of kernels/fetch.h with which kernels read positions.
 enum class Fetch : std::uint8_t { past_l1, through_l1, texture };
 /// From the tuning values "cg", "l1" and "texture".
 Fetch fetch_path(const std::string& tuned);
 
-/// Texels of 16 bytes in a word. A texture fetch gets one.
+/// Texels of 16 bytes per word. One texture fetch reads one texel.
 template <class Real>
 inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16;
 
-/// What the kernels of a specification have in common.
+/// What the kernels of one backend specification have in common.
 struct KernelFamily {
     Precision precision;
     Formulation formulation;
@@ -49,18 +49,18 @@ struct KernelFamily {
     bool all_terms;         ///< compiled in, and asked for at run time (tuning `terms`)
     bool refined_root;      ///< tuning `root`
     bool dependent_launch;  ///< tuning `dependent_launch`
-    bool may_be_dependent;  ///< the same, "auto": where the device can
+    bool may_be_dependent;  ///< tuning `dependent_launch` is "auto": on if the device can
 
     explicit KernelFamily(const Options& options, Fetch path);
-    /// With what "auto" stands for on `device`.
+    /// This family with "auto" replaced by what it means on `device`.
     KernelFamily on(const Device& device) const;
-    /// The kernel in `file` for a scene, with at most `threads` a block and at least room for `blocks` on an
-    /// SM. `more_terms`: beyond terms_of(problem).
+    /// The source of the kernel in `file` for a scene, for at most `threads` threads per block and at least
+    /// `blocks` blocks per SM. `more_terms`: terms to compile in beyond terms_of(problem).
     KernelSource source(const std::string& file, const Problem& problem, int threads, int blocks,
                         std::uint32_t more_terms = 0) const;
 };
 
-/// Registers of a thread in float32 where not all threads run at once. These were the fastest on an H200.
+/// Registers per thread in float32 where not all threads run at once. These were the fastest on an H200.
 struct RegisterChoice {
     int on_positions, displacement, increment, compensated;
     int of(Formulation formulation) const {
@@ -77,7 +77,7 @@ std::uint64_t particle_bytes(const Problem& problem, const Placement& placement,
 /// Empty, or why an array of `words` words cannot be indexed or, through a texture, fetched.
 template <class Real>
 std::string too_many_words(std::size_t words, const Device& device, Fetch fetch);
-/// The same, or why the device cannot launch the family's kernels.
+/// too_many_words(), or else why the device cannot launch the family's kernels.
 template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family);
 
@@ -139,7 +139,7 @@ protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family.on(this->device())) {}
 
     struct Launch {
-        KernelSource source = {};  ///< of the kernel, where it can take a list of blocks (LISTED_BLOCKS)
+        KernelSource source = {};  ///< of `kernel`, if it can take a list of blocks (LISTED_BLOCKS)
         std::shared_ptr<const Kernel> kernel;
         dim3 grid, block;
         std::size_t shared_bytes = 0;
@@ -149,23 +149,24 @@ protected:
     const KernelFamily& family() const { return family_; }
     Formulation formulation() const { return family_.formulation; }
 
-    /// How many blocks of `threads` an SM has room for, where a thread has `registers` in float32 and twice
-    /// as many in float64.
+    /// How many blocks of `threads` threads fit on an SM if a thread has `registers` registers in float32 and
+    /// twice as many in float64.
     int blocks_with(int registers, int threads) const {
-        constexpr int registers_per_sm = 65536;  // of every architecture
+        constexpr int registers_per_sm = 65536;  // on every architecture
         const int at_most = device().threads_per_multiprocessor() / threads;
         const int width = sizeof(Real) / sizeof(float);
         return std::clamp(registers_per_sm / (threads * registers * width), 1, at_most);
     }
 
-    /// Whether all of `threads` threads run at once, in blocks of `block` with `registers` a thread.
+    /// Whether all of `threads` threads run at once, in blocks of `block` with `registers` registers per
+    /// thread.
     bool run_at_once(std::size_t threads, int registers, int block) const {
         return threads <= std::size_t(device().multiprocessors()) * std::size_t(block) *
                               std::size_t(blocks_with(registers, block));
     }
-    /// Registers of a thread: `tuned`, unless that is "auto". Then it is the first of `plenty` with which all
-    /// threads run at once, since room for more threads would be of no use; if there is none, what `choice`
-    /// says.
+    /// Registers per thread: `tuned`, unless that is "auto". Then the result is the first of `plenty` with
+    /// which all threads run at once, since room for more threads would be of no use. If there is none, it is
+    /// what `choice` says.
     int registers_for(const std::string& tuned, std::size_t threads, int block,
                       std::initializer_list<int> plenty, const RegisterChoice& choice) const {
         if (tuned != "auto") return std::stoi(tuned);
@@ -175,8 +176,8 @@ protected:
         return choice.of(family_.formulation);
     }
 
-    /// Copies the state in and stands at step 0, ready to go on with `launch`. `bits` has a word for each
-    /// particle. The step's motion then points at the arrays that are kept here.
+    /// Copies the state in and returns to step 0, ready to go on with `launch`. `bits` has one word per
+    /// particle. The step's motion then points at the arrays of this backend.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
         set_problem(problem);
@@ -186,7 +187,7 @@ protected:
             PackedState<Real> packed = pack<Real>(problem, state, placement, bits, family_.formulation);
             const bool increments = by_increments(family_.formulation);
             moved = upload_words(words_, 0, packed.current) || moved;
-            // By increments a step writes every particle's word here before any reads it.
+            // By increments a step writes every particle's word to this buffer before any step reads it.
             moved = upload_words(words_, 1, increments ? packed.current : packed.previous) || moved;
             moved = upload_words(low_, 0, packed.current_low) || moved;
             moved = upload_words(low_, 1, packed.current_low) || moved;
@@ -202,7 +203,7 @@ protected:
         resume(launch, moved);
     }
 
-    /// Goes on with `launch`, whose motion points where that of the launch before it did.
+    /// Goes on with `launch`, whose motion points at the same arrays as that of the previous launch.
     void resume(const Launch& launch, bool words_moved = false) {
         const bool changed = words_moved || launch.kernel != launch_.kernel ||
                              !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
@@ -214,21 +215,21 @@ protected:
         this->forget_graphs();
     }
     const Launch& launch() const { return launch_; }
-    /// The kernel of parts of a step, where it is not that of whole steps.
+    /// Compiles the kernel for parts of a step, if whole steps use another one.
     virtual void compile_for_parts() {
         KernelSource source = launch_.source;
         source.macros["LISTED_BLOCKS"] = "1";
         part_kernel_ = this->kernel(source);
     }
 
-    /// What the tool holds, and room for its forces on that.
+    /// The particles that the tool holds, and memory for its forces on them.
     const Buffer<HeldWord<Real>>& held() const { return held_; }
     HeldForce<Real>* held_forces() const { return held_forces_.data(); }
 
     /// x(t) of every word.
     ParticleRecord<Real>* current_words() const { return words_[std::size_t(current())].data(); }
 
-    /// Gives particles new bits, which every step copies on from the buffer that it reads.
+    /// Writes new bits of particles. Every step copies the bits from the buffer that it reads.
     void write_particle_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits) {
         std::vector<EditedWord> edited;
         edited.reserve(particles.size());
@@ -238,7 +239,7 @@ protected:
                    edited.size(), stream());
     }
 
-    /// The same with the masks of what an edit touched.
+    /// Writes the masks of the particles that `edit` touched.
     void write_masks(const SpringEdit& edit) {
         std::vector<std::uint32_t> particles, masks;
         for (const SpringEdit::Touched& touched : edit.touched) {
@@ -254,7 +255,7 @@ protected:
                edited_words_.bytes() + blocks_.bytes() + held_.bytes() + held_forces_.bytes() + tool_.bytes();
     }
 
-    /// Enqueues a kernel with the arguments that all have, and `more`.
+    /// Enqueues a kernel with the arguments that all kernels have, followed by `more`.
     template <class... More>
     void launch_kernel(const Stream& in, const Kernel& kernel, dim3 grid, dim3 block,
                        std::size_t shared_bytes, const Step& step, int reading, const More&... more) const {
@@ -272,8 +273,8 @@ protected:
                output);
     }
 
-    /// Enqueues a kernel that takes many steps on the particles where they are (kernels/resident.cu), whose
-    /// first argument may be more than a Step.
+    /// Enqueues a kernel that takes many steps of the particles in their buffers (kernels/resident.cu). Its
+    /// first argument may extend Step.
     template <class AnyStep, class... Arguments>
     void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const AnyStep& step,
                                const Arguments&... arguments) const {
@@ -297,7 +298,7 @@ protected:
         });
     }
 
-    /// In blocks of particles in their order, of kernels that can take a list of blocks.
+    /// Splits blocks of particles in canonical order, for kernels that can take a list of blocks.
     bool split_steps(const std::vector<std::uint32_t>& border) override {
         parts_ = part_blocks(problem().particle_count(), launch_.block.x, border);
         blocks_.upload(parts_.blocks, stream());
@@ -313,7 +314,7 @@ protected:
     }
 
     bool gives_borders() const override { return true; }
-    /// Places of particles were written into the state between two steps.
+    /// Called when places of particles were written into the state between two steps.
     virtual void border_written() {}
 
 private:
@@ -321,7 +322,7 @@ private:
 
     using Pair = std::array<Buffer<ParticleRecord<Real>>, 2>;
 
-    // Whether the words are in other memory than before.
+    // Returns whether the words are in other memory than before.
     bool upload_words(Pair& pair, std::size_t which, const std::vector<ParticleRecord<Real>>& words) {
         Buffer<ParticleRecord<Real>>& buffer = pair[which];
         const bool moved = buffer.size() != words.size();
@@ -345,7 +346,7 @@ private:
         return moved;
     }
 
-    /// What a Fetch of kernels/fetch.h holds.
+    /// The handle that the types of kernels/fetch.h hold.
     std::uint64_t source(const Buffer<ParticleRecord<Real>>& buffer, const Texture& texture) const {
         return family_.fetch == Fetch::texture ? texture.get()
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
@@ -360,7 +361,7 @@ private:
         return pack_fed<Real>(problem(), particles, family_.formulation,
                               [&](std::uint32_t i) { return placement_.at(i); });
     }
-    /// Where particles are after the steps so far; whoever asks knows which ones he wants.
+    /// Where particles are after the steps so far. The caller fills in which particles it wants.
     Feeding<Real> feeding() {
         let_end();
         const auto now = std::size_t(current());
@@ -415,16 +416,16 @@ private:
     const KernelFamily family_;
     Placement placement_;
     Pair words_, low_;
-    std::array<std::array<Texture, 2>, 2> textures_;  // of words_ and low_
+    std::array<std::array<Texture, 2>, 2> textures_;  // for words_ and low_
     Buffer<Real> increment_, increment_low_;
     Buffer<Vector<Real>> load_;
     Buffer<Real> inverse_masses_;
     Staging<EditedWord> edited_words_;
     Buffer<HeldWord<Real>> held_;
     Buffer<HeldForce<Real>> held_forces_;
-    Staging<ToolState<Real>> tool_;  // one, which stays where it is: graphs hold its address
+    Staging<ToolState<Real>> tool_;  // one element at a fixed address, which graphs hold
     Launch launch_{};
-    // Of steps in two parts.
+    // For steps in two parts.
     std::shared_ptr<const Kernel> part_kernel_;
     BlockParts<std::uint32_t> parts_;
     Buffer<std::uint32_t> blocks_;

@@ -14,7 +14,7 @@ void copy(const Buffer<T>& from, const Buffer<T>& to, const Stream& stream) {
     check(cudaMemcpyAsync(to.data(), from.data(), to.bytes(), cudaMemcpyDeviceToDevice, stream.get()));
 }
 
-/// Blocks with a particle that is not at rest, or as many as `enough`.
+/// How many blocks have a particle that is not at rest; counts no further than `enough`.
 std::size_t count_moved(const Problem& problem, const State& state, BlockShape shape, std::size_t enough) {
     const BlockGrid grid(problem.lattice, shape);
     std::vector<std::uint8_t> moved(grid.places());
@@ -28,14 +28,15 @@ std::size_t count_moved(const Problem& problem, const State& state, BlockShape s
     return count;
 }
 
-/// Whether kernels can name as many places.
+/// Whether kernels can index that many places.
 bool can_be_named(std::size_t places) { return places <= std::size_t(std::numeric_limits<int>::max()); }
 
 }  // namespace
 
 Resting::Resting(const Options& options)
     : rest_(rest_of(options)),
-      // On an H200 a step of all blocks takes 15 to 60% longer with checks, and what rests costs nothing.
+      // On an H200 a step of all blocks takes 15 to 60% longer with checks, while blocks at rest cost
+      // nothing.
       policy_({.period = 64,
                .min_pause = 256,
                .max_pause = 4096,

@@ -1,4 +1,4 @@
-// Which blocks of an implicit kernel rest (kernels/resting.h), and whether it pays to know.
+// Which blocks of an implicit kernel rest (kernels/resting.h), and whether it pays to find out.
 #pragma once
 
 #include <array>
@@ -15,36 +15,37 @@
 namespace voxspring::cuda {
 
 /// The tuning parameter `rest` (rest_policy.h). With `step` every block is stepped. With `skip` blocks at
-/// rest are left out, which changes no bit. With `flush` displacements and increments below flushed_below are
-/// set to zero besides. With `auto` it is `step` or `skip`, whichever takes less: `skip` where the start
-/// leaves a third of the blocks at rest and for as long as that many rest, and again from time to time.
+/// rest are left out, which changes no bit. `flush` is `skip` and sets displacements and increments below
+/// flushed_below to zero. `auto` is `step` or `skip`, whichever takes less time: `skip` if a third of the
+/// blocks are at rest at the start, for as long as that many rest, and again from time to time.
 class Resting {
 public:
     explicit Resting(const Options& options);
 
-    /// Empty, or why `problem` has more blocks than can be named.
+    /// Empty, or why `problem` has more blocks than kernels can index.
     std::string refused(const Lattice& lattice, BlockShape shape) const;
-    /// Bytes on the device, at most.
+    /// An upper bound of the bytes on the device.
     std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;
     std::uint64_t bytes_held() const;
 
-    /// For a run that starts from `state`. Its first step takes all blocks, unless looked() follows.
+    /// For a run that starts from `state`. Its first step takes all blocks, unless looked() is called before.
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
-    /// The blocks for a step that stores nothing, from the start on.
+    /// The blocks for a look: a step from the start that stores nothing.
     ActiveBlocks look() const;
-    /// Such a step was enqueued: first steps take the blocks that it listed.
+    /// Called when the look was enqueued: first steps take the blocks that it listed.
     void looked(const Stream& stream);
-    /// For a run that starts from the same state as the last.
+    /// For a run that starts from the same state as the last one.
     void rewind(const Stream& stream);
     /// The next step takes all blocks. It reads buffer `reading` of the particles.
     void wake(int reading, const Stream& stream);
 
-    /// Whether steps leave out blocks at rest now or may do so later, and whether the next step does.
+    /// Whether steps leave out blocks at rest now or may do so later; checks() says whether the next step
+    /// does.
     bool may_check() const { return policy_.may_check(); }
     bool checks() const { return policy_.checks(); }
-    /// The terms of the kernel that leaves them out.
+    /// The terms of the kernel that leaves out blocks at rest.
     std::uint32_t terms() const { return term_resting | (rest_ == Rest::flush ? term_flush : 0); }
-    /// For a step that reads buffer `reading`.
+    /// The blocks for a step that reads buffer `reading`.
     ActiveBlocks active(int reading) const;
 
     /// How many steps may be enqueued before stepped(), after which checks() may have changed.
@@ -60,7 +61,7 @@ private:
     /// With fewer blocks nothing is checked: a step is then as long as its launch.
     static constexpr std::size_t min_blocks = 512;
 
-    /// counts_ on the device.
+    /// Elements of counts_ on the device.
     enum Count : std::uint8_t { listed_for_0, listed_for_1, readers, taken, counts };
     using Counts = std::array<unsigned, counts>;
 
@@ -73,18 +74,18 @@ private:
     int row_ = 0, slice_ = 0;
     Buffer<BlockOrigin> all_;                     ///< blocks with particles
     Buffer<std::uint32_t> all_marks_, no_marks_;  ///< of all blocks, and of none
-    Buffer<Counts> awake_counts_;                 ///< before a step that takes all and reads buffer 0 or 1
-    // For the steps that read buffer 0, and for those that read buffer 1.
+    Buffer<Counts> awake_counts_;                 ///< for a step of all blocks that reads buffer 0 or 1
+    // One element for steps that read buffer 0, one for steps that read buffer 1.
     std::array<Buffer<BlockOrigin>, 2> lists_;
     std::array<Buffer<std::uint32_t>, 2> marks_;
     Buffer<Counts> counts_;
-    // What a look at the start listed.
+    // What a look at the start has listed.
     bool has_looked_ = false;
     Buffer<BlockOrigin> first_list_;
     Buffer<std::uint32_t> first_marks_;
     Buffer<Counts> first_counts_;
-    Pinned<Counts> seen_;  ///< counts of a while ago
-    Event copied_;         ///< to `seen_`
+    Pinned<Counts> seen_;  ///< the counts of some steps ago
+    Event copied_;         ///< recorded after the copy to `seen_`
     bool asked_ = false;
 };
 

@@ -11,10 +11,10 @@
 namespace voxspring::cuda {
 namespace {
 
-/// CUDA shows no more devices of one host.
+/// CUDA shows at most this many devices of one host.
 constexpr std::size_t max_devices = 64;
 
-/// Null where none are loaded.
+/// The kernels of `Real` on each device; null if they are not loaded there.
 template <class Real>
 std::array<std::atomic<const SupportKernels*>, max_devices> kernels_by_device;
 

@@ -24,7 +24,7 @@ void Ticks::end() {
     wait();
     desk_.order_end();
     running_ = false;
-    // Another order would replace this one before the launch has read it.
+    // Wait, since the next order would replace this one before the launch has read it.
     wait_for_stream_();
 }
 
@@ -49,7 +49,7 @@ void Ticks::wait() {
     for (auto look = Clock::now() + patience; !desk_.answered();) {
         if (Clock::now() < look) continue;
         look = Clock::now() + patience;
-        // The answer may have come since it was looked for.
+        // The answer may have come after the last look at it.
         if (!stream_.has_ended() || desk_.answered()) continue;
         running_ = false;
         wait_for_stream_();

@@ -1,5 +1,5 @@
-// A launch that takes the steps of one tick after another as the host orders them, and ends when it orders
-// that.
+// A launch that does not end between ticks: it takes the steps of one tick after another as the host orders
+// them, and ends when the host orders that.
 #pragma once
 
 #include <cstddef>
@@ -14,32 +14,32 @@
 
 namespace voxspring::cuda {
 
-/// Orders and answers are in pinned memory, which the device reads and writes where it is. Whoever has one of
-/// these ends its launch before anything else is enqueued in the stream, and before it is destroyed.
+/// Orders and answers are in pinned memory, which the device reads and writes in place. The owner of a Ticks
+/// calls end() before it enqueues anything else in the stream, and before it destroys this.
 class Ticks {
 public:
-    /// Enqueues a launch that begins with the latest order. `again`: steps of it that have been ordered
+    /// Enqueues a launch that begins with the latest order. `again`: how many of its steps have been ordered
     /// before, in vain.
     using Launch = std::function<void(const TickLine& line, std::uint32_t again)>;
     /// `wait_for_stream()` throws DeviceError if what ran in the stream has failed.
     Ticks(const Stream& stream, Launch launch, std::function<void()> wait_for_stream)
         : stream_(stream), launch_(std::move(launch)), wait_for_stream_(std::move(wait_for_stream)) {}
 
-    /// For a tool that holds so many particles, one at least. No launch is running.
+    /// Prepares for a tool that holds `held` particles, at least one. No launch may be running.
     void open(std::size_t held);
     std::uint64_t bytes() const { return handed_on_.bytes() + taken_blocks_.bytes(); }
 
-    /// Orders `steps` steps, of the launch that is running or of a new one, once the order before is
-    /// answered.
+    /// Orders `steps` steps from the running launch, or from a new one, once the previous order is answered.
     void order(Vector<float> moved, std::uint32_t steps);
-    /// Orders the end, once the order before is answered, and waits for it; nothing if no launch is running.
+    /// Orders the end once the previous order is answered, and waits for it. Does nothing if no launch is
+    /// running.
     void end();
     /// The forces of the latest order, once it is answered.
     const std::vector<HeldForce<float>>& forces();
 
 private:
     /// Waits for the answer to the latest order. A launch ends by itself if it sees no order for too long
-    /// (max_idle_nanoseconds), maybe just before it would have seen this one: then there is another launch.
+    /// (max_idle_nanoseconds), maybe just before it would have seen this one: then another launch is started.
     /// Every wait in a launch is bounded, and so is this one: after a second such end it throws.
     void wait();
     void begin(std::uint32_t again);
@@ -52,7 +52,7 @@ private:
     Buffer<OrderWords> handed_on_;
     Buffer<std::uint32_t> taken_blocks_;
     TickDesk desk_;
-    bool running_ = false;  ///< there is a launch that was not told to end; it may have ended by itself
+    bool running_ = false;  ///< a launch was not told to end; it may have ended by itself
 };
 
 }  // namespace voxspring::cuda

@@ -6,7 +6,7 @@
 
 namespace voxspring::cuda {
 
-/// Enqueues one kernel; none where nothing is held.
+/// Enqueues one kernel, or none if nothing is held.
 template <class Real>
 void pull_held(const Holding<Real>& holding, const Stream& stream);
 

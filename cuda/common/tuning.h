@@ -8,14 +8,15 @@
 
 namespace voxspring::cuda {
 
-/// Whether a step is launched while the one before it still runs, of strategies with one kernel a step.
+/// Whether a step is launched while the step before it still runs, for strategies with one kernel per step.
 inline const TuningValues dependent_launches = {"off", "on"};
 
-/// `own` and the shared ones.
+/// `own` together with the shared parameters.
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
-    // What a scene needs, or everything, decided at run time.
+    // Compile in the terms that the scene needs, or all of them, chosen at run time.
     own["terms"] = {"needed", "all"};
-    // Whether strain_density() takes the hardware's root and reciprocal as they are or with a Newton step.
+    // Whether strain_density() takes the hardware's root and reciprocal as they are, or refines them with a
+    // Newton step.
     own["root"] = {"hardware", "refined"};
     return own;
 }

@@ -1,6 +1,6 @@
-// The kernels that run between two steps or before the first: borders, edits, feeds, the tool, checks for
-// divergence, and rest lengths by the device's own root. REAL is the one macro. SupportKernels
-// (cuda/common/support_kernels.h) has them by their names.
+// The kernels that run between two steps or before the first one: they serve borders, edits, feeds, the tool,
+// checks for divergence, and rest lengths by the device's own root. REAL is the only macro. SupportKernels
+// (cuda/common/support_kernels.h) holds them under the same names.
 #include "cuda/kernels/border.h"
 #include "cuda/kernels/divergence_check.h"
 #include "cuda/kernels/edit.h"
@@ -47,7 +47,7 @@ KERNEL write_rows(EditedRows<Real> rows, std::size_t slots, ListShape shape, Par
     const std::size_t n = thread_number();
     if (n >= slots) return;
     write_slot(rows, n, shape, neighbour, constants, off_lattice_rest);
-    // One thread of a row.
+    // Each thread writes one row.
     const std::size_t row = n / shape.slots;
     if (words != nullptr && n % shape.slots == 0)
         write_bits(words, EditedWord{rows.particle[row], rows.bits[row]});
@@ -60,7 +60,7 @@ KERNEL write_springs(const EditedSpring<Real>* edited, std::size_t count, Spring
     if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, off_lattice_rest);
 }
 
-// What travels as an argument, for values too few to be worth a copy.
+// Values so few that a copy would not be worth it travel as a kernel argument.
 KERNEL write_short_argument(__grid_constant__ const ShortArgument argument, unsigned words,
                             ArgumentWord* to) {
     if (thread_number() < words) to[thread_number()] = argument.word[thread_number()];

@@ -1,5 +1,5 @@
-// The bodies of the kernels that take the places of a border's particles out of a state, and put them into
-// another one.
+// The bodies of the kernels that copy the places of a border's particles from a state into a message, and
+// from a message into another state.
 #pragma once
 
 #include <cstddef>
@@ -9,20 +9,20 @@
 
 namespace voxspring::cuda {
 
-/// Where the places of some particles are in a state, be it in words or in structure of arrays.
+/// Where the places of some particles are in a state, which is stored in words or in structure of arrays.
 template <class Real>
 struct BorderPlaces {
     const std::uint32_t* element;  ///< of each particle
     std::size_t count;
     Real* at;                               ///< x of element 0
-    Real* low;                              ///< that of the low parts; null: there are none
+    Real* low;                              ///< x of the low part of element 0; null: there are none
     std::size_t element_pitch, axis_pitch;  ///< from an element to the next one, and from x to y
 
-    /// Numbers in a message: x of all particles, then y, then z, and then the same of the low parts.
+    /// Numbers in a message: x of all particles, then y, then z, and then their low parts in the same order.
     VOXSPRING_HOST_DEVICE std::size_t numbers() const { return (low != nullptr ? 6 : 3) * count; }
 };
 
-/// What the thread of particle n does on the way out.
+/// Copies particle n from the state into the message.
 template <class Real>
 VOXSPRING_HOST_DEVICE void gather_place(const BorderPlaces<Real>& places, std::size_t n, Real* message) {
     const std::size_t first = places.element[n] * places.element_pitch;
@@ -33,7 +33,8 @@ VOXSPRING_HOST_DEVICE void gather_place(const BorderPlaces<Real>& places, std::s
     }
 }
 
-/// And on the way in. What lies beside the places, such as a particle's bits, stays.
+/// Copies particle n from the message into the state. What lies beside the place, such as a particle's bits,
+/// stays.
 template <class Real>
 VOXSPRING_HOST_DEVICE void scatter_place(const BorderPlaces<Real>& places, std::size_t n,
                                          const Real* message) {

@@ -1,8 +1,8 @@
-// SHAPE: a BrickShape, EQUAL_EDGES as in march.cu. POLLERS threads beside those with tiles wait for ROUNDS
-// points of other blocks each. LANE_REGISTERS, POLLER_REGISTERS: what a thread of either kind has, if they
-// are moved from the one to the other; 0: all have the same. PLAIN_BLOCKS: blocks all of whose threads are
-// plain (TileSides) have code of their own, which asks for no spring by itself. INCREMENTS_IN_MEMORY: true or
-// false, whether registers have no room for increments.
+// Macros: SHAPE is a BrickShape; EQUAL_EDGES is as in march.cu. POLLERS: threads beside those with tiles,
+// each of which waits for ROUNDS points of other blocks. LANE_REGISTERS, POLLER_REGISTERS: registers of a
+// thread of either kind if they are moved between the two; 0: all threads have the same number. PLAIN_BLOCKS:
+// there is separate code for blocks all of whose threads are plain (TileSides), which tests no single spring.
+// INCREMENTS_IN_MEMORY: true if registers have no room for increments, else false.
 #include "cuda/kernels/brick.h"
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/wait.h"
@@ -23,7 +23,7 @@ extern __shared__ float points[];
 __device__ void border_is_here() { meet<1, all_threads>(); }
 __device__ void step_is_done() { meet<2, all_threads>(); }
 
-/// Masks of any thread.
+/// Masks of any thread, plain or not.
 struct TileWords {
     static constexpr bool by_side = false;
     std::uint32_t word[mask_words];
@@ -45,8 +45,8 @@ struct TileWords {
 
 __device__ std::uint32_t lane_of(int thread) { return blockIdx.x * lanes + std::uint32_t(thread); }
 
-/// Which half of the points a step reads, and which it writes. Numbers that change places rather than a
-/// condition, by which the compiler would have two loops.
+/// Which half of the points a step reads, and which it writes. Two offsets are swapped: with a condition
+/// instead the compiler would duplicate the loop.
 class Turns {
 public:
     __device__ float* now() const { return points + now_; }
@@ -63,7 +63,7 @@ private:
     int now_ = 0, next_ = shape.half();
 };
 
-/// Takes the steps of a thread; `idle`: one without a tile, or of a warp without particles.
+/// Takes the steps of a thread. `idle`: the thread has no tile, or its warp has no particles.
 template <class Words>
 __device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool idle, int thread, int count,
                           std::uint32_t tag) {
@@ -88,12 +88,13 @@ __device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool 
     }
 }
 
-/// Points that are looked up at the same time.
+/// How many points a poller looks up at the same time.
 constexpr int together = ROUNDS < kept_polls ? ROUNDS : polls_in_turn;
-/// Where they are is read anew in each step if there are more of them.
+/// Whether a poller keeps in registers where its points are. If there are more, it reads that anew in each
+/// step.
 constexpr bool keeps_polls = ROUNDS == together;
 
-/// Past L1, which is left to the masks.
+/// The load bypasses L1, which is left to the masks.
 __device__ BrickPoll load_poll(const BrickPoll* from) {
     BrickPoll poll;
     asm("ld.global.nc.L1::no_allocate.v2.u32 {%0, %1}, [%2];" : "=r"(poll.from), "=r"(poll.slot) : "l"(from));
@@ -114,8 +115,8 @@ struct Polls {
     }
 };
 
-/// Fetches into the half at `to` the points that other blocks publish with `tag`. False: not all of them
-/// came, and the launch is to end.
+/// Fetches into the half at `to` the points that other blocks publish with `tag`. Returns false if not all of
+/// them came; the launch must then end.
 __device__ bool fetch_published(const Polls& polls, const BrickStep& step, float* to,
                                 const TaggedPoint* exchange, std::uint32_t tag) {
     std::uint32_t missing = 0;
@@ -141,10 +142,10 @@ __device__ bool fetch_published(const Polls& polls, const BrickStep& step, float
     return true;
 }
 
-/// Takes `count` steps, at least one, of the state in `current` and `before`, in structure of arrays: x or u,
-/// and x or u at t - dt or, by increments, v. The state after the last step replaces it. Points are published
-/// with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have counted their blocks in
-/// `step.started_blocks`, this one included.
+/// Takes `count` steps, at least one, of the state in `current` and `before`, which are in structure of
+/// arrays: x or u, and x or u at t - dt or, by increments, v. The state after the last step replaces it.
+/// Points are published with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have
+/// counted their blocks in `step.started_blocks`, this one included.
 extern "C" __global__ void __launch_bounds__(all_threads, 1)
     step(const __grid_constant__ BrickStep step, float* current, float* before, int count, std::uint32_t tag,
          std::uint32_t launches) {
@@ -188,7 +189,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         } else
 #endif
             run_steps(step, tile, words, idle, thread, count, tag);
-        // Where that is in vain the state is worthless, wherever it is.
+        // If this wait is in vain, the state is worthless, in memory as on the chip.
         static_cast<void>(
             wait_until_counted(step.started_blocks, launches * gridDim.x, step.wait, tag + count));
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
@@ -226,13 +227,14 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         if constexpr (!keeps_polls) polls.load(step, poller, 0);
         border_is_here();
         step_is_done();
-        bool in_vain = false;  // once a wait was, this thread waits no more
+        bool in_vain = false;  // after one wait in vain this thread waits no more
         ROLLED
         for (int n = 1; n < count; ++n) {
-            // Not before the own block is done: looking takes its instruction slots, and finds little.
+            // Poll only after this block's step is done: polling takes instruction slots from it, and would
+            // find little.
             ROLLED
             for (int first = 0; first < ROUNDS; first += together) {
-                // Those of the next turn travel while the points of this one do.
+                // Load the next turn's polls while the points of this turn travel.
                 Polls next_polls = polls;
                 if constexpr (!keeps_polls)
                     next_polls.load(step, poller, first + together < ROUNDS ? first + together : 0);

@@ -1,6 +1,6 @@
-// A brick of a lattice on the chip: every thread owns a tile of particles and takes them step by step, from
-// points that its block holds in shared memory. The body of the kernel, between which a device has barriers
-// and a test has loops over threads.
+// A brick of a lattice on the chip: every thread owns a tile of particles and steps it, using points that its
+// block holds in shared memory. This is the body of the kernel. The device adds barriers between its parts, a
+// test adds loops over threads.
 #pragma once
 
 #include "backends/layout/records/brick.h"
@@ -24,13 +24,13 @@ VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
             shape.tile()};
 }
 
-/// Masks of a plain thread. What its springs have in common is asked for once.
+/// Masks of a plain thread. Conditions that its springs share are tested once.
 struct PlainWords {
     static constexpr bool by_side = true;
     TileSides sides;
-    std::uint32_t moving;  ///< a bit a particle
+    std::uint32_t moving;  ///< one bit per particle
 
-    /// `words`: all that its masks say, of so many particles.
+    /// `words`: the complete masks of the thread's `particles` particles.
     template <class Words>
     VOXSPRING_HOST_DEVICE PlainWords(TileSides of, const Words& words, int particles) : sides(of), moving(0) {
         UNROLLED
@@ -49,12 +49,12 @@ template <class Terms, BrickShape shape, bool equal_edges, bool increments_in_me
 class BrickTile {
 public:
     static constexpr int particles = shape.tile();
-    // Bits of the masks: the first late spring's, and the first particle's.
+    // Bits of the masks: of the first late spring and of the first particle.
     static constexpr int late_bit = brick_mask<shape>().early, moves_bit = brick_mask<shape>().moves(0),
                          exists_bit = brick_mask<shape>().exists(0), mask_words = brick_mask<shape>().words();
 
-    /// `increments`: where v of the thread's particles are, if in memory. Those of a block's threads take
-    /// turns there, so that a warp's are side by side.
+    /// `increments`: where v of the thread's particles is, if it is in memory. The increments of a block's
+    /// threads are interleaved there, so that those of a warp are side by side.
     VOXSPRING_HOST_DEVICE BrickTile(const BrickStep& step, const BrickBlock& block, int thread,
                                     float* increments = nullptr)
         : increments_(increments),
@@ -82,10 +82,10 @@ public:
         }
     }
 
-    /// Before the first step: takes the particles from a half of `points`. Of those at the border of the
-    /// brick the ones that are there will be published. `words`: the masks, here and below. They say whether
-    /// particle n exists(n) and moves(n), and whether there is a spring(bit, crossed): by its bit or, if
-    /// `by_side`, by the sides that it crosses.
+    /// Takes the particles from a half of `points` before the first step. Of the particles at the border of
+    /// the brick, those that exist will be published. `words`: the masks, here and in the functions below.
+    /// They say whether particle n exists(n) and moves(n), and whether there is a spring(bit, crossed): by
+    /// its bit or, if `by_side`, by the sides that it crosses.
     template <class Words>
     VOXSPRING_HOST_DEVICE void start(const float* points, const Words& words) {
         load_own(points);
@@ -94,12 +94,12 @@ public:
             if (!words.exists(n)) place_.published &= ~(1U << n);
         }
     }
-    /// How far the element of particle (i, j, k) is from that of (0, 0, 0).
+    /// The distance from the element of particle (0, 0, 0) to that of (i, j, k).
     VOXSPRING_HOST_DEVICE int from_first(const BrickStep& step, int i, int j, int k) const {
         return i * place_.dx + j * place_.dy * int(step.row) + k * place_.dz * int(step.plane);
     }
 
-    /// What the step overwrites besides points: v, by increments.
+    /// What a step overwrites besides points: v, by increments.
     VOXSPRING_HOST_DEVICE Vector<float> increment(int number) const {
         if constexpr (!increments_in_memory) return increment_[number];
         return load_axes(increments_ + 3 * number * shape.lanes(), std::size_t(shape.lanes()));
@@ -114,7 +114,7 @@ public:
     /// Words of memory that the increments of a block take.
     static constexpr int increment_words = 3 * particles * shape.lanes();
 
-    /// Forces of springs that end in the tile or near it, from a half of `points`.
+    /// Adds the forces of springs that end in the tile or near it. Points come from a half of `points`.
     template <class Words>
     VOXSPRING_HOST_DEVICE void add_early(const BrickStep& step, const float* points, const Words& words) {
         visit_particles([&](int n, int, int, int) { force_[n] = {0, 0, 0}; });
@@ -122,16 +122,17 @@ public:
         Springs<Words> springs{*this, step, points, words};
         visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, false>(springs, 0);
     }
-    /// Forces of the others, once the points of other blocks have come.
+    /// Adds the forces of the other springs, once the points of other blocks have come.
     template <class Words>
     VOXSPRING_HOST_DEVICE void add_late(const BrickStep& step, const float* points, const Words& words) {
         if (!keeps_own) load_own(points);
         Springs<Words> springs{*this, step, points, words};
         visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, true>(springs, late_bit);
     }
-    /// Moves the particles on. `next`: the other half, which holds x(t - dt) unless by increments.
-    /// publish(whether, i, j, k, point) is called for each of them. No branch goes round a particle that is
-    /// not there: the compiler then has all of them to fill its waits with, in about half of the time.
+    /// Moves the particles by one step. `next`: the other half, which holds x(t - dt) unless by increments.
+    /// publish(whether, i, j, k, point) is called for each particle. No branch skips a particle that is not
+    /// there: without branches the compiler can fill the waits of one particle with the work of the others,
+    /// which takes about half of the time.
     template <class Words, class Publish>
     VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
                                          Publish publish) {
@@ -166,8 +167,8 @@ public:
     }
 
 private:
-    /// Whether particles stay in registers from step to step. A large tile leaves none, not even from early
-    /// to late springs.
+    /// Whether particles stay in registers from step to step. A large tile leaves no registers for that, not
+    /// even from early to late springs.
     static constexpr bool keeps_own = particles <= 8;
     VOXSPRING_HOST_DEVICE void load_own(const float* points) {
         visit_particles([&](int n, int i, int j, int k) { own_[n] = load(points, slot(i, j, k)); });
@@ -204,14 +205,15 @@ private:
             }
             add(spring.offset, spring.density, words.spring(bit, crossed), tile.force_[a]);
         }
-        /// The sum is selected, not what is added: of a point that is not finite nothing comes through.
+        /// The selection applies to the sum, not to the addend: a point that is not finite then has no
+        /// effect.
         static VOXSPRING_HOST_DEVICE void add(Vector<float> offset, float density, bool is_there,
                                               Vector<float>& force) {
             const Vector<float> sum = fused(offset, density, force);
             if (is_there) force = sum;
         }
-        /// The same. Where several sums have one condition the compiler selects after each of them; this
-        /// takes no instruction more than the sum.
+        /// add() by predicated instructions. Where several sums have one condition the compiler selects after
+        /// each of them; this takes no more instructions than the sum itself.
         static VOXSPRING_HOST_DEVICE void add_predicated(Vector<float> offset, float density, bool is_there,
                                                          Vector<float>& force) {
 #ifdef __CUDA_ARCH__

@@ -1,11 +1,12 @@
-// Explicit addressing by delta-compressed lists. The body of the kernel; cuda/README.md draws the layout.
+// Explicit addressing by delta-compressed lists. This is the body of the kernel; cuda/README.md draws the
+// layout.
 //
 // Particles are in canonical order, without their grid. The neighbours of a particle lie in nine rows of
-// voxels, and the particles of a row follow one another in that order as well. So a list says how many
-// particles lie between the particle and its place in each of the other eight rows. The particle's mask says
-// to which neighbours it has a spring. The deltas seldom change along a row: all particles of a run share one
-// list, and one bit for each particle says whether the next list begins there. Springs beyond the lattice
-// have lists of their own, one for each slice.
+// voxels, and the particles of each row follow one another in canonical order as well. So a list says how
+// many particles lie between the particle and its place in each of the other eight rows, and the particle's
+// mask says to which neighbours it has a spring. The deltas seldom change along a row: all particles of a run
+// share one list, and one bit per particle says whether the next list begins there. Springs beyond the
+// lattice are in separate lists, one per slice.
 #pragma once
 
 #ifndef __CUDACC_RTC__
@@ -17,7 +18,7 @@
 
 namespace voxspring::cuda {
 
-/// How many of bits 0 to `lane` are set.
+/// Counts the bits that are set among bits 0 to `lane`.
 VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
     const std::uint32_t counted = bits & 0xFFFFFFFFU >> (31U - lane);
 #ifdef __CUDA_ARCH__
@@ -27,10 +28,10 @@ VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
 #endif
 }
 
-/// A list in registers: distances in words, from the particle's own.
+/// A list in registers: distances in words, counted from the particle's own word.
 struct ListedDeltas {
     FourDeltas near, far;
-    /// From the particle to the middle of row (dy, dz).
+    /// The distance from the particle to the middle of row (dy, dz).
     VOXSPRING_HOST_DEVICE int operator()(int dy, int dz) const {
         const int row = row_number(dy, dz);
         return row == row_count ? 0 : row < 4 ? near.row[row] : far.row[row - 4];
@@ -48,9 +49,9 @@ VOXSPRING_HOST_DEVICE ListedDeltas read_deltas(const RowDeltas* list, const Curr
     return {current.entry(&list->rows[0]), current.entry(&list->rows[1])};
 }
 
-/// Whether the particles of all threads that run this together have all neighbours, and no gap among them.
+/// Whether the particles of all threads that run this together have all neighbours, with no gap among them.
 /// `bits` is this thread's mask. With groups that join both sides of a row but not its middle, a particle
-/// that has all neighbours may still have a gap: the answer is then false.
+/// that has all neighbours may still have a gap, so the answer is then false.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_full_stencils_without_gaps(std::uint32_t bits) {
     constexpr bool faces = (Terms::groups & FACE_BITS) != 0, edges = (Terms::groups & EDGE_BITS) != 0,

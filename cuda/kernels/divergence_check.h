@@ -5,7 +5,7 @@
 
 namespace voxspring::cuda {
 
-/// On the device: the step of the first check that failed, and of the check before it (Divergence).
+/// Kept on the device: the step of the first check that failed, and of the check before it (Divergence).
 struct FirstDivergence {
     long long last_good, found;
 };
@@ -14,11 +14,11 @@ struct FirstDivergence {
 template <class Real>
 VOXSPRING_HOST_DEVICE bool beyond(Vector<Real> position, Vector<Real> v, Real max_squared) {
     const Real sum = position.x + position.y + position.z;
-    // Not "greater than": a NaN has diverged. The difference of a sum from itself is 0 if it is finite.
+    // Written so that a NaN counts as diverged. For a finite sum, `sum - sum` is 0.
     return !(v.x * v.x + v.y * v.y + v.z * v.z <= max_squared) || !(sum - sum == Real(0));
 }
 
-/// Particles in words. `before` is null by increments, and words without bits are no particles.
+/// Particles in words. By increments `before` is null. A word without bits is no particle.
 template <class Real>
 struct ParticlesInWords {
     const ParticleRecord<Real>* words;
@@ -36,7 +36,7 @@ struct ParticlesInWords {
     }
 };
 
-/// Particles in axes.
+/// Particles in structure of arrays.
 template <class Real>
 struct ParticlesInAxes {
     const Real* now;
@@ -54,7 +54,7 @@ struct ParticlesInAxes {
 };
 
 #ifdef __CUDACC__
-/// `step`: after which the check is made; `last_check`: the step of the check before it.
+/// `step`: the step after which the check is made. `last_check`: the step of the check before it.
 template <class Particles, class Real>
 __device__ void check_divergence(const Particles& particles, std::size_t count, Real max_squared,
                                  long long step, long long last_check, FirstDivergence* first) {

@@ -11,7 +11,7 @@
 
 namespace voxspring::cuda {
 
-/// measured_length(), or 0 where there is no spring: inverse_root() takes normal numbers alone.
+/// measured_length(), or 0 if there is no spring: inverse_root() is defined for normal numbers only.
 template <class Real>
 VOXSPRING_HOST_DEVICE Real measured_or_zero(Real squared) {
     constexpr Real smallest = sizeof(Real) == sizeof(float) ? Real(FLT_MIN) : Real(DBL_MIN);
@@ -29,7 +29,8 @@ VOXSPRING_HOST_DEVICE void write_bits(ParticleRecord<Real>* words, EditedWord ed
     words[edited.word].bits = ParticleRecord<Real>::with(edited.bits);
 }
 
-/// Writes word n of an edit, whose first `slots` are ResidentStep::slot's and the others bits of `words`.
+/// Writes word n of an edit. The first `slots` words belong to ResidentStep::slot, the others are bits of
+/// `words`.
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_slot_or_bits(std::uint16_t* slot, std::size_t slots,
                                               ParticleRecord<Real>* words, const EditedWord* edited,
@@ -41,7 +42,7 @@ VOXSPRING_HOST_DEVICE void write_slot_or_bits(std::uint16_t* slot, std::size_t s
     }
 }
 
-/// Writes slot n of the rows to where `shape` has it.
+/// Writes slot n of the rows to its place according to `shape`.
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_slot(const EditedRows<Real>& rows, std::size_t n, const ListShape& shape,
                                       std::uint32_t* neighbour, SpringConstants<Real>* constants,

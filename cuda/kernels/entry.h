@@ -1,5 +1,5 @@
-// What a kernel file is compiled with at run time (cuda/device/compiler.h): REAL, FETCH, TERMS, THREADS and
-// BLOCKS are macros. A kernel's arguments are those of cuda/common/particles.h.
+// The macros with which a kernel file is compiled at run time (cuda/device/compiler.h) are REAL, FETCH,
+// TERMS, THREADS and BLOCKS. A kernel's arguments are those of cuda/common/particles.h.
 #pragma once
 
 #include "cuda/kernels/fetch.h"
@@ -11,11 +11,11 @@ using Real = REAL;
 using Fetch = FETCH<Real>;
 using Terms = TERMS;
 
-/// An SM has to have room for BLOCKS blocks. The compiler may use the registers that this leaves for fetches
+/// An SM must have room for BLOCKS blocks. The compiler may spend the registers that this leaves on fetches
 /// in flight.
 #define KERNEL extern "C" __global__ void __launch_bounds__(THREADS, BLOCKS)
 
-/// With LISTED_BLOCKS a launch is a part of the blocks: a last argument lists their numbers.
+/// With LISTED_BLOCKS a launch covers some of the blocks only: a last argument lists their numbers.
 #ifdef LISTED_BLOCKS
 #define AND_BLOCKS , const unsigned* __restrict__ blocks
 #define BLOCK_NUMBER blocks[blockIdx.x]
@@ -24,9 +24,9 @@ using Terms = TERMS;
 #define BLOCK_NUMBER blockIdx.x
 #endif
 
-/// With DEPENDENT_LAUNCH the next step is launched while this one runs: as soon as all blocks of this one
-/// have come by here and there is room. Here each thread waits for the step before this one to have ended,
-/// and for nothing where it was not launched so.
+/// With DEPENDENT_LAUNCH the next step is launched while this one still runs, as soon as all blocks of this
+/// one have passed this point and there is room. Each thread waits here until the step before this one has
+/// ended. Without such a launch it does not wait.
 #if defined(DEPENDENT_LAUNCH) && __CUDA_ARCH__ >= 900
 #define AWAIT_STEP_BEFORE()                            \
     asm volatile("griddepcontrol.wait;" ::: "memory"); \

@@ -1,17 +1,17 @@
 // Blocks of one launch send points to each other through L2. A point travels in a word of 16 bytes, the last
-// four of which are a tag. A word is read and written whole: where the tag has arrived, so has the point, and
-// no barrier is needed. Device code alone.
+// four of which are a tag. A word is read and written whole: once the tag has arrived, so has the point, and
+// no barrier is needed. Device code only.
 //
-// Words between parts of a body, whose kernels may run on different devices, are the same with the scope of
-// the system. They lie in the memory of the device that reads them, so that only stores cross the link. What
-// is relied on:
+// Words between parts of a body, whose kernels may run on different devices, use the scope of the system
+// instead. They lie in the memory of the device that reads them, so that only stores cross the link. The code
+// relies on this:
 // - PTX counts .b128 as one scalar, unlike a vector of four floats, which is four accesses in any order. A
 //   store and a load of the word that name each other's thread in their scopes do not tear. Hence .sys on
 //   both sides: .gpu would leave out the threads of other devices.
-// - NVLink brings an aligned word of 16 bytes whole. NCCL relies on more there (LL128: lines of 128 bytes
-//   arrive in order), and on words of 8 bytes alone elsewhere: hence no such words over PCIe, which the
-//   backend refuses.
-// - Nothing is said of the order of two words, and nothing asks for one: each has its own tag.
+// - NVLink delivers an aligned word of 16 bytes whole. NCCL relies on more there (LL128: lines of 128 bytes
+//   arrive in order), and elsewhere on words of 8 bytes only. So there are no such words over PCIe: the
+//   backend refuses it.
+// - The order of two words is undefined, and nothing depends on it: each word has its own tag.
 #pragma once
 
 #include "backends/layout/records/resident.h"
@@ -19,7 +19,7 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Where `here` is false nothing is sent, without a branch.
+/// Sends nothing if `here` is false. The store is predicated, so there is no branch.
 __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     asm volatile(
         "{\n"
@@ -36,7 +36,7 @@ __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> poin
         : "memory");
 }
 
-/// TaggedPoint NAME(from) with the scope "gpu" or "sys": an instruction names it.
+/// Defines TaggedPoint NAME(from). The scope, "gpu" or "sys", is part of the instruction.
 #define LOOK_UP(name, scope)                                                                 \
     __device__ inline TaggedPoint name(const TaggedPoint* from) {                            \
         TaggedPoint found;                                                                   \
@@ -56,11 +56,11 @@ __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> poin
         return found;                                                                        \
     }
 LOOK_UP(look_up, "gpu")
-/// Of what threads of any device write.
+/// Reads what threads of any device write.
 LOOK_UP(look_beyond, "sys")
 #undef LOOK_UP
 
-/// publish_if() for threads of any device.
+/// publish_if() for readers on any device.
 __device__ inline void send_beyond(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     asm volatile(
         "{\n"

@@ -1,4 +1,4 @@
-// With SECONDARY the step takes the secondary list, else a counter for each spring group.
+// With SECONDARY the step reads the secondary list, otherwise one counter per spring group.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/explicit.h"
 

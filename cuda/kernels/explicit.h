@@ -1,6 +1,6 @@
 // Explicit addressing: particles without their grid, each with a list of its neighbours. The bodies of the
-// kernels take the fetch as a parameter: `current.point(i, 0)` is particle i, `current.entry(p)` the entry of
-// a list at p.
+// kernels take the way of reading as a parameter: `current.point(i, 0)` is particle i, and `current.entry(p)`
+// is the entry of a list at p.
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
 // zero. So lists can be read in whole chunks, before the counters that say where they end.
@@ -11,8 +11,8 @@
 
 namespace voxspring::cuda {
 
-/// How many slots are read together where any groups are in use. It divides the size of every group: 6, 12
-/// and 8.
+/// How many slots are read together where any groups are in use. The number divides the size of every group:
+/// 6, 12 and 8.
 inline constexpr int short_chunk = 2;
 
 /// The index of the neighbour that a list entry names.
@@ -44,7 +44,7 @@ VOXSPRING_HOST_DEVICE void add_chunk(Vector<Real>& sum, const Point<Real, Terms:
     }
 }
 
-/// Steps particle i by its list, where a counter for each spring group says how much of it is in use.
+/// Steps particle i with its list. One counter per spring group says how many slots of the list are in use.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i, const Current& current,
                                           const Output<Real>& output) {
@@ -88,7 +88,7 @@ VOXSPRING_HOST_DEVICE void step_by_groups(const ExplicitStep<Real>& step, int i,
     integrate_and_store<Terms>(step.motion, output, i, self, before, force);
 }
 
-/// Steps particle i by its list and the secondary list, which holds the stiffness and rest length of each
+/// Steps particle i with its list and the secondary list, which holds the stiffness and rest length of each
 /// spring.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_springs(const ExplicitStep<Real>& step, int i, const Current& current,

@@ -6,7 +6,7 @@
 
 namespace voxspring::cuda {
 
-/// As OpenGL reads it: 16 bytes, the last four of them 0.
+/// A displacement as OpenGL reads it: 16 bytes, the last four of which are 0.
 struct alignas(16) FedDisplacement {
     Vector<float> displacement;
     float zero;
@@ -20,7 +20,7 @@ struct Feeding {
     const ParticleRecord<Real>* words_low;  ///< null: there are no low parts
 };
 
-/// That of fed particle n.
+/// The displacement of fed particle n.
 template <class Real>
 VOXSPRING_HOST_DEVICE FedDisplacement fed_displacement(const Feeding<Real>& feeding, std::size_t n) {
     const FedWord<Real> fed = feeding.fed[n];

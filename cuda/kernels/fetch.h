@@ -1,5 +1,5 @@
-// How kernels read memory: a type for each path. Each is a handle of 8 bytes that a kernel gets as an
-// argument. Device code alone.
+// How kernels read memory: one type per path. Each is a handle of 8 bytes that a kernel gets as an argument.
+// Device code only.
 #pragma once
 
 #include "backends/layout/records/delta.h"
@@ -43,7 +43,7 @@ __device__ inline Slice list_entry_through_l1(const Slice* p) {
     return {int(v.x), v.y, v.z, v.w};
 }
 
-/// Global memory past L1 (ld.global.cg): today's nearest thing to the uncached loads of 2008.
+/// Reads global memory past L1 (ld.global.cg), today's nearest equivalent to the uncached loads of 2008.
 template <class Real>
 struct PastL1 {
     const ParticleRecord<Real>* words;
@@ -71,7 +71,7 @@ struct ThroughL1 {
     }
 };
 
-/// tex1Dfetch(), which is not moved to before the wait for the step before (words.h).
+/// tex1Dfetch() that the compiler may not move before the wait for the previous step (words.h).
 __device__ inline float4 texel(cudaTextureObject_t texture, int index, float4) {
 #ifdef DEPENDENT_LAUNCH
     float4 v;
@@ -95,8 +95,8 @@ __device__ inline int4 texel(cudaTextureObject_t texture, int index, int4) {
 #endif
 }
 
-/// Positions through a texture object (tex1Dfetch): float4, or two int4 for float64. Lists come by plain
-/// loads.
+/// Reads positions through a texture object (tex1Dfetch): one float4, or two int4 for float64. Lists are read
+/// by plain loads.
 template <class Real>
 struct ThroughTexture {
     cudaTextureObject_t texture;

@@ -1,5 +1,5 @@
 // Implicit addressing: a particle's neighbours are at fixed offsets in the grid, and its mask says which of
-// them exist. The bodies of the kernels take the neighbour fetch as a parameter.
+// them exist. The bodies of the kernels take the way of fetching neighbours as a parameter.
 #pragma once
 
 #include "cuda/kernels/motion.h"
@@ -26,7 +26,7 @@ __device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_bl
 }
 #endif
 
-/// `steps` spacings, -1 to 1. For 0 it is a zero that the compiler knows.
+/// `steps` times the spacing, for -1 to 1. For 0 the result is a zero that the compiler knows.
 template <class Real>
 VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
     return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing;
@@ -44,13 +44,13 @@ VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step, co
     return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
 }
 
-/// The sum of unit pulls of each spring group; of pulls where each spring has its own stiffness.
+/// The sum of unit pulls of each spring group, or of pulls where each spring has its own stiffness.
 template <class Real>
 struct GroupSums {
     Vector<Real> face{0, 0, 0}, edge{0, 0, 0}, corner{0, 0, 0};
 };
 
-/// The neighbours that add_springs() takes: all.
+/// A choice of neighbours for add_springs(): all of them.
 struct EveryNeighbour {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int, int) { return true; }
 };
@@ -65,8 +65,9 @@ VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vec
                                        Compliance compliance, GroupSums<Real>& sums) {
     const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
     [[maybe_unused]] const Real own_compliance = materials ? compliance(0, 0, 0) : Real(0);
-    // All fetches of a group come before the first use. An SM with few warps, as on a small lattice, has
-    // nothing else to do: a step then takes as long as the latencies that one thread waits for in turn.
+    // All fetches of a group come before the first use. With few warps, as on a small lattice, an SM has
+    // nothing else to do, and a step takes as long as the latencies that one thread waits for one after the
+    // other.
 #define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
     [[maybe_unused]] const auto neighbour##bit = Chosen::has(dx, dy, dz) ? neighbour(dx, dy, dz) : self.point;
 #define ADD_SPRING(group, bit, dx, dy, dz)                                                                 \
@@ -142,7 +143,7 @@ VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
     }
 }
 
-/// Steps the particle of element `index`, if there is one. `self` is that particle as the reader gives it.
+/// Steps the particle of element `index`, if there is one. `self` is that particle as the reader returned it.
 /// Returns whether a bit of its state changed.
 template <class Terms, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
@@ -157,7 +158,7 @@ VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
     return integrate_and_store<Terms>(step.motion, output, index, self, before, force, stores);
 }
 
-/// A neighbour fetch from memory: `current.point(index, dx)` is that of element index + dx.
+/// Fetches neighbours from memory: `current.point(index, dx)` is the point of element index + dx.
 template <class Current>
 struct GridNeighbours {
     const Current& current;
@@ -167,7 +168,7 @@ struct GridNeighbours {
     }
 };
 
-/// The compliance of the voxels about element `index`.
+/// The compliance of the voxels around element `index`.
 template <class Real>
 struct GridCompliance {
     const Real* compliance;
@@ -177,8 +178,8 @@ struct GridCompliance {
     }
 };
 
-/// What one thread does in a kernel that fetches neighbours from memory. Its voxel (x, y, z) may lie outside
-/// of the lattice.
+/// The work of one thread in a kernel that fetches neighbours from memory. Its voxel (x, y, z) may lie
+/// outside of the lattice.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE bool step_from_memory(const ImplicitStep<Real>& step, int x, int y, int z,
                                             const Current& current, const Output<Real>& output) {
@@ -192,8 +193,8 @@ VOXSPRING_HOST_DEVICE bool step_from_memory(const ImplicitStep<Real>& step, int 
 }
 
 /// Three slices of a tile of W x H particles and a frame of one particle around it, in shared memory: the
-/// paper's Figure 4. Each axis is an array of its own, so that neighbouring threads read neighbouring banks.
-/// Low parts take three more arrays.
+/// paper's Figure 4. Each axis is a separate array, so that neighbouring threads read neighbouring banks. Low
+/// parts take three more arrays.
 template <class Real, bool split, int W, int H>
 struct Tile {
     Real axis[split ? 6 : 3][3][H + 2][W + 2];
@@ -207,8 +208,8 @@ struct Tile {
         return {axis[first][k][cy][cx], axis[first + 1][k][cy][cx], axis[first + 2][k][cy][cx]};
     }
 
-    /// Loads the three particles of column (cx, cy) of the tile, one above the other. The middle one is
-    /// element `index`, and is returned.
+    /// Loads the three particles of column (cx, cy) of the tile, one above the other, and returns the middle
+    /// one, which is element `index`.
     template <class Current>
     VOXSPRING_HOST_DEVICE Self<Real, split> load(int cx, int cy, int index, int slice,
                                                  const Current& current) {
@@ -222,8 +223,8 @@ struct Tile {
         return middle;
     }
 
-    /// Thread (tx, ty) loads its own column and the columns of the frame beside it. Returns its particle.
-    /// What lies outside of the lattice stays unset: no spring reads it.
+    /// Loads this thread's column and the columns of the frame beside it, as thread (tx, ty). Returns its
+    /// particle. What lies outside of the lattice stays unset: no spring reads it.
     template <class Current>
     VOXSPRING_HOST_DEVICE Self<Real, split> fill(int tx, int ty, int index, int row, int slice,
                                                  const Current& current) {
@@ -241,7 +242,7 @@ struct Tile {
     }
 };
 
-/// A neighbour fetch from the tile.
+/// Fetches neighbours from the tile.
 template <class Real, bool split, int W, int H>
 struct TileNeighbours {
     const Tile<Real, split, W, H>& tile;

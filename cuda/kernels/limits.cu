@@ -1,4 +1,5 @@
-// What measures a card's limits (cuda/device/limits.cpp). THREADS, the threads of a block, is the one macro.
+// Kernels that measure a card's limits (cuda/device/limits.cpp). THREADS, the threads per block, is the only
+// macro.
 #include "cuda/kernels/exchange.h"
 #include "cuda/kernels/limits.h"
 
@@ -12,9 +13,10 @@ __device__ inline float4 operator-(float4 a, float4 b) {
     return make_float4(a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w);
 }
 
-/// Reads one or two arrays and writes one or none, in accesses of 16 bytes past L1, `words` of them per
-/// thread at once. All passes are in one launch: in the cache a pass takes hardly longer than a launch. A
-/// grid of more than one row has a row per pass; one of few blocks goes through the arrays in strides.
+/// Reads one or two arrays and writes one or none, in accesses of 16 bytes past L1, of which each thread
+/// makes `words` at once. All passes are in one launch, since a pass in the cache takes hardly longer than a
+/// launch. A grid of more than one row has one row per pass; a grid of few blocks goes through the arrays in
+/// strides.
 template <int reads, bool writes, int words>
 __device__ void sweep(int passes, const Sweep& arrays) {
     const std::size_t stride = std::size_t(gridDim.x) * THREADS * words;
@@ -46,7 +48,7 @@ __device__ void sweep(int passes, const Sweep& arrays) {
     if (!writes && none.x + none.y + none.z + none.w == arrays.impossible) *arrays.written = none;
 }
 
-// Named by the arrays that a pass reads and writes, and by the words per thread.
+// Each name has the number of arrays that a pass reads and writes, and the words per thread.
 KERNEL sweep_1_0_1(int passes, Sweep arrays) { sweep<1, false, 1>(passes, arrays); }
 KERNEL sweep_1_0_2(int passes, Sweep arrays) { sweep<1, false, 2>(passes, arrays); }
 KERNEL sweep_1_1_1(int passes, Sweep arrays) { sweep<1, true, 1>(passes, arrays); }
@@ -54,8 +56,8 @@ KERNEL sweep_1_1_2(int passes, Sweep arrays) { sweep<1, true, 2>(passes, arrays)
 KERNEL sweep_2_1_1(int passes, Sweep arrays) { sweep<2, true, 1>(passes, arrays); }
 KERNEL sweep_2_1_2(int passes, Sweep arrays) { sweep<2, true, 2>(passes, arrays); }
 
-/// All blocks of a cooperative launch meet `barriers` times. `arrived`: how many blocks have come to a
-/// barrier since it was 0; `before`: how many of them came in earlier launches.
+/// All blocks of a cooperative launch meet `barriers` times. `arrived`: how many blocks have reached a
+/// barrier since it was 0. `before`: how many of them did so in earlier launches.
 KERNEL meet(int barriers, std::uint32_t* arrived, std::uint32_t before) {
     for (int n = 1; n <= barriers; ++n) {
         const std::uint32_t wanted = before + std::uint32_t(n) * gridDim.x;
@@ -71,8 +73,8 @@ KERNEL meet(int barriers, std::uint32_t* arrived, std::uint32_t before) {
     }
 }
 
-/// The threads of a block stand in rings with those of all others: each sends a point on and waits for those
-/// of both its neighbours, with tags from `tag` + 1 on.
+/// The threads of a block form rings with those of all other blocks. Each one sends a point on and waits for
+/// the points of both its neighbours, with tags from `tag` + 1 on.
 KERNEL exchange(TaggedPoint* points, int exchanges, std::uint32_t tag) {
     const unsigned before = (blockIdx.x + gridDim.x - 1) % gridDim.x, after = (blockIdx.x + 1) % gridDim.x;
     Vector<float> point{0, 0, 0};
@@ -84,13 +86,13 @@ KERNEL exchange(TaggedPoint* points, int exchanges, std::uint32_t tag) {
             left = look_up(half + before * blockDim.x);
             right = look_up(half + after * blockDim.x);
         } while (left.tag != tag + std::uint32_t(n) || right.tag != tag + std::uint32_t(n));
-        // So that no exchange can begin before the last one is over.
+        // The sum keeps an exchange from beginning before the last one is over.
         point = left.point + right.point;
     }
 }
 
 /// Writes nothing, but only the caller knows that: the sums converge to 2. The multiply-adds are fused in the
-/// source, since the compiler is told not to fuse any.
+/// source, because the compiler is told not to fuse any.
 template <class Real>
 __device__ void multiply_add(int repetitions, Real factor, Real impossible, Real* result) {
     Real sum[limit_sums];

@@ -1,5 +1,5 @@
-// The arguments of the kernels that measure a card's limits (cuda/kernels/limits.cu). Device code, and the
-// host that launches it, alone.
+// The arguments of the kernels that measure a card's limits (cuda/kernels/limits.cu). For device code and the
+// host that launches it.
 #pragma once
 
 #ifndef __CUDACC_RTC__
@@ -10,18 +10,20 @@
 
 namespace voxspring::cuda {
 
-/// What passes move. Arrays of `count` words of 16 bytes; `written` may be one of those that are read.
+/// The data that a pass moves: arrays of `count` words of 16 bytes. `written` may be one of those that are
+/// read.
 struct Sweep {
     const float4* first;
     const float4* second;  ///< of two arrays that are read
     float4* written;
     std::size_t count;
-    /// Zero and a sum that there is not, but only the caller knows that: every pass has to read anew.
+    /// A shift of zero and a sum that never occurs. The compiler does not know that, so every pass has to
+    /// read anew.
     std::size_t shift;
     float impossible;
 };
 
-/// Independent sums of a thread: with 8 warps or more per scheduler, each has a multiply-add ready in every
+/// Independent sums per thread. With 8 warps or more per scheduler they have a multiply-add ready in every
 /// cycle.
 inline constexpr int limit_sums = 8;
 inline constexpr int limit_multiply_adds = 2048;  ///< of each sum and repetition

@@ -1,4 +1,4 @@
-// Windows filled by the tensor copy engine (compute capability 9.0), several planes ahead.
+// The tensor copy engine (compute capability 9.0) fills the windows, several planes ahead.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/march.h"
 #include "cuda/kernels/ring.h"

@@ -1,6 +1,6 @@
 // A march along z through a lattice in structure of arrays: every thread owns ROWS x 2 columns of particles
-// and takes them plane by plane, from windows that hold a plane of a tile with a frame around it. The body of
-// the kernel, whose windows a device fills with its copy engine and a test with a loop.
+// and steps them plane by plane. It reads windows that hold one plane of a tile with a frame around it. This
+// is the body of the kernel; a device fills the windows with its copy engine, a test with a loop.
 #pragma once
 
 #include "backends/layout/records/march.h"
@@ -8,7 +8,7 @@
 
 namespace voxspring::cuda {
 
-/// Two neighbours along x, moved at once.
+/// Two neighbours along x, which are moved at once.
 template <class Real>
 struct alignas(2 * sizeof(Real)) Pair {
     Real a, b;
@@ -23,7 +23,7 @@ struct Own {
         UNROLLED
         for (int r = 0; r < rows; ++r) at[r][0] = at[r][1] = {0, 0, 0};
     }
-    /// From a window whose element `from` is the first of them.
+    /// Loads from a window in which element `from` is the first particle.
     VOXSPRING_HOST_DEVICE void load(const Real* from, int pitch, int axis) {
         UNROLLED
         for (int r = 0; r < rows; ++r) load_pair(from + r * pitch, axis, at[r][0], at[r][1]);
@@ -38,7 +38,7 @@ struct Own {
     }
 };
 
-/// Whether a thread's particles have neighbours to the left and right, as factors.
+/// Whether a thread's particles have neighbours to the left and right, as factors 0 or 1.
 template <class Real>
 struct Sides {
     Real left, right;
@@ -50,8 +50,8 @@ VOXSPRING_HOST_DEVICE constexpr bool has_class(int k) {
     return (Terms::groups & bits_of_class(k)) != 0;
 }
 
-/// What a spring of class k, whose ends are `relative` = x_i - x_j or u_i - u_j apart, does to particle i. It
-/// leads to (dx, dy, dz) on a lattice with `spacing`.
+/// The effect on particle i of a spring of class k whose ends are `relative` = x_i - x_j or u_i - u_j apart.
+/// It leads to (dx, dy, dz) on a lattice with `spacing`.
 template <class Terms, bool equal_edges, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const Vector<Real>& spacing,
                                             Vector<Real> relative, int k, int dx, int dy, int dz) {
@@ -67,21 +67,22 @@ VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const V
         spring.density =
             lean_strain_density(squared, step.rest_length[k], strain_deficit(relative, spring.offset, rest));
     } else {
-        // (l - |d|) / |d| in units of l. Zero to the bit at rest, like unit_force_density().
+        // (l - |d|) / |d| in units of l. It is zero to the bit at rest, like unit_force_density().
         spring.density = inverse_root(squared) - step.rest_length[k];
     }
     if (k < 3 || !equal_edges) spring.density = spring.density * step.stiffness[k];
     return spring;
 }
 
-/// The springs of a thread as a plane arrives, added to the forces on its particles in that plane and the one
-/// before. `masked`: those whose bits are set; the force of others is dropped by selection.
+/// The springs that a thread evaluates when a plane arrives, added to the forces on its particles in that
+/// plane and the one before. `masked`: only springs whose bits are set count; the forces of others are
+/// dropped by selection.
 template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Real>
 class PlaneSprings {
 public:
     using Particles = Own<Real, shape.rows>;
 
-    /// Windows are given by the element where the thread's own particles begin.
+    /// Each window is given by the element where the thread's own particles begin.
     VOXSPRING_HOST_DEVICE PlaneSprings(const MarchStep<Real>& step, const Sides<Real>& sides,
                                        std::uint64_t word, const Real* window, const Real* window_before,
                                        const Particles& now, const Particles& before, Particles& force,
@@ -124,7 +125,8 @@ private:
     VOXSPRING_HOST_DEVICE Pull<Real> pull(Vector<Real> relative, int k, int dx, int dy, int dz) const {
         return class_pull<Terms, equal_edges>(step_, step_.spacing, relative, k, dx, dy, dz);
     }
-    /// The sum is selected, not what is added: of a neighbour that is not finite nothing comes through.
+    /// The selection applies to the sum, not to the addend: a neighbour that is not finite then has no
+    /// effect.
     VOXSPRING_HOST_DEVICE void add(int bit, Vector<Real> offset, Real density, Vector<Real>& force) const {
         const Vector<Real> sum = fused(offset, density, force);
         if (!masked || (word_ >> bit & 1U) != 0) force = sum;
@@ -138,7 +140,7 @@ private:
     Particles* const force_[2];
 };
 
-/// x or u at t + dt, or v at t + dt (`at` is of no use then): `before` is what the step overwrites, `force`
+/// x or u at t + dt, or v at t + dt (which needs no `at`). `before` is what the step overwrites; `force` is
 /// in units of MarchStep::scale.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real at, Real before, Real force,
@@ -156,8 +158,8 @@ VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real
     return (Terms::increments ? before : at) + std::fma(force, step.scale, change);
 }
 
-/// Moves a thread's particles of one plane on, whose first is element `index` of each axis. `before`: their
-/// window.
+/// Moves a thread's particles of one plane by one step. The first of them is element `index` of each axis.
+/// `before`: the window of what the step overwrites.
 template <class Terms, MarchShape shape, bool masked, class Real>
 VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const MarchOutput<Real>& output,
                                            std::size_t index, std::uint64_t word, const Real* before,
@@ -193,13 +195,13 @@ VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const Ma
     }
 }
 
-/// The march of one thread over the planes of an item. `Planes` says where things are:
+/// The march of one thread over the planes of an item. `Planes` provides the windows:
 ///
-/// - arrive(): waits for the next plane; its window.
-/// - release(): the window before the newest is of no more use.
+/// - arrive(): waits for the next plane and returns its window.
+/// - release(): says that the window before the newest one is no longer needed.
 /// - before(): waits for the window of what the next plane's step overwrites; release_before() ends its use.
 ///
-/// - refill(plane): before `plane` arrives, a moment to ask for later ones.
+/// - refill(plane): called before `plane` arrives, to ask for later planes.
 /// - any(here): whether `here` holds for any thread that steps together with this one.
 ///
 /// Windows begin at the thread's own particles.
@@ -211,7 +213,7 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
 
     const std::uint64_t* words = masked ? step.words + item.words + thread : nullptr;
     std::uint64_t next_word = masked ? *words : 0;
-    // Each word is fetched a plane before it is needed.
+    // Each word is fetched one plane before it is needed.
     const auto word_of = [&](int plane) {
         const std::uint64_t word = next_word;
         if (masked && plane < item.end) {

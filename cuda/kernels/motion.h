@@ -1,4 +1,4 @@
-// The parts of a step that every kernel shares: one spring's pull, and the integrators.
+// The parts of a step that all kernels share: the pull of one spring, and the integrators.
 #pragma once
 
 #include "backends/layout/records/motion.h"
@@ -11,7 +11,7 @@
 
 namespace voxspring::cuda {
 
-/// Where a particle is, as its neighbours see it: a position or a displacement.
+/// The place of a particle as its neighbours see it: a position or a displacement.
 template <class Real, bool split>
 struct Point {
     Vector<Real> high;
@@ -64,15 +64,14 @@ struct Reader {
     }
 };
 
-/// The force of a spring of stiffness 1 on particle i is `offset` times `density`.
+/// The spring force on particle i, at stiffness 1, is `offset` times `density`.
 template <class Real>
 struct Pull {
     Vector<Real> offset;
     Real density;
 };
 
-/// l^2 - |d|^2 without cancellation (strain_density() of spring.h), of d = `offset` = `relative` -
-/// rest.offset.
+/// l^2 - |d|^2 without cancellation (strain_density() of spring.h). d = `offset` = `relative` - rest.offset.
 template <class Real>
 VOXSPRING_HOST_DEVICE Real strain_deficit(Vector<Real> relative, Vector<Real> offset,
                                           const SpringRest<Real>& rest) {
@@ -81,12 +80,12 @@ VOXSPRING_HOST_DEVICE Real strain_deficit(Vector<Real> relative, Vector<Real> of
                     std::fma(-relative.y, sum.y, std::fma(-relative.z, sum.z, rest.deficit)));
 }
 
-/// `relative`: x_i - x_j or u_i - u_j. `rest_length`: what measured_length() gives or, by increments, the
+/// `relative`: x_i - x_j or u_i - u_j. `rest_length`: the result of measured_length() or, by increments, the
 /// rest length itself.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRest<Real>& rest,
                                            Real rest_length, Real shortest_squared) {
-    // The compiler folds away a subtraction of zero. It may not do so with an addition of zero, which turns
+    // The compiler folds away the subtraction of a zero. It may not fold the addition of a zero, which turns
     // -0 into 0.
     const Vector<Real> offset = Terms::positions ? relative : relative - rest.offset;
     const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
@@ -128,13 +127,13 @@ VOXSPRING_HOST_DEVICE PreviousOrVelocity<Real> load_before(const Output<Real>& o
     }
 }
 
-/// `v` with zero in place of components that are smaller than flushed_below.
+/// `v` with every component that is smaller than flushed_below replaced by zero.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v) {
     const auto far = [](Real a) { return a < Real(flushed_below) && a > -Real(flushed_below) ? Real(0) : a; };
     return {far(v.x), far(v.y), far(v.z)};
 }
-/// `low` without the components whose `high` is 0.
+/// `low` with every component zero whose `high` is 0.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
     const auto kept = [](Real h, Real l) { return h != 0 ? l : Real(0); };
@@ -145,10 +144,10 @@ VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
 template <class Real, bool split>
 struct Integrated {
     Point<Real, split> point;
-    PreviousOrVelocity<Real> before;  ///< of the next step
+    PreviousOrVelocity<Real> before;  ///< for the next step
 };
 
-/// The particle of word `index` one step on under `force`, or where it was if it is pinned.
+/// The particle of word `index` one step later under `force`, or where it was if it is pinned.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real>& motion, int index,
                                                                const Self<Real, Terms::split>& self,
@@ -159,7 +158,7 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
     const Real inverse_mass = Terms::template has<term_materials>(motion.inverse_masses != nullptr)
                                   ? motion.inverse_masses[index]
                                   : motion.inverse_mass;
-    // Where the scene lacks a term its operand is a constant that changes no bit, and the compiler folds it
+    // If the scene lacks a term, its operand is a constant that changes no bit, and the compiler folds it
     // away.
     const Real zero = -Real(0);
     const Vector<Real> gravity =
@@ -211,7 +210,8 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
 }
 
 /// Moves the particle of word `index` by one step under `force`. Returns whether that changed a bit of its
-/// state. Not `stores`: it stays where it is, and the answer is whether a step would.
+/// state. Without `stores` the particle stays where it is, and the result is whether a step would change a
+/// bit.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE bool integrate_and_store(const Motion<Real>& motion, const Output<Real>& output,
                                                int index, const Self<Real, Terms::split>& self,

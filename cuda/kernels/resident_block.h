@@ -1,5 +1,5 @@
-// What the threads of a block of the resident kernel do (resident.cu). Device code, which a host runs as well
-// that brings the built-in names and barriers of a device (tests/host_blocks.h).
+// The work of the threads of a block of the resident kernel (resident.cu). This is device code. A host can
+// run it too if it provides the built-in names and barriers of a device (tests/host_blocks.h).
 #pragma once
 
 #include "backends/layout/records/loops.h"
@@ -12,8 +12,8 @@ namespace voxspring::cuda {
 /// What a resident kernel is compiled for.
 struct ResidentShape {
     int lanes;              ///< threads of a block that have a particle each
-    int pollers;            ///< threads beside those, which wait for points of other blocks
-    int rounds;             ///< points that each of them waits for
+    int pollers;            ///< more threads, which wait for points of other blocks
+    int rounds;             ///< points that each of these waits for
     int slots;              ///< points in shared memory
     std::uint32_t borders;  ///< kinds of border in use, as bits
     bool masked;  ///< the lattice is stressed at rest, so that the spring to an absent neighbour would pull
@@ -27,7 +27,7 @@ struct NoCompliance {
     __device__ float operator()(int, int, int) const { return 0; }
 };
 
-/// `Terms` of the motion; without loads where these are part of the force.
+/// `Terms` of the motion. It has no loads where these are part of the force.
 template <class Terms, bool loads_in_force>
 struct TermsOfMotion {
     using type = Terms;
@@ -48,12 +48,12 @@ public:
     using StepOfWhole = std::conditional_t<has_tool, HeldResidentStep, ResidentStep>;
     using Step = std::conditional_t<shape.part, PartStep<StepOfWhole>, StepOfWhole>;
 
-    /// In shared memory. A step reads one half of the points and writes the other.
+    /// Points in shared memory. A step reads one half of them and writes the other.
     struct Points {
         float points[2][3][shape.slots];
     };
     struct PointsAndOrder : Points {
-        TickOrder order;  ///< of the tick
+        TickOrder order;  ///< of the current tick
     };
     using Shared = std::conditional_t<in_ticks, PointsAndOrder, Points>;
 
@@ -67,8 +67,8 @@ public:
 
     __device__ ResidentBlock(Shared& shared, const Step& step) : shared_(shared), step_(step) {}
 
-    /// Takes `count` steps, at least one; in ticks what the host orders, until it orders the end. resident.cu
-    /// says what the arguments are.
+    /// Takes `count` steps, at least one; in ticks it takes what the host orders, until the host orders the
+    /// end. resident.cu describes the arguments.
     __device__ void run(const Memory& memory, int count, std::uint32_t tag, std::uint32_t launches) {
         const int thread = int(threadIdx.x);
         if (thread < shape.lanes) {
@@ -83,7 +83,7 @@ public:
             if ((border & mirrored_z) != 0) lane.spacing.z = -lane.spacing.z;
             run_lane_of<0>(border & border_kind_bits, lane, count, tag);
             if (!lane.active) return;
-            // Where that is in vain the state is worthless, wherever it is.
+            // If this wait is in vain, the state is worthless, in memory as on the chip.
             static_cast<void>(
                 wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.wait, tag + count));
             store(lane, memory);
@@ -114,9 +114,9 @@ private:
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
         TaggedPoint* published;  ///< null where no other block reaches the particle
         std::uint32_t sent;      ///< as ResidentLinks has it
-        // Where there is a tool:
+        // Used where there is a tool:
         std::uint32_t held;  ///< as held_by_lane
-        Vector<float> load;  ///< its own
+        Vector<float> load;  ///< without the tool's force
     };
 
     /// Fetches neighbours from shared memory. Only the slots of groups that are compiled in are used.
@@ -198,8 +198,8 @@ private:
         return step_.polled_word[poll];
     }
 
-    /// The load of a lane's particle in a step, to which the tool adds its force. That of the `last` step of
-    /// a launch or tick is what the host asks for.
+    /// The load of a lane's particle in a step, including the tool's force. The host asks for the tool's
+    /// force of the `last` step of a launch or tick.
     __device__ Vector<float> load_of(const Lane& lane, bool last) const {
         if (lane.held == resident_none) return lane.load;
         Vector<float> moved = step_.tool.moved;
@@ -216,17 +216,21 @@ private:
         return lane.load + force;
     }
 
-    /// Which half of the exchange has the points with `tag`, which a step leaves in half `half` of shared
-    /// memory. Each launch begins with half 0 of that. Blocks of one launch may use the exchange alike; but
-    /// where a neighbour's launch is ahead by one of a single step, the point that it sends must not replace
-    /// the latest before that, which may not have been read yet. So parts take turns by tag, whatever the
-    /// launches. That is enough: a block sends the point of step n + 2 once it has those of step n + 1 of all
-    /// blocks that it reaches, or its launch has (keep_ghosts()), and these are the blocks that read its own;
-    /// each of them sends the point of step n + 1 once all of its pollers have read step n.
+    /// Which half of the exchange holds the points with `tag`, which a step leaves in half `half` of shared
+    /// memory. Each launch begins with half 0 of shared memory. Blocks of one launch may use the exchange in
+    /// the same way. But a neighbouring part's launch may be ahead by one, and if that launch has a single
+    /// step, the point that it sends must not replace the point before it, which may not have been read yet.
+    /// So between parts the parity of the tag selects the half, whatever the launches.
+    ///
+    /// Two halves are enough. A block sends the point of step n + 2 only once it, or its launch
+    /// (keep_ghosts()), has the points of step n + 1 of all blocks that it reaches. These are the blocks that
+    /// read its points, and each of them sends its point of step n + 1 only once all of its pollers have read
+    /// step n.
     static __device__ int turn_of(int half, std::uint32_t tag) { return shape.part ? int(tag & 1) : half; }
 
-    /// Takes a step that reads half `half`. Springs across the border are added last, once its points have
-    /// come. The load is first: after the wait for the border another tick's order may come.
+    /// Takes a step that reads half `half`. Springs across the border are added last, once the border's
+    /// points have come. The load is taken first, because after the wait for the border another tick's order
+    /// may come.
     template <class Border, int half>
     __device__ void step_lane(Lane& lane, std::uint32_t tag, bool first, bool last) {
         constexpr bool full_stencil = !shape.masked;
@@ -245,7 +249,7 @@ private:
             integrate<MotionTerms>(step_.motion, lane.word, lane.self, lane.before, force);
         lane.self.point = next.point;
         lane.before = next.before;
-        // A branch: without one the kernel of increments with 80 registers waits longer.
+        // A branch is faster here: without it the kernel of increments with 80 registers waits longer.
         if (lane.published != nullptr && (in_ticks || !last))
             publish_if(true, lane.published + turn_of(1 - half, tag + 1) * step_.published_count,
                        next.point.high, tag + 1);
@@ -254,8 +258,8 @@ private:
         if constexpr (overlaps) own_points_are_here();
     }
 
-    /// Sends a point to the part that reads it, in every step: the last one's is what a neighbour's next
-    /// launch begins with.
+    /// Sends a point to the part that reads it. This happens in every step: with the last point a neighbour's
+    /// next launch begins.
     __device__ void send(std::uint32_t to, Vector<float> point, std::uint32_t tag) const {
         if (to == resident_none) return;
         const ResidentNeighbour& neighbour = step_.links.neighbour[to / second_neighbour];
@@ -275,13 +279,13 @@ private:
     /// A thread's place in the ticks.
     struct Turn {
         std::uint32_t next_tick;
-        std::uint32_t steps;  ///< of this tick, to be taken yet
+        std::uint32_t steps;  ///< still to be taken in this tick
     };
 
-    /// Whether there is another step to take. All threads of the block come here before each; after the last
-    /// one of a tick they wait for the next tick. The first poller waits for the order, since lanes are busy
-    /// for longer. It replaces the one before: no thread still reads that, since each of its steps had a wait
-    /// for the border, and after the last of these no thread does.
+    /// Whether there is another step to take. All threads of the block call this before each step; after the
+    /// last step of a tick they wait for the next tick. The first poller waits for the order, since lanes are
+    /// busy for longer. The order replaces the one before, which no thread reads any more: each step of its
+    /// tick had a wait for the border, and after the last of these waits no thread reads it.
     __device__ bool goes_on(Turn& turn, std::uint32_t tag) {
         if (turn.steps == 0) {
             if (int(threadIdx.x) == shape.lanes)
@@ -294,8 +298,8 @@ private:
         return true;
     }
 
-    /// Nobody knows when the last step is before it is over: every step publishes its points, and each, the
-    /// first of the launch too, waits for the border.
+    /// Whether a step is the last is known only when it is over. So every step publishes its points, and
+    /// every step waits for the border, the first one of the launch included.
     template <class Border>
     __device__ void run_ticks(Lane& lane, std::uint32_t tag) {
         Turn turn{step_.line.first_tick, 0};
@@ -333,7 +337,8 @@ private:
         }
     }
 
-    /// Fetches what the next step reads as soon as it is published, whether or not that step is of this tick.
+    /// Fetches what the next step reads as soon as it is published, whether or not that step belongs to this
+    /// tick.
     __device__ void poll_ticks(Polls& polls, std::uint32_t tag) {
         Turn turn{step_.line.first_tick, 0};
         for (int half = 1; goes_on(turn, tag); half = 1 - half) {
@@ -342,8 +347,8 @@ private:
         }
     }
 
-    /// Fetches into half `half` the points that other blocks publish with `tag`. After a wait in vain no more
-    /// are wanted.
+    /// Fetches into half `half` the points that other blocks publish with `tag`. After one wait in vain it
+    /// wants no more points.
     __device__ void poll(Polls& polls, int half, std::uint32_t tag) {
         const bool found =
             wait_for_points(polls, polls.wanted, turn_of(half, tag), tag,
@@ -352,7 +357,7 @@ private:
     }
 
     /// Calls found(n, point) for each of the polls `missing`, once its point is in half `turn` of the
-    /// exchange. False: not all of them came, and the launch is to end.
+    /// exchange. Returns false if not all of them came; the launch must then end.
     template <class Found>
     __device__ bool wait_for_points(const Polls& polls, std::uint32_t missing, int turn, std::uint32_t tag,
                                     Found found) {
@@ -379,9 +384,9 @@ private:
         return true;
     }
 
-    /// Stores where the last step of a launch leaves the ghosts that this thread keeps, as x(t) and, since
-    /// they count as pinned, as x(t - dt): the next launch, an edit and a check for divergence find them
-    /// where they find any particle.
+    /// Stores the ghosts that this thread keeps where the last step of a launch leaves them: as x(t) and,
+    /// since they count as pinned, as x(t - dt). So the next launch, an edit and a check for divergence find
+    /// ghosts where they find any particle.
     __device__ void keep_ghosts(const Polls& polls, std::uint32_t at, const Memory& memory,
                                 std::uint32_t launches, std::uint32_t tag) {
         std::uint32_t kept = 0, word[shape.rounds];

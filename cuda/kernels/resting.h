@@ -1,10 +1,10 @@
 // Blocks of an implicit kernel that rest.
 //
-// A step of a block depends on its particles and on those of the blocks around it. Where the latest step
-// changed no bit of them, the next one would change none either, and is left out (term_resting). x(t) and
-// x(t - dt) of such a block are equal, so that what the step would write is there already. A block in which a
-// step changes something lists itself and its neighbours for the next step, which takes only those. A look at
-// all blocks before the first step, which stores nothing, finds those that the first step takes.
+// A step of a block depends on its particles and on those of the blocks around it. If the latest step changed
+// no bit of them, the next one would change none either, and is left out (term_resting). x(t) and x(t - dt)
+// of such a block are equal, so both buffers already hold what the step would write. A block in which a step
+// changes something lists itself and its neighbours for the next step, which takes only listed blocks. Before
+// the first step, a look at all blocks, which stores nothing, finds those that the first step takes.
 #pragma once
 
 #include "backends/layout/records/implicit.h"
@@ -31,7 +31,7 @@ __device__ inline unsigned thread_of_block() {
 /// One of the blocks around a block, as the thread of that number sees it.
 struct BlockAround {
     BlockOrigin origin;
-    bool listed;  ///< for the next step, before this one began; also of threads beyond the last number
+    bool listed;  ///< for the next step, before this one began; also set in threads beyond the last number
 };
 
 __device__ inline BlockAround look_around(const ActiveBlocks& blocks, const BlockOrigin& origin) {
@@ -42,7 +42,7 @@ __device__ inline BlockAround look_around(const ActiveBlocks& blocks, const Bloc
     return {other, __ldcg(blocks.next_marks + other.place) != 0};
 }
 
-/// Called by all threads of a block after its step. `changed`: whether the thread's particle did.
+/// Called by all threads of a block after its step. `changed`: whether the thread's particle has changed.
 __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                           const BlockAround& other, bool changed) {
     const unsigned thread = thread_of_block();
@@ -57,17 +57,18 @@ __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const Bloc
     if (thread == 0) blocks.now_marks[origin.place] = 0;
 }
 
-/// Calls step_block(origin) for each block of the list. step_block() returns whether the thread's particle
-/// changed. Only the device knows the length of the list, so each block of threads takes blocks until it
-/// ends.
+/// Calls step_block(origin) for each block of the list; it returns whether the thread's particle changed.
+/// Only the device knows the length of the list, so each block of threads goes on taking blocks until the
+/// list ends.
 template <class StepBlock>
 __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step_block) {
-    // In flight together, as are marks and particles below: where few blocks move, a step takes as long as
-    // the latencies that one thread waits for in turn. The list has room for each block of threads.
+    // These loads are in flight together, as are those of marks and particles below: where few blocks move, a
+    // step takes as long as the latencies that one thread waits for one after the other. The list has room
+    // for each block of threads, so `now` may be read before the count is known.
     const unsigned count = *blocks.now_count;
     BlockOrigin origin = blocks.now[blockIdx.x];
-    // The last block of threads to have read the count empties the list. All threads of a block have it once
-    // they agree on it.
+    // The last block of threads that reads the count empties the list. The vote makes sure that all threads
+    // of the block have read it.
     const unsigned taken = __syncthreads_or(int(count != 0)) != 0 ? count : 0;
     if (thread_of_block() == 0 && atomicInc(blocks.readers, gridDim.x - 1) == gridDim.x - 1) {
         *blocks.taken = taken;
@@ -81,7 +82,7 @@ __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step
     }
 }
 #else
-/// For the host, where blocks run one after another.
+/// The same function for the host, where blocks run one after another.
 inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin, int x, int y, int z,
                                bool changed) {
     for (int n = 0; n < blocks_around && changed; ++n) {

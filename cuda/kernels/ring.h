@@ -1,4 +1,5 @@
-// Rings of windows in shared memory that the tensor copy engine fills while a block works. Device code alone.
+// Rings of windows in shared memory, which the tensor copy engine fills while a block works. Device code
+// only.
 #pragma once
 
 #include "cuda/kernels/march.h"
@@ -9,7 +10,7 @@ __device__ inline std::uint32_t shared_address(const void* p) {
     return static_cast<std::uint32_t>(__cvta_generic_to_shared(p));
 }
 
-/// An mbarrier: a phase ends when as many threads as it was made for have arrived and the bytes that they
+/// An mbarrier. A phase ends when as many threads have arrived as it was made for, and the bytes that they
 /// announced are there.
 struct Barrier {
     std::uint32_t address;
@@ -24,7 +25,7 @@ struct Barrier {
         asm volatile("mbarrier.arrive.expect_tx.shared.b64 _, [%0], %1;" ::"r"(address), "r"(bytes)
                      : "memory");
     }
-    /// Until the phase of this parity has ended.
+    /// Waits until the phase of this parity has ended.
     __device__ void wait(std::uint32_t parity) const {
         asm volatile(
             "{\n"
@@ -37,7 +38,7 @@ struct Barrier {
     }
 };
 
-/// Copies the box at (x, y, z) of all three axes; elements outside of the tensor are zeros.
+/// Copies the box at (x, y, z) of all three axes. Elements outside of the tensor become zeros.
 __device__ inline void copy_box(std::uint32_t to, const TensorMap& from, int x, int y, int z, Barrier done) {
     asm volatile(
         "cp.async.bulk.tensor.4d.shared::cluster.global.tile.mbarrier::complete_tx::bytes"
@@ -46,14 +47,14 @@ __device__ inline void copy_box(std::uint32_t to, const TensorMap& from, int x, 
         : "memory");
 }
 
-/// Where one is in a ring: a slot, and the parity of the round.
+/// A position in a ring: a slot, and the parity of the round.
 template <int slots>
 struct RingPlace {
     int slot = 0;
     std::uint32_t parity = 0;
 
     __device__ void advance() { *this = ahead(1); }
-    /// `count` slots further on, at most a round.
+    /// The position `count` slots further on, at most one round.
     __device__ RingPlace ahead(int count) const {
         const int next = slot + count;
         return next < slots ? RingPlace{next, parity} : RingPlace{next - slots, parity ^ 1U};
@@ -107,14 +108,14 @@ public:
         }
         __syncthreads();
         if (thread != 0) return;
-        // The last slot of either ring is filled in refill(), which so seldom waits for other warps.
+        // The last slot of either ring is filled in refill(), which therefore seldom waits for other warps.
         const int first = item.begin == 0 ? 0 : item.begin - 1;
         for (int n = 0; n + 1 < shape.planes; ++n) fill(place_.ahead(n), first + n);
         for (int n = 0; n + 1 < shape.befores; ++n) fill_before(before_place_.ahead(n), item.begin + n);
     }
 
-    /// Asks for planes that slots have become free for, before `plane` arrives: as many fills are ahead of
-    /// arrivals as the prologue made, so that no more state than theirs is needed.
+    /// Asks for planes whose slots have become free, before `plane` arrives. Fills are as far ahead of
+    /// arrivals as the prologue made them, so a fill needs no more state than an arrival.
     __device__ void refill(int plane) {
         if (threadIdx.x != 0) return;
         fill(place_.ahead(shape.planes - 2), plane + shape.planes - 2);
@@ -144,7 +145,7 @@ private:
         if (threadIdx.x % 32 == 0) empty.arrive();
     }
     __device__ void fill(RingPlace<shape.planes> place, int plane) const {
-        // The plane above the item's last is the last to arrive, if there is one.
+        // The plane above the item's last one is the last to arrive, if there is one.
         if (plane <= item_.end && plane < planes_)
             ring_.fill(place, positions_, item_.x - shape.margin(real), item_.y - 1, plane);
     }

@@ -1,5 +1,5 @@
-// With FORCES this is the kernel that adds up forces, with a thread for each spring; else the one that moves
-// particles.
+// With FORCES this is the kernel that adds up forces, with one thread per spring. Otherwise it is the one
+// that moves particles.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/scatter.h"
 

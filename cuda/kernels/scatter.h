@@ -1,5 +1,5 @@
-// Each spring has a thread, which adds the spring's force to both of its particles with atomics: what most
-// users write first. The bodies of the two kernels.
+// Each spring has a thread, which adds the spring's force to both of its particles with atomics: this is what
+// most users write first. The bodies of the two kernels.
 #pragma once
 
 #include "backends/layout/records/scatter.h"

@@ -1,4 +1,4 @@
-// What a kernel is compiled for: a scene's terms and a specification's formulation.
+// What a kernel is compiled for: the terms of a scene and the formulation of a specification.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,8 @@
 namespace voxspring::cuda {
 
 /// `scene_groups`: mask bits of the spring groups in use. `scene_terms`: the terms that are compiled in.
-/// `at_run_time`: the kernel asks the step's arguments which of those the scene has. Otherwise it has all.
+/// `at_run_time`: the kernel asks the step's arguments which of these terms the scene has. Otherwise the
+/// scene has all of them.
 template <Formulation scene_formulation, std::uint32_t scene_groups, std::uint32_t scene_terms,
           bool at_run_time>
 struct KernelTerms {
@@ -25,7 +26,7 @@ struct KernelTerms {
     static VOXSPRING_HOST_DEVICE constexpr bool compiled(std::uint32_t term) {
         return (scene_terms & term) != 0;
     }
-    /// Whether the scene has `term`; `asked` is the answer at run time.
+    /// Whether the scene has `term`. `asked` is the answer at run time.
     template <std::uint32_t term>
     static VOXSPRING_HOST_DEVICE constexpr bool has(bool asked) {
         return compiled(term) && (!at_run_time || asked);

@@ -1,5 +1,5 @@
-// How a resident kernel that does not end hears from the host what to do, and answers. The words are those of
-// backends/layout/records/ticks.h. Device code, like resident_block.h.
+// How a resident kernel that does not end receives the host's orders, and answers them. The words are those
+// of backends/layout/records/ticks.h. Device code, like resident_block.h.
 #pragma once
 
 #include "backends/layout/records/ticks.h"
@@ -8,9 +8,10 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-// Relaxed accesses of the whole system: words are read and written whole, in any order.
+// Relaxed accesses with the scope of the system: each word is read and written whole, and words come in any
+// order.
 
-/// Two words, neither of which need be as old as the other.
+/// Reads two words. They may belong to different orders, so the caller has to check both tags.
 __device__ inline void read_words(const std::uint64_t* from, std::uint64_t* to) {
     asm volatile("ld.relaxed.sys.global.v2.u64 {%0, %1}, [%2];"
                  : "=l"(to[0]), "=l"(to[1])
@@ -22,7 +23,7 @@ __device__ inline void write_word(std::uint64_t* to, std::uint64_t word) {
 }
 #endif
 
-/// Whether all of the order of tick `tick` has arrived at `from`, which is then in `order`.
+/// Whether all words of the order of tick `tick` have arrived at `from`. If so, `order` is set.
 __device__ inline bool look_for_order(const OrderWords* from, std::uint32_t tick, TickOrder& order) {
     OrderWords found;
     read_words(from->word, found.word);
@@ -50,16 +51,17 @@ __device__ inline void answer(Vector<float> force, std::uint32_t tick, AnswerWor
 }
 
 /// Waits for the order of tick `tick`, in one thread of each block. Block 0 reads what the host writes, which
-/// takes a way over the bus, and hands it on to the others. If the host is silent for too long, or another
-/// block does not take its orders, block 0 orders the end. `step`: the latest, for a wait in vain.
+/// has to cross the bus, and hands it on to the other blocks. If the host is silent for too long, or another
+/// block does not take its orders, block 0 orders the end. `step`: the latest step, to be reported if a wait
+/// is in vain.
 __device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t tick, const WaitLimit& limit,
                                            std::uint32_t step) {
     TickOrder order{{0, 0, 0}, 0, tick};
     if (blockIdx.x == 0) {
-        // No block may still look for the order before this one when this one replaces it.
+        // This order may replace the previous one only when no block looks for that any more.
         bool late = !wait_until_counted(line.taken_blocks, (tick - line.first_tick) * gridDim.x, limit, step);
         const std::uint64_t begin = nanoseconds();
-        // The last look is after the time was found to be over: another process may have had the card since.
+        // Look once more after the time is over: meanwhile another process may have had the card.
         while (!look_for_order(line.asked, tick, order) && !late)
             late = nanoseconds() - begin > line.max_idle;
         hand_on(order, line.handed_on);

@@ -1,5 +1,5 @@
-// What the tool does to the particles that it holds, before each step. Its force and a particle's own load
-// are the load of the step.
+// What the tool does to the particles that it holds, before each step. The load of the step is the sum of its
+// force and the particle's load.
 #pragma once
 
 #include "backends/layout/records/tool.h"
@@ -19,7 +19,7 @@ struct Holding {
     HeldForce<Real>* forces;
 };
 
-/// What the thread of held particle n does.
+/// Pulls held particle n.
 template <class Real>
 VOXSPRING_HOST_DEVICE void pull_held(const Holding<Real>& holding, std::size_t n) {
     const HeldWord<Real> held = holding.held[n];

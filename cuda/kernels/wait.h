@@ -1,11 +1,11 @@
 // How blocks of one launch, and launches that step parts of one body, wait for each other, and how a wait
-// ends that is in vain. Device code, which a host runs as well that brings what a device has
+// ends that is in vain. This is device code. A host can run it too if it provides what a device has
 // (tests/host_blocks.h).
 //
-// A wait that lasts for too long marks WaitLimit::stall, where the host reads it, and is over. Its thread
-// goes on without what it waited for and waits no more; every other wait is over as soon as it sees the mark.
-// So the launch ends soon after, and its state is worthless. A trap would end it at once, but with it
-// whatever else the process runs on the device, and all processes that share the device by MPS.
+// A wait that lasts for too long marks WaitLimit::stall, where the host reads it, and ends. Its thread goes
+// on without what it waited for and waits no more; every other wait ends as soon as it sees the mark. So the
+// launch ends soon after, and its state is worthless. A trap would end the launch at once, but also whatever
+// else the process runs on the device, and all processes that share the device by MPS.
 #pragma once
 
 #include "backends/layout/records/resident.h"
@@ -13,7 +13,7 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Counts this block as having read what others are to overwrite.
+/// Counts this block as having read the start state, which other blocks may then overwrite.
 __device__ inline void count_block(std::uint32_t* counted_blocks) {
     asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(counted_blocks) : "memory");
 }
@@ -23,7 +23,7 @@ __device__ inline std::uint32_t read_count(const std::uint32_t* counted_blocks) 
     return counted;
 }
 
-/// By a clock that goes on whatever the card does.
+/// The time of a clock that does not depend on the card's frequency or load.
 __device__ inline std::uint64_t nanoseconds() {
     std::uint64_t now = 0;
     asm volatile("mov.u64 %0, %globaltimer;" : "=l"(now)::"memory");
@@ -37,7 +37,7 @@ __device__ inline void write_mark(std::uint64_t* stall, std::uint64_t mark) {
     *static_cast<volatile std::uint64_t*>(stall) = mark;
 }
 
-/// Looks in vain before the clock is looked at: some milliseconds.
+/// After so many looks in vain the clock is read, which is after some milliseconds.
 inline constexpr std::uint32_t looks_between_clocks = 1U << 12;
 
 /// Waits for all of `threads` threads of a block at one of the hardware's barriers. __syncthreads() uses 0.
@@ -52,8 +52,8 @@ class BoundedWait {
 public:
     __device__ BoundedWait(const WaitLimit& limit, std::uint32_t number) : limit_(limit), number_(number) {}
 
-    /// To be asked after each look in vain: whether to look no more. The clock and the mark are looked at
-    /// every few thousand looks, some milliseconds apart: few waits last for as long as that.
+    /// To be called after each look in vain. Returns whether to give up. The clock and the mark are read only
+    /// every few thousand looks, some milliseconds apart, since few waits last for that long.
     __device__ bool is_over() {
         if (++looks_ % looks_between_clocks != 0) return false;
         const std::uint32_t now = ticks_of(nanoseconds());
@@ -65,7 +65,7 @@ public:
     }
 
 private:
-    /// Of a millisecond or so, which one register counts for weeks.
+    /// Time in ticks of about a millisecond, so that one register counts for weeks.
     static __device__ std::uint32_t ticks_of(std::uint64_t nanoseconds) {
         return std::uint32_t(nanoseconds >> 20);
     }
@@ -77,7 +77,7 @@ private:
 };
 
 /// Waits until `wanted` blocks have counted themselves in `counted_blocks`, so that what they have read may
-/// be overwritten. `number`: of the latest step. False: they did not, and the launch is to end.
+/// be overwritten. `number`: the latest step. Returns false if they did not; the launch must then end.
 __device__ inline bool wait_until_counted(const std::uint32_t* counted_blocks, std::uint32_t wanted,
                                           const WaitLimit& limit, std::uint32_t number) {
     BoundedWait wait(limit, number);

@@ -1,4 +1,4 @@
-// How kernels read and write words, as plain C++ so that tests run the kernels' bodies without a device.
+// How kernels read and write words. Plain C++, so that tests can run the kernels' bodies without a device.
 #pragma once
 
 #include "backends/layout/records/particle.h"
@@ -19,12 +19,12 @@ __device__ inline Particle<double> unpacked(double2 a, double2 b) {
 }
 #endif
 
-// A word moves in accesses of 16 bytes. The host has one kind of memory alone.
+// A word moves in accesses of 16 bytes. The host has only one kind of memory.
 
 #ifdef __CUDACC__
-// With DEPENDENT_LAUNCH (entry.h) the step before this one may still write words while this one begins. A
-// load may then not be moved to before the wait for that step, so it is volatile, nor may it be of memory
-// that nobody writes while the kernel runs (ld.global.nc).
+// With DEPENDENT_LAUNCH (entry.h) the previous step may still write words while this one begins. So a load
+// must not be moved before the wait for that step, which makes it volatile, and it must not be an instruction
+// for memory that nobody writes while the kernel runs (ld.global.nc).
 #ifdef DEPENDENT_LAUNCH
 #define ORDERED_LOAD(name, cached)                                                                  \
     __device__ inline float4 name(const float4* p) {                                                \
