@@ -1,5 +1,5 @@
-// One cooperative launch for thousands of steps: every block keeps a brick of the lattice in shared memory,
-// and every thread steps a tile of particles in it; what crosses the border of a brick goes through L2.
+// One cooperative launch for thousands of steps. Every block keeps a brick of the lattice in shared memory,
+// and every thread steps a tile of particles in it. What crosses the border of a brick goes through L2.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -21,7 +21,7 @@ std::string name_of(const BrickTileSize& size) {
     return std::to_string(size.x) + "x" + std::to_string(size.y) + "x" + std::to_string(size.z);
 }
 
-/// The size that the tuning parameter names; none: any.
+/// The size that the tuning parameter names, or none if any size is allowed.
 std::optional<BrickTileSize> size_of(const std::string& tuned) {
     for (const BrickTileSize& size : brick_tile_sizes()) {
         if (name_of(size) == tuned) return size;
@@ -29,13 +29,14 @@ std::optional<BrickTileSize> size_of(const std::string& tuned) {
     return std::nullopt;
 }
 
-/// A word for each element and every second step.
+/// Bytes of the exchange: one word per element for each of two steps in turn.
 std::uint64_t exchange_bytes(const Lattice& lattice) {
     return 2 * march_strides(lattice, sizeof(float)).axis * sizeof(TaggedPoint);
 }
 
-/// Device memory, at most: beside state and exchange, masks of 18 springs and two bits a particle and a word
-/// a tile, in tiles half empty, as many polls as particles, and increments that registers have no room for.
+/// An upper bound of the device memory. Beside state and exchange it counts, for tiles that are half empty,
+/// masks of 18 springs and two bits per particle and one word per tile; as many polls as particles; and
+/// increments that do not fit into registers.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
     const std::uint64_t increments = by_increments(options.formulation) ? 2 * sizeof(Vector<float>) : 0;
@@ -70,7 +71,7 @@ public:
         stand_at_start();
     }
 
-    /// Masks of the threads whose springs it changes, and nothing else.
+    /// Rewrites only the masks of the threads whose springs the edit changes.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
         if (edit.empty()) return;
@@ -83,7 +84,8 @@ public:
         return Choice{"tile=" + name_of({s.tx, s.ty, s.tz}), plan_.seconds};
     }
 
-    /// That of the march without its memory: the state leaves the chip at the end of a launch alone.
+    /// The work of the march without its memory traffic: the state leaves the chip only at the end of a
+    /// launch.
     StepWork step_work(const Problem& problem) const override {
         StepWork work = march_work<float>(problem, formulation());
         work.bytes = work.written_bytes = work.footprint_bytes = 0;
@@ -117,9 +119,9 @@ private:
         source.macros["BLOCKS"] = "1";
         source.macros["POLLERS"] = std::to_string(plan_.pollers);
         source.macros["ROUNDS"] = std::to_string(layout_->rounds());
-        // As measured, a step takes 7% less time with it where threads have 3 particles, and up to 4% more
-        // where they have 8 or 18. Beside blocks with masks nothing is gained: each block waits for the
-        // slowest.
+        // As measured, a step takes 7% less time with plain code where threads have 3 particles, and up to 4%
+        // more where they have 8 or 18. If some blocks need masks nothing is gained, because each block waits
+        // for the slowest one.
         const bool has_plain_code = s.tile() <= 4 && layout_->all_plain();
         source.macros["PLAIN_BLOCKS"] = has_plain_code ? "1" : "0";
         source.macros["INCREMENTS_IN_MEMORY"] = plan_.increments_in_memory ? "true" : "false";
@@ -190,7 +192,8 @@ private:
     Buffer<float> increments_;
     Staging<EditedWord> staging_;
     JointLaunch joint_;
-    /// The latest plan and the body that it is for: refused() and the upload after it ask for the same.
+    /// The latest plan and the body that it was made for. refused() and the upload after it ask for the same
+    /// plan.
     struct Planned {
         glm::ivec3 dims;
         std::vector<std::uint32_t> voxel;
@@ -199,7 +202,7 @@ private:
     mutable std::optional<Planned> latest_;
 };
 
-/// auto: whichever plan_bricks() takes.
+/// The tile sizes by name. With auto plan_bricks() chooses the size.
 TuningValues tile_names() {
     TuningValues names{"auto"};
     for (const BrickTileSize& size : brick_tile_sizes()) names.push_back(name_of(size));

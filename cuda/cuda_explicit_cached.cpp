@@ -1,4 +1,5 @@
-// Neighbour lists with a secondary list of stiffness and rest length; positions through the texture path.
+// Neighbour lists with a secondary list of stiffness and rest length. Positions are read through the texture
+// path.
 #include "cuda/common/explicit.h"
 #include "cuda/common/tuning.h"
 

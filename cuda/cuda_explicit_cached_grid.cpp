@@ -1,5 +1,5 @@
-// Neighbour lists of a regular grid: a counter a spring group instead of a secondary list; positions through
-// the texture path.
+// Neighbour lists of a regular grid, with one counter per spring group instead of a secondary list. Positions
+// are read through the texture path.
 #include "cuda/common/explicit.h"
 #include "cuda/common/tuning.h"
 

@@ -11,7 +11,8 @@ namespace {
 
 constexpr int max_threads = 256;
 
-/// Columns of springs beyond the lattice that `used` of them get room for: a quarter more, for edits.
+/// How many columns of springs beyond the lattice to allocate if `used` are in use: a quarter more, for
+/// edits.
 std::size_t roomy(std::size_t used) { return used == 0 ? 0 : used + used / 4 + 256; }
 
 template <class Real>
@@ -31,8 +32,8 @@ std::uint64_t delta_bytes(const Problem& problem, Formulation formulation) {
            roomy(off_lattice.columns()) * column_bytes<Real>(formulation);
 }
 
-/// No less than delta_bytes(), without making the lists: every particle begins one, and every end of a spring
-/// beyond the lattice takes a chunk of columns.
+/// An upper bound of delta_bytes() that needs no lists: every particle begins a list, and every end of a
+/// spring beyond the lattice takes a chunk of columns.
 template <class Real>
 std::uint64_t max_delta_bytes(const Problem& problem, Formulation formulation) {
     const Placement placement = place_guarded(problem);
@@ -174,12 +175,13 @@ const Registered entry({
                "springs of any topology beyond them by slices.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    // On an H200 a step of the heart takes 0.86 as long, one of box 96^3 as long, with dependent launches.
+    // On an H200, with dependent launches, a step of the heart takes 0.86 times as long as without, and one
+    // of box 96^3 as long as without.
     .tuning = tuning({{"dependent_launch", {"auto", "off", "on"}},
                       {"block", {"256", "128", "64"}},
-                      // Of a thread in float32, half of those in float64.
+                      // Registers per thread in float32, half of the number in float64.
                       {"registers", {"auto", "32", "40", "48", "64", "80"}},
-                      // Whether a warp whose particles all have all neighbours goes a way without masks.
+                      // Whether a warp whose particles all have all neighbours runs code without masks.
                       {"interior", {"vote", "mask"}}}),
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         const KernelFamily family(options, Fetch::through_l1);

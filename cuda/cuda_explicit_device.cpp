@@ -1,5 +1,5 @@
-// Neighbour lists in global memory, read past L1; stiffness and rest length a spring only where a scene has
-// them.
+// Neighbour lists in global memory, read past L1. Stiffness and rest length are stored per spring only where
+// a scene needs them.
 #include "cuda/common/explicit.h"
 #include "cuda/common/tuning.h"
 

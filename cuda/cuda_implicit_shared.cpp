@@ -1,5 +1,5 @@
-// The grid by way of shared memory: a block loads three slices of a tile with a frame of one particle, and
-// steps the middle slice (Figure 4).
+// The grid is read through shared memory: a block loads three slices of a tile with a frame of one particle,
+// and steps the middle slice (Figure 4).
 #include "backends/rest_policy.h"
 #include "cuda/common/implicit.h"
 #include "cuda/common/tuning.h"

@@ -1,5 +1,5 @@
-// The grid plane by plane: blocks march along z over tiles of columns, positions in structure of arrays,
-// windows filled by the tensor copy engine (kernels/march.h).
+// The grid is stepped plane by plane: blocks march along z over tiles of columns. Positions are in structure
+// of arrays, and the tensor copy engine fills windows of them (kernels/march.h).
 #include <cuda.h>
 
 #include <algorithm>
@@ -20,16 +20,16 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int min_architecture = 90;  // has the copy engine
+constexpr int min_architecture = 90;  // the first with the copy engine
 
-/// Those that the tuning parameter allows; none where a precision has not the one that it names.
+/// The tiles that the tuning parameter allows. The list is empty if it names a tile that the precision lacks.
 std::vector<MarchTile> tiles_of(const std::string& tuned, Precision precision) {
     std::vector<MarchTile> tiles = march_tiles(precision);
     if (tuned != "auto") std::erase_if(tiles, [&](const MarchTile& tile) { return tile.name != tuned; });
     return tiles;
 }
 
-/// Of the largest of these.
+/// The bytes of the largest plan with any of `tiles`.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const std::vector<MarchTile>& tiles) {
     std::uint64_t most = 0;
     for (const MarchTile& tile : tiles) most = std::max(most, max_plan_bytes(lattice, tile.shape));
@@ -39,7 +39,7 @@ std::uint64_t max_plan_bytes(const Lattice& lattice, const std::vector<MarchTile
 decltype(&cuTensorMapEncodeTiled) encode_function() {
     void* function = nullptr;
     cudaDriverEntryPointQueryResult found{};
-    // What it was when it came.
+    // The CUDA version that introduced the function.
     constexpr unsigned version = 12000;
     check(cudaGetDriverEntryPointByVersion("cuTensorMapEncodeTiled", &function, version, cudaEnableDefault,
                                            &found));
@@ -48,7 +48,7 @@ decltype(&cuTensorMapEncodeTiled) encode_function() {
     return reinterpret_cast<decltype(&cuTensorMapEncodeTiled)>(function);
 }
 
-/// Boxes of width x height voxels of one plane and all three axes of the vectors at `data`.
+/// A map for boxes of width x height voxels of one plane, with all three axes of the vectors at `data`.
 template <class Real>
 TensorMap tensor_map(Real* data, const Lattice& lattice, const SoaStrides& axes, int width, int height) {
     static const auto encode = encode_function();
@@ -120,7 +120,7 @@ public:
         this->stand_at_start();
     }
 
-    /// Masks change in place or give a warp masks that had none, so all of them are made anew.
+    /// An edit may change masks in place, or give masks to a warp that had none, so all masks are made anew.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         this->set_problem(edited);
         if (!edit.empty()) resume(planned(edited, {tile_}), launch_);
@@ -149,7 +149,7 @@ private:
     using AxesBackend<Real>::precision;
 
     bool gives_borders() const override { return true; }
-    /// Threads sum forces by pairs of columns and of rows, which cuts across x or y would pair anew.
+    /// Threads sum forces by pairs of columns and of rows. Cuts across x or y would change these pairs.
     void check_border(const std::vector<std::uint32_t>& particles) const {
         const Lattice& lattice = this->problem().lattice;
         const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
@@ -190,20 +190,20 @@ private:
         return this->state_bytes_held() + items_.bytes() + words_.bytes();
     }
 
-    /// What a launch is made of, besides x(t) and what is overwritten.
+    /// The arguments of a launch besides x(t) and what is overwritten.
     struct Launch {
         std::shared_ptr<const Kernel> kernel;
         MarchStep<Real> step{};
         std::size_t items = 0;
-        std::size_t border_items = 0;  ///< the first of them
+        std::size_t border_items = 0;  ///< how many of these, the first ones, are of borders
         std::array<TensorMap, 2> windows{}, befores{};
         bool operator==(const Launch&) const = default;
     };
 
-    /// Goes on with `launch` and a new plan.
+    /// Continues with `launch` and a new plan.
     void resume(const MarchPlan& plan, Launch launch) {
         predicted_seconds_ = plan.seconds;
-        this->synchronize();  // with what reads the plan until now
+        this->synchronize();  // with all work that still reads the plan
         items_.upload(plan.items, this->stream());
         words_.upload(plan.words, this->stream());
         launch.step.items = items_.data();
@@ -228,7 +228,7 @@ private:
     }
 
     bool splits_steps() const override { return true; }
-    /// Items are cut at the interior's ends.
+    /// Cuts items at the ends of the interior.
     bool split_steps(const std::vector<std::uint32_t>& border) override {
         interior_ = interior_of(this->problem().lattice, border);
         resume(planned(this->problem(), {tile_}), launch_);
@@ -250,7 +250,7 @@ private:
     Launch launch_;
 };
 
-/// Device memory, at most.
+/// An upper bound of the device memory.
 std::uint64_t march_bytes(const Problem& problem, const Options& options) {
     return (options.precision == Precision::float32
                 ? AxesBackend<float>::state_bytes(problem.lattice, options.formulation)
@@ -263,7 +263,7 @@ std::unique_ptr<Backend> make_march(const Options& options) {
     return std::make_unique<MarchBackend<double>>(options);
 }
 
-/// Tiles by their width and height in particles, the default first. auto: whichever plan_march() takes.
+/// Tiles by their width and height in particles, the default first. With auto plan_march() chooses the tile.
 const TuningValues tiles = {"auto",  "32x20", "64x4",   "64x8",   "64x16", "64x20",
                             "64x24", "128x8", "128x16", "128x20", "128x24"};
 

@@ -1,5 +1,5 @@
-// One cooperative launch for thousands of steps: a block's particles stay in registers and shared memory,
-// what crosses its border goes through L2, and to a part of the body on another device by NVLink.
+// One cooperative launch for thousands of steps. A block's particles stay in registers and shared memory.
+// What crosses the border of a block goes through L2, or by NVLink to a part of the body on another device.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -25,10 +25,10 @@
 namespace voxspring::cuda {
 namespace {
 
-/// ResidentStep's tables on the device.
+/// The tables of a ResidentStep on the device.
 class ResidentTables {
 public:
-    /// `mask`: as Lattice has it.
+    /// `mask`: as in Lattice.
     void upload(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask, ResidentStep& step,
                 const Stream& stream) {
         const auto send = [&](auto& buffer, const auto& values, auto& pointer) {
@@ -43,7 +43,8 @@ public:
         send(slot_, slots_with(layout, mask), step.slot);
         send(polled_slot_, layout.polled_slot, step.polled_slot);
         send(border_, layout.border, step.border);
-        // Who still writes to the exchange of a part that was uploaded before keeps that.
+        // Another part may still write to this part's old exchange. It keeps that one, and this part gets
+        // another.
         if (exchange_.use_count() > 1) exchange_ = std::make_shared<Buffer<TaggedPoint>>();
         exchange_->resize(std::size_t(2) * layout.published_count);
         exchange_->fill_with_zeros(stream);
@@ -66,8 +67,8 @@ private:
     std::shared_ptr<Buffer<TaggedPoint>> exchange_ = std::make_shared<Buffer<TaggedPoint>>();
 };
 
-/// Throws Unavailable where a word of 16 bytes need not arrive whole (kernels/exchange.h). Atomics between
-/// devices are what tells NVLink from PCIe.
+/// Throws Unavailable if a word of 16 bytes might not arrive whole (kernels/exchange.h). Support for atomics
+/// between the devices tells NVLink from PCIe.
 void require_whole_words(int own, int other) {
     if (own == other) return;
     int atomics = 0;
@@ -77,10 +78,10 @@ void require_whole_words(int own, int other) {
                           " are not joined by NVLink, and resident kernels need their words whole");
 }
 
-/// The borders of a part of a body whose points its kernel sends into the exchanges of the parts beside it.
+/// The borders of a part of a body. Its kernel sends their points into the exchanges of the parts beside it.
 class ResidentBorders final : public DeviceBorders {
 public:
-    /// Of `problem`, which was laid out so. `steps_a_call`: those of a launch.
+    /// For `problem`, whose layout is `layout`. `steps_a_call`: steps of a launch.
     ResidentBorders(const std::vector<SharedParticles>& borders, const Problem& problem,
                     const std::shared_ptr<const ResidentLayout>& layout,
                     const std::shared_ptr<Buffer<TaggedPoint>>& exchange, const Device& device,
@@ -104,7 +105,7 @@ public:
         return points * sizeof(TaggedPoint);
     }
 
-    /// What a launch would load or free later, it may not while others wait for it.
+    /// Does now what a launch would load or free later, which it must not do while other parts wait for it.
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         for (std::size_t border = 0; border < beside_.size(); ++border) {
             const auto* const theirs =
@@ -120,7 +121,7 @@ public:
         }
         sent_.upload(sent_by_lanes(*layout_, sendings_), stream_);
         links_.sent = sent_.data();
-        stream_.synchronize();  // the exchange is empty before anybody writes to it
+        stream_.synchronize();  // the exchange must be empty before another part writes to it
     }
 
     int steps_a_call() const override { return steps_a_call_; }
@@ -136,23 +137,23 @@ private:
     const int device_;
     const Stream& stream_;
     const int steps_a_call_;
-    std::vector<int> beside_;  ///< the part on the other side of each border
+    std::vector<int> beside_;  ///< the number of the part on the other side of each border
     std::vector<ResidentSending> sendings_;
     std::vector<std::vector<std::uint32_t>> words_;  ///< of this part's ghosts, by border
-    /// Kept for as long as a launch may write to them.
+    /// Kept for as long as a launch may write to these exchanges.
     std::vector<std::shared_ptr<Buffer<TaggedPoint>>> their_exchanges_;
     Buffer<std::uint32_t> sent_;
     ResidentLinks links_{};
 };
 
-/// What the tables take where every particle is published and every lane has one.
+/// An upper bound of the bytes: every particle is published, and every lane has a particle.
 std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
     return particle_bytes<float>(problem, place_compact(problem), options.formulation) +
            problem.particle_count() * (2 * sizeof(TaggedPoint) + 2 * sizeof(std::uint32_t) +
                                        (1 + neighbour_bits) * sizeof(std::uint16_t));
 }
 
-/// The macro TOOL.
+/// The value of the macro TOOL.
 std::string name_of(ToolMode mode) {
     if (mode == ToolMode::none) return "none";
     return mode == ToolMode::launch ? "launch" : "ticks";
@@ -177,12 +178,12 @@ public:
               [this] { wait_for_stream(); }) {}
     ResidentBackend(const ResidentBackend&) = delete;
     ResidentBackend& operator=(const ResidentBackend&) = delete;
-    /// The memory of a launch must outlive it.
+    /// The memory that a launch uses must outlive the launch.
     ~ResidentBackend() override {
         try {
             ResidentBackend::let_end();
         } catch (const DeviceError&) {
-            // The launch has ended or will do so by itself, and nobody is left to be told.
+            // The launch has ended or will end by itself, and there is no caller left to report to.
         }
         static_cast<void>(cudaStreamSynchronize(stream().get()));
     }
@@ -199,7 +200,7 @@ public:
         all.border_ways = {"stores"};
         return all;
     }
-    /// Launches keep what they were given: the borders are theirs as well.
+    /// A launch keeps the arguments that it was given, which include the borders.
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string&) override {
         borders_ = std::make_shared<ResidentBorders>(borders, problem(), layout_, tables_.exchange(),
@@ -207,7 +208,7 @@ public:
         return borders_;
     }
 
-    /// Launches and orders carry where the tool is.
+    /// Launches and orders carry the tool's place to the device.
     void move_tool(const glm::dvec3& displacement) override { moved_ = vector_of<float>(displacement); }
     glm::dvec3 tool_force() override {
         if (steps() == 0 || tool_mode_ != ToolMode::ticks) return ParticleBackend::tool_force();
@@ -216,9 +217,9 @@ public:
         return force;
     }
 
-    /// The slots where lanes find the neighbours that a spring parts from them or joins to them, and masks;
-    /// nothing else, since the tables have room for every spring of the lattice's groups. A launch reads both
-    /// when it begins.
+    /// Rewrites the masks, and the slots where lanes find the neighbours that a spring parts from them or
+    /// joins to them. Nothing else changes, since the tables have room for every spring of the lattice's
+    /// groups. A launch reads both when it begins.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
         if (edit.empty()) return;
@@ -229,7 +230,8 @@ public:
                              stream());
     }
 
-    /// That of an implicit step without its memory: the state leaves registers at the end of a launch alone.
+    /// The work of an implicit step without its memory traffic: the state leaves registers only at the end of
+    /// a launch.
     StepWork step_work(const Problem& problem) const override {
         StepWork work = implicit_work<float>(problem, formulation());
         work.bytes = work.written_bytes = work.footprint_bytes = 0;
@@ -239,10 +241,10 @@ public:
     }
 
 private:
-    /// Particles are in memory at the end of a launch alone. Within it device_borders() carries them.
+    /// Particles are in memory only at the end of a launch. Within a launch device_borders() carries them.
     bool gives_borders() const override { return false; }
 
-    /// Blocks of all parts on a device wait for each other: there must be room for all of them at once.
+    /// Blocks of all parts on a device wait for each other, so there must be room for all of them at once.
     int multiprocessors() const { return device().multiprocessors() / device().parts(); }
 
     ToolMode tool_mode_for(const Problem& problem) const {
@@ -250,19 +252,20 @@ private:
         return in_ticks_ ? ToolMode::ticks : ToolMode::launch;
     }
 
-    /// Whether a spring of the lattice pulls while its particles are where they rest.
+    /// Whether a spring of the lattice pulls while all particles are at rest.
     static bool is_stressed(const ImplicitStep<float>& step) {
         return std::any_of(std::begin(step.deficit), std::end(step.deficit),
                            [](float deficit) { return deficit != 0; });
     }
 
-    /// The tables for `problem`; those that refused() made if it is the same body, whatever its springs.
+    /// The tables for `problem`. If the body is that of the latest layout, whatever its springs, this layout
+    /// is used again, as after refused().
     std::shared_ptr<const ResidentLayout> layout_of(const Problem& problem, bool stressed) const {
         if (latest_ && latest_->stressed == stressed && latest_->group_bits == problem.group_bits &&
             latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel &&
             latest_->ghosts == problem.ghosts)
             return latest_->layout;
-        // Masks are not mirrored.
+        // With overlap warps may be mirrored, but masks are not.
         const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
         latest_ = {stressed,
                    problem.group_bits,
@@ -371,7 +374,7 @@ private:
                                                                       formulation()))),
             mode);
     }
-    /// Empty, or why `problem` cannot be stepped if it is a part of a body.
+    /// Empty, or why `problem`, if it is a part of a body, cannot be stepped.
     std::string part_refusal(const Problem& problem, ToolMode mode) const {
         if (problem.ghosts.empty()) return {};
         if (mode == ToolMode::ticks)
@@ -400,9 +403,10 @@ private:
     const Options options_;
     const Partition partition_;
     const int pollers_;
-    const bool in_ticks_;  ///< where there is a tool
+    const bool in_ticks_;  ///< with a tool: one launch goes on from tick to tick
     ResidentTables tables_;
-    /// The latest layout and all that it follows from: refused() and the upload after it ask for the same.
+    /// The latest layout and everything that it depends on. refused() and the upload after it ask for the
+    /// same one.
     struct LaidOut {
         bool stressed;
         std::uint32_t group_bits;
@@ -415,13 +419,13 @@ private:
     Staging<EditedWord> staging_;
     JointLaunch joint_;
     Buffer<std::uint32_t> held_by_lane_;
-    // Of the latest upload. A launch may have to begin anew when the problem is gone.
+    // State of the latest upload. A launch may have to begin again when the problem no longer exists.
     ToolMode tool_mode_ = ToolMode::none;
     float tool_stiffness_ = 0;
-    Vector<float> moved_{};  ///< the tool's, from the next step on
+    Vector<float> moved_{};  ///< the move of the tool, from the next step on
     Ticks ticks_;
-    bool is_part_ = false;                      ///< of a body that others step as well
-    std::shared_ptr<ResidentBorders> borders_;  ///< where it is
+    bool is_part_ = false;                      ///< other backends step the rest of the body
+    std::shared_ptr<ResidentBorders> borders_;  ///< set for a part
 };
 
 const Registered entry({
@@ -432,7 +436,8 @@ const Registered entry({
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},
                       {"overlap", {"on", "off"}},
                       {"pollers", {"256", "128", "512"}},
-                      // Whether each step() of a problem with a tool is a launch, or all are one.
+                      // Whether each step() of a problem with a tool is a launch, or one launch serves all of
+                      // them.
                       {"ticks", {"launch", "resident"}}}),
     .make = [](const Options& options) { return std::make_unique<ResidentBackend>(options); },
     .bytes = resident_bytes,

@@ -1,4 +1,4 @@
-// One thread a spring and atomic sums, then one thread a particle.
+// One thread per spring with atomic sums, then one thread per particle.
 #include <algorithm>
 #include <memory>
 
@@ -13,7 +13,7 @@ namespace {
 
 constexpr int max_threads = 512;
 
-// Axes of the force array begin on a cache line.
+// Each axis of the force array begins on a cache line.
 std::size_t force_pitch(const Problem& problem) { return (problem.particle_count() + 31) / 32 * 32; }
 
 template <class Real>
@@ -64,7 +64,7 @@ public:
         const std::vector<EditedSpring<Real>> springs = slots_.template slots_of<Real>(edit);
         const bool needs_off_lattice_rest = !edited.springs.empty() && !on_positions(this->formulation());
         if (slots_.used() > ends_.size() || (needs_off_lattice_rest && off_lattice_rest_.size() == 0)) {
-            // Room for as many again and some more, empty until it is needed.
+            // Some spare room as well, which is empty until an edit needs it.
             const std::size_t size = slots_.used() + std::max<std::size_t>(slots_.used() / 8, 1024);
             ends_.grow(size, this->stream());
             constants_.grow(size, this->stream());

@@ -14,16 +14,16 @@ namespace voxspring::cuda {
 template <class T>
 class Buffer : public Memory<T, cudaMalloc, cudaFree> {
 public:
-    /// resize() to `values` and copy them in; returns when they may change.
+    /// Resizes to `values` and copies them in. Returns once `values` may change.
     void upload(std::span<const T> values, const Stream& stream) {
         this->resize(values.size());
         if (!values.empty()) copy_to_device(this->data(), values.data(), values.size_bytes(), stream);
     }
-    /// Copy all elements out, after everything enqueued in `stream`.
+    /// Copies all elements out, after everything enqueued in `stream`.
     void download(std::span<T> values, const Stream& stream) const {
         if (this->size() != 0) copy_from_device(values.data(), this->data(), this->bytes(), stream);
     }
-    /// More room at the end, filled with zeros; what was there moves along.
+    /// Adds room at the end, filled with zeros. The elements move to the new memory.
     void grow(std::size_t size, const Stream& stream) {
         Buffer larger;
         larger.resize(size);

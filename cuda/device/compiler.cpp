@@ -30,7 +30,7 @@ void check(nvrtcResult result, const std::source_location& where = std::source_l
                           " (compiler.cpp:" + std::to_string(where.line()) + ")");
 }
 
-/// What kernels use of the standard library, which NVRTC does not bring.
+/// The parts of the standard library that kernels use, since NVRTC does not bring it.
 const std::map<std::string, std::string> standard_headers = {
     {"cstddef", "namespace std { using size_t = decltype(sizeof(0)); using ptrdiff_t = long; }"},
     {"cstdint",
@@ -51,13 +51,13 @@ const std::map<std::string, std::string> standard_headers = {
      "template <bool b, class A, class B> using conditional_t = typename conditional<b, A, B>::type;\n"
      "}"}};
 
-/// By the name in the #include.
+/// Header texts by the name in the #include.
 std::map<std::string, std::string> headers() {
     std::map<std::string, std::string> all;
     for (const auto& [name, text] : standard_headers) all.emplace(name, "#pragma once\n" + text);
     for (const auto& [path, text] : embedded_kernels) {
         all.emplace(path, text);
-        // spring.h names its neighbour so, as GLSL wants it.
+        // spring.h includes this header by its bare name, as GLSL needs it.
         if (path == "backends/physics/portable.h") all.emplace("portable.h", text);
     }
     return all;
@@ -103,11 +103,12 @@ std::vector<int> known_architectures() {
     return known;
 }
 
-/// The architecture to compile for, and whether its machine code will run on the card.
+/// The architecture to compile for, and whether its machine code will run on the card. If not, PTX is
+/// compiled.
 std::pair<int, bool> nearest(int architecture) {
     const std::vector<int> known = known_architectures();
     if (std::find(known.begin(), known.end(), architecture) != known.end()) return {architecture, true};
-    // A driver compiles the PTX of an older one.
+    // A driver can compile the PTX of an older architecture for the card.
     int best = 0;
     for (const int a : known) best = a <= architecture ? std::max(best, a) : best;
     if (best == 0)
@@ -141,8 +142,7 @@ std::string build_id(const dl_phdr_info& file) {
     return {};
 }
 
-/// No contraction: what fused multiply-adds there are stand in the source, so that bits depend on nothing
-/// else.
+/// Contraction is off: every fused multiply-add stands in the source, so that bits depend on nothing else.
 std::vector<std::string> options_for(int architecture, bool moves_registers) {
     const auto [target, exact] = nearest(architecture);
     return {std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") + std::to_string(target) +
@@ -157,7 +157,7 @@ const std::string& compiler_build() {
         int major = 0, minor = 0;
         check(nvrtcVersion(&major, &minor));
         std::string text = std::to_string(major) + "." + std::to_string(minor) + " ";
-        // NVRTC tells no patch level. Its library's build id is another for each.
+        // NVRTC does not tell its patch level, but the build id of its library differs between patch levels.
         Dl_info library{};
         if (dladdr(reinterpret_cast<const void*>(&nvrtcVersion), &library) == 0) return text;
         struct Search {
@@ -210,7 +210,7 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
     const DiskCache cache(user.empty() ? user : user / "kernels", max_bytes);
     const std::string key = inputs.text();
     CompiledKernel compiled;
-    constexpr std::size_t head = sizeof compiled.seconds;  // what is kept begins with it
+    constexpr std::size_t head = sizeof compiled.seconds;  // the entry on disk begins with the seconds
     if (const auto kept = cache.find(key); kept && kept->size() > head) {
         std::memcpy(&compiled.seconds, kept->data(), head);
         compiled.code = kept->substr(head);

@@ -11,35 +11,35 @@ struct KernelSource {
     std::string file;  ///< "implicit.cu"
     std::map<std::string, std::string> macros;
     bool moves_registers =
-        false;  ///< between threads: compiled for that one architecture (moves_registers())
+        false;  ///< registers move between threads: compiled for that one architecture (moves_registers())
     bool operator==(const KernelSource&) const = default;
 };
 
 struct CompiledKernel {
     std::string code;    ///< machine code, or PTX where NVRTC knows no such card
-    double seconds = 0;  ///< that compiling took, whenever that was
-    bool found = false;  ///< on disk, where it is kept with that time
+    double seconds = 0;  ///< that compiling took, whenever it was done
+    bool found = false;  ///< on disk, where the code is kept with that time
 };
 
 /// `architecture`: compute capability, 90 for 9.0. Throws DeviceError with NVRTC's log if the source is
 /// wrong.
 CompiledKernel compile(const KernelSource& source, int architecture);
 
-/// The oldest compute capability that NVRTC compiles for, and kernels run on: kernels/exchange.h loads 16
-/// bytes at once, which came with 7.5.
+/// The oldest compute capability that NVRTC compiles for and kernels run on: kernels/exchange.h loads 16
+/// bytes at once, which needs 7.5.
 int oldest_architecture();
 
-/// Whether threads of a block may have more registers than others.
+/// Whether some threads of a block may have more registers than others.
 bool moves_registers(int architecture);
 
-/// What compile() does for a card whatever the scene: "NVRTC 13.0 <build id>
+/// The part of compile()'s settings that is the same for all scenes on a card: "NVRTC 13.0 <build id>
 /// --gpu-architecture=sm_90 --std=c++20 ...".
 std::string compiler_and_options(int architecture);
 
 /// The version of NVRTC and the build id of its library: what code depends on besides its source.
 const std::string& compiler_build();
 
-/// The name of every kernel.
+/// The name of the function in every kernel file.
 inline constexpr const char* kernel_name = "step";
 
 }  // namespace voxspring::cuda

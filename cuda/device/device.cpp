@@ -15,7 +15,7 @@ namespace {
 
 void require(cudaError_t status, const std::string& what) {
     if (status == cudaSuccess) return;
-    cudaGetLastError();  // or the next call would report it again
+    cudaGetLastError();  // otherwise the next call would report it again
     throw Unavailable(what + ": " + cudaGetErrorString(status));
 }
 
@@ -43,7 +43,7 @@ std::string uuid_of(const cudaDeviceProp& properties) {
     return uuid_text(bytes);
 }
 
-// The card that Device takes in any thread that was told nothing, without a context on it.
+// Names the card that Device takes in a thread without a choice, without making a context on it.
 const MeasuredCardSource measured_card_source([]() -> std::string {
     cudaDeviceProp properties{};
     if (cudaGetDeviceProperties(&properties, 0) == cudaSuccess) return uuid_of(properties);
@@ -54,7 +54,7 @@ const MeasuredCardSource measured_card_source([]() -> std::string {
 }  // namespace
 
 Device::Device() {
-    // Without a driver the runtime would only say that it is too old.
+    // Without a driver the runtime would only say that the driver is too old.
     int driver = 0;
     require(cudaDriverGetVersion(&driver), "no CUDA driver");
     if (driver == 0) throw Unavailable("no NVIDIA driver is installed");
@@ -83,7 +83,7 @@ Device::Device() {
     check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, number_));
     sm_mhz_ = megahertz(cudaDevAttrClockRate, number_);
     memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate, number_);
-    // A bit a pin at either edge of the clock.
+    // Each pin carries one bit at either edge of the clock.
     memory_bytes_per_second_ = 2e6 * memory_mhz_ * properties.memoryBusWidth / 8;
 }
 
@@ -104,7 +104,7 @@ std::string Device::driver_version() {
     int version = 0;
     check(cudaDriverGetVersion(&version));
     std::string text = "CUDA " + version_text(version);
-    // The driver's own number is known only to the kernel module, or to NVML, which not every server has.
+    // Only the kernel module knows the driver's version, and NVML, which not every server has.
     std::ifstream module("/proc/driver/nvidia/version");
     std::string line;
     std::smatch number;

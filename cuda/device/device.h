@@ -6,50 +6,51 @@
 
 namespace voxspring::cuda {
 
-/// The device of those that CUDA shows (CUDA_VISIBLE_DEVICES chooses) that the constructing thread is to take
-/// (DeviceOfThread), which is the first unless it says otherwise. It is current in that thread from then on;
-/// whoever uses it does so in the same thread. Constructing it throws Unavailable, with
-/// the reason, where there is no device, driver or context, or this build has no code for the device.
+/// One of the devices that CUDA shows (CUDA_VISIBLE_DEVICES chooses those): the one that DeviceOfThread gives
+/// to the constructing thread, or else the first. It is current in that thread from then on, and may be used
+/// in that thread only. The constructor throws Unavailable, with the reason, where there is no device, driver
+/// or context, or this build has no code for the device.
 class Device {
 public:
     Device();
 
-    /// As CUDA counts it.
+    /// The device's number as CUDA counts.
     int number() const { return number_; }
     /// How many devices CUDA shows.
     int count() const { return count_; }
-    /// Parts of a body that are stepped on it at once, and share its multiprocessors.
+    /// How many parts of a body are stepped on it at once and share its multiprocessors.
     int parts() const { return parts_; }
     const std::string& name() const { return name_; }
     /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
     const std::string& uuid() const { return uuid_; }
-    /// Most 16-byte texels of a texture on linear memory.
+    /// The most 16-byte texels of a texture on linear memory.
     std::size_t max_texels() const { return max_texels_; }
     /// The highest clocks that the card may run at.
     int sm_mhz() const { return sm_mhz_; }
     int memory_mhz() const { return memory_mhz_; }
     int multiprocessors() const { return multiprocessors_; }
-    /// Threads that one of them holds.
+    /// How many threads a multiprocessor holds.
     int threads_per_multiprocessor() const { return threads_per_multiprocessor_; }
-    /// Bytes a second that the memory's pins carry.
+    /// Bytes per second that the memory's pins carry.
     double memory_bytes_per_second() const { return memory_bytes_per_second_; }
-    /// Of the cache that all multiprocessors share.
+    /// Size of the cache that all multiprocessors share.
     std::size_t cache_bytes() const { return cache_bytes_; }
-    /// Shared memory of a multiprocessor, and how much of it each block costs beside its own.
+    /// Shared memory of a multiprocessor, and how much of it each block costs in addition to what it asks
+    /// for.
     std::size_t multiprocessor_shared_bytes() const { return multiprocessor_shared_bytes_; }
     std::size_t reserved_shared_bytes() const { return reserved_shared_bytes_; }
     /// The most shared memory that a block may have.
     std::size_t shared_bytes() const { return shared_bytes_; }
-    /// Whether blocks of a launch may wait for each other (a cooperative launch).
+    /// Whether blocks of one launch may wait for each other (a cooperative launch).
     bool launches_together() const { return launches_together_; }
     /// Whether the driver ends kernels that run for seconds, as it does where the device has a display.
     bool ends_long_kernels() const { return ends_long_kernels_; }
     /// Compute capability, 90 for 9.0.
     int architecture() const { return architecture_; }
-    /// Bytes of device memory that nobody has allocated.
+    /// Free device memory in bytes.
     std::size_t free_bytes() const;
 
-    /// "CUDA 13.0": of the runtime this build carries.
+    /// "CUDA 13.0": the version of the runtime in this build.
     static std::string runtime_version();
     /// Version of the driver and, in parentheses, the newest CUDA that it knows.
     static std::string driver_version();

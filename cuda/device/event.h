@@ -7,13 +7,14 @@ namespace voxspring::cuda {
 
 class Event {
 public:
-    /// Of the current device, as the streams are that it is recorded in.
+    /// An event of the current device, to be recorded in streams of that device.
     Event() : Event(cudaEventDefault) {}
-    /// One that is cheaper, and knows no time.
+    /// A cheaper event that knows no time.
     static Event without_time() { return Event(cudaEventDisableTiming); }
 
     void record(const Stream& stream) { check(cudaEventRecord(handle_.get(), stream.get())); }
-    /// Has `stream`, of any device, go on only once the device has passed where this was recorded last.
+    /// Makes `stream`, of any device, wait until the device has passed the point where this was last
+    /// recorded.
     void hold(const Stream& stream) const { check(cudaStreamWaitEvent(stream.get(), handle_.get(), 0)); }
     void wait() const { check(cudaEventSynchronize(handle_.get())); }
     /// Seconds from `begin` to this one, both of which the device has passed.

@@ -7,7 +7,7 @@ namespace voxspring::cuda {
 
 class Graph {
 public:
-    /// What `enqueue()` puts into `stream`, which does not run now.
+    /// Captures what `enqueue()` puts into `stream`. It does not run yet.
     template <class Enqueue>
     static Graph capture(const Stream& stream, Enqueue enqueue) {
         check(cudaStreamBeginCapture(stream.get(), cudaStreamCaptureModeThreadLocal));
@@ -18,7 +18,7 @@ public:
             // Ends the capture, so that the stream can be destroyed.
             if (cudaStreamEndCapture(stream.get(), &graph) == cudaSuccess)
                 static_cast<void>(cudaGraphDestroy(graph));
-            // What went wrong is on its way; the next to ask for the latest error has nothing to do with it.
+            // The error is already on its way as an exception. Clear it, so that no later call reports it.
             static_cast<void>(cudaGetLastError());
             throw;
         }

@@ -9,7 +9,7 @@
 
 namespace voxspring::cuda {
 
-/// Owns `T` and gives it back with `destroy`, whose status no destructor could report.
+/// Owns `T` and destroys it with `destroy`, whose status a destructor could not report.
 template <class T, cudaError_t (*destroy)(T)>
 class Handle {
 public:

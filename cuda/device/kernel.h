@@ -14,21 +14,22 @@ namespace voxspring::cuda {
 
 using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 
-/// Shared by all that launch it, on any device of its architecture.
+/// One object is shared by all that launch the kernel, on any device of its architecture.
 class Kernel {
 public:
-    /// Compiles what this process has not loaded yet, and loads its function `name` on the device, which is
-    /// current. Any thread may call this; one at a time compiles. `time` grows by what compiling took.
+    /// Compiles the source if this process has not done so yet, and loads its function `name` on the current
+    /// device, `device`. Any thread may call this; only one compiles at a time. `time` grows by the time that
+    /// compiling took.
     static std::shared_ptr<const Kernel> get(const KernelSource& source, const Device& device,
                                              CompileTime& time, const std::string& name = kernel_name);
 
     Kernel(std::shared_ptr<const Library> library, const std::string& name);
 
-    /// Blocks of `block` threads that the device, which is current, holds at once.
+    /// How many blocks of `block` threads the current device, `device`, holds at once.
     unsigned blocks_at_once(const Device& device, unsigned block) const;
     /// Registers that a thread begins with.
     int registers() const;
-    /// Lets a block have `bytes` of shared memory, where that is more than every kernel may have.
+    /// Lets a block have `bytes` of shared memory if that is more than every kernel may have.
     void allow_shared(std::size_t bytes) const;
     template <class... Arguments>
     void launch(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
@@ -37,8 +38,8 @@ public:
         check(cudaLaunchKernel(kernel_, grid, block, pointers.data(), shared_bytes, stream.get()));
     }
 
-    /// Begins before what was launched in the stream before it has ended: it waits for that itself
-    /// (programmatic dependent launch). From compute capability 9.0 on.
+    /// Launches so that it may begin before earlier work in the stream has ended. The kernel itself waits for
+    /// that (programmatic dependent launch). Needs compute capability 9.0.
     template <class... Arguments>
     void launch_dependent(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
                           const Arguments&... arguments) const {
@@ -48,7 +49,7 @@ public:
         launch_with(dependent, stream, grid, block, shared_bytes, arguments...);
     }
 
-    /// All blocks at once, which may wait for each other (a cooperative launch).
+    /// Launches all blocks at once, so that they may wait for each other (a cooperative launch).
     template <class... Arguments>
     void launch_together(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
                          const Arguments&... arguments) const {
@@ -73,7 +74,8 @@ private:
         check(cudaLaunchKernelExC(&config, kernel_, pointers.data()));
     }
 
-    /// On the current device, where that has not happened: it must not happen first in a capture.
+    /// Loads the kernel on the current device if it is not loaded there. This must not happen first in a
+    /// capture.
     void load() const;
 
     std::shared_ptr<const Library> library_;  ///< shared by all kernels of a file

@@ -27,7 +27,7 @@ class LimitKernels {
 public:
     explicit LimitKernels(const Device& device) : device_(device) {}
     const Device& device() const { return device_; }
-    /// What compiling takes is no start of a backend.
+    /// The time for compiling belongs to no backend, so it is dropped.
     std::shared_ptr<const Kernel> get(const std::string& name) const {
         CompileTime time;
         return Kernel::get({"limits.cu", {{"THREADS", std::to_string(block)}}}, device_, time, name);
@@ -40,7 +40,7 @@ private:
 class Stopwatch {
 public:
     explicit Stopwatch(const Stream& stream) : stream_(stream) {}
-    /// What `enqueue()` puts into the stream takes, between two events.
+    /// Seconds that the work takes which `enqueue()` puts into the stream, between two events.
     template <class Enqueue>
     double seconds(Enqueue enqueue) {
         begin_.record(stream_);
@@ -72,7 +72,7 @@ double launch_seconds(const LimitKernels& kernels, const Stream& stream, Stopwat
 /// Passes over parts of one buffer of zeros.
 class Sweeps {
 public:
-    /// A footprint is a multiple of this: one to three arrays of whole blocks of two words a thread.
+    /// Every footprint is a multiple of this: one to three arrays of whole blocks, with two words per thread.
     static constexpr std::size_t unit = 6 * 2 * block * sizeof(float4);
 
     Sweeps(std::size_t max_footprint, const LimitKernels& kernels, const Stream& stream, Stopwatch& stopwatch)
@@ -81,7 +81,8 @@ public:
         buffer_.fill_with_zeros(stream);
     }
 
-    /// The three shares of writing at one footprint, in place where something is written and not.
+    /// Measures the three shares of writing at one footprint; where something is written, both in place and
+    /// not.
     void add(std::size_t footprint, std::vector<Bandwidth>& table) {
         const auto add_best = [&](double written_share, double bytes_per_second) {
             table.push_back({double(footprint), written_share, bytes_per_second});
@@ -92,7 +93,7 @@ public:
     }
 
 private:
-    /// The last of the arrays is the one that is written.
+    /// A pass over `arrays` arrays, of which the last one is written.
     template <int reads, bool writes>
     double of_arrays(std::size_t footprint, std::size_t arrays) {
         const std::size_t count = footprint / sizeof(float4) / arrays;
@@ -107,7 +108,8 @@ private:
         return double((reads + (writes ? 1 : 0)) * count * sizeof(float4)) / seconds;
     }
 
-    /// Seconds of a pass: of blocks that stay, or of new ones for every few words.
+    /// Seconds of the faster kind of pass: with a few blocks that stride, or with a new block for every few
+    /// words.
     template <int reads, bool writes, int words>
     double of_words(const Sweep& moved) {
         const auto kernel = kernels_.get(fmt::format("sweep_{}_{}_{}", reads, writes ? 1 : 0, words));
@@ -141,20 +143,20 @@ private:
     Buffer<float4> buffer_;
 };
 
-/// Fills in the table and the two rates of copies that are taken from it.
+/// Fills in the table of bandwidths and the two rates of copies that are taken from it.
 void measure_bandwidth(DeviceLimits& limits, const LimitKernels& kernels, const Stream& stream,
                        Stopwatch& stopwatch) {
     const auto cache = std::size_t(kernels.device().cache_bytes());
     const auto whole = [](std::size_t bytes) {
         return std::max<std::size_t>(bytes / Sweeps::unit, 1) * Sweeps::unit;
     };
-    // Eight times the cache leaves no line in it until its next use.
+    // With eight times the size of the cache no line stays in it until its next use.
     const std::size_t beyond = whole(std::max(8 * cache, std::size_t(128) << 20));
     const std::size_t within = whole(cache / 4);
     std::vector<std::size_t> footprints;
     if (cache != 0) {
-        // Of a cache in two halves, each of which keeps a copy of what its own processors read, half may be
-        // all there is; a few arrays that just do not fit are still found there in part.
+        // Some caches have two halves, each of which keeps a copy of what its processors read. Then only half
+        // of the size may be usable. Arrays that just do not fit are still found there in part.
         footprints = {whole(cache / 32),    whole(cache / 8),     within,
                       whole(cache / 2),     whole(cache / 4 * 3), whole(cache),
                       whole(cache / 2 * 3), whole(3 * cache)};

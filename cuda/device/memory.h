@@ -12,7 +12,8 @@ namespace voxspring::cuda {
 template <class T, cudaError_t (*allocate)(void**, std::size_t), cudaError_t (*free)(void*)>
 class Memory {
 public:
-    /// Room for `size` elements with any content; the same memory as before if it had that many.
+    /// Makes room for `size` elements with any content. The memory stays the same if it had that size
+    /// already.
     void resize(std::size_t size) {
         if (size == size_) return;
         handle_ = {};

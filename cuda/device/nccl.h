@@ -1,4 +1,4 @@
-// NCCL, opened at run time where it is installed: nothing of it is needed to build.
+// NCCL, opened at run time if it is installed. It is not needed to build.
 #pragma once
 
 #include <array>
@@ -9,15 +9,16 @@
 
 namespace voxspring::cuda {
 
-/// What ranks find each other by. As NCCL has it, which takes it by value.
+/// The id by which ranks find each other, with the layout of NCCL's type, which is passed by value.
 struct NcclId {
     std::array<char, 128> bytes;
 };
 
-/// The library and those of its functions that are called here.
+/// The library and the functions of it that are called here.
 class Nccl {
 public:
-    /// Opened by the first call. Throws Unavailable, with the reason, where there is none; always again.
+    /// Opens the library at the first call. Throws Unavailable, with the reason, where there is none, and
+    /// does so at every call.
     static const Nccl& load();
 
     NcclId new_id() const;
@@ -45,28 +46,27 @@ private:
     Status (*receive_)(void*, std::size_t, int type, int rank, Communicator, cudaStream_t);
 };
 
-/// One of several ranks, each on a device of its own and in a thread of its own.
+/// One of several ranks, each on a separate device and in a separate thread.
 class NcclRanks {
 public:
-    /// On the current device. Returns once all have called it. Throws DeviceError, and so where NCCL has not
-    /// started within `limit`: its start waits for all ranks and for the network, and cannot be given up. The
-    /// thread in which it waits is then left behind for the end of the process.
+    /// Starts on the current device. Returns once all ranks have called it. Throws DeviceError, also if NCCL
+    /// has not started within `limit`: its start waits for all ranks and for the network and cannot be
+    /// cancelled. The thread that waits for it is then left behind until the process ends.
     ///
-    /// It is not a start with ncclConfig_t::blocking = 0: of a communicator that began so, every group of
-    /// transfers starts a thread (ncclGroupEnd() of recent versions), which would be in the time of each
-    /// step.
+    /// The start does not use ncclConfig_t::blocking = 0: with such a communicator every group of transfers
+    /// starts a thread (ncclGroupEnd() of recent versions), which would add to the time of each step.
     NcclRanks(const Nccl& nccl, int ranks, const NcclId& id, int rank,
               std::chrono::duration<double> limit = std::chrono::minutes(2));
     NcclRanks(const NcclRanks&) = delete;
     NcclRanks& operator=(const NcclRanks&) = delete;
-    /// What is not finished then is given up, and so are the transfers that are under way.
+    /// Aborts what is not finished by then, transfers that are under way included.
     ~NcclRanks();
 
-    /// Waits for the transfers that are under way, and ends. Returns once all ranks have called it; nothing
-    /// else is to be called afterwards. Throws DeviceError.
+    /// Waits for the transfers that are under way, and ends. Returns once all ranks have called it; no other
+    /// member may be called afterwards. Throws DeviceError.
     void end();
 
-    /// Enqueues the sends and receipts of `transfers`, none of which waits for another.
+    /// Enqueues the sends and receives of `transfers`, none of which waits for another.
     template <class Transfers>
     void together(const Transfers& transfers) const {
         nccl_.check(nccl_.group_start_());

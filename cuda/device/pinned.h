@@ -11,7 +11,7 @@ namespace voxspring::cuda {
 template <class T>
 class Pinned : public Memory<T, cudaMallocHost, cudaFreeHost> {
 public:
-    /// Enqueues a copy of `buffer`, whose size this takes over.
+    /// Takes over the size of `buffer` and enqueues a copy of it.
     void copy(const Buffer<T>& buffer, const Stream& stream) {
         this->resize(buffer.size());
         check(cudaMemcpyAsync(this->data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost,

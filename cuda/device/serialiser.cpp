@@ -8,7 +8,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// Tools that run one kernel at a time, by a part of the name of the library that they bring.
+/// Tools that run one kernel at a time, each recognised by a part of the name of the library that it loads.
 struct Tool {
     const char* library;
     const char* name;
@@ -16,7 +16,7 @@ struct Tool {
 constexpr std::array tools = {Tool{"sanitizer-collection", "compute-sanitizer"},
                               Tool{"cuda-injection", "Nsight Compute"}};
 
-/// Streams that a process has queues for, unless CUDA_DEVICE_MAX_CONNECTIONS says otherwise.
+/// How many streams a process has hardware queues for, unless CUDA_DEVICE_MAX_CONNECTIONS says otherwise.
 constexpr int usual_connections = 8;
 
 std::vector<std::string> loaded_libraries() {

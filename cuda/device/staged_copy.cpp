@@ -14,7 +14,7 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t piece_bytes = std::size_t(1) << 25;
-/// A program that copies less at a time has no pinned memory made.
+/// No pinned memory is allocated for a program whose copies are all smaller than this.
 constexpr std::size_t large = 2 * piece_bytes;
 
 struct Piece {
@@ -24,7 +24,7 @@ struct Piece {
 
 using Pieces = std::array<Piece, 2>;
 
-/// Null where there is no pinned memory to be had.
+/// The result is null if no pinned memory can be allocated.
 Pieces* make_pieces() {
     auto both = std::make_unique<Pieces>();
     try {
@@ -35,9 +35,10 @@ Pieces* make_pieces() {
     return both.release();
 }
 
-/// Two pieces of each thread and device, of which the current one is meant: a stream records events of its
-/// own device alone. One piece is copied by the device while the other is by the host. Null as of
-/// make_pieces(). Never given back: at the end of the process the driver may be gone.
+/// Two pieces for each thread and device; the result belongs to the current device, since a stream records
+/// only events of its device. The device copies one piece while the host copies the other. The result is null
+/// if make_pieces() returned null. Pieces are never freed, because at the end of the process the driver may
+/// be gone.
 Pieces* pieces() {
     thread_local std::map<int, Pieces*> made;  // by device
     int device = 0;

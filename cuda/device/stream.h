@@ -5,7 +5,7 @@
 
 namespace voxspring::cuda {
 
-/// Independent of the legacy default stream.
+/// A stream that is independent of the legacy default stream.
 class Stream {
 public:
     Stream() {
@@ -13,7 +13,7 @@ public:
         check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
         handle_ = Handle<cudaStream_t, cudaStreamDestroy>(stream);
     }
-    /// One whose work begins before that of others wherever the device has room for either.
+    /// A stream whose work begins before that of others wherever the device has room for either.
     static Stream with_priority() {
         int least = 0, greatest = 0;
         check(cudaDeviceGetStreamPriorityRange(&least, &greatest));
@@ -22,12 +22,12 @@ public:
         return Stream(stream);
     }
     cudaStream_t get() const { return handle_.get(); }
-    /// Wait for everything enqueued; errors of that work surface here.
+    /// Waits for everything enqueued. Errors of that work surface here.
     void synchronize() const { check(cudaStreamSynchronize(get())); }
-    /// Whether all of it has ended, well or not; does not wait.
+    /// Whether all enqueued work has ended, with or without an error. Does not wait.
     bool has_ended() const {
         if (cudaStreamQuery(get()) != cudaErrorNotReady) return true;
-        // That was an answer and no error: the next to ask for the latest error has nothing to do with it.
+        // "Not ready" is an answer, not an error. Clear it, so that no later call reports it.
         static_cast<void>(cudaGetLastError());
         return false;
     }
