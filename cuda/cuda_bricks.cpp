@@ -1,5 +1,5 @@
 // One cooperative launch for thousands of steps. Every block keeps a brick of the lattice in shared memory,
-// and every thread steps a tile of particles in it. What crosses the border of a brick goes through L2.
+// and every thread owns a tile of particles in it. What crosses the border of a brick goes through L2.
 #include <algorithm>
 #include <memory>
 #include <optional>

@@ -1,4 +1,4 @@
-// What GL reports behind the caller's back, turned into DeviceError.
+// Turns the errors that GL reports asynchronously into DeviceError.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -8,14 +8,14 @@
 
 namespace voxspring::gl {
 
-/// Collects the errors of one context. A driver may call back from a thread of its own.
+/// Collects the errors of one context. A driver may call back from one of its threads.
 class ErrorLog {
 public:
     /// Errors of the current context go to this log, which must outlive that context.
     void attach();
 
-    /// Throws DeviceError if the current context has reported an error, run out of memory or been reset
-    /// since the last call; `doing` says what was going on ("uploading").
+    /// Throws DeviceError if the current context has reported an error, run out of memory or been reset since
+    /// the last call. `doing` says what was going on ("uploading").
     void check(const std::string& doing);
 
 private:

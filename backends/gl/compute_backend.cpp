@@ -70,7 +70,7 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
         current_ = 0;
         const bool split = formulation() == Formulation::compensated;
         words_[0].upload(context(), packed.current);
-        // By increments a step writes every particle's word here before any reads it.
+        // By increments a step writes every particle's word to this buffer before any step reads it.
         words_[1].upload(context(), by_increments(formulation()) ? packed.current : packed.previous);
         for (StorageBuffer& low : low_) low.upload(context(), packed.current_low);
         increment_.upload(context(), packed.increment);
@@ -104,7 +104,7 @@ bool ComputeBackend::keep_start() {
 }
 
 void ComputeBackend::restore_start() {
-    // What shaders wrote, they do so before copies of other commands.
+    // Makes what shaders wrote visible to the copies of other commands.
     glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     const auto buffers = state_buffers();
     for (std::size_t n = 0; n < buffers.size(); ++n) buffers[n]->copy(context(), start_[n]);
@@ -213,7 +213,8 @@ void ComputeBackend::lay_out_anew() {
 
 void ComputeBackend::dispatch_edit(const Program& program, std::size_t count) {
     glUseProgram(program.get());
-    // The barrier after the last step keeps the edit from overtaking it, this one the next step the edit.
+    // The barrier after the last step keeps the edit from overtaking that step; the barrier after the edit
+    // keeps the next step from overtaking the edit.
     glDispatchCompute(glsl::striding_groups(count), 1, 1);
     glMemoryBarrier(barrier_);
     bind();

@@ -12,7 +12,7 @@ namespace voxspring::gl {
 
 namespace {
 
-// EGL_EXT_device_persistent_id, which libepoxy 1.5.10 does not know.
+// A constant of EGL_EXT_device_persistent_id, which libepoxy 1.5.10 does not know.
 constexpr EGLint egl_device_uuid = 0x335C;
 using QueryDeviceBinary = EGLBoolean (*)(EGLDeviceEXT, EGLint, EGLint, void*, EGLint*);
 
@@ -36,7 +36,7 @@ bool has_extension(EGLDeviceEXT device, const char* name) {
 
 bool is_software(EGLDeviceEXT device) { return has_extension(device, "EGL_MESA_device_software"); }
 
-/// As uuid_text() writes it; empty if the driver does not say.
+/// The device's UUID as uuid_text() writes it; empty if the driver does not tell.
 std::string uuid_of(EGLDeviceEXT device) {
     if (!has_extension(device, "EGL_EXT_device_persistent_id")) return {};
     const auto query = reinterpret_cast<QueryDeviceBinary>(eglGetProcAddress("eglQueryDeviceBinaryEXT"));
@@ -50,7 +50,7 @@ std::string uuid_of(EGLDeviceEXT device) {
     return uuid_text(bytes);
 }
 
-/// What an initialised display runs on, or EGL_NO_DEVICE_EXT.
+/// The device of an initialised display, or EGL_NO_DEVICE_EXT.
 EGLDeviceEXT device_of(EGLDisplay display) {
     EGLAttrib device = 0;
     if (!has_device_query() || eglQueryDisplayAttribEXT(display, EGL_DEVICE_EXT, &device) == EGL_FALSE)
@@ -58,13 +58,14 @@ EGLDeviceEXT device_of(EGLDisplay display) {
     return reinterpret_cast<EGLDeviceEXT>(device);  // NOLINT(performance-no-int-to-ptr): EGL's own way
 }
 
-/// Which card a context is on; software is on none.
+/// Which card a context is on. Software is on no card.
 struct Card {
     std::string uuid;
     bool software = false;
 };
 
-/// Throws Unavailable unless `device` may be used beside the card that this process measures.
+/// The card of `device`. Throws Unavailable if `device` may not be used beside the card that this process
+/// measures.
 Card card_of(EGLDeviceEXT device) {
     Card card;
     if (device != EGL_NO_DEVICE_EXT) {
@@ -76,8 +77,8 @@ Card card_of(EGLDeviceEXT device) {
     return card;
 }
 
-/// Every display without a window system, the preferred one first: devices in the driver's order,
-/// hardware before software, then whatever Mesa picks by itself.
+/// All displays without a window system, the preferred ones first: devices in the driver's order, hardware
+/// before software, then whatever Mesa picks by itself.
 std::vector<Candidate> candidates() {
     if (!epoxy_has_egl()) throw Unavailable("no OpenGL: libEGL.so.1 cannot be loaded");
     std::vector<Candidate> hardware, software;
@@ -100,8 +101,8 @@ std::vector<Candidate> candidates() {
     return hardware;
 }
 
-/// The initialised display of a candidate. There is one in a process, and it is never terminated: that
-/// would end it for every context on it, and Mesa would unload its driver. Throws Unavailable.
+/// The initialised display of a candidate. A process has only one, which is never terminated: that would end
+/// it for every context on it, and Mesa would unload its driver. Throws Unavailable.
 EGLDisplay open(const Candidate& candidate) {
     EGLDisplay display = eglGetPlatformDisplayEXT(candidate.platform, candidate.device, nullptr);
     if (display == EGL_NO_DISPLAY) throw Unavailable("eglGetPlatformDisplay failed");
@@ -109,14 +110,14 @@ EGLDisplay open(const Candidate& candidate) {
     return display;
 }
 
-/// A 4.5 core context without a surface, which shares the objects of `shared` if that is one. Throws
+/// A 4.5 core context without a surface. It shares the objects of `shared` if that is a context. Throws
 /// Unavailable.
 EGLContext create_context(EGLDisplay display, EGLContext shared) {
     for (const char* needed : {"EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context"}) {
         if (!epoxy_has_egl_extension(display, needed)) throw Unavailable(std::string("no ") + needed);
     }
     if (eglBindAPI(EGL_OPENGL_API) == EGL_FALSE) throw Unavailable("EGL has no OpenGL");
-    // No debug context: drivers may then check every call, and what is timed would be something else.
+    // No debug context: with one, drivers may check every call, and the timings would be of something else.
     const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
                                  4,
                                  EGL_CONTEXT_MINOR_VERSION,
@@ -131,7 +132,7 @@ EGLContext create_context(EGLDisplay display, EGLContext shared) {
     return context;
 }
 
-// GL_KHR_shader_subgroup, which libepoxy 1.5.10 does not know.
+// A constant of GL_KHR_shader_subgroup, which libepoxy 1.5.10 does not know.
 constexpr GLenum subgroup_supported_stages = 0x9533;
 constexpr GLenum subgroup_supported_features = 0x9534;
 constexpr GLint subgroup_feature_vote = 0x00000002;
@@ -145,7 +146,7 @@ bool offers_subgroup_vote() {
     return (stages & GL_COMPUTE_SHADER_BIT) != 0 && (features & subgroup_feature_vote) != 0;
 }
 
-/// That of the Sharing that lives; no display: there is none.
+/// The context of the Sharing that exists; it has no display if there is none.
 SurfaceContext shared_context;
 
 std::string text(GLenum name) { return reinterpret_cast<const char*>(glGetString(name)); }
@@ -180,7 +181,7 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     }
     for (const Candidate& candidate : owned_ ? std::vector<Candidate>{} : candidates()) {
         try {
-            // Another card is passed over before anything is initialised on it, where that can be known.
+            // Skip another card before anything is initialised on it, if the card can be known so early.
             if (candidate.device != EGL_NO_DEVICE_EXT) card = card_of(candidate.device);
             EGLDisplay display = open(candidate);
             if (candidate.device == EGL_NO_DEVICE_EXT) card = card_of(device_of(display));
@@ -234,7 +235,7 @@ void Context::describe(const std::string& uuid, bool software) {
 Context::~Context() = default;
 
 std::optional<std::uint64_t> Context::free_memory_bytes() const {
-    // Both count in units of 1024 bytes; the first of ATI's four is the total of the pool.
+    // Both extensions count in units of 1024 bytes. The first of ATI's four numbers is the total of the pool.
     std::array<GLint, 4> kilobytes{};
     if (memory_query_ == MemoryQuery::none) return std::nullopt;
     glGetIntegerv(memory_query_ == MemoryQuery::nvx ? GL_GPU_MEMORY_INFO_CURRENT_AVAILABLE_VIDMEM_NVX

@@ -1,4 +1,4 @@
-// An OpenGL context: a headless one, by EGL without a window system, or a window's.
+// An OpenGL context: a headless one, made by EGL without a window system, or that of a window.
 #pragma once
 
 #include <epoxy/egl.h>
@@ -21,43 +21,44 @@ struct SurfaceContext {
     EGLContext context = EGL_NO_CONTEXT;
 };
 
-/// An OpenGL 4.5 core context of its own. Several may live in one process, interleaved: whoever calls GL
-/// makes its own current first.
+/// An OpenGL 4.5 core context. Several may exist in one process and be used in turns: the caller makes the
+/// one that it needs current before it calls GL.
 class Context {
 public:
-    /// On the first EGL device that gives one, hardware before software; hardware only if it is the card that
-    /// this process measures (device_choice.h). While there is a Sharing, on its context's display and with
-    /// its objects where the driver allows it. Throws Unavailable.
+    /// A context on the first EGL device that offers one, hardware before software. Hardware is taken only if
+    /// it is the card that this process measures (device_choice.h). While a Sharing exists, the context is on
+    /// its display and shares its objects if the driver allows that. Throws Unavailable.
     Context();
-    /// A window's, which somebody else made and will end. Throws Unavailable where it is older than 4.5.
+    /// The context of a window, which the caller has made and will destroy. Throws Unavailable if it is older
+    /// than 4.5.
     explicit Context(const SurfaceContext& window);
     ~Context();
     Context(const Context&) = delete;
     Context& operator=(const Context&) = delete;
 
-    /// GL calls of this thread go to this context from here on. Throws DeviceError.
+    /// Directs GL calls of this thread to this context from here on. Throws DeviceError.
     void make_current() const;
-    /// The same for destructors; false if the driver refuses.
+    /// make_current() for destructors. Returns false if the driver refuses.
     bool try_make_current() const noexcept;
 
-    /// ErrorLog::check for this context, which must be current.
+    /// Calls ErrorLog::check for this context, which must be current.
     void check(const std::string& doing) const { errors_->check(doing); }
 
-    /// Whether buffers and textures of the Sharing's context are its own as well.
+    /// Whether this context shares the buffers and textures of the Sharing's context.
     bool shares() const { return shares_; }
 
-    /// As GL_RENDERER and GL_VERSION name them; software is called that.
+    /// Names as GL_RENDERER and GL_VERSION give them. A software renderer is marked as software.
     const Capabilities& capabilities() const { return capabilities_; }
     int max_texture_size() const { return max_texture_size_; }
     int max_array_texture_layers() const { return max_array_texture_layers_; }
     GLint64 max_storage_block_size() const { return max_storage_block_size_; }
     int max_shared_memory() const { return max_shared_memory_; }
     int max_texture_buffer_size() const { return max_texture_buffer_size_; }
-    /// Bytes of the device's memory that are free now, where the driver tells (GL_NVX_gpu_memory_info,
-    /// GL_ATI_meminfo). The context must be current.
+    /// Free bytes of the device's memory, if the driver tells (GL_NVX_gpu_memory_info, GL_ATI_meminfo). The
+    /// context must be current.
     std::optional<std::uint64_t> free_memory_bytes() const;
     bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
-    /// Whether compute shaders have subgroups that vote.
+    /// Whether compute shaders have subgroups that can vote.
     bool has_subgroup_vote() const { return has_subgroup_vote_; }
 
 private:
@@ -67,7 +68,7 @@ private:
         void operator()(EGLContext context) const noexcept;
     };
 
-    /// Asks the context, which is current, what it offers.
+    /// Asks the context, which is current, for its properties.
     void describe(const std::string& uuid, bool software);
 
     std::unique_ptr<ErrorLog> errors_;  // outlives the context that reports to it
@@ -85,8 +86,9 @@ private:
     enum class MemoryQuery : std::uint8_t { none, nvx, ati } memory_query_ = MemoryQuery::none;
 };
 
-/// While it lives, contexts that this process makes share buffers and textures with a context, so that
-/// what one writes another draws. One at a time; the context must outlive it.
+/// While a Sharing exists, contexts that this process makes share buffers and textures with its context, so
+/// that one context can draw what another has written. There may be one at a time; the context must outlive
+/// it.
 class Sharing {
 public:
     explicit Sharing(const Context& context);

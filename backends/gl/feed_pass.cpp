@@ -33,7 +33,7 @@ void FeedPass::write() {
     glUseProgram(program_.get());
     glDispatchCompute(glsl::striding_groups(count_), 1, 1);
     glUseProgram(GLuint(stepping));
-    // Another context sees what this one has finished, and may copy it.
+    // Makes the result visible to another context once this one has finished, and to copies.
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
     glFinish();
     context_.check("copying displacements to a window");

@@ -1,5 +1,5 @@
-// Fills a buffer of a window's context with displacements, in a compute shader (shaders/feed.comp), however
-// the particles lie.
+// Fills a buffer of a window's context with displacements, in a compute shader (shaders/feed.comp), for any
+// layout of the particles.
 #pragma once
 
 #include <functional>
@@ -14,7 +14,8 @@ namespace voxspring::gl {
 class FeedPass final : public Feed {
 public:
     /// `buffer`: of 16 bytes per particle, in a context that shares objects with this one. `program`: the
-    /// shader, which must outlive this. `bind_state` binds the state as it is then. The context is current.
+    /// shader, which must outlive this. `bind_state` binds the state as it is at that moment. The context is
+    /// current.
     FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
              const Program& program, std::function<void()> bind_state);
 

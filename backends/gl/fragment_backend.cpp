@@ -22,7 +22,7 @@ constexpr GLuint load_unit = 4;
 constexpr GLuint material_unit = 5;
 
 constexpr float nan = std::numeric_limits<float>::quiet_NaN();
-/// What a texel without a particle holds.
+/// The content of a texel without a particle.
 const glm::vec4 guard(nan, nan, nan, 0);
 
 std::size_t target_count_of(Formulation formulation) {
@@ -31,7 +31,7 @@ std::size_t target_count_of(Formulation formulation) {
 }
 std::size_t frame_count_of(Formulation formulation) { return by_increments(formulation) ? 2 : 3; }
 
-/// What a target of the frame at t - age dt holds of a particle.
+/// The vector that a target of the frame at t - age dt holds for a particle.
 glm::vec3 stored(Formulation formulation, const Problem& problem, const State& state, std::size_t particle,
                  std::size_t age, std::size_t target) {
     if (by_increments(formulation)) {
@@ -46,12 +46,12 @@ glm::vec3 stored(Formulation formulation, const Problem& problem, const State& s
     return glm::vec3(place);
 }
 
-/// Operations on vectors of one step of a particle whose forces are summed.
+/// Operations on vectors in one step of a particle, after its forces are summed.
 std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damping) {
-    // Either update: seven, of which gravity and damping have one each.
+    // Either update takes seven, of which gravity and damping take one each.
     if (!by_increments(formulation)) return 5U + (gravity ? 1 : 0) + (damping ? 1 : 0);
     const std::uint64_t change = 2U + (gravity ? 1 : 0) + (damping ? 2 : 0);
-    // Two sums, or twice split_high() with split_low(), once without a low part to add.
+    // Two sums, or twice split_high() with split_low(), one of these without a low part to add.
     return change + (formulation == Formulation::compensated ? 10 + 11 : 2);
 }
 
@@ -68,7 +68,7 @@ FragmentBackend::FragmentBackend(const Options& options, std::string fragment_sh
 void FragmentBackend::upload(const Problem& problem, const State& state) {
     context().make_current();
     problem_ = &problem;
-    // The old textures go before the new ones come: a large problem fits once, not twice.
+    // Free the old textures before the new ones are made: a large problem fits once, not twice.
     frames_.clear();
     start_.clear();
     stencil_ = {};
@@ -91,7 +91,7 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
 }
 
 void FragmentBackend::make_tool(const Problem& problem) {
-    // Of the particles that are held, in the places of others nothing.
+    // The list has a place for every particle, but only the texels of held particles are filled in.
     std::vector<std::uint32_t> texels(problem.has_tool() ? problem.particle_count() : 0);
     for (const std::uint32_t held : problem.tool.particles) texels[held] = texel_of(held);
     tool().make(context(), problem, {.words = texels.size(), .voxel = &texels}, formulation(),
@@ -101,7 +101,7 @@ void FragmentBackend::make_tool(const Problem& problem) {
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
     if (masked_) make_stencil(layout);
     frames_.resize(frame_count_of(formulation()));
-    // The last frame is all guard; its particles' texels are written before they are read.
+    // The last frame is all guard. The texels of its particles are written before they are read.
     current_ = start_frames() - 1;
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y), guard);
     for (std::size_t f = frames_.size(); f-- > 0;) {
@@ -175,7 +175,7 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
         std::vector<glm::vec2> image(texels, glm::vec2(0));
         for (std::size_t i = 0; i < layout.texel.size(); ++i) {
             const Material& material = problem.material_of(i);
-            // One material has its stiffness by group, which a compliance of 1 leaves as it is.
+            // With one material the shader uses stiffness by group, which a compliance of 1 leaves as it is.
             const double compliance = problem.has_materials() ? 1 / material.stiffness : 1;
             image[layout.texel[i]] = {float(compliance), float(1 / material.mass)};
         }
@@ -209,7 +209,7 @@ void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
         write(edited_texels(edited, edit));
         return;
     }
-    // Every list anew; positions stay where they are, with new bits.
+    // All lists are made anew. Positions stay where they are and get new bits.
     const Layout layout = lay_out(edited);
     make_program(edited);
     TexelEdit bits;
@@ -232,12 +232,12 @@ void FragmentBackend::write(const TexelEdit& edit) {
     send(1, edit.neighbour);
     send(2, edit.spring);
     send(3, edit.off_lattice_rest);
-    // A step copies w from the frame that it reads, so that the bits of that one are enough.
+    // A step copies w from the frame that it reads, so it is enough to write the bits of that frame.
     glBindImageTexture(0, frame(0).targets[0].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
     edit_program_.set("particle_count", int(edit.particles.size()));
     glUseProgram(edit_program_.get());
-    // Image stores may overtake the texture fetches of steps before them: those wait for no barrier, these
-    // do.
+    // Image stores may overtake the texture fetches of the steps before. Fetches wait for no barrier, so the
+    // stores have to.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
     glDispatchCompute(glsl::striding_groups(edit.particles.size()), 1, 1);
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT |
@@ -255,7 +255,7 @@ void FragmentBackend::enqueue_step() {
 
 void FragmentBackend::enqueue_tool() const {
     glBindImageTexture(0, load_.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
-    // As in write(): image stores may overtake the fetches of the step before.
+    // As in write(), image stores may overtake the fetches of the step before.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
     tool().dispatch();
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_STORAGE_BARRIER_BIT);
@@ -364,8 +364,8 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
     const std::uint64_t vectors = motion_operations(formulation(), all_terms() || problem.has_gravity(),
                                                     all_terms() || problem.damping != 0) +
                                   (loads ? 1 : 0);
-    // Two frames of one target are read and one is written, or one of several targets read and one written:
-    // every frame once.
+    // Of one target two frames are read and one is written; of several targets one frame is read and one is
+    // written. Either way every frame is used once.
     const std::uint64_t frame =
         (masked_ ? particles : unmasked) * target_count_of(formulation()) * std::uint64_t(rgba32f.bytes);
     const std::uint64_t all =
@@ -376,7 +376,7 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
         .written_bytes = frame,
         .footprint_bytes = all,
         .operations = particles * 3 * vectors + 2 * (cuda::pull_operations<float>(problem, formulation()) +
-                                                     3 * count_springs(problem).total())};  // its sum
+                                                     3 * count_springs(problem).total())};  // their sum
 }
 
 std::map<std::string, TuningValues> fragment_tuning() {

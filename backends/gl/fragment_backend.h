@@ -1,16 +1,16 @@
-// What the backends that step by drawing share (Mosegaard and Sorensen 2005): particles in texels, one
-// fragment a particle and step, ping-pong over frames, and the stencil buffer as mask.
+// What the backends share that step by drawing (Mosegaard and Sorensen 2005): particles in texels, one
+// fragment per particle and step, ping-pong over frames, and the stencil buffer as mask.
 //
-// A frame is what one step writes, as one texture or several of the same size, its targets. By formulation:
+// A frame is the output of one step: one texture or several of the same size, its targets. By formulation:
 //
 //     paper, position   three frames of x
 //     displacement      three frames of u
 //     increment         two frames of u and v
 //     compensated       two frames of u and v, then of what float32 leaves of u and v
 //
-// Each particle has a texel: the vector in xyz, and in w of the first target its bits, ACTIVE_BIT among them
-// (neighbours.h). Texels without a particle carry NaN and zero bits, so that whoever reads one shows it in
-// the result.
+// Each particle has a texel: the vector in xyz and, in w of the first target, its bits, ACTIVE_BIT among them
+// (neighbours.h). Texels without a particle carry NaN and zero bits, so that an accidental read shows in the
+// result.
 #pragma once
 
 #include <array>
@@ -40,19 +40,19 @@ public:
 
     std::size_t frame_count() const { return frames_.size(); }
     std::size_t target_count() const { return frames_[0].targets.size(); }
-    /// All texels, row by row, of a target of the frame that the state at t - age dt is in; the oldest frame
-    /// is the one that the next step writes.
+    /// All texels, row by row, of a target of the frame with the state at t - age dt. The oldest frame is the
+    /// one that the next step writes.
     std::vector<glm::vec4> texels(std::size_t age, std::size_t target = 0);
 
 protected:
-    /// Where the particles of a problem go.
+    /// Where the particles of a problem lie.
     struct Layout {
         glm::ivec2 size{0};                ///< of a frame
         std::vector<std::uint32_t> texel;  ///< per particle: index of its texel, row by row
         std::vector<std::uint32_t> bits;   ///< per particle: what its w holds
     };
 
-    /// What some particles' texels become, as shaders/edit.comp reads it.
+    /// New contents of some particles' texels, as shaders/edit.comp reads them.
     struct TexelEdit {
         struct Particle {
             std::uint32_t texel;       ///< x in the lower half, y in the upper
@@ -62,34 +62,34 @@ protected:
         std::vector<Particle> particles;
         std::vector<std::uint32_t> neighbour;     ///< list entries (neighbours.h)
         std::vector<glm::vec2> spring;            ///< as the shader reads them; empty where groups have them
-        std::vector<glm::vec4> off_lattice_rest;  ///< the same; empty where no spring leaves the lattice
+        std::vector<glm::vec4> off_lattice_rest;  ///< likewise; empty where no spring leaves the lattice
     };
 
-    /// `fragment_shader`: the file in shaders/.
+    /// `fragment_shader`: the name of the file in shaders/.
     FragmentBackend(const Options& options, std::string fragment_shader);
 
     /// Creates what the fragment shader reads beyond the state, loads and materials, and binds it to texture
     /// units from first_own_unit on.
     virtual Layout lay_out(const Problem& problem) = 0;
-    /// What specialises the fragment shader beyond the terms that it shares (shaders/particle.glsl).
+    /// Macros that specialise the fragment shader beyond the terms that all share (shaders/particle.glsl).
     virtual Defines specialise(const Problem& problem) const = 0;
     virtual void set_uniforms(const Program& program, const Problem& problem) = 0;
-    /// Whether what lay_out() made and specialise() said hold for `edited` too.
+    /// Whether the results of lay_out() and specialise() hold for `edited` too.
     virtual bool has_room(const Problem& edited, const SpringEdit& edit) const = 0;
-    /// The particles that `edit` touched, for what lay_out() made.
+    /// The particles that `edit` touched, in the layout that lay_out() made.
     virtual TexelEdit edited_texels(const Problem& edited, const SpringEdit& edit) const = 0;
-    /// Binds what has lists to image units 1 to 3 of shaders/edit.comp and returns its defines.
+    /// Binds the lists to image units 1 to 3 of shaders/edit.comp and returns its defines.
     virtual Defines bind_lists() const { return {}; }
 
-    /// Where a particle's texel is, x in the lower half and y in the upper.
+    /// The place of a particle's texel, x in the lower half and y in the upper half.
     std::uint32_t texel_of(std::uint32_t particle) const {
         const auto width = std::uint32_t(size_.x);
         return texel_[particle] % width | texel_[particle] / width << 16;
     }
 
     static constexpr GLuint first_own_unit = 6;
-    /// Of one fragment a particle or, without a mask, `unmasked` in all, and the arithmetic of the springs.
-    /// What a fragment reads of its springs is its own backend's to add.
+    /// Work of a step with one fragment per particle or, without a mask, `unmasked` fragments in all, and the
+    /// arithmetic of the springs. Each backend adds what a fragment reads of its springs.
     StepWork fragment_work(const Problem& problem, std::uint64_t unmasked) const;
 
 private:
@@ -104,7 +104,7 @@ private:
         Framebuffer framebuffer;
     };
 
-    /// The frames that hold the state at step 0.
+    /// How many frames hold the state at step 0.
     std::size_t start_frames() const { return frames_.size() - 1; }
     void make_frames(const Problem& problem, const State& state, const Layout& layout);
     void make_stencil(const Layout& layout);
@@ -120,16 +120,16 @@ private:
     bool masked_;
     std::string fragment_shader_;
 
-    VertexArray no_vertices_;  // core profile draws nothing without one, even where it is empty
+    VertexArray no_vertices_;  // the core profile cannot draw without one, even an empty one
     std::vector<Frame> frames_;
     std::vector<Texture> start_;  ///< copies of the start frames' targets
     Texture stencil_;
     Texture load_, material_;
     Program program_;
-    std::string fragment_text_;  // that program_ was made of
+    std::string fragment_text_;  // the text that program_ was made from
     Program edit_program_;
-    Defines edit_defines_;                       // that edit_program_ was made with
-    std::array<StorageBuffer, 4> edit_buffers_;  // shaders/edit.comp's, of the latest edit
+    Defines edit_defines_;                       // the defines that edit_program_ was made with
+    std::array<StorageBuffer, 4> edit_buffers_;  // for shaders/edit.comp, of the latest edit
 
     const Problem* problem_ = nullptr;
     glm::ivec2 size_{0};
@@ -140,7 +140,7 @@ private:
 /// The tuning parameters of every FragmentBackend.
 std::map<std::string, TuningValues> fragment_tuning();
 
-/// Bytes of what FragmentBackend itself uploads, for `texels` texels in a frame.
+/// Bytes that FragmentBackend itself uploads, with `texels` texels per frame.
 std::uint64_t fragment_bytes(const Problem& problem, const Options& options, std::uint64_t texels);
 
 }  // namespace voxspring::gl

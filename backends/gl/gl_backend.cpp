@@ -9,7 +9,7 @@
 namespace voxspring::gl {
 namespace {
 
-/// In found_ until a check fails; then the number of the first check that did, from 1.
+/// The value of found_ until a check fails; then it is the number of the first check that failed, from 1.
 constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
 constexpr GLuint found_binding = 3;  // as in shaders/divergence_check.comp
 
@@ -95,7 +95,7 @@ void GlBackend::check_divergence() {
     monitor_program_.set("check_number", int(steps_ / monitor_.every));
     glUseProgram(monitor_program_.get());
     enqueue_divergence_check();
-    // The next step overwrites what this reads, an edit too, and the next check the number that it writes.
+    // What this check reads is overwritten by the next step or by an edit, and its number by the next check.
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
     glUseProgram(GLuint(stepping));
 }

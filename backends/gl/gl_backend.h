@@ -1,5 +1,5 @@
-// What every OpenGL backend has: a context, the stopwatch, the divergence monitor, and what measures rest
-// lengths.
+// What all OpenGL backends have: a context, the stopwatch, the divergence monitor, and the measurement of
+// rest lengths.
 #pragma once
 
 #include <cstdint>
@@ -34,43 +34,44 @@ protected:
     const Context& context() const { return context_; }
     const Options& options() const { return options_; }
     Formulation formulation() const { return formulation_; }
-    /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
+    /// Whether everything is compiled in, with neutral values where the problem lacks a term (tuning
+    /// `terms`).
     bool all_terms() const { return all_terms_; }
 
-    /// The tool's, which upload() makes and a step dispatches first.
+    /// The pass of the tool, which upload() makes and a step dispatches first.
     ToolPass& tool() { return tool_; }
     const ToolPass& tool() const { return tool_; }
 
-    /// shaders/feed.comp, which `defines`, always the same, specialise beyond the formulation. Feeds come and
-    /// go with each upload; it is compiled with the first.
+    /// The program of shaders/feed.comp. `defines`, the same in every call, specialise it beyond the
+    /// formulation. It is compiled with the first feed and kept, since feeds come and go with each upload.
     const Program& feed_program(Defines defines);
 
-    /// Stands at step 0, checked from here on as monitor() last said.
+    /// Returns to step 0. From here on the state is checked as monitor() last said.
     void stand_at_start();
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// upload() took that many, which the next one gives back first.
+    /// Notes that upload() took `bytes` bytes, which the next upload() frees first.
     void hold(std::uint64_t bytes) { held_bytes_ = bytes; }
 
-    /// Whether a copy of so many bytes leaves others half of what is free.
+    /// Whether a copy of `bytes` bytes leaves half of the free memory to others.
     bool has_room_for(std::uint64_t bytes) const;
 
-    /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h).
+    /// Turns squares of rest lengths into rest lengths as the device measures them (physics/inverse_root.h).
     void measure(std::span<float> squares);
-    /// The same in place of numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all.
+    /// Measures in place the numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all.
     void measure(const StorageBuffer& squares, std::size_t count, int stride, int offset);
 
 private:
-    /// Empty, or why the backend cannot run `problem` on a device with memory enough.
+    /// Empty, or why the backend cannot run `problem` on a device with enough memory.
     virtual std::string refused(const Problem& problem) const = 0;
     /// Enqueues one step.
     virtual void enqueue_step() = 0;
-    /// Copies back what keep_start() kept.
+    /// Restores what keep_start() kept.
     virtual void restore_start() = 0;
-    /// What specialises shaders/divergence_check.comp beyond the formulation.
+    /// Macros that specialise shaders/divergence_check.comp beyond the formulation.
     virtual Defines divergence_defines() const { return {}; }
-    /// Binds the state for shaders/divergence_check.comp, which is in use, and dispatches it.
+    /// Binds the state for shaders/divergence_check.comp, whose program is in use, and dispatches it.
     virtual void enqueue_divergence_check() = 0;
 
     void mark(Mark which) final;
@@ -88,13 +89,13 @@ private:
     Program monitor_program_;  // made with the first upload that is monitored
     ToolPass tool_;
     Program feed_program_;
-    Buffer found_;                    // shaders/divergence_check.comp's
+    Buffer found_;                    // for shaders/divergence_check.comp
     std::int64_t steps_ = 0;          // since upload()
-    DivergenceMonitor monitor_;       // of this run
-    DivergenceMonitor next_monitor_;  // of the next one
+    DivergenceMonitor monitor_;       // for this run
+    DivergenceMonitor next_monitor_;  // for the next run
 };
 
-/// The macros that specialise shaders/motion.glsl: which formulation it is, and its constants.
+/// The macros that specialise shaders/motion.glsl: the formulation and its constants.
 Defines term_defines(const Problem& problem, Formulation formulation, bool all);
 
 }  // namespace voxspring::gl

@@ -1,4 +1,4 @@
-// Explicit addressing in a compute shader: one invocation a particle, neighbours from vertical lists.
+// Explicit addressing in a compute shader: one invocation per particle, neighbours from vertical lists.
 #include "backends/gl/compute_backend.h"
 #include "backends/glsl/explicit.h"
 #include "backends/layout/springs.h"
@@ -37,7 +37,8 @@ private:
     }
 
     std::string refused_layout(const Problem& problem) const override {
-        // Positions have no direction in their entries, yet no driver takes as many particles.
+        // On positions entries have no direction, so more particles could be addressed, but no driver takes
+        // as many.
         if (std::string why = cuda::beyond_entries(problem, formulation()); !why.empty()) return why;
         for (const auto& [list, bytes] : glsl::list_bytes(problem, options())) {
             if (std::string why = too_large(list, bytes); !why.empty()) return why;
@@ -98,11 +99,11 @@ private:
     }
 
     const int block_;
-    glsl::ListKind kind_;  // which of the lists below are there
+    glsl::ListKind kind_;  // which of the lists below exist
     cuda::ExplicitStep<float> step_{};
     gl::StorageBuffer neighbour_, constants_, off_lattice_rest_;
     gl::Program rows_program_;
-    gl::Defines rows_defines_;  // that rows_program_ was made with
+    gl::Defines rows_defines_;  // the defines that rows_program_ was made with
     gl::StorageBuffer edited_particle_, edited_neighbour_, edited_constants_, edited_off_lattice_rest_;
 };
 

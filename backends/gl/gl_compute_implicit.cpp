@@ -1,4 +1,4 @@
-// Implicit addressing in a compute shader: one invocation a voxel, neighbours by their place in the grid.
+// Implicit addressing in a compute shader: one invocation per voxel, neighbours by their place in the grid.
 #include "backends/gl/compute_backend.h"
 #include "backends/glsl/implicit.h"
 #include "backends/layout/work.h"

@@ -1,5 +1,5 @@
-// Explicit addressing: active particles side by side in a texture, and for each a list of its neighbours, so
-// that springs need no grid. The lists are vertical: all first neighbours, then all second ones.
+// Explicit addressing: active particles lie side by side in a texture, and each has a list of its neighbours,
+// so springs need no grid. The lists are vertical: all first neighbours, then all second ones.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -17,10 +17,10 @@ namespace {
 /// Bits of a group's neighbour count in w: a group has at most 12 neighbours.
 constexpr int count_bits = 4;
 
-/// Texels for `particles` in a texture no higher than `limit`, as narrow as that allows but one screen tile
-/// of llvmpipe wide: rows that follow each other are then close in memory, 1.2 times as fast there as a
-/// square. The width is a power of two, so that a list need only have a particle's index. The waste is less
-/// than a row.
+/// The size of a texture for `particles` texels, no higher than `limit`: as narrow as that allows, but at
+/// least as wide as one screen tile of llvmpipe. Rows that follow each other are then close in memory, which
+/// is 1.2 times as fast there as a square. The width is a power of two, so a list need only have a particle's
+/// index. Less than one row is wasted.
 glm::ivec2 compact_size(std::size_t particles, int limit) {
     constexpr std::size_t tile = 64;
     const std::size_t width = std::bit_ceil(
@@ -28,7 +28,7 @@ glm::ivec2 compact_size(std::size_t particles, int limit) {
     return {int(width), int((particles + width - 1) / width)};
 }
 
-/// Number of springs of each particle.
+/// The number of springs of each particle.
 std::vector<std::uint32_t> degrees(const Problem& problem) {
     std::vector<std::uint32_t> degree(problem.particle_count(), 0);
     for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
@@ -46,12 +46,12 @@ int layer_count(const Problem& problem) {
     return degree.empty() ? 1 : std::max(1, int(*std::max_element(degree.begin(), degree.end())));
 }
 
-/// An entry of a particle's list, `bit` -1 for a spring beyond the lattice.
+/// An entry of a particle's list. `bit` is -1 for a spring beyond the lattice.
 std::uint32_t list_entry(std::uint32_t neighbour, int bit) {
     return neighbour | (bit < 0 ? OWN_DIRECTION : std::uint32_t(bit)) << LISTED_INDEX_BITS;
 }
 
-/// Whether stiffness or rest length differ between springs of one group.
+/// Whether stiffness or rest length differs between springs of one group.
 bool differ_within_a_group(const Problem& problem) {
     if (problem.has_materials() || !problem.springs.empty()) return true;
     std::array<double, 3> length{};
@@ -90,7 +90,7 @@ public:
     StepWork step_work(const Problem& problem) const override {
         StepWork work = fragment_work(problem, problem.particle_count());
         const std::uint64_t ends = 2 * count_springs(problem).total();
-        work.operations += ends;  // each is scaled by its stiffness
+        work.operations += ends;  // each spring is scaled by its stiffness
         work.read_once(ends * std::uint64_t(gl::r32ui.bytes + (per_spring(problem) ? gl::rg32f.bytes : 0)));
         if (has_off_lattice_rest(problem))
             work.read_once(2 * problem.springs.size() * std::uint64_t(gl::rgba32f.bytes));
@@ -184,7 +184,7 @@ private:
         return layout;
     }
 
-    /// What spring_ holds of a spring of particle i.
+    /// The texel of spring_ for a spring of particle i.
     glm::vec2 constants_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) const {
         if (s.bit >= 0) {
             const Direction& direction = directions()[std::size_t(s.bit)];
@@ -193,7 +193,7 @@ private:
         const Spring spring{i, s.neighbour, s.stiffness, s.rest_length};
         return {float(s.stiffness), cuda::listed_length<float>(spring, formulation())};
     }
-    /// What off_lattice_rest_ holds of it.
+    /// The texel of off_lattice_rest_ for a spring of particle i.
     static glm::vec4 rest_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) {
         if (s.bit >= 0) return glm::vec4(0);
         const auto rest = cuda::off_lattice_rest_of<float>(problem, i, s.neighbour, s.rest_length);
@@ -261,9 +261,9 @@ private:
     }
 
     gl::Texture neighbour_, spring_, off_lattice_rest_;
-    int layers_ = 0;                     // of each
-    bool per_spring_ = false;            // whether spring_ is there
-    bool has_off_lattice_rest_ = false;  // whether off_lattice_rest_ is there
+    int layers_ = 0;                     // of each texture
+    bool per_spring_ = false;            // whether spring_ exists
+    bool has_off_lattice_rest_ = false;  // whether off_lattice_rest_ exists
 };
 
 const Registered entry({

@@ -1,5 +1,5 @@
-// The legacy path of Mosegaard and Sorensen (2005): the whole grid in a flat texture, a fragment a voxel,
-// neighbours by their place, inactive voxels behind the stencil buffer.
+// The legacy path of Mosegaard and Sorensen (2005): the whole grid lies in a flat texture, with one fragment
+// per voxel. Neighbours are found by their place, and the stencil buffer masks inactive voxels.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 namespace voxspring {
 namespace {
 
-/// Slices of the grid side by side in a texture, `columns` in a row, z slowest.
+/// Slices of the grid side by side in a texture, `columns` slices per row, z slowest.
 struct FlatGrid {
     glm::ivec3 dims{0};
     int columns = 0;
@@ -28,9 +28,9 @@ struct FlatGrid {
     }
 };
 
-/// The narrowest way to lay `dims` flat within `limit` x `limit` texels, nothing if there is none. Narrow
-/// keeps a voxel's neighbours in the rows and slices beside it close in memory, which matters where
-/// textures are stored row by row (llvmpipe), and wastes less than one row of slices.
+/// The narrowest way to lay `dims` flat within `limit` x `limit` texels, or none if it does not fit. A narrow
+/// layout keeps a voxel's neighbours in the rows and slices beside it close in memory, which matters where
+/// textures are stored row by row (llvmpipe). It wastes less than one row of slices.
 std::optional<FlatGrid> lay_flat(glm::ivec3 dims, int limit) {
     if (dims.x > limit || dims.y > limit) return std::nullopt;
     const int rows = limit / dims.y;
@@ -53,7 +53,7 @@ public:
 
     StepWork step_work(const Problem& problem) const override {
         StepWork work = fragment_work(problem, problem.lattice.voxel_count());
-        // fast_series_stiffness() and the product with it.
+        // The operations of fast_series_stiffness() and of the product with its result.
         if (all_terms() || problem.has_materials()) work.operations += 2 * count_springs(problem).total() * 3;
         return work;
     }
@@ -96,7 +96,7 @@ private:
             rest_length[b] = cuda::listed_length<float>(problem, directions()[2 * b], formulation());
         if (!by_increments(formulation())) measure(rest_length);
         program.set("rest_length", rest_length);
-        // Materials carry the stiffness themselves.
+        // With materials each particle carries the stiffness, so that of the groups is 1.
         std::array<float, 3> stiffness{1, 1, 1};
         if (!problem.has_materials()) {
             std::copy(problem.group_stiffness.begin(), problem.group_stiffness.end(), stiffness.begin());

@@ -48,7 +48,8 @@ VertexArray make_vertex_array(const Context& context) {
 
 Query make_query(const Context& context) {
     GLuint name = 0;
-    // Not glCreateQueries: Mesa 22.3 refuses it the targets of ARB_pipeline_statistics_query.
+    // glCreateQueries does not work here: in Mesa 22.3 it refuses the targets of
+    // ARB_pipeline_statistics_query.
     glGenQueries(1, &name);
     return {context, name};
 }

@@ -15,8 +15,8 @@ enum class Object : std::uint8_t { texture, buffer, framebuffer, vertex_array, q
 /// Deletes object `name` of the current context.
 void destroy(Object kind, GLuint name) noexcept;
 
-/// Owns one object of a context, which must outlive it. Names are only unique within a context, so the
-/// destructor makes its own current.
+/// Owns one object of a context, which must outlive it. Names are unique only within a context, so the
+/// destructor makes that context current.
 template <Object kind>
 class Handle {
 public:

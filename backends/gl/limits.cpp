@@ -13,13 +13,14 @@
 namespace voxspring::gl {
 namespace {
 
-constexpr int row = 2048;  // texels: footprints are whole rows of two or three arrays
+constexpr int row = 2048;  // in texels; footprints are whole rows of two or three arrays
 constexpr glm::ivec2 arithmetic_size{glsl::arithmetic_side, glsl::arithmetic_side};
 using glsl::rounds;
-/// Of a launch, which takes the host's time: what else runs on its cores slows many batches in a row.
+/// The patience for a launch. It takes the host's time, so other work on its cores slows many batches in a
+/// row.
 constexpr Patience launch_patience{.in_all = 0.15};
 
-/// On the host's clock: batches are long, and a clock of the device need not wait for compute shaders.
+/// Times on the host's clock: batches are long, and a clock of the device need not wait for compute shaders.
 template <class Enqueue>
 double seconds(Enqueue enqueue) {
     glFinish();
@@ -29,7 +30,7 @@ double seconds(Enqueue enqueue) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-/// Three frames of one size that draws step through, as those of a FragmentBackend.
+/// Three frames of one size that draws step through, like the frames of a FragmentBackend.
 class Frames {
 public:
     Frames(const Context& context, glm::ivec2 size) : size_(size) {
@@ -48,7 +49,7 @@ public:
             glDrawArrays(GL_TRIANGLES, 0, 3);
         }
     }
-    /// From the first two to the third each time.
+    /// Draws from the first two frames to the third, each time.
     void repeat(const Program& program, int count) const {
         use(program);
         bind(0, 1, 2);
@@ -76,7 +77,7 @@ Program fragment_program(const Context& context, const char* fragment_shader, co
     return {context, load_source("full_screen.vert", {}), load_source(fragment_shader, defines)};
 }
 
-/// `dispatch()` runs `program`, whose every invocation does as many rounds as it is told.
+/// `dispatch()` runs `program`. Each of its invocations does as many rounds as it is told.
 template <class Dispatch>
 double operations_per_second(const Program& program, Dispatch dispatch) {
     program.set("factor", 0.5F);
@@ -88,7 +89,7 @@ double operations_per_second(const Program& program, Dispatch dispatch) {
            seconds_of_rounds;
 }
 
-/// Of compute shaders; 16 x 16 invocations a work group.
+/// The rate of compute shaders with work groups of 16 x 16 invocations.
 double compute_operations_per_second(const Context& context, const Texture& target) {
     const Program program(context, load_source("limits_arithmetic.glsl", {{"COMPUTE", ""}}));
     glBindImageTexture(0, target.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
@@ -99,7 +100,7 @@ double compute_operations_per_second(const Context& context, const Texture& targ
     });
 }
 
-/// Three storage buffers of `words` words that dispatches step through, as those of a ComputeBackend.
+/// Three storage buffers of `words` words that dispatches step through, like the buffers of a ComputeBackend.
 class StorageBuffers {
 public:
     StorageBuffers(const Context& context, std::size_t words) {
@@ -117,7 +118,7 @@ public:
             dispatch(groups);
         }
     }
-    /// With the same buffers each time.
+    /// Dispatches with the same buffers each time.
     void repeat(const Program& program, GLuint groups, int count) const {
         glUseProgram(program.get());
         bind(0, 1, 2);
@@ -137,7 +138,7 @@ private:
     std::array<Buffer, 3> buffers_;
 };
 
-/// Of shaders/limits_copy.frag.
+/// The macros of shaders/limits_copy.frag.
 Defines copy_defines(const glsl::CopyPass& pass) {
     Defines defines = {{"READS", std::to_string(pass.reads)}};
     if (pass.writes) defines["WRITES"] = "";
@@ -163,7 +164,7 @@ double measure_dispatch(const Context& context) {
 
 DeviceLimits measure_limits(const Context& context) {
     DeviceLimits limits;
-    // A draw cannot write what it reads.
+    // A draw cannot write what it reads, so no pass is in place.
     constexpr glsl::CopyPass passes[] = {{2, false, false}, {2, true, false}, {1, true, false}};
     glsl::measure_bandwidth(limits, passes, [&](const glsl::CopyPass& pass, std::size_t words) {
         const Program program = fragment_program(context, "limits_copy.frag", copy_defines(pass));

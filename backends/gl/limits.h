@@ -1,4 +1,4 @@
-// What an OpenGL device can do at best.
+// Measures what an OpenGL device can do at best.
 #pragma once
 
 #include "backends/gl/context.h"
@@ -6,16 +6,16 @@
 
 namespace voxspring::gl {
 
-/// In dispatches, a barrier after each, that a ComputeBackend steps by. `context` is current; program and
-/// buffers bound are others afterwards.
+/// Measures dispatches with a barrier after each, as a ComputeBackend steps. `context` is current. It leaves
+/// another program and other buffers bound.
 DeviceLimits measure_compute_limits(const Context& context);
-/// Of those the time of a launch alone.
+/// Measures only the time of a launch, as measure_compute_limits() does.
 double measure_dispatch(const Context& context);
 
-/// In the draws that a FragmentBackend steps by. `context` is current and has a vertex array bound; programs,
-/// framebuffers and textures bound are others afterwards.
+/// Measures draws, as a FragmentBackend steps. `context` is current and has a vertex array bound. It leaves
+/// other programs, framebuffers and textures bound.
 DeviceLimits measure_limits(const Context& context);
-/// Of those the time of a launch alone.
+/// Measures only the time of a launch, as measure_limits() does.
 double measure_draw(const Context& context);
 
 }  // namespace voxspring::gl

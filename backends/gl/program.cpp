@@ -13,7 +13,8 @@ namespace {
 
 using Shader = Handle<Object::shader>;
 
-/// The file that `line` includes, empty for an angle-bracketed one; nothing if it includes none.
+/// The file that `line` includes, or none if it includes none. The name is empty for an include in angle
+/// brackets.
 std::optional<std::string> included_file(const std::string& line) {
     if (!line.starts_with("#include ")) return std::nullopt;
     const std::size_t open = line.find('"');
@@ -21,7 +22,7 @@ std::optional<std::string> included_file(const std::string& line) {
     return close == std::string::npos ? "" : line.substr(open + 1, close - open - 1);
 }
 
-/// The text of a translation unit as it grows.
+/// The text of a translation unit while it is assembled.
 class Assembly {
 public:
     Assembly(std::string name, const Files& files) : files_(files) { source_.name = std::move(name); }
@@ -59,8 +60,8 @@ private:
     std::set<std::string> included_;
 };
 
-/// A compiler's log with the positions that start its lines as FILE:LINE: Mesa writes `0:23(4): error`,
-/// NVIDIA `0(23) : error`.
+/// A compiler's log in which the positions that start lines are written as FILE:LINE. Mesa writes `0:23(4):
+/// error`, NVIDIA `0(23) : error`.
 std::string with_origins(const std::string& log, const Source& source) {
     std::istringstream lines(log);
     std::string text;

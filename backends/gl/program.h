@@ -1,4 +1,4 @@
-// GLSL from the files embedded at build time.
+// Programs made of the GLSL files that are embedded at build time.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -14,27 +14,28 @@
 
 namespace voxspring::gl {
 
-/// What specialises a shader: macro to value.
+/// What specialises a shader: macros with their values.
 using glsl::Defines;
 
-/// Files by the name that `#include "..."` gives them.
+/// Files by the name with which `#include "..."` names them.
 using Files = std::map<std::string_view, std::string_view>;
 
-/// A translation unit that knows where its lines come from. It has no `#line`: Mesa 22.3 forgets the file.
+/// A translation unit that knows where its lines come from. `#line` is not used, because Mesa 22.3 forgets
+/// the file.
 struct Source {
     std::string name;  ///< the file that was asked for
     std::string text;
-    std::vector<std::string> origin;  ///< FILE:LINE of each line of the text; empty for the loader's own
+    std::vector<std::string> origin;  ///< FILE:LINE of each line of the text; empty for the loader's lines
 };
 
-/// `file` with what it includes, behind `#version 450 core`, VOXSPRING_GLSL and `defines`. A file is included
-/// once; the C++ headers that a shared header includes in angle brackets are left out. Throws DeviceError
-/// that names an unknown file and who includes it.
+/// `file` with all that it includes, after `#version 450 core`, VOXSPRING_GLSL and `defines`. A file is
+/// included once. The C++ headers that a shared header includes in angle brackets are left out. If a file is
+/// unknown, this throws DeviceError, which names the file and the one that includes it.
 Source load_source(const std::string& file, const Defines& defines, const Files& files);
-/// The same from shaders/ and the headers of backends/physics/ that GLSL shares.
+/// load_source() with the files of shaders/ and the headers of backends/physics/ that GLSL shares.
 Source load_source(const std::string& file, const Defines& defines);
 
-/// A linked program. Compile and link errors are DeviceErrors that name file and line.
+/// A linked program. Errors of the compiler and linker become DeviceErrors that name file and line.
 class Program {
 public:
     Program() = default;
@@ -43,7 +44,7 @@ public:
 
     GLuint get() const { return program_.get(); }
 
-    /// Sets a uniform; one that the program was specialised not to need is passed over.
+    /// Sets a uniform. Nothing happens if the specialised program does not need it.
     void set(const char* name, float value) const;
     void set(const char* name, glm::vec3 value) const;
     void set(const char* name, std::span<const float> values) const;

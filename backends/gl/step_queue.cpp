@@ -24,7 +24,7 @@ void StepQueue::wait_for_oldest() {
     GLenum status = GL_TIMEOUT_EXPIRED;
     while (status == GL_TIMEOUT_EXPIRED) {
         status = glClientWaitSync(fences_.front(), GL_SYNC_FLUSH_COMMANDS_BIT, nanoseconds);
-        context_.check("stepping");  // a context that was reset signals nothing any more
+        context_.check("stepping");  // a context that was reset never signals a fence
     }
     glDeleteSync(fences_.front());
     fences_.pop_front();

@@ -1,5 +1,5 @@
-// How many steps a driver may have queued: without a bound it keeps commands, and memory, for all that are
-// enqueued.
+// Limits how many steps a driver may have queued. Without a limit it keeps commands, and memory, for all
+// steps that are enqueued.
 #pragma once
 
 #include <epoxy/gl.h>
@@ -10,9 +10,9 @@
 
 namespace voxspring::gl {
 
-/// Puts a fence behind every so many steps and lets the host wait for an old one, so that no more than
-/// `max_fences` * `steps_a_fence` steps are enqueued and not finished. The device keeps hundreds of steps to
-/// do meanwhile, and a fence costs it less than a thousandth of them.
+/// Puts a fence after every `steps_a_fence` steps and makes the host wait for an old one, so that at most
+/// `max_fences` * `steps_a_fence` steps are enqueued and not finished. The device has hundreds of steps left
+/// to do meanwhile, and a fence costs less than a thousandth of their time.
 class StepQueue {
 public:
     static constexpr int steps_a_fence = 128;
@@ -24,7 +24,7 @@ public:
     StepQueue(const StepQueue&) = delete;
     StepQueue& operator=(const StepQueue&) = delete;
 
-    /// One more step was enqueued in the context, which is current. May wait. Throws DeviceError.
+    /// Notes that one more step was enqueued in the context, which is current. May wait. Throws DeviceError.
     void enqueued();
 
 private:

@@ -5,7 +5,7 @@
 namespace voxspring::gl {
 
 void StorageBuffer::replace(const Context& context, std::span<const std::byte> values) {
-    *this = {};  // the old one goes first
+    *this = {};  // frees the old buffer first
     if (values.empty()) return;
     buffer_ = make_buffer(context);
     bytes_ = values.size();
@@ -33,7 +33,7 @@ void StorageBuffer::copy(const Context& context, const StorageBuffer& from) {
         context.check("allocating a storage buffer");
     }
     if (bytes_ == 0) return;
-    // As in upload().
+    // The reason is that of upload().
     glFinish();
     glCopyNamedBufferSubData(from.get(), get(), 0, 0, GLsizeiptr(bytes_));
     glFinish();

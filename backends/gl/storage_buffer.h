@@ -13,23 +13,23 @@ namespace voxspring::gl {
 /// An array in device memory for shaders to read and write.
 class StorageBuffer {
 public:
-    /// Replaces what it held, if anything; nothing if `values` are empty. Waits for all that is enqueued, or
-    /// takes new storage.
+    /// Replaces the content, and holds nothing if `values` is empty. Waits for all that is enqueued, or takes
+    /// new storage.
     template <class T>
     void upload(const Context& context, const std::vector<T>& values) {
         upload(context, std::as_bytes(std::span(values)));
     }
-    /// The same in new storage: what is enqueued goes on with the old.
+    /// Replaces the content in new storage. Work that is enqueued goes on with the old storage.
     template <class T>
     void replace(const Context& context, const std::vector<T>& values) {
         replace(context, std::as_bytes(std::span(values)));
     }
-    /// The first values.size() of them, once everything enqueued has run.
+    /// Copies out the first values.size() elements, once everything enqueued has run.
     template <class T>
     void download(std::vector<T>& values) const {
         download(std::as_writable_bytes(std::span(values)));
     }
-    /// Holds what `from` holds, in new storage unless it was of that size.
+    /// Copies the content of `from`. The storage is new unless it has the same size.
     void copy(const Context& context, const StorageBuffer& from);
     GLuint get() const { return buffer_.get(); }
     std::size_t bytes() const { return bytes_; }

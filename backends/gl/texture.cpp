@@ -10,7 +10,7 @@ namespace {
 Texture make(const Context& context, GLenum target) {
     GLuint name = 0;
     glCreateTextures(target, 1, &name);
-    // A float32 or integer texture that asks for filtering is incomplete, and reads as zero.
+    // A float32 or integer texture with filtering counts as incomplete, and reads as zero.
     glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
     glTextureParameteri(name, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
     return {context, name};
@@ -37,7 +37,7 @@ Texture make_texture(const Context& context, const TexelFormat& format, glm::ive
     Texture texture = make(context, GL_TEXTURE_2D);
     glTextureStorage2D(texture.get(), 1, format.internal, size.x, size.y);
     context.check("allocating a texture");
-    glPixelStorei(GL_UNPACK_ALIGNMENT, 1);  // rows of bytes end where they end
+    glPixelStorei(GL_UNPACK_ALIGNMENT, 1);  // rows of bytes have no padding
     if (texels != nullptr) {
         glTextureSubImage2D(texture.get(), 0, 0, 0, size.x, size.y, format.external, format.type, texels);
     }
@@ -61,7 +61,7 @@ int rows_of_a_read(const TexelFormat& format, int width) {
 void read_texture(const Texture& texture, const TexelFormat& format, glm::ivec2 size, void* texels,
                   int max_rows) {
     const std::int64_t row_bytes = std::int64_t(size.x) * format.bytes;
-    glPixelStorei(GL_PACK_ALIGNMENT, 1);  // rows of bytes end where they end
+    glPixelStorei(GL_PACK_ALIGNMENT, 1);  // rows of bytes have no padding
     auto* to = static_cast<std::byte*>(texels);
     for (int row = 0; row < size.y; row += max_rows) {
         const int rows = std::min(max_rows, size.y - row);

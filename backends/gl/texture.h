@@ -1,4 +1,4 @@
-// Textures that are arrays of numbers: no filtering, one level.
+// Textures used as arrays of numbers: no filtering, one level.
 #pragma once
 
 #include <cstdint>
@@ -18,33 +18,33 @@ struct TexelFormat {
 inline constexpr TexelFormat rgba32f{GL_RGBA32F, GL_RGBA, GL_FLOAT, 16};
 inline constexpr TexelFormat rg32f{GL_RG32F, GL_RG, GL_FLOAT, 8};
 inline constexpr TexelFormat r32ui{GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, 4};
-/// Stencil without depth, which OpenGL 4.4 and later has.
+/// Stencil without depth, which OpenGL 4.4 and later have.
 inline constexpr TexelFormat stencil8{GL_STENCIL_INDEX8, GL_STENCIL_INDEX, GL_UNSIGNED_BYTE, 1};
 
 /// The width and height that every OpenGL 4.5 allows, for estimates made before there is a context.
 inline constexpr int guaranteed_texture_size = 16384;
 
-/// Whether the driver would take such a texture; `layers` 0 is a plain 2D texture. Allocates nothing.
+/// Whether the driver would accept such a texture. `layers` 0 means a plain 2D texture. Allocates nothing.
 bool fits(const TexelFormat& format, glm::ivec2 size, int layers = 0);
 
-/// A 2D texture, row by row from `texels`, or left undefined where that is null.
+/// A 2D texture, filled row by row from `texels`, or undefined if that is null.
 Texture make_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, const void* texels);
 
-/// Rows of a texture that one read takes: as many as fit into a GLsizei of bytes, at least one.
+/// How many rows of a texture one read takes: as many as fit into a GLsizei of bytes, at least one.
 int rows_of_a_read(const TexelFormat& format, int width);
 
-/// Copies a 2D texture's texels to `texels`, row by row, once everything enqueued has run: at most `max_rows`
-/// rows a call.
+/// Copies a 2D texture's texels to `texels`, row by row, once everything enqueued has run. Each call of GL
+/// takes at most `max_rows` rows.
 void read_texture(const Texture& texture, const TexelFormat& format, glm::ivec2 size, void* texels,
                   int max_rows);
 
-/// All texels of a 2D texture to another of the same format and size.
+/// Copies all texels of a 2D texture to another one of the same format and size.
 void copy_texture(const Texture& from, const Texture& to, glm::ivec2 size);
 
-/// What a shader reads of `buffer` by index, as texels.
+/// A texture through which a shader reads `buffer` by index, as texels.
 Texture make_buffer_texture(const Context& context, const TexelFormat& format, GLuint buffer);
 
-/// A 2D array texture, layer by layer from `texels`.
+/// A 2D array texture, filled layer by layer from `texels`.
 Texture make_array_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, int layers,
                            const void* texels);
 

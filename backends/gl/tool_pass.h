@@ -1,4 +1,4 @@
-// What the tool does before a step, in a compute shader (shaders/tool.comp), however the particles lie.
+// What the tool does before a step, in a compute shader (shaders/tool.comp), for any layout of the particles.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -12,15 +12,16 @@ namespace voxspring::gl {
 
 class ToolPass {
 public:
-    /// For a problem whose particles lie as `placement` says. The tool is where it took hold. `defines`
-    /// specialise the shader beyond the formulation.
+    /// Prepares for a problem whose particles lie as `placement` says. The tool is where it took hold.
+    /// `defines` specialise the shader beyond the formulation.
     void make(const Context& context, const Problem& problem, const cuda::Placement& placement,
               Formulation formulation, Defines defines);
     bool has_tool() const { return held_.bytes() > 0; }
 
-    // For a problem with a tool.
+    // These functions are for a problem with a tool.
     void move(const glm::dvec3& displacement) const;
-    /// Binds what is its own and dispatches; the state and the loads are bound. Leaves its program in use.
+    /// Binds the pass's buffers and dispatches; the state and the loads must be bound. Leaves its program in
+    /// use.
     void dispatch() const;
     /// The force on the tool in the latest step.
     glm::dvec3 force() const;

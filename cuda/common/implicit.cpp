@@ -216,7 +216,7 @@ private:
     }
 
     /// Registers per thread of the kernel that leaves out blocks at rest. Its threads take several blocks
-    /// each and keep the old state to compare it with the new one: with 32 registers a step of all blocks of
+    /// each and keep the old state to compare it with the new one. With 32 registers, stepping all blocks of
     /// a large box took four times as long.
     static constexpr int resting_registers = 64;
 

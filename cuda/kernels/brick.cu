@@ -45,8 +45,8 @@ struct TileWords {
 
 __device__ std::uint32_t lane_of(int thread) { return blockIdx.x * lanes + std::uint32_t(thread); }
 
-/// Which half of the points a step reads, and which it writes. Two offsets are swapped: with a condition
-/// instead the compiler would duplicate the loop.
+/// The half of the points that is read in a step, and the half that is written. Two offsets are swapped: with
+/// a condition instead the compiler would duplicate the loop.
 class Turns {
 public:
     __device__ float* now() const { return points + now_; }

@@ -258,8 +258,8 @@ private:
         if constexpr (overlaps) own_points_are_here();
     }
 
-    /// Sends a point to the part that reads it. This happens in every step: with the last point a neighbour's
-    /// next launch begins.
+    /// Sends a point to the part that reads it. This happens in every step, since the next launch of a
+    /// neighbour begins with the last point.
     __device__ void send(std::uint32_t to, Vector<float> point, std::uint32_t tag) const {
         if (to == resident_none) return;
         const ResidentNeighbour& neighbour = step_.links.neighbour[to / second_neighbour];

@@ -82,7 +82,7 @@ __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step
     }
 }
 #else
-/// The same function for the host, where blocks run one after another.
+/// list_for_next_step() for the host, where blocks run one after another.
 inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin, int x, int y, int z,
                                bool changed) {
     for (int n = 0; n < blocks_around && changed; ++n) {
