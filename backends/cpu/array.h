@@ -1,4 +1,4 @@
-// Large arrays of what particles have, first touched by the threads that will step them.
+// Large arrays of particle data, first touched by the threads that will step the particles.
 #pragma once
 
 #include <hwy/aligned_allocator.h>
@@ -14,7 +14,7 @@ namespace voxspring::cpu_parallel {
 template <class T>
 using Array = hwy::AlignedFreeUniquePtr<T[]>;
 
-/// Elements or particles from which on copying them is worth starting threads.
+/// With fewer elements or particles than this, starting threads for a copy does not pay.
 constexpr std::ptrdiff_t worth_threads = 1 << 16;
 
 template <class T>
@@ -24,7 +24,7 @@ Array<T> filled(std::ptrdiff_t size, T value) {
         throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
     }
     prefer_huge_pages(array.get(), std::size_t(size) * sizeof(T));
-    // Each thread is the first to touch, and so has in its own memory, about what it will step.
+    // Each thread touches first, and so has in its local memory, about what it will step.
     T* const begin = array.get();
 #pragma omp parallel for schedule(static) if (size >= worth_threads)
     for (std::ptrdiff_t i = 0; i < size; ++i) begin[i] = value;

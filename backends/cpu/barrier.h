@@ -6,12 +6,12 @@
 
 namespace voxspring::cpu_parallel {
 
-/// Where the threads of a step meet. OpenMP's own barrier spins for milliseconds: where another process has
-/// one of the cores, it keeps the very thread that it waits for from running, at the cost of a scheduler's
-/// time slice (4 ms) a step. This one spins for some microseconds, then lets others run.
+/// The meeting point of the threads of a step. OpenMP's barrier spins for milliseconds. If another process
+/// has one of the cores, that keeps the very thread that is waited for from running, and each step costs a
+/// time slice of the scheduler (4 ms). This barrier spins for some microseconds and then lets others run.
 class Barrier {
 public:
-    /// Before any thread waits.
+    /// To be called before any thread waits.
     void expect(int threads) { threads_ = threads; }
     void wait() {
         const unsigned phase = phase_.load(std::memory_order_acquire);
@@ -29,7 +29,7 @@ private:
     static constexpr int max_spins = 2000;  // loads
 
     int threads_ = 0;
-    // Each counter has a cache line of its own: a thread that arrives does not disturb those that wait.
+    // Each counter has a separate cache line: a thread that arrives does not disturb those that wait.
     alignas(64) std::atomic<int> arrived_ = 0;
     alignas(64) std::atomic<unsigned> phase_ = 0;
 };

@@ -1,4 +1,4 @@
-// What every backend that runs on the host shares: its clock, its divergence monitor and how it names the
+// What all backends that run on the host share: the clock, the divergence monitor and the name of the
 // processor.
 #pragma once
 
@@ -15,7 +15,7 @@ namespace voxspring {
 class CpuBackend : public Backend {
 public:
     void synchronize() override {}
-    /// Of all cores and their SIMD registers, whatever the backend uses of them.
+    /// Measures all cores and their SIMD registers, even if the backend uses only some of them.
     DeviceLimits measure_limits() override;
 
 private:
@@ -29,7 +29,7 @@ private:
     std::chrono::steady_clock::time_point begin_, end_;
 };
 
-/// One with a divergence monitor, which checks after exactly as many steps as it was told.
+/// A backend with a divergence monitor, which checks after exactly as many steps as it was told.
 class MonitoredCpuBackend : public CpuBackend {
 public:
     void upload(const Problem& problem, const State& state) final;
@@ -38,16 +38,16 @@ public:
     std::optional<Divergence> divergence() final { return divergence_; }
 
 private:
-    /// upload() without the monitor.
+    /// Does the work of upload() without the monitor.
     virtual void begin(const Problem& problem, const State& state) = 0;
-    /// step() without the monitor.
+    /// Does the work of step() without the monitor.
     virtual void integrate(int count) = 0;
-    /// Whether every particle is finite and its latest step no longer than that.
+    /// Whether every particle is finite and moved by at most `largest_increment` in its latest step.
     virtual bool within(double largest_increment) = 0;
 
     DivergenceMonitor monitor_, next_monitor_;
     std::int64_t steps_ = 0;      ///< since upload()
-    std::int64_t last_good_ = 0;  ///< the latest of them that a check found within bounds
+    std::int64_t last_good_ = 0;  ///< the latest step that a check found within bounds
     std::optional<Divergence> divergence_;
 };
 

@@ -1,8 +1,8 @@
-// Every core, with neighbour lists: takes any network, and so sutures beyond the lattice.
+// All cores, with neighbour lists. Takes any network, and so also sutures beyond the lattice.
 //
-// Each particle has a list of its springs, those of the lattice in the order of neighbours.h, then those of
-// Problem::springs in theirs, and gathers their forces in that order. Each spring is evaluated from both of
-// its ends. So no bit depends on the number of threads.
+// Each particle has a list of its springs: first those of the lattice in the order of neighbours.h, then
+// those of Problem::springs in their order. It gathers their forces in that order. Each spring is evaluated
+// from both of its ends, so no bit depends on the number of threads.
 #include <omp.h>
 
 #include <algorithm>
@@ -28,7 +28,7 @@ namespace {
 
 constexpr auto name = "cpu_explicit";
 
-/// A particle's spring to a neighbour.
+/// A spring from a particle to a neighbour.
 template <class Real>
 struct Link {
     std::uint32_t neighbour;
@@ -43,7 +43,7 @@ struct RestState {
     Real length, deficit;
 };
 
-/// Where a particle's links are, and for how many there is room.
+/// Where a particle's links are, and for how many links there is room.
 struct ListRange {
     std::size_t begin = 0;
     std::uint32_t count = 0, room = 0;
@@ -90,7 +90,8 @@ public:
         }
     }
 
-    /// New lists of the particles that `edit` touched. One without room for its links moves to the end.
+    /// Makes new lists for the particles that `edit` touched. A list without room for its links moves to the
+    /// end.
     void follow(const Problem& edited, const SpringEdit& edit) {
         for (const SpringEdit::Touched& touched : edit.touched) {
             ListRange& range = ranges_[touched.particle];
@@ -108,10 +109,10 @@ public:
         }
     }
 
-    /// Links and rest states, those that edits have left behind included.
+    /// Number of links and rest states, including those that edits have left unused.
     std::size_t size() const { return links_.size() + rest_.size(); }
 
-    /// Calls visit(neighbour, rest state, stiffness) for each spring of particle i in its order.
+    /// Calls visit(neighbour, rest state, stiffness) for each spring of particle i in the order of its list.
     template <class Visit>
     void visit(std::size_t i, Visit visit) const {
         const ListRange& range = ranges_[i];
@@ -159,7 +160,7 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         take(edited);
         links_.follow(edited, edit);
-        // What edits leave behind would otherwise grow without end.
+        // Without this the lists that edits leave unused would grow without end.
         if (links_.size() > 2 * uploaded_size_ + 4096) list_springs_anew();
     }
 
@@ -196,14 +197,16 @@ public:
         const std::uint64_t load = problem.load.empty() ? 0 : 1;
         const bool increments = by_increments(formulation_);
         const std::uint64_t split = formulation_ == Formulation::compensated ? 1 : 0;
-        // By increments x or u is read from one array and written to another, and v changed in place; else of
-        // two arrays of x or u one is read and the other read and overwritten. Each with its low parts.
+        // By increments x or u is read from one array and written to another, and v is changed in place.
+        // Otherwise one of two arrays of x or u is read, and the other is read and overwritten. Each comes
+        // with its low parts.
         const std::uint64_t parts = 1 + split, vector = sizeof(Vec3);
         const std::uint64_t others = load * vector + sizeof(Real) + sizeof(ListRange);
         const std::uint64_t written = (increments ? 2 : 1) * parts * vector;
         const std::uint64_t lists =
             ends * sizeof(Link<Real>) + 2 * problem.springs.size() * sizeof(RestState<Real>);
-        // As cpu_reference counts them, but each spring from both ends, and its force added to one.
+        // The counts are those of cpu_reference, except that each spring is evaluated from both ends, and its
+        // force is added to one end each time.
         const std::uint64_t spring =
             3 + split * 6 + (on_positions(formulation_) ? 0 : 3) + (increments ? 20 : 10) + 3 + 3;
         return {.bytes = particles * (2 * parts * vector + written + others) + lists,
@@ -213,10 +216,10 @@ public:
     }
 
 private:
-    /// Particles from which on a step is worth another thread, where their number is left to us.
+    /// Particles from which on a step is worth another thread, if the user does not choose their number.
     static constexpr std::size_t min_particles = 1024;
 
-    /// The places of some particles.
+    /// The places of some particles, which are those of a border.
     class Places final : public Border {
     public:
         Places(CpuExplicit& of, std::vector<std::uint32_t> particles)
@@ -265,11 +268,11 @@ private:
 
     void take(const Problem& problem) {
         problem_ = &problem;
-        shortest_squared_ = Real(problem.shortest_squared());  // of a network that goes through all springs
+        shortest_squared_ = Real(problem.shortest_squared());  // for a network, this visits all springs
     }
 
     void list_springs_anew() {
-        links_ = {};  // the old lists go before the new ones come
+        links_ = {};  // frees the old lists before the new ones are made
         links_ = Links<Real>(*problem_);
         uploaded_size_ = links_.size();
     }
@@ -422,13 +425,13 @@ private:
 
     const Formulation formulation_;
     const int threads_;
-    const bool chosen_;  ///< the number of threads
+    const bool chosen_;  ///< the user chose the number of threads
     const Problem* problem_ = nullptr;
     Real shortest_squared_ = 0;
     std::size_t current_ = 0;  ///< which of the two arrays has the state
     Links<Real> links_;
     std::size_t uploaded_size_ = 0;
-    /// x or u of even and of odd steps; the one that is overwritten has what was before.
+    /// x or u of even and of odd steps. The array that is overwritten holds the previous step's.
     std::array<Vectors, 2> at_, at_low_;
     Vectors increment_, increment_low_, load_;
     std::vector<Real> inverse_mass_;

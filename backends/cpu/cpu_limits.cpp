@@ -1,4 +1,4 @@
-// What the processor can do at best, on all cores and in the SIMD registers that cpu_parallel uses.
+// Measures what the processor can do at best, on all cores and in the SIMD registers that cpu_parallel uses.
 #include <hwy/aligned_allocator.h>
 #include <hwy/cache_control.h>
 #include <omp.h>
@@ -13,7 +13,7 @@
 
 #include "backends/cpu/cpu_backend.h"
 
-// As in cpu_parallel.cpp.
+// As in cpu_parallel.cpp: these targets are left out.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu/cpu_limits.cpp"
@@ -26,12 +26,12 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Independent sums: as many as two units with a latency of five keep busy. With the two factors they fit
+/// Independent sums: as many as keep two units with a latency of five busy. With the two factors they fit
 /// into the 16 registers of AVX2.
 constexpr std::size_t sums = 10;
 
-/// Runs `count` times `sums` multiply-adds of a register. Returns how many those were of scalars, and leaves
-/// in `result` what they came to.
+/// Runs `sums` multiply-adds of a register, `count` times. Returns the number of scalar operations, and
+/// leaves their sums in `result`.
 template <class T>
 HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
     const hn::ScalableTag<T> tag;
@@ -50,11 +50,11 @@ HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
 std::size_t multiply_add_float32(std::size_t count, float* result) { return multiply_add(count, result); }
 std::size_t multiply_add_float64(std::size_t count, double* result) { return multiply_add(count, result); }
 
-// Passes over arrays that start on a cache line, `count` a multiple of a group's elements. What is
-// overwritten in place has been read; a store elsewhere goes past the caches, which else would read the line
-// first.
+// Passes over arrays that start on a cache line; `count` is a multiple of a group's elements. An array that
+// is overwritten in place has been read before. A store elsewhere bypasses the caches, which would otherwise
+// read the line first.
 
-/// Registers at once: independent sums, as many as two additions a cycle with a latency of four keep busy.
+/// Registers at once: independent sums, as many as keep two additions per cycle with a latency of four busy.
 constexpr std::size_t group = 8;
 
 HWY_FLATTEN void read(const float* first, const float*, float* written, std::size_t count) {
@@ -133,8 +133,9 @@ void stream_copy_on_best_target(const float* first, const float* second, float* 
     HWY_DYNAMIC_DISPATCH(stream_copy)(first, second, written, count);
 }
 
-/// Seconds that the slowest thread takes for `work(thread, threads)` once all of them are there. Not since
-/// the fork: on a processor shared with others a thread may wait for a core longer than it then works.
+/// Seconds that the slowest thread takes for `work(thread, threads)`, counted from when all threads are
+/// there. The time since the fork would not do: on a processor shared with others a thread may wait longer
+/// for a core than it then works.
 template <class Work>
 double parallel_seconds(Work work) {
     using Clock = std::chrono::steady_clock;
@@ -168,8 +169,8 @@ double operations_per_second() {
     return double(operations) / seconds;
 }
 
-/// Bytes of the first core's last cache, which Linux gives as "32768K"; 0 where it gives none. Not sysconf(),
-/// which in a virtual machine may name all that the host has.
+/// Bytes of the first core's last cache, which Linux gives as "32768K"; 0 if it gives none. sysconf() is not
+/// used, because in a virtual machine it may name all that the host has.
 std::size_t last_cache_bytes() {
     std::size_t bytes = 0;
     for (int index = 0;; ++index) {
@@ -181,11 +182,11 @@ std::size_t last_cache_bytes() {
     }
 }
 
-/// A pass of one thread: from two arrays, or the first of them, to the one that is written.
+/// A pass of one thread: it reads `first`, or `first` and `second`, and writes `written`.
 using Pass = void (*)(const float* first, const float* second, float* written, std::size_t count);
 
-/// Passes of all threads, each over memory of its own, which it was the first to write: it lies in the
-/// thread's own caches and beside its own processor.
+/// Passes of all threads. Each thread has separate memory, which it was the first to write: it lies in the
+/// caches of that thread and near its processor.
 class Sweeps {
 public:
     explicit Sweeps(std::size_t max_footprint) : memory_(std::size_t(omp_get_max_threads())) {
@@ -199,7 +200,7 @@ public:
             [&](std::size_t thread, std::size_t) { std::fill_n(memory_[thread].get(), floats, 1.0F); });
     }
 
-    /// The three shares of writing at one footprint.
+    /// Measures the three shares of writing at one footprint.
     void add(std::size_t footprint, std::vector<Bandwidth>& table) const {
         const auto bytes = double(floats_of(footprint) * memory_.size() * sizeof(float));
         // A byte of the footprint is moved once, or twice if it is overwritten.
@@ -216,13 +217,14 @@ public:
     }
 
 private:
-    /// Of a thread: up to three arrays one after the other, each of whole groups of the widest registers.
+    /// Floats per thread: up to three arrays one after the other, each of whole groups of the widest
+    /// registers.
     std::size_t floats_of(std::size_t footprint) const {
         constexpr std::size_t whole = std::size_t(6) * 8 * 16;
         return std::max<std::size_t>(footprint / sizeof(float) / memory_.size() / whole, 1) * whole;
     }
 
-    /// The second of two or more arrays is read, the last is written.
+    /// Seconds of a pass. Of two or more arrays the second is read and the last is written.
     double pass_seconds(std::size_t footprint, std::size_t arrays, Pass pass) const {
         const std::size_t count = floats_of(footprint) / arrays;
         return min_seconds(
@@ -243,13 +245,13 @@ private:
 /// Fills in the table and the two rates of copies that are taken from it.
 void measure_bandwidth(DeviceLimits& limits) {
     const std::size_t cache = last_cache_bytes();
-    // Four times the cache leaves no line in it until its next use; with a bound where a host has caches
-    // that its guests share.
+    // Four times the cache leaves no line in it until its next use. The bound is for hosts whose caches are
+    // shared by guests.
     const std::size_t beyond =
         std::clamp<std::size_t>(4 * cache, std::size_t(128) << 20, std::size_t(512) << 20);
     const Sweeps sweeps(beyond);
-    // In the caches of each thread alone, in the last one with others', and where that one ends in finer
-    // steps.
+    // Footprints in the caches of each thread alone, then in the last cache, which threads share, and around
+    // its size in finer steps.
     auto footprint = (std::size_t(64) << 10) * std::size_t(omp_get_max_threads());
     for (; footprint < beyond; footprint *= footprint < cache / 4 ? 4 : 2)
         sweeps.add(footprint, limits.bandwidth);
@@ -273,8 +275,8 @@ DeviceLimits CpuBackend::measure_limits() {
         limits.float64_operations_per_second =
             std::max(limits.float64_operations_per_second.value_or(0), operations_per_second<double>());
     };
-    // Twice, and seconds apart: they take so little time that whatever else wants the processor for a moment
-    // can be all that they see.
+    // Measured twice, seconds apart: the measurements take so little time that another process which wants
+    // the processor for a moment may disturb all of one.
     measure_operations();
     measure_bandwidth(limits);
     measure_operations();

@@ -1,12 +1,13 @@
-// Every core and its SIMD registers: a gather over a padded grid with implicit addressing.
+// All cores and their SIMD registers: a gather over a padded grid with implicit addressing.
 //
-// State is a structure of arrays (x, y, z) over the grid, whose rows are padded to whole blocks of 64
-// bytes; a neighbour is a constant number of elements away. Only blocks with active voxels are listed, and
-// threads share the list evenly. A spring is evaluated once, when its lower end is stepped: its force
-// density then waits in a buffer for the higher end, which multiplies its own offset with it. That is
-// the force that it would have evaluated itself, to the bit; so forces, summed in the order of
-// neighbours.h, depend neither on the number of threads nor on the width of a register. Tiles of blocks that
-// rest are not stepped (tiles.h), which changes no bit either.
+// State is a structure of arrays (x, y, z) over the grid, whose rows are padded to whole blocks of 64 bytes.
+// A neighbour is a constant number of elements away. Only blocks with active voxels are listed, and threads
+// share the list evenly.
+//
+// A spring is evaluated once, when its lower end is stepped. Its force density then waits in a buffer for the
+// higher end, which multiplies it with its offset. To the bit, that is the force that the higher end would
+// have evaluated. So forces, summed in the order of neighbours.h, depend neither on the number of threads nor
+// on the width of a register. Tiles of blocks at rest are not stepped (tiles.h), which changes no bit either.
 #include <omp.h>
 
 #include <algorithm>
@@ -43,8 +44,8 @@ template <class T>
 std::string refusal(const Problem& problem) {
     const glm::ivec3 d = problem.lattice.dims;
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
-    // In floating point, which does not overflow: an upper bound on the bytes of 24 arrays (PaddedState)
-    // over the padded grid, against what 64-bit systems give a process to address.
+    // Computed in floating point, which does not overflow: an upper bound on the bytes of 24 arrays
+    // (PaddedState) over the padded grid, compared with the address space of a process on 64-bit systems.
     const double rows = (double(d.y) + 4) * (double(d.z) + 4);
     if ((d.x + double(block_size<T>)) * rows * 24 * sizeof(T) < std::ldexp(1.0, 47)) return {};
     return "a grid of " + std::to_string(d.x) + " x " + std::to_string(d.y) + " x " + std::to_string(d.z) +
@@ -83,7 +84,7 @@ public:
             tiles_->mark_active(block.tile, step_);
         }
         if (bits == bits_) return;
-        // Springs in a direction that had none so far.
+        // There are springs in a direction that had none so far.
         bits_ = bits;
         list_blocks();
         deal_out();
@@ -92,7 +93,7 @@ public:
     bool has_tool() const override { return true; }
     void move_tool(const glm::dvec3& displacement) override {
         tool_moved_ = vector_of(displacement);
-        // Those that it holds, though they may rest, no longer do so where they are.
+        // The held particles may be at rest, but a tool that moves wakes them.
         for (const Share& share : shares_) {
             for (const Held& held : share.held) tiles_->mark_active(held.tile, step_);
         }
@@ -120,8 +121,8 @@ public:
         const bool all = all_terms(options_);
         const bool has_load = all || !problem.load.empty();
         const std::uint32_t full_stencil = bits_in_use(problem, options_) | ACTIVE_BIT;
-        std::uint64_t masks = 0;        // read: of particles that can lie in no block of full stencils
-        std::uint64_t evaluations = 0;  // of a spring's force density: springs along x are evaluated twice
+        std::uint64_t masks = 0;        // read, of particles that can be in no block of full stencils
+        std::uint64_t evaluations = 0;  // of force densities; springs along x are evaluated twice
         for (const std::uint32_t mask : problem.lattice.mask) {
             masks += all || mask != full_stencil ? 1 : 0;
             const std::uint32_t twice = all ? NEIGHBOUR_BITS : along_x;
@@ -130,21 +131,22 @@ public:
         const std::uint64_t particles = problem.particle_count();
         const std::uint64_t ends = 2 * count_springs(problem).total();
         // By increments the state's displacements are read from one array and written to another, and its
-        // increments overwritten in place; else of two arrays of positions one is read and one overwritten.
+        // increments are overwritten in place. Otherwise one of two arrays of positions is read and the other
+        // overwritten.
         const auto state = std::uint64_t(state_arrays(formulation_));
         const bool increments = by_increments(formulation_);
         const std::uint64_t read_only =
             (has_load ? 3 : 0) + (all || problem.has_materials() ? 1 : 0) + (problem.has_materials() ? 1 : 0);
-        // force_density() 5 + 1 + 1 + 3; strain_density() without the offset 3 + 5 + 1 + 5 + 1 + 1 + 4; and 2
-        // more for a stiffness that materials give.
+        // Operations: force_density() 5 + 1 + 1 + 3; strain_density() without the offset 3 + 5 + 1 + 5 + 1 +
+        // 1 + 4; and 2 more if materials give the stiffness.
         const std::uint64_t density =
             (by_increments(formulation_) ? 20 : 10) + (problem.has_materials() ? 2 : 0);
-        // Either end of a spring: u_i - u_j or x_i - x_j 3, and twice that more where it has low parts; the
-        // offset that it makes 3; force 3; sum 3.
+        // At either end of a spring: u_i - u_j or x_i - x_j 3, and twice that more if it has low parts; the
+        // offset made from it 3; force 3; sum 3.
         const bool split = formulation_ == Formulation::compensated;
         const std::uint64_t end = 9 + (split ? 6 : 0) + (on_positions(formulation_) ? 0 : 3);
-        // A particle: next_position() or increment_change() and two sums 21; each sum that is split 33
-        // instead of 3.
+        // For a particle: next_position() or increment_change() and two sums 21; each sum that is split takes
+        // 33 instead of 3.
         return {.bytes = (particles * ((increments ? state / 3 * 4 : 9) + read_only) + masks) * sizeof(T),
                 .written_bytes = particles * (increments ? state / 3 * 2 : 3) * sizeof(T),
                 .footprint_bytes = (particles * (state + read_only) + masks) * sizeof(T),
@@ -153,11 +155,11 @@ public:
     }
 
 private:
-    /// The mask bits of the neighbours along x, and of all those at a higher index.
+    /// The mask bits of the neighbours along x, and of all neighbours at a higher index.
     static constexpr std::uint32_t along_x = 0x3, higher = NEIGHBOUR_BITS & 0xAAAAAAAA;
-    /// A tile sleeps once it and those around it were slow for that many steps.
+    /// A tile sleeps once it and the tiles around it were slow for this many steps.
     static constexpr int steps_to_sleep = 8;
-    /// Tiles from which on rest=auto checks at all: a step of less takes some 50 us.
+    /// With fewer tiles rest=auto does not check: a step of them takes some 50 us.
     static constexpr std::size_t min_checked_tiles = 128;
 
     /// A particle that the tool holds.
@@ -168,7 +170,7 @@ private:
         std::array<T, 3> anchor{}, load{};  ///< where it was taken hold of; Problem::load
     };
 
-    /// A thread's part of every step.
+    /// A thread's share of every step.
     struct Share {
         Array<T> density;
         std::array<std::vector<Opposites<T>>, 2> opposites;
@@ -177,7 +179,7 @@ private:
         Task<T> task{};
     };
 
-    /// The places of some particles in the state at hand.
+    /// The places of some particles in the current state.
     class Places final : public Border {
     public:
         Places(CpuParallel& of, const std::vector<std::uint32_t>& particles) : of_(of) {
@@ -238,7 +240,7 @@ private:
     void begin(const Problem& problem, const State& state) override {
         problem_ = &problem;
         step_ = 0;
-        state_ = {};  // the old arrays go before the new ones come
+        state_ = {};  // frees the old arrays before the new ones are made
         state_ = PaddedState<T>(problem, options_, state);
         bits_ = bits_in_use(problem, options_);
         tool_moved_ = {};
@@ -287,7 +289,8 @@ private:
         const bool checks = policy_.checks();
 #pragma omp parallel num_threads(int(shares_.size()))
         {
-            // Each share to the same thread every time. Should OpenMP grant fewer threads, some take several.
+            // Each share goes to the same thread every time. If OpenMP grants fewer threads, some take
+            // several shares.
             const auto threads = std::size_t(omp_get_num_threads());
             const FlushSubnormals flush(flushes_subnormals_);
 #pragma omp single
@@ -333,7 +336,7 @@ private:
         return all;
     }
 
-    /// The block of a particle: it is listed, and has no other guards than those that end its row.
+    /// The index of a particle's block, which is listed. Its only guards are those that end its row.
     std::size_t block_of(std::ptrdiff_t element) const {
         const auto next = std::upper_bound(blocks_.begin(), blocks_.end(), element,
                                            [](auto e, const Block& block) { return e < block.first; });
@@ -382,7 +385,7 @@ private:
             const Block* const first = blocks_.data();
             task.begin = first + blocks_.size() * s / count;
             task.end = first + blocks_.size() * (s + 1) / count;
-            // From there on blocks have higher neighbours in this share.
+            // From this element on blocks have higher neighbours in this share.
             const std::ptrdiff_t lead =
                 task.begin->first - state_.grid.slice - state_.grid.row - block_size<T>;
             task.lead = std::lower_bound(first, task.begin, lead, [](const Block& block, auto element) {
@@ -395,7 +398,7 @@ private:
         }
     }
 
-    /// What the tool holds in the blocks that a task steps.
+    /// The particles that the tool holds in the blocks of a task.
     std::vector<Held> held_of(const Task<T>& task) const {
         std::vector<Held> held;
         const Tool& tool = problem_->tool;
@@ -411,7 +414,7 @@ private:
         return held;
     }
 
-    /// The share's next step, from state `step`.
+    /// The share's next step, starting from state `step`.
     Task<T> task_from(const Share& share, std::int64_t step) const {
         using Vector = typename PaddedState<T>::Vector;
         const auto pointers = [](const Vector& v) {
@@ -444,8 +447,9 @@ private:
             const RestSpring rest = rest_spring(*problem_, direction);
             const std::array<T*, 2> of_slice = {density, density + state_.grid.densities()};
             density += 2 * state_.grid.densities();
-            // Neighbours along x lie in the same register or were left in the latest: a load that overlaps
-            // a store so recent waits longer than the evaluation takes.
+            // Along x densities are evaluated at both ends: neighbours lie in the same register or were left
+            // in the latest one, and a load that overlaps such a recent store waits longer than the
+            // evaluation takes.
             const bool waits = !all_terms(options_) && stride != 1;
             for (std::size_t odd = 0; odd < 2; ++odd) {
                 const T* const lower = of_slice[(odd + std::size_t(o.z)) % 2] - stride_in_slice;
@@ -487,7 +491,7 @@ private:
     const Options options_;
     const Formulation formulation_;
     const Root root_;
-    const double sleep_, flush_;  ///< in spacings; 0: no
+    const double sleep_, flush_;  ///< in spacings; 0: off
     const bool flushes_subnormals_;
     const int threads_;
     const Problem* problem_ = nullptr;
@@ -499,7 +503,7 @@ private:
     std::vector<Block> blocks_;
     std::vector<Share> shares_;
     std::unique_ptr<Tiles> tiles_;
-    /// To check tiles costs a little, and pays where an eighth of them rests.
+    /// Checking tiles costs a little, and pays if an eighth of them rests.
     RestPolicy policy_{
         {.period = 16, .min_pause = 64, .max_pause = 1024, .paying_numerator = 7, .paying_denominator = 8}};
 };
@@ -540,7 +544,7 @@ const Registered entry({
             return options.precision == Precision::float32 ? bytes<float>(problem, options)
                                                            : bytes<double>(problem, options);
         },
-    // What sleeps stands still where it would have moved by less than that.
+    // A tile that sleeps stands still where it would have moved by less than this.
     .admitted_spacings_per_step = sleep_threshold,
     .root_error = root_error,
     .refused_options = refused_options,

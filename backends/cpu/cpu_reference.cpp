@@ -1,4 +1,4 @@
-// The oracle: float64, a plain loop over springs, one thread. Every other backend is compared with it.
+// The oracle: float64, a plain loop over springs, one thread. All other backends are compared with it.
 #include <cmath>
 #include <cstring>
 #include <glm/geometric.hpp>
@@ -28,7 +28,7 @@ public:
     void move_tool(const glm::dvec3& displacement) override { tool_moved_ = displacement; }
     glm::dvec3 tool_force() override { return tool_force_; }
 
-    // Anew, which is plainly right.
+    // The springs are made anew, which is plainly right.
     void edit(const Problem& edited, const SpringEdit&) override {
         problem_ = &edited;
         springs_ = list_springs(edited);
@@ -56,15 +56,17 @@ public:
         const std::uint64_t load = problem.load.empty() ? 0 : 1;
         const std::uint64_t lows = formulation_ == Formulation::compensated ? 1 : 0;
         const std::uint64_t rests = on_positions(formulation_) ? 0 : 1;
-        // A spring: the difference of its ends 3, and twice that more with low parts; the offset 3 where that
-        // is not the difference; force_density() 5 + 1 + 1 + 3 or strain_density() 3 + 5 + 1 + 5 + 1 + 1 + 4;
-        // force 3, and its addition to either end 6. A particle: next_position() or increment_change() and
-        // two sums 21, each sum that is split 33 instead of 3; and 1 / mass.
+        // Operations of a spring: the difference of its ends 3, and twice that more with low parts; the
+        // offset 3 where that is not the difference; force_density() 5 + 1 + 1 + 3 or strain_density() 3 + 5
+        // + 1 + 5 + 1 + 1 + 4; force 3, and its addition to either end 6. Of a particle: next_position() or
+        // increment_change() and two sums 21, where each sum that is split takes 33 instead of 3; and 1 /
+        // mass.
         const std::uint64_t spring =
             3 + lows * 6 + rests * 3 + (by_increments(formulation_) ? 20 : 10) + 3 + 6;
         const std::uint64_t particle = 21 + lows * 60 + 1 + 3 * load;
-        // Forces: zeroed, read and written with the springs, read with the particles. Positions: read with
-        // the springs, read and written with the particles; previous ones or increments the same there.
+        // Forces are zeroed, read and written with the springs, and read with the particles. Positions are
+        // read with the springs, and read and written with the particles, as are previous positions or
+        // increments.
         const std::uint64_t lists = springs * (sizeof(Spring) + rests * sizeof(RestSpring));
         return {.bytes = particles * (4 + 3 + 2 + load + lows * 5) * sizeof(glm::dvec3) + lists,
                 .written_bytes = particles * (2 + 1 + 1 + lows * 2) * sizeof(glm::dvec3),
@@ -73,7 +75,7 @@ public:
     }
 
 private:
-    /// at_ and at_low_ of some particles.
+    /// at_ and at_low_ of some particles, those of a border.
     class Places final : public Border {
     public:
         Places(CpuReference& of, std::vector<std::uint32_t> particles)
@@ -216,8 +218,8 @@ private:
     const Problem* problem_ = nullptr;
     std::vector<Spring> springs_;
     std::vector<RestSpring> rest_springs_;
-    /// The state, positions or displacements: `previous_` where the formulation has it, else `increment_`.
-    /// The low parts are zero but in `compensated`.
+    /// The state, positions or displacements: `previous_` where the formulation has it, otherwise
+    /// `increment_`. The low parts are zero except in `compensated`.
     std::vector<glm::dvec3> at_, previous_, increment_, at_low_, increment_low_;
     std::vector<glm::dvec3> force_;
     glm::dvec3 tool_moved_{0}, tool_force_{0};

@@ -6,13 +6,13 @@
 
 #include "backends/physics/neighbours.h"
 
-// Lanes has a register as a member, which those of unknown size cannot be.
+// Lanes has a register as a member. Registers of unknown size cannot be members.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
-// Compile this file, as far as HWY_ONCE, for every SIMD target.
+// This file, up to HWY_ONCE, is compiled for every SIMD target.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu/kernel.cpp"
 #include <hwy/foreach_target.h>
-// After it: what is compiled for every target.
+// What is included from here on is compiled for every target.
 #include <hwy/cache_control.h>
 
 #include "backends/cpu/simd/lanes-inl.h"
@@ -48,7 +48,7 @@ HWY_INLINE Lanes3<L> zero3() {
 template <class L>
 using MaskTag = hn::RebindToUnsigned<typename L::Tag>;
 
-/// Lane by lane `a` where `chosen`, else `b`; what the other holds is dropped, a NaN included.
+/// `a` in lanes that are `chosen`, otherwise `b`. The other value is dropped, even if it is a NaN.
 template <class L, class Chosen>
 HWY_INLINE Lanes3<L> select(Chosen chosen, Lanes3<L> a, Lanes3<L> b) {
     const auto m = hn::RebindMask(typename L::Tag(), chosen);
@@ -56,7 +56,7 @@ HWY_INLINE Lanes3<L> select(Chosen chosen, Lanes3<L> a, Lanes3<L> b) {
             L(hn::IfThenElse(m, a.z.v, b.z.v))};
 }
 
-/// Where a register of particles is: x or u and, if the formulation has it, its low part.
+/// The places of a register of particles: x or u and, if the formulation has it, its low part.
 template <Formulation formulation, class L>
 struct Place {
     Lanes3<L> high;
@@ -92,7 +92,7 @@ struct Springs {
             return rest_offset + relative;
         }
     }
-    /// The same to the bit seen from either end.
+    /// Seen from either end it has the same bits.
     HWY_INLINE L density(const Opposites<typename L::T>& pair, L stiffness, L shortest_squared) const {
         const L rest_length(pair.rest_length);
         if constexpr (by_increments(formulation)) {
@@ -112,7 +112,7 @@ HWY_INLINE L stiffness(const Task<T>& task, const Opposites<T>& pair, std::ptrdi
     return series_stiffness(L::load(task.compliance + i), L::load(task.compliance + neighbour));
 }
 
-/// Leave the force densities of the springs to the higher neighbours of a register of particles.
+/// Leaves the force densities of the springs to the higher neighbours of a register of particles.
 template <Formulation formulation, class L, class T>
 HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
     const std::ptrdiff_t i = block.first + lane;
@@ -128,7 +128,7 @@ HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::pt
     }
 }
 
-/// The spring forces on a register of particles. `full_stencil`: as in Block, so that nothing needs masking.
+/// The spring forces on a register of particles. `full_stencil`: as in Block, so nothing needs masking.
 template <Formulation formulation, bool full_stencil, class L, class T, class Mask>
 HWY_INLINE Lanes3<L> sum_forces(const Task<T>& task, const Block& block, std::ptrdiff_t lane, Mask mask,
                                 const Place<formulation, L>& here) {
@@ -161,7 +161,7 @@ HWY_INLINE Lanes3<L> sum_forces(const Task<T>& task, const Block& block, std::pt
     return force;
 }
 
-/// `v` without its components closer to 0 than `flush`.
+/// `v` without the components that are closer to 0 than `flush`.
 template <class L>
 HWY_INLINE Lanes3<L> flushed(Lanes3<L> v, L flush) {
     const auto far = [&](L a) HWY_ATTR { return L(hn::IfThenZeroElse(hn::Lt(hn::Abs(a.v), flush.v), a.v)); };
@@ -176,7 +176,7 @@ HWY_INLINE Lanes3<L> low_of(Lanes3<L> high, Lanes3<L> low) {
     return {kept(high.x, low.x), kept(high.y, low.y), kept(high.z, low.z)};
 }
 
-/// All bits in which two registers of each differ.
+/// All bits in which two registers differ, for each of x, y and z.
 template <class L>
 HWY_INLINE auto difference(Lanes3<L> a, Lanes3<L> b) {
     const MaskTag<L> tag;
@@ -184,7 +184,7 @@ HWY_INLINE auto difference(Lanes3<L> a, Lanes3<L> b) {
     return hn::Or(hn::Or(bits(a.x, b.x), bits(a.y, b.y)), bits(a.z, b.z));
 }
 
-/// `moved` where particles can move, else `held`. `full_stencil`: as in Block, so that all can.
+/// `moved` in lanes whose particle can move, otherwise `held`. `full_stencil`: as in Block, so all can move.
 template <bool full_stencil, class L, class Chosen>
 HWY_INLINE Lanes3<L> where_moving(Chosen moving, Lanes3<L> moved, Lanes3<L> held) {
     if constexpr (full_stencil) {
@@ -248,7 +248,7 @@ HWY_INLINE Motion<L> integrate_increment(const Task<T>& task, std::ptrdiff_t i, 
     return {changes, increment};
 }
 
-/// The step of the formulations that keep two positions or displacements.
+/// The step of the formulations that keep two positions or two displacements.
 template <Formulation formulation, bool full_stencil, class L, class T, class Chosen>
 HWY_INLINE Motion<L> integrate_place(const Task<T>& task, std::ptrdiff_t i, Chosen moving,
                                      const Place<formulation, L>& here, const Action<L>& action) {
@@ -266,7 +266,7 @@ HWY_INLINE Motion<L> integrate_place(const Task<T>& task, std::ptrdiff_t i, Chos
     return {hn::Or(difference(next, here.high), difference(here.high, previous)), next - here.high};
 }
 
-/// Whether a register of particles keeps its tile active: a bit changed or, with a `slow` above 0, a particle
+/// Whether a register of particles keeps its tile active: a bit changed or, with `slow` above 0, a particle
 /// moved that far.
 template <class L, class T, class Mask>
 HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motion) {
@@ -278,7 +278,7 @@ HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motio
     return !hn::AllTrue(tag, hn::Or(hn::RebindMask(tag, slow), empty));
 }
 
-/// Step a register of particles.
+/// Steps a register of particles.
 template <Formulation formulation, bool full_stencil, class L, class T>
 HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
     const std::ptrdiff_t i = block.first + lane;
@@ -289,8 +289,8 @@ HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptr
     if (task.load[0] != nullptr) force = force + load3<L>(task.load, i);
     const L inverse_mass =
         task.inverse_mass != nullptr ? L::load(task.inverse_mass + i) : L(task.uniform_inverse_mass);
-    // Without gravity or damping its term is neutral rather than skipped: six instructions on constants,
-    // in some three hundred, whose cost could not be measured.
+    // Without gravity or damping the term is neutral rather than skipped. This takes six instructions on
+    // constants, of some three hundred, whose cost could not be measured.
     const Action<L> action{force, broadcast3<L>(task.gravity), inverse_mass, L(task.time_step_squared)};
     const auto moving =
         hn::Eq(hn::And(mask, hn::Set(tag, ACTIVE_BIT | PINNED_BIT)), hn::Set(tag, ACTIVE_BIT));
@@ -304,7 +304,7 @@ HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptr
     if (task.action != nullptr) task.active_tile[block.tile] |= std::uint8_t(is_active(task, mask, motion));
 }
 
-/// A register of particles stays where it is, from now on at rest.
+/// Leaves a register of particles where it is, from now on at rest.
 template <Formulation formulation, class L, class T>
 HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
     const std::ptrdiff_t i = block.first + lane;
@@ -317,9 +317,9 @@ HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdif
     }
 }
 
-/// Fetch what a block meets first: its neighbours farthest ahead and what it overwrites. The processor's own
-/// prefetchers lose track of this many streams: without, one core of an AMD EPYC took 1.37 times as long for
-/// a step of the box of 128^3.
+/// Prefetches what a block meets first: its neighbours farthest ahead and what it overwrites. The processor's
+/// prefetchers lose track of this many streams: without prefetching, one core of an AMD EPYC took 1.37 times
+/// as long for a step of the box of 128^3.
 template <Formulation formulation, class T>
 HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
     const auto fetch = [&](const auto& from, std::ptrdiff_t i) HWY_ATTR {
@@ -337,10 +337,10 @@ HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
 
 template <Formulation formulation, class L, class T>
 HWY_FLATTEN void run_task(const Task<T>& shared) {
-    // A copy that nothing points to: a store to the state cannot change it, so that it stays in registers.
+    // A local copy that nothing points to: a store to the state cannot change it, so it stays in registers.
     const Task<T> task = shared;
-    // Blocks from one that is fetched to its use: long enough for memory, short enough for the first cache.
-    // From 16 to 64 on there is no difference.
+    // Blocks between a prefetch and its use: far enough for memory, near enough for the first cache. From 16
+    // to 64 there is no difference.
     constexpr std::ptrdiff_t ahead = 24;
     const auto each_lane = [](auto run) HWY_ATTR {
         for (std::ptrdiff_t lane = 0; lane < block_size<T>; lane += std::ptrdiff_t(L::count())) run(lane);
@@ -415,7 +415,7 @@ HWY_FLATTEN bool all_within(const Task<T>& task, Formulation formulation, T larg
             const Lanes3<L> at = load3<L>(task.at, i);
             const Lanes3<L> moved =
                 by_increments(formulation) ? load3<L>(task.increment, i) : at - load3<L>(task.next, i);
-            // Zero but where a component is not finite.
+            // Zero unless a component is not finite.
             const Lanes3<L> none = at - at;
             const auto good = hn::And(hn::Le(dot(moved, moved).v, largest_squared),
                                       hn::Eq((none.x + none.y + none.z).v, hn::Zero(tag)));
@@ -433,8 +433,8 @@ bool within_float64(const Task<double>& task, Formulation formulation, double la
     return all_within(task, formulation, largest_increment);
 }
 
-/// The largest error of quotients of 1 and 1 + n / 4096, n from 0 to 3 * 4096, and their roots: what is
-/// measured is what the steps compute.
+/// The largest error of quotients of 1 and 1 + n / 4096, for n from 0 to 3 * 4096, and of their roots. The
+/// roots measured are those that the steps compute.
 template <Root root>
 double largest_root_error() {
     using L = Lanes<float, root>;

@@ -16,20 +16,20 @@ namespace voxspring::cpu_parallel {
 template <class T>
 using MaskOf = hwy::MakeUnsigned<T>;
 
-/// Elements of a block: a register of the widest target.
+/// Elements of a block: as many as a register of the widest target holds.
 template <class T>
 constexpr std::ptrdiff_t block_size = 64 / sizeof(T);
 
 struct Block {
     std::ptrdiff_t first;     ///< its first element
-    std::ptrdiff_t in_slice;  ///< the same, counted from the start of its slice of constant z
+    std::ptrdiff_t in_slice;  ///< likewise, counted from the start of its slice of constant z
     std::uint32_t tile;       ///< tiles.h
     bool odd_slice;
     bool full_stencil;  ///< every voxel has a particle that can move and has a neighbour in every direction
                         ///< in use
 };
 
-/// What a step does with a tile, in any combination.
+/// What a step does with a tile. The values can be combined.
 enum TileAction : std::uint8_t {
     tile_steps = 1,
     tile_leaves_densities = 2,  ///< it rests, and a tile beside it steps
@@ -45,13 +45,14 @@ struct Opposites {
     T rest_length;
     T rest_deficit;
     T stiffness;
-    /// Where the force densities wait, by the particle's element in its slice: that of the spring to the
-    /// lower neighbour, left by it, and that of the spring to the higher one. Null: evaluate both springs.
+    /// Where force densities wait, by the particle's element in its slice. The lower neighbour has left the
+    /// density of the spring to it; that of the spring to the higher neighbour is left for the latter. Null:
+    /// both ends evaluate the spring.
     const T* lower_density;
     T* higher_density;
 };
 
-/// One step of one thread's share. State that the formulation does not have is null.
+/// One thread's share of one step. State that the formulation does not have is null.
 template <class T>
 struct Task {
     std::array<const T*, 3> at;  ///< x or u
@@ -63,16 +64,16 @@ struct Task {
     const MaskOf<T>* mask;
     const T* inverse_mass;                         ///< one per particle; null: all the same
     const T* compliance;                           ///< one per particle; null: one stiffness per direction
-    std::array<const Opposites<T>*, 2> opposites;  ///< of even and of odd slices
+    std::array<const Opposites<T>*, 2> opposites;  ///< for even and for odd slices
     std::size_t opposites_count;
-    std::ptrdiff_t farthest;          ///< the largest of their strides: what no block before has read
-    const Block *lead, *begin, *end;  ///< densities alone are needed of [lead, begin)
+    std::ptrdiff_t farthest;          ///< the largest of their strides; no earlier block reads so far ahead
+    const Block *lead, *begin, *end;  ///< for [lead, begin) only densities are needed
     const std::uint8_t* action;  ///< TileAction of each tile; null: all step, and `active_tile` is not kept
-    /// Of each tile that steps: whether that changed a bit of it or, with a `slow` above 0, whether a
-    /// particle moves that far a step.
+    /// For each tile that is stepped: whether the step changed a bit of it or, with `slow` above 0, whether a
+    /// particle moves that far per step.
     std::uint8_t* active_tile;
     T slow;
-    T flush;  ///< parts of u and v closer to 0 than that are set to 0; 0: none
+    T flush;  ///< parts of u and v closer to 0 than this are set to 0; 0: none
     T shortest_squared;
     T uniform_inverse_mass;
     std::array<T, 3> gravity;
@@ -80,12 +81,12 @@ struct Task {
     T time_step_squared;
 };
 
-/// Runs the task. Roots other than the exact one are for float32.
+/// Runs the task. Roots other than the exact one are for float32 only.
 void step(const Task<float>& task, Formulation formulation, Root root);
 void step(const Task<double>& task, Formulation formulation, Root root);
 
-/// Whether every particle of the task's blocks is finite and, in the step that led to `at`, did not move
-/// farther than that.
+/// Whether every particle of the task's blocks is finite and moved by at most `largest_increment` in the step
+/// that led to `at`.
 bool within(const Task<float>& task, Formulation formulation, double largest_increment);
 bool within(const Task<double>& task, Formulation formulation, double largest_increment);
 
@@ -93,7 +94,7 @@ bool within(const Task<double>& task, Formulation formulation, double largest_in
 /// root.h).
 const char* target_name();
 double approximation_error();
-/// The largest relative error of 1 / sqrt(x) by such roots, of some thousand x from 1 to 4.
+/// The largest relative error of 1 / sqrt(x) with such roots, over some thousand x from 1 to 4.
 double measured_root_error(Root root);
 
 }  // namespace voxspring::cpu_parallel

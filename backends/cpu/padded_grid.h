@@ -1,4 +1,4 @@
-// How cpu_parallel lays the lattice out in memory.
+// How cpu_parallel lays out the lattice in memory.
 #pragma once
 
 #include <cstddef>
@@ -9,8 +9,8 @@
 
 namespace voxspring::cpu_parallel {
 
-/// The lattice with rows of whole blocks. In front of it and behind it lies a guard as long as the farthest
-/// neighbour is away, so that every register of neighbours can be loaded.
+/// The lattice with rows of whole blocks. Before and after it lies a guard as long as the distance of the
+/// farthest neighbour, so every register of neighbours can be loaded.
 template <class T>
 struct PaddedGrid {
     glm::ivec3 dims;
@@ -24,7 +24,7 @@ struct PaddedGrid {
 
     std::ptrdiff_t size() const { return guard + slice * dims.z + guard; }
     std::ptrdiff_t element(glm::ivec3 c) const { return guard + slice * c.z + row * c.y + c.x; }
-    /// A row's blocks, rows and slices.
+    /// Blocks per row, rows per slice, and slices.
     glm::ivec3 blocks() const { return {int(row / block_size<T>), dims.y, dims.z}; }
     /// Force densities of one direction and one slice, with guards as above.
     std::ptrdiff_t density_guard() const { return row + block_size<T>; }

@@ -13,24 +13,24 @@
 
 namespace voxspring::cpu_parallel {
 
-/// An array is null where the formulation or the problem has no such part. Whatever holds no particle is NaN:
-/// a leak into a particle's force cannot go unseen.
+/// An array is null if the formulation or the problem has no such part. Elements without a particle are NaN,
+/// so that a leak into a particle's force cannot go unseen.
 template <class T>
 struct PaddedState {
     using Vector = std::array<Array<T>, 3>;
 
     PaddedGrid<T> grid{glm::ivec3(0)};
     Array<MaskOf<T>> mask;
-    /// x or u of an even and of an odd step: the one is read while the other is overwritten.
+    /// x or u of an even and of an odd step: one is read while the other is overwritten.
     std::array<Vector, 2> at, at_low;
     Vector increment, increment_low, load;
     Array<T> inverse_mass, compliance;
 
     PaddedState() = default;
-    /// `state` is that of an even step.
+    /// `state` is the state of an even step.
     PaddedState(const Problem& problem, const Options& options, const State& state);
 
-    /// What an even (`current` 0) or odd step led to, in canonical order.
+    /// The state after an even (`current` 0) or an odd step, in canonical order.
     State unpack(const Problem& problem, Formulation formulation, std::size_t current) const;
 
     std::ptrdiff_t element_of(const Problem& problem, std::size_t particle) const {

@@ -11,7 +11,7 @@
 
 namespace voxspring::cpu_parallel {
 
-/// More than this starts more threads than a process can be sure to get, where OpenMP ends it.
+/// A process cannot be sure to get more threads than this, and OpenMP ends it if it does not get them.
 constexpr int max_threads = 1024;
 
 int thread_count(const Options& options, const std::string& backend) {

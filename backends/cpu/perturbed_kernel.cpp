@@ -4,13 +4,13 @@
 
 #include "backends/physics/neighbours.h"
 
-// Lanes has a register as a member, which those of unknown size cannot be.
+// Lanes has a register as a member. Registers of unknown size cannot be members.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
-// Compile this file, as far as HWY_ONCE, for every SIMD target.
+// This file, up to HWY_ONCE, is compiled for every SIMD target.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu/perturbed_kernel.cpp"
 #include <hwy/foreach_target.h>
-// After it: what is compiled for every target.
+// What is included from here on is compiled for every target.
 #include "backends/cpu/simd/lanes-inl.h"
 
 #ifndef VOXSPRING_PERTURBED_CONSTANTS
@@ -19,7 +19,7 @@ namespace voxspring::perturbed {
 
 /// Odd numbers without a pattern (from SplitMix64 and MurmurHash3).
 constexpr std::uint32_t multiplier[] = {0xBF58476D, 0x94D049BB, 0x85EBCA6B, 0xC2B2AE35};
-/// What tells one of a particle's numbers from another.
+/// Tells the random numbers of one particle apart.
 constexpr std::uint32_t salt(std::uint64_t which) { return std::uint32_t(0x9E3779B9u * (which + 1)); }
 
 }  // namespace voxspring::perturbed
@@ -54,7 +54,7 @@ HWY_INLINE V select(Mask chosen, V a, V b) {
             L(hn::IfThenElse(m, a.z.v, b.z.v))};
 }
 
-/// The product of the low halves, its own high half mixed into the low one.
+/// The product of the low halves, with its high half mixed into the low one.
 HWY_INLINE Bits mixed(Bits a, std::uint32_t by) {
 #if HWY_TARGET == HWY_SCALAR
     const Bits product = hn::Set(bits_tag, (hn::GetLane(a) & 0xFFFFFFFFu) * by);
@@ -65,7 +65,8 @@ HWY_INLINE Bits mixed(Bits a, std::uint32_t by) {
     return hn::Xor(product, hn::ShiftRight<29>(product));
 }
 
-/// The random numbers of a register of particles in one step, each from a counter: no order matters.
+/// The random numbers of a register of particles in one step. Each follows from a counter, so order does not
+/// matter.
 class Random {
 public:
     HWY_INLINE Random(const RoundingBits& rounding, std::ptrdiff_t i) : rounding_(rounding) {
@@ -76,7 +77,7 @@ public:
     HWY_INLINE Bits bits(std::uint64_t which) const {
         return mixed(mixed(hn::Xor(base_, hn::Set(bits_tag, salt(which))), multiplier[2]), multiplier[3]);
     }
-    /// Of [-1, 1).
+    /// A random number in [-1, 1).
     HWY_INLINE L number(std::uint64_t which) const {
         const auto one_to_two = hn::Or(hn::And(bits(which), hn::Set(bits_tag, 0x000FFFFFFFFFFFFFu)),
                                        hn::Set(bits_tag, 0x3FF0000000000000u));
@@ -91,7 +92,7 @@ public:
     }
 
 private:
-    /// Zero stays zero.
+    /// Rounds `value` at random. Zero stays zero.
     HWY_INLINE L rounded(L value, std::uint64_t which) const {
         const Bits random = bits(which);
         const Bits added =
@@ -107,7 +108,7 @@ private:
     Bits base_;
 };
 
-/// What acts on a register of particles; `size` is what the error of `force` is relative to.
+/// The forces on a register of particles. The error of `force` is relative to `size`.
 struct Forces {
     V force, size;
 };
@@ -153,7 +154,7 @@ HWY_INLINE Forces sum_forces(const Task& task, std::ptrdiff_t i, V here, Bits ma
     return sum;
 }
 
-/// Which of a particle's random numbers is for what; each is three.
+/// What each of a particle's random numbers is for. Each name stands for three numbers.
 enum : std::uint64_t {
     for_force = 0,
     for_product = 3,
@@ -171,7 +172,7 @@ HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
     const L inverse_mass = L::load(task.inverse_mass + i);
     V gravity = broadcast3(task.gravity);
     const Random random(task.rounding, i);
-    // Compensated sums keep what rounding takes; every other number that is stored goes through this.
+    // Compensated sums keep what rounding loses. Every other number that is stored goes through this.
     const auto stored = [&](V v, std::uint64_t which) HWY_ATTR {
         if constexpr (perturbed && formulation != Formulation::compensated) {
             return random.rounded(v, which);
@@ -180,7 +181,7 @@ HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
         }
     };
     if constexpr (perturbed) {
-        // Of the force and of the acceleration that it is part of.
+        // The error of the force and of the acceleration that it is part of.
         const V noise = random.numbers(for_force);
         const V size = (forces.size + absolute(forces.force)) * inverse_mass + absolute(gravity);
         const L unit(task.rounding.unit + task.rounding.root_error);

@@ -10,7 +10,7 @@
 
 namespace voxspring::perturbed {
 
-/// Numbers a block: a register of the widest target.
+/// Numbers per block: as many as a register of the widest target holds.
 constexpr std::ptrdiff_t block_size = 8;
 
 /// One direction of the stencil.
@@ -21,30 +21,30 @@ struct Pull {
     double rest_length, rest_deficit, stiffness;
 };
 
-/// How numbers are rounded: `random` bits are added below the last one kept, and what is below is cut off.
+/// How numbers are rounded: random bits are added below the last bit that is kept, then the rest is cut off.
 struct RoundingBits {
     std::uint64_t kept = ~std::uint64_t(0);
-    std::uint64_t random = 0;       ///< of a random number, those that are added
-    std::uint64_t also_random = 0;  ///< of its other half, those that are added as well
-    std::uint64_t constant = 0;     ///< added to all
-    double unit = 0;                ///< of the errors of forces; 0: none
+    std::uint64_t random = 0;       ///< which bits of a random number are added
+    std::uint64_t also_random = 0;  ///< which bits of its other half are added as well
+    std::uint64_t constant = 0;     ///< added to every number
+    double unit = 0;                ///< unit of the errors of forces; 0: none
     double root_error = 0;
     std::uint64_t key = 0;  ///< of the step
 
     bool any() const { return kept != ~std::uint64_t(0) || random != 0 || unit != 0 || root_error != 0; }
 };
 
-/// A step of the blocks [begin, end); arrays are over the padded grid.
+/// A step of the blocks [begin, end). Arrays are over the padded grid.
 struct Task {
     std::array<const double*, 3> at;
     std::array<double*, 3> next;              ///< holds the previous place until it is overwritten
     std::array<double*, 3> increment;         ///< null unless the formulation has it
     std::array<const double*, 3> load;        ///< constant forces; null: none
     std::array<const double*, 3> extra;       ///< forces of springs beyond the lattice; null: none
-    std::array<const double*, 3> extra_size;  ///< what those are relative to
+    std::array<const double*, 3> extra_size;  ///< the sizes that their error is relative to
     const std::uint64_t* mask;
     const double* inverse_mass;
-    const double* compliance;  ///< null: a stiffness a direction
+    const double* compliance;  ///< null: one stiffness per direction
     const std::ptrdiff_t *begin, *end;
     const Pull* pulls;
     std::size_t pull_count;
@@ -58,7 +58,7 @@ void step(const Task& task, Formulation formulation);
 
 /// `value` rounded as the kernel rounds the number that a particle's element and `which` name.
 double rounded(double value, const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
-/// A number of [-1, 1) from the same source.
+/// A number in [-1, 1) from the same source.
 double random_number(const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
 
 }  // namespace voxspring::perturbed

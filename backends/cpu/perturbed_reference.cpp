@@ -24,7 +24,7 @@ namespace {
 using namespace perturbed;
 using Kind = Perturbation::Kind;
 
-/// SplitMix64.
+/// The mixing function of SplitMix64.
 std::uint64_t mixed(std::uint64_t a) {
     a += 0x9E3779B97F4A7C15u;
     a = (a ^ a >> 30) * 0xBF58476D1CE4E5B9u;
@@ -37,13 +37,13 @@ RoundingBits rounding_of(const Perturbation& perturbation) {
     if (perturbation.kind == Kind::none) return bits;
     const bool random = perturbation.kind == Kind::random;
     if (perturbation.precision == Precision::float32) {
-        // Of the 52 bits of a fraction 23 are kept. The exponent's range is that of float64.
+        // A fraction keeps 23 of its 52 bits. The range of the exponent stays that of float64.
         constexpr int cut = 52 - 23;
         bits.kept = ~std::uint64_t(0) << cut;
         bits.random = random ? ~bits.kept : 0;
         bits.constant = random ? 0 : std::uint64_t(1) << (cut - 1);
     } else if (random) {
-        // One up, one down, or neither, as two random bits say.
+        // Two random bits decide: one unit up, one down, or neither.
         bits.random = bits.also_random = 1;
         bits.constant = ~std::uint64_t(0);
     }
@@ -155,19 +155,19 @@ private:
 
     bool random() const { return perturbation_.kind == Kind::random; }
 
-    /// A number that all particles share, as the backend's precision has it.
+    /// A number that all particles share, rounded or perturbed to the backend's precision.
     double parameter(double value, std::uint64_t which) const {
         if (!random()) return stored_parameter(value);
         RoundingBits bits = rounding_;
         bits.key = mixed(perturbation_.seed);
         return value * (1 + (bits.unit + bits.root_error) * random_number(bits, which, 0));
     }
-    /// One that every backend rounds alike.
+    /// A number that all backends round alike.
     double stored_parameter(double value) const {
         const bool single = perturbation_.kind != Kind::none && perturbation_.precision == Precision::float32;
         return single ? stored_as<float>(value) : value;
     }
-    /// A rest length. At rest it is the length that a backend finds, however that is rounded.
+    /// A rest length. At rest this is exactly the length that a backend finds, however it rounds.
     double length_parameter(double value, std::uint64_t which) const {
         return random() ? parameter(value, which) : value;
     }
@@ -177,7 +177,7 @@ private:
         const Lattice& lattice = problem.lattice;
         const bool has_lattice = !lattice.mask.empty();
         const glm::ivec3 dims = has_lattice ? lattice.dims : glm::ivec3(int(problem.particle_count()), 1, 1);
-        row_ = (dims.x + block_size) / block_size * block_size;  // a column of nothing at its end
+        row_ = (dims.x + block_size) / block_size * block_size;  // an empty column ends each row
         slice_ = row_ * (dims.y + 1);
         const std::ptrdiff_t guard = slice_ + row_ + block_size;
         const std::ptrdiff_t size = guard + slice_ * dims.z + guard;
@@ -194,11 +194,11 @@ private:
         list_blocks(guard);
     }
 
-    /// The blocks that `element_` is in; the first one begins at `guard`.
+    /// Lists the blocks that have an element of `element_`. The first block begins at `guard`.
     void list_blocks(std::ptrdiff_t guard) {
         const auto block_of = [&](std::size_t i) { return element_[i] - (element_[i] - guard) % block_size; };
         const auto begins_block = [&](std::size_t i) { return i == 0 || block_of(i) != block_of(i - 1); };
-        // Counted first, so that chunks of particles are gone through side by side.
+        // Blocks are counted first, so that chunks of particles can be processed in parallel.
         constexpr std::size_t chunk = std::size_t(1) << 20;
         const std::size_t particles = element_.size(), chunks = (particles + chunk - 1) / chunk;
         std::vector<std::size_t> begin(chunks + 1);
@@ -220,7 +220,7 @@ private:
         });
     }
 
-    /// `array` has size_ elements, all of them `value`. It stays where it is if there is one.
+    /// Fills `array` with size_ elements of `value`. An array that exists keeps its memory.
     template <class T>
     void fill_with(cpu_parallel::Array<T>& array, T value) const {
         if (array == nullptr) {
@@ -240,7 +240,8 @@ private:
             fill_with_zeros(*arrays, false);
     }
 
-    /// A number of particle i's state as an upload rounds it; the same number of `which` each time.
+    /// A number of particle i's state as an upload rounds it. The same `which` gives the same number each
+    /// time.
     double stored_at_start(double value, std::size_t i, std::uint64_t which) const {
         if (formulation_ == Formulation::compensated) return value;
         RoundingBits bits = rounding_;
@@ -292,7 +293,7 @@ private:
         }
     }
 
-    /// The directions in use and the springs beyond the lattice, as an upload or an edit has left them.
+    /// Takes over the directions in use and the springs beyond the lattice, after an upload or an edit.
     void follow_springs() {
         std::uint64_t bits = 0;
 #pragma omp parallel for schedule(static) reduction(| : bits) if (size_ >= worth_threads)
@@ -302,7 +303,7 @@ private:
             if ((bits >> direction.bit & 1u) == 0) continue;
             const glm::ivec3 o = direction.offset;
             const RestSpring rest = rest_spring(*problem_, direction);
-            // Both ends see a spring alike, and what is rounded is its length.
+            // The rounded quantity of a spring is its length, which both ends must see alike.
             const auto which = std::uint64_t(direction.bit / 2) + 1000;
             pulls_.push_back({.stride = o.z * slice_ + o.y * row_ + o.x,
                               .bit = std::uint64_t(1) << direction.bit,
@@ -319,7 +320,7 @@ private:
         fill_with_zeros(extra_size_, !springs_.empty());
     }
 
-    /// What springs beyond the lattice pull, from the places `now`.
+    /// Adds up the pull of springs beyond the lattice, from the places `now`.
     void pull_beyond(std::size_t now) {
         for (const Spring& spring : springs_) {
             for (const std::uint32_t i : {spring.first, spring.second}) {
@@ -365,7 +366,7 @@ private:
             const auto& at = place_[now];
             glm::dvec3 anchor = tool.held_at(n);
             if (on_positions(formulation_)) anchor += problem_->rest_position[i];
-            // Where a particle was taken hold of is rounded as the particle's own place was.
+            // The place where a particle was taken hold of is rounded as the particle's place was.
             for (int c = 0; c < 3; ++c) anchor[c] = stored_at_start(anchor[c], i, std::uint64_t(c));
             const glm::dvec3 force = hold_force(anchor, glm::dvec3(at[0][e], at[1][e], at[2][e]),
                                                 glm::dvec3(0), tool_moved_, tool.stiffness);
@@ -411,7 +412,7 @@ private:
     std::int64_t step_ = 0;
     std::ptrdiff_t row_ = 0, slice_ = 0;
     std::vector<std::ptrdiff_t> element_;  ///< of each particle
-    std::vector<std::ptrdiff_t> blocks_;   ///< first elements of those with a particle, ascending
+    std::vector<std::ptrdiff_t> blocks_;   ///< first elements of the blocks with a particle, ascending
     std::ptrdiff_t size_ = 0;              ///< of each array
     cpu_parallel::Array<std::uint64_t> mask_;
     std::array<Arrays, 2> place_;  ///< x or u of even and of odd steps

@@ -1,8 +1,8 @@
-// The reference on all cores, and the same with the rounding of a formulation and a precision put in at
-// random (Monte Carlo arithmetic; D. S. Parker, 1997).
+// The reference on all cores, which can also apply the rounding of a formulation and a precision at random
+// (Monte Carlo arithmetic; D. S. Parker, 1997).
 //
-// It is no backend that a user names: it shares the functions of spring.h and the registers of simd/ with
-// cpu_parallel, and nothing else.
+// It is no backend that a user can name. It shares only the functions of spring.h and the registers of simd/
+// with cpu_parallel.
 #pragma once
 
 #include <cstdint>
@@ -24,14 +24,14 @@ struct Perturbation {
     Kind kind = Kind::none;
     Formulation formulation = Formulation::increment;
     Precision precision = Precision::float64;
-    /// Relative error of a length and a division beyond `precision`, of backends that approximate them.
+    /// Relative error of a length and a division beyond `precision`, for backends that approximate them.
     double root_error = 0;
-    std::uint64_t seed = 0;  ///< of the random numbers, which depend on it, the step and the particle alone
+    std::uint64_t seed = 0;  ///< of the random numbers, which depend only on it, the step and the particle
 };
 
-/// One run of the reference after another, each perturbed as it is told.
+/// Runs the reference, one run after another, each with a given perturbation.
 ///
-/// Float64, every core and SIMD register. Each particle sums its lattice springs in the order of
+/// It uses float64, all cores and SIMD registers. Each particle sums its lattice springs in the order of
 /// neighbours.h, then Problem::springs in their order; no bit depends on the number of threads or the width
 /// of a register. What is rounded, by formulation:
 ///
@@ -43,19 +43,20 @@ struct Perturbation {
 /// | increment | u, v, the change of v | the springs' forces |
 /// | compensated | nothing: two numbers hold it | the springs' forces |
 ///
-/// A force is off by up to half a unit of `precision` of the sum of what its springs are relative to.
-/// Backends round some ten operations a spring, whose errors are independent: of about that size together.
+/// A force is off by up to half a unit of `precision`, times the sum over its springs of what the table
+/// names. Backends round some ten operations per spring; these errors are independent and together have about
+/// that size.
 class PerturbedReference : public CpuBackend {
 public:
-    /// From the next upload() on.
+    /// The perturbation from the next upload() on.
     virtual void perturb(const Perturbation& perturbation) = 0;
-    /// download() to where an earlier state may have been: for a large one new memory takes longer than a
+    /// download() into a state that may have been used before: if it is large, new memory takes longer than a
     /// step.
     virtual void read(State& state) const = 0;
 };
 std::unique_ptr<PerturbedReference> make_perturbed_reference(const Perturbation& perturbation);
 
-/// What result rows call the one that is not perturbed.
+/// The name of the unperturbed reference in result rows.
 inline const std::string parallel_reference_name = "parallel_reference";
 
 }  // namespace voxspring

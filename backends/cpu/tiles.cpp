@@ -16,7 +16,8 @@ struct Range {
     std::ptrdiff_t begin, end;
 };
 
-/// to[t] = from[t - stride] | from[t] | from[t + stride], where all three are in range; shrinks it to that.
+/// Sets to[t] = from[t - stride] | from[t] | from[t + stride] where all three are in range, and shrinks the
+/// range to these.
 void dilate(const std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, Range& range,
             std::ptrdiff_t stride) {
     range = {range.begin + stride, range.end - stride};
@@ -82,7 +83,7 @@ void Tiles::settle(Share& share, std::int64_t step) {
     const auto& before = latest_[std::size_t((step - 1) % 2)];
     auto& after = latest_[std::size_t(step % 2)];
     for (std::size_t t = share.begin; t < share.end; ++t) {
-        if ((share.action[t] & tile_steps) == 0) continue;  // then `after` is what `before` is
+        if ((share.action[t] & tile_steps) == 0) continue;  // then `after` already equals `before`
         const std::int64_t latest = share.active[t] != 0 ? step : before[t];
         const std::atomic_ref<std::int64_t> shared(after[t]);
         std::int64_t known = shared.load(std::memory_order_relaxed);

@@ -364,8 +364,8 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
     const std::uint64_t vectors = motion_operations(formulation(), all_terms() || problem.has_gravity(),
                                                     all_terms() || problem.damping != 0) +
                                   (loads ? 1 : 0);
-    // Of one target two frames are read and one is written; of several targets one frame is read and one is
-    // written. Either way every frame is used once.
+    // With one target two frames are read and one is written; with several targets one frame is read and one
+    // is written. Either way every frame is used once.
     const std::uint64_t frame =
         (masked_ ? particles : unmasked) * target_count_of(formulation()) * std::uint64_t(rgba32f.bytes);
     const std::uint64_t all =

@@ -5,7 +5,7 @@
 namespace voxspring::glsl {
 namespace {
 
-/// `values`, or `count` times `neutral` where a problem without them is to have them all the same.
+/// `values`. If the problem has none but needs the same value for all, it is `count` times `neutral`.
 template <class T>
 std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count, const T& neutral) {
     if (values.empty() && needed) values.assign(count, neutral);

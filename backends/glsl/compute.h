@@ -1,5 +1,5 @@
-// What steps by compute shaders keep in storage buffers, whichever API dispatches them: shaders/compute.glsl
-// and what includes it.
+// What backends that step by compute shaders keep in storage buffers, for any API: shaders/compute.glsl and
+// what includes it.
 #pragma once
 
 #include <array>
@@ -24,42 +24,42 @@ enum Binding : unsigned {
     loads,
     inverse_masses,
     first_own_binding,
-    held_words = 11,  ///< of shaders/tool.comp
+    held_words = 11,  ///< for shaders/tool.comp
     held_forces,
 };
 inline constexpr int storage_blocks = 13;
 
-/// What moves particles besides springs, one a word; empty where the shader has no use for it.
+/// What moves particles besides springs, one element per word. Empty if the shader has no use for it.
 template <class Real>
 struct Operands {
     std::vector<cuda::Vector<Real>> loads;
     std::vector<Real> inverse_masses;
 };
-/// With `all_terms` neutral values stand where the problem has none.
+/// With `all_terms`, neutral values stand in for what the problem lacks.
 template <class Real>
 Operands<Real> pack_operands(const Problem& problem, const cuda::Placement& placement, bool all_terms);
 
-/// Bytes of the state and the operands of a problem that is placed so.
+/// Bytes of the state and the operands of a problem with this placement.
 std::uint64_t compute_bytes(const Problem& problem, const Options& options, const cuda::Placement& placement);
 
-/// Work groups in rows of no more than every driver takes; there may be some more than asked for.
+/// Work groups in rows that every driver accepts. There may be some more groups than asked for.
 glm::ivec3 rows_of_groups(int groups);
-inline constexpr int max_groups = 65535;  ///< along an axis, of every driver
+inline constexpr int max_groups = 65535;  ///< along an axis, in every driver
 
-/// What a device allows a work group.
+/// The limits of a device for a work group.
 struct WorkGroupLimits {
     std::uint64_t invocations = 0;
     glm::uvec3 extents{0};
 };
-/// Empty, or why work groups of `group` are beyond `limits`.
+/// Empty, or why work groups of `group` exceed `limits`.
 std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 
-/// Work groups of 64 invocations that stride over `count` things, as shaders/divergence_check.comp,
-/// measure.comp and edit*.comp do.
+/// The number of work groups of 64 invocations that stride over `count` things, as in
+/// shaders/divergence_check.comp, measure.comp and edit*.comp.
 unsigned striding_groups(std::size_t count);
 
-/// Empty, or why an upload that takes so many bytes is refused where `free` are free and the backend gives
-/// `held` back first. A driver that does not tell refuses nothing before it fails.
+/// Empty, or why an upload of `needed` bytes is refused if `free` bytes are free and the backend first frees
+/// `held`. Where a driver does not tell, nothing is refused before it fails.
 std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free);
 
 }  // namespace voxspring::glsl

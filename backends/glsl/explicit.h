@@ -1,4 +1,4 @@
-// What shaders/compute_explicit.comp is told of a problem.
+// What a host tells shaders/compute_explicit.comp about a problem.
 #pragma once
 
 #include <array>
@@ -10,11 +10,11 @@
 
 namespace voxspring::glsl {
 
-/// Which lists a problem takes.
+/// Which lists a problem needs.
 struct ListKind {
     /// Springs that differ within a group have their stiffness and rest length in the secondary list.
     bool secondary = false;
-    /// Springs beyond the lattice have how they lie at rest in another, where the formulation asks.
+    /// Another list says how springs beyond the lattice lie at rest, if the formulation needs that.
     bool off_lattice_rest = false;
 };
 ListKind list_kind(const Problem& problem, Formulation formulation);
@@ -25,13 +25,13 @@ std::uint32_t list_slots(const Problem& problem);
 /// Bytes that upload() of a backend takes.
 std::uint64_t explicit_bytes(const Problem& problem, const Options& options);
 
-/// Bytes of each list by what it is called, empty ones too.
+/// Bytes of each list by its name, empty lists included.
 std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& problem, const Options& options);
 
 template <class Real>
 cuda::NeighbourLists<Real> make_lists(const Problem& problem, Formulation formulation);
 
-/// New lists of what `edit` touched, `slots` a particle.
+/// New lists of the particles that `edit` touched, with `slots` slots per particle.
 template <class Real>
 cuda::EditedLists<Real> edited_lists(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
                                      Formulation formulation);
@@ -41,7 +41,8 @@ Constants explicit_constants(ListKind kind, bool all_terms);
 /// Constants of shaders/edit_rows.comp.
 Constants edit_constants(ListKind kind, Formulation formulation);
 
-/// The uniforms of shaders/compute_explicit.comp. Rest lengths of `step` are as the device measured them.
+/// Sets the uniforms of shaders/compute_explicit.comp. Rest lengths of `step` are as the device measured
+/// them.
 template <class Real, class Uniforms>
 void set_explicit(Uniforms&& uniforms, const Problem& problem, const cuda::ExplicitStep<Real>& step) {
     uniforms.set("particles", step.particles);

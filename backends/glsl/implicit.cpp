@@ -15,7 +15,7 @@ VoxelGroups groups_of(const Lattice& lattice, cuda::BlockShape shape) {
     VoxelGroups voxels{covering(dims, shape), cuda::occupied_blocks(lattice, shape)};
     if (voxels.origins.empty()) return voxels;
     voxels.groups = rows_of_groups(int(voxels.origins.size()));
-    // The last row is filled up with groups that lie outside.
+    // The last row is filled up with groups that lie outside of the lattice.
     voxels.origins.resize(std::size_t(voxels.groups.x) * std::size_t(voxels.groups.y),
                           {dims.x, dims.y, dims.z, 0});
     return voxels;
@@ -24,7 +24,7 @@ VoxelGroups groups_of(const Lattice& lattice, cuda::BlockShape shape) {
 template <class Real>
 std::vector<Real> compliances(const Problem& problem, const cuda::Placement& placement, bool all_terms) {
     std::vector<Real> compliance = cuda::pack_compliance<Real>(problem, placement);
-    // One material has its stiffness by group, which compliances of 1 leave as it is.
+    // With one material the shader uses stiffness by group, which compliances of 1 leave as it is.
     if (compliance.empty() && all_terms) compliance.assign(placement.words, 1);
     return compliance;
 }

@@ -1,4 +1,4 @@
-// What shaders/compute_implicit.comp is told of a problem.
+// What a host tells shaders/compute_implicit.comp about a problem.
 #pragma once
 
 #include <algorithm>
@@ -13,12 +13,13 @@ namespace voxspring::glsl {
 /// Work groups that cover the particles of a lattice.
 struct VoxelGroups {
     glm::ivec3 groups{0};
-    /// Where each begins, whole rows of them; empty where they cover the lattice.
+    /// Where each group begins, in whole rows of groups. Empty if the groups cover the lattice.
     std::vector<cuda::BlockOrigin> origins;
 };
 VoxelGroups groups_of(const Lattice& lattice, cuda::BlockShape shape);
 
-/// 1 / stiffness of each word's material, or 1 where a problem of one material is to have them all the same.
+/// 1 / stiffness of each word's material. It is 1 if a problem of one material needs the same value for all
+/// words.
 template <class Real>
 std::vector<Real> compliances(const Problem& problem, const cuda::Placement& placement, bool all_terms);
 
@@ -28,15 +29,15 @@ std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
 /// Empty, or why work groups cannot cover the lattice.
 std::string too_long(const Lattice& lattice, cuda::BlockShape shape);
 
-/// Whether subgroups vote on leaving out masks (tuning `interior`). `auto`: where it was faster in OpenGL on
-/// an H200 (gl/README.md), and never in software, where Mesa computes both ways for every subgroup.
+/// Whether subgroups vote on skipping masks (tuning `interior`). `auto`: where the vote was faster in OpenGL
+/// on an H200 (gl/README.md), but never in software, where Mesa computes both ways for every subgroup.
 bool votes(const Options& options, bool is_software);
 
-/// The constants beyond those of shaders/terms.glsl. With `votes` the extents of the grid are some too: that
-/// brought 1% to 10% with the vote and nothing without (gl/README.md), and costs a program a lattice.
+/// The constants beyond those of shaders/terms.glsl. With `votes` these include the extents of the grid: that
+/// gained 1% to 10% with the vote and nothing without (gl/README.md), and needs one program per lattice.
 Constants implicit_constants(const Problem& problem, bool has_origins, bool votes);
 
-/// Its own uniforms. `measure(lengths)` makes lengths of squares, as the device measures them.
+/// Sets the shader's uniforms. `measure(lengths)` turns squares into lengths as the device measures them.
 template <class Real, class Uniforms, class Measure>
 void set_implicit(Uniforms&& uniforms, const Problem& problem, Formulation formulation, Measure measure) {
     cuda::ImplicitStep<Real> step =
@@ -46,7 +47,7 @@ void set_implicit(Uniforms&& uniforms, const Problem& problem, Formulation formu
     uniforms.set("grid_first_word", step.first);
     uniforms.set("rest_length", step.rest_length);
     uniforms.set("rest_deficit", step.deficit);
-    std::array<Real, 3> stiffness{1, 1, 1};  // materials carry it themselves
+    std::array<Real, 3> stiffness{1, 1, 1};  // with materials each particle carries it
     if (!problem.has_materials()) std::copy_n(step.stiffness, 3, stiffness.begin());
     uniforms.set("group_stiffness", stiffness);
 }

@@ -1,4 +1,4 @@
-// What the programs that measure a device's limits do, whichever API runs them.
+// What the programs that measure a device's limits do, for any API.
 #pragma once
 
 #include <algorithm>
@@ -12,16 +12,16 @@
 
 namespace voxspring::glsl {
 
-/// Together of all arrays of a pass, from what any card's cache holds to what none does: neither OpenGL nor
-/// Vulkan tells which. Arrays of the last, of which there are two or three, are no larger than any driver
-/// allows.
+/// Bytes of all arrays of a pass together, from sizes that every card's cache holds to sizes that none does:
+/// neither OpenGL nor Vulkan tells the size of a cache. The two or three arrays of the largest footprint are
+/// within the limits of all drivers.
 inline constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(12) << 20,
                                              std::size_t(48) << 20, std::size_t(192) << 20};
 inline constexpr std::size_t copied_word = 16;  ///< bytes
 inline constexpr std::size_t copy_group = 256;  ///< as in limits_copy.comp
 
-/// Arithmetic: more invocations than any card has in flight along x and y, in work groups of
-/// limits_arithmetic.glsl, and work enough in each that what it writes does not count.
+/// For arithmetic: more invocations along x and y than any card has in flight, in work groups of
+/// limits_arithmetic.glsl, each with so much work that its output does not count.
 inline constexpr int arithmetic_side = 1024, arithmetic_group = 16;
 inline constexpr int rounds = 4;
 inline constexpr int operations_a_round = 64;
@@ -42,8 +42,8 @@ struct CopyPass {
 inline constexpr CopyPass compute_copies[] = {
     {2, false, false}, {2, true, false}, {2, true, true}, {1, true, false}};
 
-/// Rates by the best of the passes that write the same share, and with it the rate of a copy.
-/// `seconds_of(pass, words)`: those of a pass over arrays of so many words.
+/// Fills in the rates, each by the best of the passes that write the same share, and the rate of a copy.
+/// `seconds_of(pass, words)`: seconds of a pass over arrays of `words` words.
 template <class SecondsOf>
 void measure_bandwidth(DeviceLimits& limits, std::span<const CopyPass> passes, const SecondsOf& seconds_of) {
     for (const std::size_t footprint : footprints) {

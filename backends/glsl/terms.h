@@ -1,5 +1,4 @@
-// How a problem specialises the shaders of shaders/, whichever API runs them: macros, constants and uniforms
-// by name.
+// How a problem specialises the shaders of shaders/, for any API: macros, constants and uniforms by name.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -11,23 +10,24 @@
 
 namespace voxspring::glsl {
 
-/// Macro to value.
+/// Values of macros by name.
 using Defines = std::map<std::string, std::string>;
-/// Constant to value, as GLSL writes it: "true", "false" or a whole number. Every constant that a shader has.
+/// Values of constants by name, as GLSL writes them: "true", "false" or a whole number. Has every constant of
+/// a shader.
 using Constants = std::map<std::string, std::string>;
 
 inline std::string text(bool value) { return value ? "true" : "false"; }
 
-/// The macros of shaders/motion.glsl that say which formulation it is.
+/// The macros of shaders/motion.glsl that select a formulation.
 Defines formulation_defines(Formulation formulation);
 
-/// The constants of shaders/terms.glsl; with `all`, every term.
+/// The constants of shaders/terms.glsl. With `all` every term is set.
 Constants term_constants(const Problem& problem, Formulation formulation, bool all);
 bool needs_loads(const Problem& problem, bool all_terms);
 bool needs_materials(const Problem& problem, bool all_terms);
 
-/// The uniforms of shaders/motion.glsl. `Uniforms` has a set(name, value) for numbers, vectors and spans of
-/// them.
+/// Sets the uniforms of shaders/motion.glsl. `Uniforms` has a set(name, value) for numbers, vectors and spans
+/// of them.
 template <class Real, class Uniforms>
 void set_motion(Uniforms&& uniforms, const Problem& problem) {
     using Vec3 = glm::vec<3, Real>;

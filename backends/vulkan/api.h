@@ -1,5 +1,5 @@
-// Vulkan-Hpp as this folder includes it: no function is linked, the loader is opened when a device is asked
-// for.
+// Vulkan-Hpp as this folder includes it: no function is linked, and the loader is opened when a device is
+// asked for.
 #pragma once
 
 #define VK_NO_PROTOTYPES
@@ -13,7 +13,7 @@
 
 namespace voxspring::vulkan {
 
-/// What `work` returns; an error of Vulkan in it becomes a DeviceError that says what was going on.
+/// The result of `work`. If Vulkan fails in it, this throws DeviceError, which says what was going on.
 template <class Work>
 decltype(auto) guarded(const char* doing, Work&& work) {
     try {

@@ -31,7 +31,7 @@ Buffer::Buffer(const Device& device, std::size_t bytes, Place place) : bytes_(by
                        vk::MemoryAllocateInfo(needs.size, types[n], addressed ? &by_address : nullptr)};
             break;
         } catch (const vk::SystemError&) {
-            if (n + 1 == types.size()) throw;  // another heap may have room
+            if (n + 1 == types.size()) throw;  // otherwise try the next type: another heap may have room
         }
     }
     buffer_.bindMemory(*memory_, 0);

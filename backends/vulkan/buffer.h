@@ -14,8 +14,8 @@ namespace voxspring::vulkan {
 
 enum class Place : std::uint8_t {
     device,     ///< the device's own memory
-    addressed,  ///< the same, which shaders may reach by its address (BufferLimits::has_addresses)
-    host,       ///< what the host writes and shaders read once: the device's own where the host sees that
+    addressed,  ///< likewise, and shaders may reach it by its address (BufferLimits::has_addresses)
+    host,       ///< written by the host, read once by shaders: the device's memory if the host sees it
     staging     ///< memory that the host reads and writes fast, for copies
 };
 
@@ -23,14 +23,14 @@ enum class Place : std::uint8_t {
 class Buffer {
 public:
     Buffer() = default;
-    /// Of no bytes: no buffer at all.
+    /// A size of no bytes makes no buffer at all.
     Buffer(const Device& device, std::size_t bytes, Place place);
 
     vk::Buffer get() const { return *buffer_; }
     std::size_t bytes() const { return bytes_; }
-    /// Where shaders reach it that is `addressed`.
+    /// The address at which shaders reach it, if it is `addressed`.
     vk::DeviceAddress address() const { return address_; }
-    /// But on the device: what the device sees at once.
+    /// The bytes as the host sees them, which the device sees at once. Not for Place::device.
     std::span<std::byte> host() const { return {host_, bytes_}; }
 
 private:
@@ -41,21 +41,22 @@ private:
     std::byte* host_ = nullptr;
 };
 
-/// Buffers for what the host hands over once (Place::host), used again and again: an edit needs some small
-/// ones, and a driver takes longer to allocate memory than a device to make the edit.
+/// Keeps buffers for data that the host hands over once (Place::host), and uses them again: an edit needs
+/// some small ones, and a driver takes longer to allocate memory than a device takes to make the edit.
 class BufferPool {
 public:
-    /// `device` must outlive the pool; the pool may go before what it gave.
+    /// `device` must outlive the pool. The pool may be destroyed before the buffers that it returned.
     explicit BufferPool(const Device& device) : device_(device), spare_(std::make_shared<Spare>()) {}
 
-    /// Bytes where the device reads them; of none, a buffer of none. The last owner lets go once the device
-    /// has read them. Room beyond them, up to a power of two, has anything. More than 1 MiB is not kept.
+    /// A buffer with `bytes` in it, which the device can read; without bytes, an empty one. The last owner
+    /// must release it only after the device has read it. It may be larger than `bytes`, up to a power of
+    /// two, and has anything beyond them. The pool keeps no buffer of more than 1 MiB.
     std::shared_ptr<const Buffer> holding(std::span<const std::byte> bytes);
 
 private:
     std::shared_ptr<Buffer> of_size(std::size_t size);
 
-    /// By size.
+    /// Spare buffers by size.
     using Spare = std::map<std::size_t, std::vector<std::unique_ptr<Buffer>>>;
 
     const Device& device_;

@@ -19,7 +19,8 @@ namespace {
 constexpr std::uint32_t needed_version = VK_API_VERSION_1_2;
 constexpr const char* validation_layer = "VK_LAYER_KHRONOS_validation";
 
-/// The loader's one entry. Its library stays loaded: drivers have threads, and destructors at exit.
+/// The loader's only entry point. Its library stays loaded, because drivers have threads, and destructors at
+/// exit.
 PFN_vkGetInstanceProcAddr open_loader() {
     const char* chosen = std::getenv("VOXSPRING_VULKAN_LOADER");
     const std::string library = chosen != nullptr && *chosen != '\0' ? chosen : "libvulkan.so.1";
@@ -43,7 +44,7 @@ bool names(const Properties& all, const char* name) {
     });
 }
 
-/// With what validation takes, where `messages` are to have what it says.
+/// An instance, with what validation needs if `messages` are to receive its messages.
 vk::raii::Instance create_instance(const vk::raii::Context& loader, Messages* messages) {
     if (loader.enumerateInstanceVersion() < needed_version) throw Unavailable("the loader is older than 1.2");
     const vk::ApplicationInfo application("voxspring", 1, "voxspring", 1, needed_version);
@@ -53,7 +54,7 @@ vk::raii::Instance create_instance(const vk::raii::Context& loader, Messages* me
         extensions.push_back(VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME);
         info.flags |= vk::InstanceCreateFlagBits::eEnumeratePortabilityKHR;
     }
-    // Hazards between dispatches as well: that the barriers are enough.
+    // Also checks hazards between dispatches, which tells whether the barriers are enough.
     constexpr std::array features = {vk::ValidationFeatureEnableEXT::eSynchronizationValidation};
     const vk::ValidationFeaturesEXT validation(features, {});
     vk::DebugUtilsMessengerCreateInfoEXT messenger;
@@ -73,7 +74,7 @@ bool is_software(const vk::PhysicalDeviceProperties& properties) {
     return properties.deviceType == vk::PhysicalDeviceType::eCpu;
 }
 
-/// As uuid_text() writes it; of software none.
+/// The UUID as uuid_text() writes it; empty for software.
 std::string uuid_of(const vk::raii::PhysicalDevice& physical) {
     const auto chain =
         physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceIDProperties>();
@@ -84,8 +85,7 @@ std::string uuid_of(const vk::raii::PhysicalDevice& physical) {
     return uuid_text(bytes);
 }
 
-/// The first family of queues that computes and has time stamps, which on cards is the one that draws as
-/// well.
+/// The first family of queues that can compute and has time stamps. On graphics cards it also draws.
 std::optional<std::uint32_t> queue_family_of(const vk::raii::PhysicalDevice& physical) {
     const auto families = physical.getQueueFamilyProperties();
     for (std::uint32_t n = 0; n < families.size(); ++n) {
@@ -95,7 +95,7 @@ std::optional<std::uint32_t> queue_family_of(const vk::raii::PhysicalDevice& phy
     return std::nullopt;
 }
 
-/// The least of the limits that a buffer which shaders read and write is under.
+/// The smallest of the limits that apply to a buffer which shaders read and write.
 BufferLimits buffer_limits_of(const vk::raii::PhysicalDevice& physical) {
     const auto chain =
         physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceMaintenance3Properties>();
@@ -145,7 +145,7 @@ DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
     }
 }
 
-/// Empty, or why a device will not do. `asked_for`: somebody named it.
+/// Empty, or why a device cannot be used. `asked_for`: the user has named it.
 std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool asked_for) {
     const auto properties = physical.getProperties();
     if (properties.apiVersion < needed_version) return "has Vulkan older than 1.2";
@@ -259,7 +259,7 @@ void Device::create_device() {
     std::vector<const char*> extensions;
     has_budget_ = names(offered, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
     if (has_budget_) extensions.push_back(VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
-    // A device that is not all of Vulkan wants to hear that this is known.
+    // A device that implements only a part of Vulkan requires that this extension is enabled.
     constexpr const char* subset = "VK_KHR_portability_subset";
     if (names(offered, subset)) extensions.push_back(subset);
 
@@ -301,7 +301,7 @@ std::uint64_t Device::free_memory_bytes() const {
 std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
                                         std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
                                         vk::MemoryPropertyFlags preferred, std::uint64_t bytes) {
-    constexpr std::uint64_t share = 8;  // of a heap is much
+    constexpr std::uint64_t share = 8;  // more than this part of a heap counts as much of it
     std::vector<std::uint32_t> types, others;
     for (std::uint32_t type = 0; type < memory.memoryTypeCount; ++type) {
         const vk::MemoryType& known = memory.memoryTypes[type];

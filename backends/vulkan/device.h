@@ -15,27 +15,28 @@ namespace voxspring::vulkan {
 /// How large an array in a device's memory may be.
 struct BufferLimits {
     std::uint64_t max_bytes = 0;  ///< of one buffer that shaders read and write
-    std::string limit = {};       ///< Vulkan's name for what says so
+    std::string limit = {};       ///< Vulkan's name for the limit that gives this number
     /// Whether shaders can reach several buffers by their addresses.
     bool has_addresses = false;
 
-    /// Empty, or why `what` cannot have so many bytes in one buffer.
+    /// Empty, or why one buffer cannot have `bytes` bytes. The reason calls the buffer `what`.
     std::string too_large(const std::string& what, std::uint64_t bytes) const;
 };
 
-/// Types of memory in which to try and allocate `bytes` bytes, in this order: those among `allowed` with
-/// `wanted` and `preferred`, then those with `wanted` alone. A preference does not count where the bytes are
-/// much of its heap: the part of a card's memory that the host sees is often 256 MiB, and others need it too.
+/// Types of memory in which to try to allocate `bytes` bytes, in this order: the types among `allowed` that
+/// have `wanted` and `preferred`, then those that have only `wanted`. The preference does not count if the
+/// bytes are a large share of the heap: the part of a card's memory that the host sees is often 256 MiB, and
+/// others need it too.
 std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
                                         std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
                                         vk::MemoryPropertyFlags preferred, std::uint64_t bytes);
 
-/// A device of its own, and its one queue. Several may live in one process.
+/// A logical device with one queue. Several may exist in one process.
 class Device {
 public:
-    /// On the first physical device that will do of those that asked_vulkan_device() names, in the order of
-    /// devices_to_try(). Where it names none, hardware has to be the card that this process measures
-    /// (device_choice.h). Throws Unavailable, which says why each will not.
+    /// Opens the first usable physical device among those that asked_vulkan_device() names, in the order of
+    /// devices_to_try(). If it names none, hardware must be the card that this process measures
+    /// (device_choice.h). Throws Unavailable, which says for each device why it cannot be used.
     explicit Device(Precision precision);
     Device(const Device&) = delete;
     Device& operator=(const Device&) = delete;
@@ -47,15 +48,15 @@ public:
     /// Throws DeviceError if a validation layer has complained since the last call (messages.h).
     void check(const std::string& doing) const { messages_->check(doing); }
 
-    /// Whether VK_LAYER_KHRONOS_validation looks on.
+    /// Whether VK_LAYER_KHRONOS_validation is active.
     bool validates() const { return validates_; }
 
     const Capabilities& capabilities() const { return capabilities_; }
     const vk::PhysicalDeviceProperties& properties() const { return properties_; }
     const vk::PhysicalDeviceLimits& limits() const { return properties_.limits; }
     const BufferLimits& buffer_limits() const { return buffer_limits_; }
-    /// Bytes of the device's own memory that this process may still take: what the driver tells
-    /// (VK_EXT_memory_budget), else all that there are.
+    /// Bytes of the device's memory that this process may still take: the number that the driver gives
+    /// (VK_EXT_memory_budget), or else the size of the whole memory.
     std::uint64_t free_memory_bytes() const;
     bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
     bool has_float64() const { return has_float64_; }

@@ -9,7 +9,8 @@
 namespace voxspring::vulkan {
 namespace {
 
-/// Seconds of what `write` records, on the host's clock: from handing it over until it is known to be done.
+/// Seconds on the host's clock that the commands recorded by `write` take: from handing them over until they
+/// are known to be done.
 double seconds(Queue& queue, const std::function<void(const Commands&)>& write) {
     queue.wait();
     queue.enqueue_once(write);
@@ -18,7 +19,7 @@ double seconds(Queue& queue, const std::function<void(const Commands&)>& write) 
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-/// Dispatches of one shader over storage buffers of its own at bindings 0, 1 and so on.
+/// Dispatches of one shader over storage buffers made for it, at bindings 0, 1 and so on.
 class Dispatches {
 public:
     Dispatches(Queue& queue, const std::string& shader, const glsl::Constants& constants, std::size_t count,
@@ -63,7 +64,7 @@ private:
     std::unique_ptr<Pass> pass_;
 };
 
-/// Of invocations each of which does as many rounds as it is told.
+/// The rate of multiply-adds. Each invocation does as many rounds as it is told.
 template <class Real>
 double operations_per_second(Queue& queue, const std::string& shader) {
     constexpr auto side = std::size_t(glsl::arithmetic_side);

@@ -1,4 +1,4 @@
-// What a Vulkan device can do at best.
+// Measures what a Vulkan device can do at best.
 #pragma once
 
 #include "backends/limits.h"
@@ -6,7 +6,7 @@
 
 namespace voxspring::vulkan {
 
-/// In dispatches, a barrier after each, that a VulkanBackend steps by. Nothing else is enqueued.
+/// Measures dispatches with a barrier after each, as a VulkanBackend steps. Nothing else may be enqueued.
 DeviceLimits measure_limits(Queue& queue);
 
 }  // namespace voxspring::vulkan

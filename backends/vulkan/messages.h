@@ -1,4 +1,4 @@
-// What validation layers say, turned into DeviceError.
+// Turns the messages of validation layers into DeviceError.
 #pragma once
 
 #include <mutex>
@@ -8,19 +8,19 @@
 
 namespace voxspring::vulkan {
 
-/// Collects the messages of one instance. A driver may call back from a thread of its own.
+/// Collects the messages of one instance. A driver may call back from one of its threads.
 class Messages {
 public:
     Messages() = default;
     Messages(const Messages&) = delete;
     Messages& operator=(const Messages&) = delete;
-    /// What no check() has reported goes to stderr and is counted (validation.h).
+    /// Messages that no check() has reported go to stderr and are counted (validation.h).
     ~Messages();
 
-    /// Throws DeviceError if there was a message since the last call; `doing` says what was going on.
+    /// Throws DeviceError if there was a message since the last call. `doing` says what was going on.
     void check(const std::string& doing);
 
-    /// Warnings and errors of an instance go to these.
+    /// Sends warnings and errors of an instance to this object.
     vk::DebugUtilsMessengerCreateInfoEXT messenger();
 
 private:

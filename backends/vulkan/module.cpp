@@ -10,7 +10,7 @@
 namespace voxspring::vulkan {
 namespace {
 
-/// What of SPIR-V is read here (the specification's numbers).
+/// The instructions of SPIR-V that are read here, by their numbers in the specification.
 enum Op : std::uint32_t {
     op_name = 5,
     op_member_name = 6,
@@ -28,7 +28,7 @@ enum Op : std::uint32_t {
 enum Decoration : std::uint32_t { spec_id = 1, array_stride = 6, binding = 33, offset = 35 };
 enum Storage : std::uint32_t { uniform_storage = 2, buffer_storage = 12 };
 
-/// What a module says of its ids.
+/// What a module declares about its ids.
 struct Declarations {
     struct Member {
         std::string name;
@@ -36,8 +36,8 @@ struct Declarations {
     };
     std::map<std::uint32_t, std::string> name;
     std::map<std::uint32_t, std::map<std::uint32_t, Member>> members;
-    std::map<std::uint32_t, std::map<std::uint32_t, std::uint32_t>> decoration;  // value by kind
-    std::map<std::uint32_t, std::vector<std::uint32_t>> type;                    // words of a type's operands
+    std::map<std::uint32_t, std::map<std::uint32_t, std::uint32_t>> decoration;  // values by kind
+    std::map<std::uint32_t, std::vector<std::uint32_t>> type;                    // operands of a type
     std::map<std::uint32_t, std::uint32_t> type_op, constant;
     std::map<std::uint32_t, std::array<std::uint32_t, 2>> variable;  // pointer type, storage class
 
@@ -55,14 +55,14 @@ struct Declarations {
                 return bytes_of(words[0]) * words[1];
             case op_type_array:
                 return std::size_t(decorated(id, array_stride)) * constant.at(words[1]);
-            default:  // int and float: bits
+            default:  // int and float: words[0] has the number of bits
                 return words[0] / 8;
         }
     }
 };
 
 std::string text_of(std::span<const std::uint32_t> words) {
-    return reinterpret_cast<const char*>(words.data());  // ends with a zero byte
+    return reinterpret_cast<const char*>(words.data());  // SPIR-V ends a string with a zero byte
 }
 
 Declarations read(std::span<const std::uint32_t> code) {
@@ -143,7 +143,7 @@ Module::Module(std::span<const std::uint32_t> code) : code_(code) {
             uniforms_[member.name] = {uniform_bytes_ + member.offset, all.decorated(types[n], array_stride)};
             end = std::max(end, member.offset + all.bytes_of(types[n]));
         }
-        constexpr std::size_t vector = 16;  // what std140 rounds a block up to
+        constexpr std::size_t vector = 16;  // std140 rounds the size of a block up to this
         blocks_[place] = {uniform_bytes_, rounded_up(end, vector)};
         uniform_bytes_ += rounded_up(end, block_alignment);
     }

@@ -1,4 +1,4 @@
-// SPIR-V as the build made it of shaders/, and what its own debug names say of it.
+// The SPIR-V modules that the build made of shaders/, and what their debug names tell about them.
 #pragma once
 
 #include <array>
@@ -17,22 +17,22 @@ struct Uniform {
     std::size_t stride = 0;  ///< from an element of an array to the next; 0: no array
 };
 
-/// Where a block of uniforms lies among the bytes of all.
+/// The place of a block of uniforms among the bytes of all blocks.
 struct Block {
     std::size_t begin = 0;
     std::size_t bytes = 0;
 };
 
-/// One shader. The names of constants and uniforms are those of its source.
+/// One shader. Constants and uniforms have the names of its source.
 class Module {
 public:
-    /// A module of the build, called as CMakeLists.txt calls it. Throws DeviceError if there is none.
+    /// A module of the build, by its name in CMakeLists.txt. Throws DeviceError if there is none.
     static const Module& named(const std::string& name);
 
     explicit Module(std::span<const std::uint32_t> code);
 
     std::span<const std::uint32_t> code() const { return code_; }
-    /// Specialisation constants: name to id.
+    /// Specialisation constants: ids by name.
     const std::map<std::string, std::uint32_t>& constants() const { return constants_; }
     const std::map<std::string, Uniform>& uniforms() const { return uniforms_; }
     /// Bindings of storage buffers.
@@ -40,7 +40,7 @@ public:
     /// Blocks of uniforms by binding.
     const std::map<std::uint32_t, Block>& blocks() const { return blocks_; }
     std::size_t uniform_bytes() const { return uniform_bytes_; }
-    /// Blocks begin at multiples of that, which every device takes.
+    /// Blocks begin at multiples of this, which every device accepts.
     static constexpr std::size_t block_alignment = 256;
 
 private:
@@ -57,7 +57,7 @@ class Uniforms {
 public:
     explicit Uniforms(const Module& module) : module_(module), bytes_(module.uniform_bytes()) {}
 
-    /// Sets a uniform; one that the module has no use for is passed over.
+    /// Sets a uniform. Nothing happens if the module has no uniform of this name.
     template <class T>
     void set(const char* name, const T& value) {
         write(name, std::span<const T>(&value, 1));

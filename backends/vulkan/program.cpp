@@ -22,12 +22,12 @@ vk::raii::DescriptorSetLayout make_set_layout(const Device& device, const Module
     return {device.get(), vk::DescriptorSetLayoutCreateInfo({}, bindings)};
 }
 
-/// A value as GLSL writes it.
+/// The number for a value as GLSL writes it.
 std::uint32_t number_of(const std::string& value) {
     return value == "true" ? 1 : value == "false" ? 0 : std::uint32_t(std::stol(value));
 }
 
-/// Values of specialisation constants by id; 0 to 2 are the extents of a work group.
+/// Values of specialisation constants by id. Ids 0 to 2 are the extents of a work group.
 std::map<std::uint32_t, std::uint32_t> values_by_id(const Module& module, const glsl::Constants& constants,
                                                     glm::ivec3 group) {
     std::map<std::uint32_t, std::uint32_t> values = {
@@ -39,7 +39,7 @@ std::map<std::uint32_t, std::uint32_t> values_by_id(const Module& module, const 
     return values;
 }
 
-/// Of all that a driver's compiled code follows from.
+/// A hash of everything that determines the code that a driver compiles.
 std::string cache_name(const Device& device, const Module& module,
                        const std::map<std::uint32_t, std::uint32_t>& values) {
     Hash hash;
@@ -56,7 +56,7 @@ std::string cache_name(const Device& device, const Module& module,
     return hash.text() + ".vulkan";
 }
 
-/// What an earlier process kept: how long it compiled, and what the driver made of it.
+/// The entry that an earlier process kept: how long compiling took, and the result.
 struct Kept {
     double cold = 0;
     std::string_view data;
@@ -131,7 +131,7 @@ Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared
         sizes.emplace_back(vk::DescriptorType::eUniformBuffer, std::uint32_t(module.blocks().size()));
     pool_ = {device, vk::DescriptorPoolCreateInfo({}, 1, sizes)};
     const vk::DescriptorSetLayout layout = program_->set_layout();
-    // The pool gives it back.
+    // release() because the pool frees the set.
     set_ = vk::raii::DescriptorSets(device, vk::DescriptorSetAllocateInfo(*pool_, layout)).front().release();
 
     const auto write = [&](std::uint32_t binding, vk::DescriptorType type,
@@ -141,7 +141,7 @@ Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared
     for (const std::uint32_t binding : module.storage()) {
         const auto found = buffers.find(binding);
         const bool there = found != buffers.end() && found->second != nullptr && found->second->bytes() > 0;
-        // What an upload needs was refused before; this is of what an edit brings.
+        // An upload was checked before it began; this checks what an edit brings.
         if (there) {
             const std::string why = of.buffer_limits().too_large("an array", found->second->bytes());
             if (!why.empty()) throw DeviceError(why);

@@ -1,4 +1,4 @@
-// Shaders as a device runs them: specialised, and with what they read and write.
+// Shaders as a device runs them: specialised, with the uniforms and buffers that they read and write.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +13,12 @@
 
 namespace voxspring::vulkan {
 
-/// A shader specialised by constants. Vulkan's own caches of what a driver compiled are kept in the user's
-/// cache folder (disk_cache.h).
+/// A shader specialised by constants. The driver's compiled code is kept in the user's cache folder
+/// (disk_cache.h).
 class Program {
 public:
-    /// `module`: a name of the build. `group`: extents of a work group, of a module that leaves them open;
-    /// constants that it does not have are passed over.
+    /// `module`: the name of a module of the build. `group`: the extents of a work group, if the module
+    /// leaves them open. Constants that the module does not have are skipped.
     Program(const Device& device, const std::string& module, const glsl::Constants& constants,
             glm::ivec3 group = {64, 1, 1});
 
@@ -36,32 +36,33 @@ private:
     CompileTime compile_time_;
 };
 
-/// Storage buffers by binding; null or absent: the shader has no use for it.
+/// Storage buffers by binding. A buffer is null or absent if the shader has no use for it.
 using Buffers = std::map<std::uint32_t, const Buffer*>;
 
-/// A program with its uniforms and its buffers, which outlive what is recorded of it.
+/// A program with its uniforms and its buffers, all of which must outlive commands recorded with it.
 class Pass {
 public:
-    /// Enqueues the values of the uniforms. `nothing` stands where a binding has no buffer.
+    /// Enqueues the values of the uniforms. `nothing` is bound where a binding has no buffer.
     Pass(Queue& queue, std::shared_ptr<const Program> program, const Uniforms& uniforms,
          const Buffers& buffers, const Buffer& nothing);
-    /// Of uniforms that a buffer has already.
+    /// A pass whose uniforms are in a buffer already.
     Pass(const Device& device, std::shared_ptr<const Program> program, std::shared_ptr<const Buffer> uniforms,
          const Buffers& buffers, const Buffer& nothing);
 
     const Module& module() const { return program_->module(); }
-    /// Enqueues other values of the uniforms: what is enqueued later reads those.
+    /// Enqueues other values of the uniforms, which all commands see that are enqueued later.
     void set(Queue& queue, const Uniforms& uniforms) const { queue.update(*uniforms_, uniforms.bytes()); }
-    /// What dispatch() runs from here on.
+    /// Binds the program that dispatch() runs from here on.
     void bind_program(const Commands& commands) const;
-    /// Binds uniforms and buffers, and dispatches. Passes of one program may follow one bind_program().
+    /// Binds uniforms and buffers, and dispatches. After one bind_program() all passes of that program may
+    /// dispatch.
     void dispatch(const Commands& commands, glm::uvec3 groups) const;
 
 private:
     std::shared_ptr<const Program> program_;
     std::shared_ptr<const Buffer> uniforms_;
     vk::raii::DescriptorPool pool_{nullptr};
-    vk::DescriptorSet set_;  // the pool's
+    vk::DescriptorSet set_;  // owned by the pool
 };
 
 }  // namespace voxspring::vulkan

@@ -13,7 +13,7 @@ vk::raii::Semaphore make_counter(const Device& device) {
     return {device.get(), vk::SemaphoreCreateInfo({}, &counts)};
 }
 
-/// Through which uploads and downloads go.
+/// The size of the buffer through which uploads and downloads go, at most.
 constexpr std::size_t max_staging_bytes = std::size_t(64) << 20;
 
 void barrier(const Commands& commands, vk::PipelineStageFlags from, vk::AccessFlags written,
@@ -50,7 +50,7 @@ void Queue::abandon() noexcept {
         enqueued_.clear();
         wait_for(submitted_);
     } catch (const std::exception&) {
-        // A lost device does nothing any more.
+        // The wait throws if the device is lost. Such a device runs nothing any more.
     }
 }
 
@@ -122,7 +122,7 @@ const Buffer& Queue::staging(std::size_t bytes) {
 
 void Queue::upload(const Buffer& to, std::span<const std::byte> bytes) {
     for (std::size_t done = 0; done < bytes.size();) {
-        wait();  // for what still reads from here
+        wait();  // earlier commands may still read this buffer
         const Buffer& from = staging(bytes.size());
         const std::size_t part = std::min(from.bytes(), bytes.size() - done);
         std::memcpy(from.host().data(), bytes.data() + done, part);

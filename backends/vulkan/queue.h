@@ -1,4 +1,4 @@
-// The order in which a device does things, and when the host knows that they are done.
+// The order in which a device runs commands, and how the host learns that they are done.
 #pragma once
 
 #include <cstdint>
@@ -15,12 +15,12 @@ namespace voxspring::vulkan {
 
 using Commands = vk::raii::CommandBuffer;
 
-/// Commands run in the order in which they are enqueued. What is recorded for it ends with a barrier to
-/// whatever may read what it wrote, so that no two command buffers overlap where it matters.
+/// Commands run in the order in which they are enqueued. Every recording ends with a barrier for whatever may
+/// read what it wrote, so no two command buffers overlap where it matters.
 class Queue {
 public:
-    /// Submissions that may be enqueued and not known to be finished; the host then waits for the oldest. So
-    /// many that steps handed over one by one keep the device busy.
+    /// The number of submissions that may be enqueued and not known to be finished; beyond it the host waits
+    /// for the oldest one. It is large enough that steps handed over one by one keep the device busy.
     static constexpr std::uint64_t max_submissions = 64;
 
     /// `device` must outlive the queue.
@@ -31,29 +31,29 @@ public:
 
     const Device& device() const { return device_; }
 
-    /// Commands to enqueue again and again, before earlier ones have finished too.
+    /// Records commands that can be enqueued again and again, even before earlier runs have finished.
     Commands record(const std::function<void(const Commands&)>& write) const;
 
-    /// They go with the next submit(), which does not outlive them.
+    /// The commands go with the next submit(), and must exist until they have run.
     void enqueue(const Commands& commands) { enqueued_.push_back(*commands); }
-    /// The same of commands that run once, from now on kept until they have.
+    /// Records commands that run once. The queue keeps them until they have run.
     void enqueue_once(const std::function<void(const Commands&)>& write);
     /// Hands over what is enqueued, if anything. May wait.
     void submit();
-    /// Waits for all of it.
+    /// Waits for everything that is enqueued.
     void wait();
-    /// Drops what was not submitted and waits for the rest, where the device is not lost.
+    /// Drops what was not submitted, and waits for the rest unless the device is lost.
     void abandon() noexcept;
     /// Keeps an object alive until everything enqueued by now has run.
     void keep(std::shared_ptr<const void> object);
 
-    /// Bytes into a buffer of as many, after what is enqueued and before what will be; may wait.
+    /// Copies bytes into a buffer of the same size, between what is enqueued before and after. May wait.
     void upload(const Buffer& to, std::span<const std::byte> bytes);
-    /// Bytes out of a buffer, once all that is enqueued has run.
+    /// Copies bytes out of a buffer, once everything enqueued has run.
     void download(const Buffer& from, std::span<std::byte> bytes);
-    /// The same from device to device, of one size; does not wait.
+    /// Copies one buffer into another of the same size. Does not wait.
     void copy(const Buffer& from, const Buffer& to);
-    /// No more than max_inline_bytes into a buffer; does not wait.
+    /// Writes at most max_inline_bytes bytes into a buffer. Does not wait.
     void update(const Buffer& to, std::span<const std::byte> bytes);
     static constexpr std::size_t max_inline_bytes = 65536;
 
@@ -66,16 +66,16 @@ private:
     const Device& device_;
     vk::raii::Queue queue_;
     vk::raii::CommandPool pool_;
-    vk::raii::Semaphore finished_;  // counts submissions
+    vk::raii::Semaphore finished_;  // counts finished submissions
     std::uint64_t submitted_ = 0;
     std::vector<vk::CommandBuffer> enqueued_;
-    std::deque<std::pair<std::uint64_t, std::shared_ptr<const void>>> kept_;  // until that submission
+    std::deque<std::pair<std::uint64_t, std::shared_ptr<const void>>> kept_;  // until that submission ends
     Buffer staging_;
 };
 
-/// What shaders wrote is there for later shaders.
+/// Makes what shaders wrote visible to later shaders.
 void shaders_then_shaders(const Commands& commands);
-/// Whatever was written is there for whatever reads.
+/// Makes everything that was written visible to everything that reads later.
 void all_then_all(const Commands& commands);
 
 }  // namespace voxspring::vulkan

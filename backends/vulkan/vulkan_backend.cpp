@@ -12,12 +12,12 @@
 namespace voxspring::vulkan {
 namespace {
 
-/// In found_ until a check fails; then the number of the first check that did, from 1.
+/// The value of found_ until a check fails; then it is the number of the first check that failed, from 1.
 constexpr std::uint32_t never_found = std::numeric_limits<std::uint32_t>::max();
 constexpr std::uint32_t found_binding = 3;  // as in shaders/divergence_check.comp
 
-/// A recording has 2^max_power steps at most: what it costs to record is soon won back, and what it takes of
-/// memory is little. A submission has about most_steps_a_submission or, where steps are long, fewer (Pace).
+/// A recording has at most 2^max_power steps: few enough that it takes little memory, and that recording it
+/// pays off soon. A submission has about most_steps_a_submission steps or, if steps are long, fewer (Pace).
 constexpr int max_power = 8;
 constexpr int most_steps_a_submission = 512;
 
@@ -37,19 +37,19 @@ bool is_single(const Options& options) { return options.precision == Precision::
 }  // namespace
 
 struct VulkanBackend::Stepping {
-    std::array<Pass, 2> pass;  ///< from words 0, from words 1
+    std::array<Pass, 2> pass;  ///< starting from words 0 and from words 1
     glm::uvec3 groups;
     std::map<std::pair<int, std::size_t>, Commands> recorded = {};  ///< by power, and the words at first
 };
 
 struct VulkanBackend::Holding {
     Buffer held, forces;
-    std::vector<Pass> pass = {};  ///< from words 0, from words 1
+    std::vector<Pass> pass = {};  ///< starting from words 0 and from words 1
 };
 
 struct VulkanBackend::Checking {
     std::array<Pass, 2> pass;
-    Pass next;  ///< numbers the next check
+    Pass next;  ///< gives the next check its number
     std::array<Commands, 2> recorded;
 };
 
@@ -98,7 +98,7 @@ std::shared_ptr<const Program> VulkanBackend::program(const std::string& shader,
 
 void VulkanBackend::put(Buffer& buffer, std::span<const std::byte> values) {
     if (buffer.bytes() != values.size()) {
-        buffer = {};  // the old one goes first
+        buffer = {};  // frees the old buffer first
         buffer = Buffer(device_, values.size(), Place::device);
     }
     queue_.upload(buffer, values);
@@ -111,7 +111,7 @@ void VulkanBackend::upload_state(const Problem& problem, const State& state) {
         const cuda::PackedState<Real> packed =
             cuda::pack<Real>(problem, state, placement, layout_.bits, formulation());
         put(words_[0], packed.current);
-        // By increments a step writes every particle's word here before any reads it.
+        // By increments a step writes every particle's word to this buffer before any step reads it.
         put(words_[1], by_increments(formulation()) ? packed.current : packed.previous);
         for (Buffer& low : low_) put(low, packed.current_low);
         put(increment_, packed.increment);
@@ -130,7 +130,8 @@ void VulkanBackend::upload(const Problem& problem, const State& state) {
         start_ = {};
         const std::size_t words_before = layout_.placement.words;
         layout_ = lay_out(problem);
-        // Another upload of as large a body, as before each repetition, is not measured again.
+        // Steps are not measured again for a body of the same size, as when it is uploaded for each
+        // repetition.
         if (layout_.placement.words != words_before) pace_.forget();
         if (is_single(options_)) {
             upload_state<float>(problem, state);
@@ -284,7 +285,7 @@ bool VulkanBackend::keep_start() {
         std::uint64_t bytes = 0;
         for (const Buffer* const buffer : buffers) bytes += buffer->bytes();
         if (bytes > device_.free_memory_bytes() / 2) return false;
-        queue_.wait();  // for a rewind() that still reads an earlier copy
+        queue_.wait();  // a rewind() may still read an earlier copy
         for (std::size_t n = 0; n < buffers.size(); ++n) {
             start_[n] = Buffer(device_, buffers[n]->bytes(), Place::device);
             queue_.copy(*buffers[n], start_[n]);
@@ -505,7 +506,7 @@ DeviceLimits VulkanBackend::measure_limits() {
 void VulkanBackend::mark(Mark which) {
     guarded("timing", [&] {
         queue_.enqueue(mark_[which == Mark::begin ? 0 : 1]);
-        // The first one goes with the first steps.
+        // The first mark is submitted together with the first steps.
         if (which == Mark::end) queue_.submit();
     });
 }

@@ -1,4 +1,4 @@
-// What every Vulkan backend has: the state in storage buffers, steps recorded once and replayed, edits of
+// What all Vulkan backends have: the state in storage buffers, steps recorded once and replayed, edits of
 // particles' bits, the stopwatch and the divergence monitor (README.md).
 #pragma once
 
@@ -44,11 +44,11 @@ public:
     const Device& device() const { return device_; }
 
 protected:
-    /// Where the particles of a problem go, and what a step dispatches.
+    /// Where the particles of a problem lie, and what a step dispatches.
     struct Layout {
         cuda::Placement placement;
-        std::vector<std::uint32_t> bits;  ///< one a particle
-        glm::ivec3 groups{0};             ///< of invocations
+        std::vector<std::uint32_t> bits;  ///< one per particle
+        glm::ivec3 groups{0};             ///< work groups of invocations
     };
 
     /// `group`: extents of the shader's work groups.
@@ -56,53 +56,55 @@ protected:
 
     const Options& options() const { return options_; }
     Formulation formulation() const { return options_.formulation; }
-    /// Everything compiled in, with neutral values where the problem lacks it (tuning `terms`).
+    /// Whether everything is compiled in, with neutral values where the problem lacks a term (tuning
+    /// `terms`).
     bool all_terms() const { return options_.tuning.at("terms") == "all"; }
 
-    /// What the modules of the step are called by, before formulation and precision; asked after lay_out().
+    /// The name of the step's modules without formulation and precision. It is asked for after lay_out().
     virtual std::string shader() const = 0;
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// Empty, or why a problem cannot be run that has no more words than a storage buffer holds.
+    /// Empty, or why a problem cannot be run, provided that its words fit into a storage buffer.
     virtual std::string refused_layout(const Problem& problem) const = 0;
     virtual cuda::Placement place(const Problem& problem) const = 0;
-    /// Fills own() with what the shader reads beyond shaders/compute.glsl. Nothing is running.
+    /// Fills own() with what the shader reads beyond shaders/compute.glsl. No command is running.
     virtual Layout lay_out(const Problem& problem) = 0;
     /// Constants of the shader beyond those of shaders/terms.glsl.
     virtual glsl::Constants constants(const Problem& problem) const = 0;
     virtual void set_uniforms(Uniforms& uniforms, const Problem& problem) = 0;
-    /// edit(); an error of Vulkan passes through.
+    /// Does the work of edit(). An error of Vulkan may pass through.
     virtual void enqueue_edit_of(const Problem& edited, const SpringEdit& edit) = 0;
 
     Queue& queue() { return queue_; }
-    /// A storage buffer of the shader's own, by binding from glsl::first_own_binding on; empty at first.
+    /// A storage buffer that only this shader has, by binding from glsl::first_own_binding on; empty at
+    /// first.
     Buffer& own(std::uint32_t binding) { return own_[binding]; }
-    /// Lays out anew what the problem now has, for the particles where they are. Waits.
+    /// Lays out the lists of the edited problem anew. The particles stay where they are. Waits.
     void lay_out_anew();
     /// A shader of the build for this precision, specialised.
     std::shared_ptr<const Program> program(const std::string& shader, const glsl::Constants& constants = {},
                                            glm::ivec3 group = {64, 1, 1});
-    /// `values` where the device reads them, for enqueue_dispatch().
+    /// A buffer with `values` that the device can read, for enqueue_dispatch().
     template <class T>
     std::shared_ptr<const Buffer> send(const std::vector<T>& values) {
         return sent_once_.holding(std::as_bytes(std::span(values)));
     }
-    /// Enqueues a program that strides over `count` things, between the steps before and after; keeps what it
-    /// reads, `sent`, until it has run.
+    /// Enqueues a program that strides over `count` things, between the steps before and after. Keeps the
+    /// buffers `sent`, which it reads, until it has run.
     void enqueue_dispatch(const std::shared_ptr<const Program>& program, std::size_t count,
                           const Uniforms& uniforms, const Buffers& buffers,
                           const std::vector<std::shared_ptr<const Buffer>>& sent);
-    /// Gives particles new bits, which every step copies on from the words that it reads.
+    /// Writes new bits of particles. Every step copies the bits from the words that it reads.
     void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);
-    /// Puts values into a buffer, in new memory unless it is of that size. Waits.
+    /// Puts values into a buffer, whose memory is new unless it has the same size. Waits.
     template <class T>
     void put(Buffer& buffer, const std::vector<T>& values) {
         put(buffer, std::as_bytes(std::span(values)));
     }
-    /// Rest lengths from their squares, as the device measures them (physics/inverse_root.h), in place of
+    /// Measures rest lengths from their squares, as the device does (physics/inverse_root.h), in place: the
     /// numbers `offset`, `offset` + `stride` and so on of a buffer, `count` in all. Waits.
     void measure(const Buffer& squares, std::size_t count, int stride, int offset);
-    /// The same of numbers on the host.
+    /// Measures numbers on the host in the same way.
     template <class Real>
     void measure_numbers(std::span<Real> squares) {
         Buffer buffer(device_, squares.size_bytes(), Place::device);
@@ -112,10 +114,10 @@ protected:
     }
 
 private:
-    /// A pass for words 0 and one for words 1, and what was recorded of them.
+    /// One pass that reads words 0 and one that reads words 1, with what was recorded of them.
     struct Stepping;
     struct Checking;
-    /// A tool's pass before a step for words 0 and one for words 1, and how the tool is at the moment.
+    /// The tool's passes before a step that reads words 0 or words 1, and the present state of the tool.
     struct Holding;
 
     void mark(Mark which) final;
@@ -135,16 +137,16 @@ private:
     template <class Real>
     glm::dvec3 read_tool_force();
     void stand_at_start();
-    /// The program of stepping_ is bound, before and after.
+    /// The program of stepping_ is bound before and after this call.
     void dispatch_step(const Commands& commands, std::size_t current) const;
-    /// 2^power steps from the words that are current.
+    /// The recording of 2^power steps from the current words.
     const Commands& steps(int power);
-    /// Hands over `count` steps, in submissions of pace_.steps().
+    /// Hands over `count` steps, in submissions of pace_.steps() steps.
     void enqueue_steps(int count);
-    /// So many steps are enqueued, and a check if it is due.
+    /// Called when `steps` more steps are enqueued. Enqueues a check if one is due.
     void have_enqueued(int steps);
     Buffers buffers(std::size_t current) const;
-    /// What steps write and later steps read.
+    /// The buffers that steps write and later steps read.
     std::array<Buffer*, 6> state_buffers() {
         return {&words_[0], &words_[1], &low_[0], &low_[1], &increment_, &increment_low_};
     }
@@ -153,30 +155,30 @@ private:
     const Options options_;
     const glm::ivec3 group_;
     vk::raii::QueryPool marks_;
-    // By name and constants: an edit may go back to the one before.
+    // Programs by name and constants: an edit may go back to an earlier one.
     std::map<std::string, std::shared_ptr<const Program>> programs_;
-    Buffer nothing_;  // stands where a shader has no use for a buffer
+    Buffer nothing_;  // bound where a shader has no use for a buffer
     std::array<Buffer, 2> words_, low_;
     Buffer increment_, increment_low_, load_, inverse_mass_;
     std::map<std::uint32_t, Buffer> own_;
     std::array<Buffer, 6> start_;  // copies of state_buffers()
-    Buffer found_;                 // shaders/divergence_check.comp's
+    Buffer found_;                 // for shaders/divergence_check.comp
     BufferPool sent_once_;
     Queue queue_;
     Pace pace_;
     std::array<Commands, 2> mark_;
     std::shared_ptr<Stepping> stepping_;
-    std::shared_ptr<Checking> checking_;  // null: never
+    std::shared_ptr<Checking> checking_;  // null: never checked
     std::shared_ptr<Holding> holding_;    // null: there is no tool
     CompileTime compile_time_;
 
     const Problem* problem_ = nullptr;
     Layout layout_;
-    std::size_t current_ = 0;  // of words_: x(t)
+    std::size_t current_ = 0;  // which of words_ has x(t)
     std::uint64_t held_bytes_ = 0;
     std::int64_t steps_ = 0;          // since upload()
-    DivergenceMonitor monitor_;       // of this run
-    DivergenceMonitor next_monitor_;  // of the next one
+    DivergenceMonitor monitor_;       // for this run
+    DivergenceMonitor next_monitor_;  // for the next run
 };
 
 }  // namespace voxspring::vulkan

@@ -1,4 +1,4 @@
-// Explicit addressing in Vulkan: one invocation a particle, neighbours from vertical lists.
+// Explicit addressing in Vulkan: one invocation per particle, neighbours from vertical lists.
 #include "backends/glsl/explicit.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
@@ -16,7 +16,7 @@ public:
           block_(std::stoi(options.tuning.at("block"))) {}
     VulkanExplicit(const VulkanExplicit&) = delete;
     VulkanExplicit& operator=(const VulkanExplicit&) = delete;
-    // Steps in flight read addressed_, which goes before the queue.
+    // Steps in flight read addressed_, which is destroyed before the queue.
     ~VulkanExplicit() override { queue().abandon(); }
 
     StepWork step_work(const Problem& problem) const override {
@@ -34,7 +34,8 @@ private:
         return glsl::explicit_bytes(problem, options());
     }
     std::string refused_layout(const Problem& problem) const override {
-        // Positions have no direction in their entries, yet no driver takes as many particles.
+        // On positions entries have no direction, so more particles could be addressed, but no driver takes
+        // as many.
         if (std::string why = cuda::beyond_entries(problem, formulation()); !why.empty()) return why;
         return vulkan::lists_refusal(problem, options(), device().buffer_limits());
     }
@@ -59,7 +60,7 @@ private:
 
     template <class T>
     void put_list(Own list, const std::vector<T>& values) {
-        addressed_[list] = {};  // the old one goes first
+        addressed_[list] = {};  // frees the old buffer first
         if (!by_address_) {
             put(own(list), values);
             return;
@@ -69,7 +70,7 @@ private:
                             device().buffer_limits().max_bytes};
         put(own(list), addressed_[list].addresses());
     }
-    /// The arrays that together have a list.
+    /// The arrays that together hold a list.
     std::span<const vulkan::Buffer> parts_of(Own list) {
         if (by_address_) return addressed_[list].parts();
         return {&own(list), own(list).bytes() > 0 ? std::size_t(1) : 0};
@@ -95,7 +96,8 @@ private:
         write_bits(rows.particle, rows.lists.bits);
     }
 
-    /// Of a row in the list with the largest elements: rows travel in storage buffers.
+    /// Bytes of a row in the list with the largest elements. Rows travel in storage buffers, which limits
+    /// them.
     std::uint64_t row_bytes() const {
         return step_.shape.slots * (kind_.off_lattice_rest ? sizeof(cuda::SpringRest<Real>)
                                     : kind_.secondary      ? sizeof(cuda::SpringConstants<Real>)
@@ -118,10 +120,10 @@ private:
     }
 
     const int block_;
-    glsl::ListKind kind_;  // which of the lists are there
+    glsl::ListKind kind_;  // which of the lists below exist
     cuda::ExplicitStep<Real> step_{};
     bool by_address_ = false;
-    std::map<Own, vulkan::AddressedList> addressed_;  // what own() then has the addresses of
+    std::map<Own, vulkan::AddressedList> addressed_;  // the lists whose addresses are in own()
 };
 
 const Registered entry({

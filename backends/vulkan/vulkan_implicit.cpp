@@ -1,4 +1,4 @@
-// Implicit addressing in Vulkan: one invocation a voxel, neighbours by their place in the grid.
+// Implicit addressing in Vulkan: one invocation per voxel, neighbours by their place in the grid.
 #include "backends/glsl/implicit.h"
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"

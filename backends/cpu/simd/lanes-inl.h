@@ -1,4 +1,4 @@
-// A SIMD register that the shared physics computes with, as it does with a float.
+// A SIMD register with which the shared physics computes as it does with a float.
 //
 // Include it after hwy/foreach_target.h. Each SIMD target gets its own copy of everything here and of
 // spring.h, in namespace voxspring::HWY_NAMESPACE: a template that is compiled once, for the baseline,
@@ -35,7 +35,7 @@ constexpr double approximation_error =
 #endif
 
 /// As many scalars as a register of this target holds. Nothing is contracted, so with Root::exact a lane has
-/// the same bits on every target, and those of a scalar. The other roots are for float32.
+/// the same bits on every target, which are also those of a scalar. The other roots are for float32 only.
 template <class Scalar, Root root>
 struct Lanes {
     using T = Scalar;
@@ -89,11 +89,11 @@ HWY_INLINE Lanes<T, root> sqrt(Lanes<T, root> a) {
         return Lanes<T, root>(hn::Mul(a.v, inverse));
     }
 }
-/// `b` where `a` is NaN, like the scalar one.
+/// `b` where `a` is NaN, like the scalar function.
 template <class T, Root root>
 HWY_INLINE Lanes<T, root> larger(Lanes<T, root> a, Lanes<T, root> b) {
 #if HWY_ARCH_X86
-    // One instruction, which gives the second operand where either is NaN or both are zero.
+    // One instruction, which returns the second operand if either is NaN or both are zero.
     return Lanes<T, root>(hn::Max(a.v, b.v));
 #else
     return Lanes<T, root>(hn::IfThenElse(hn::Gt(a.v, b.v), a.v, b.v));

@@ -11,14 +11,14 @@ enum class Root : std::uint8_t {
     raw,      ///< the approximations themselves, whose error the SIMD target decides (lanes-inl.h)
 };
 
-/// Relative error of the quotient of a number and a length by such roots, beyond rounding in float32: that of
-/// a reciprocal root and that of a reciprocal, each of which is off by `approximation` at most.
+/// Relative error of the quotient of a number and a length with such roots, beyond rounding in float32. It
+/// adds up the errors of a reciprocal root and of a reciprocal, each of which is at most `approximation`.
 constexpr double error_of_roots(Root root, double approximation) {
     switch (root) {
         case Root::exact:
             return 0;
         case Root::refined:
-            // A Newton step squares the error, times 3/2 for the root, and rounds: a unit each.
+            // A Newton step squares the error, times 3/2 for the root, and rounds by one unit each.
             return 2.5 * approximation * approximation + 0x1p-22;
         case Root::raw:
             return 2 * approximation;
