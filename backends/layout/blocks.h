@@ -12,19 +12,19 @@
 
 namespace voxspring::cuda {
 
-/// Threads of a block along x, y, z.
+/// Threads per block along x, y, z.
 struct BlockShape {
     int x = 1, y = 1, z = 1;
-    /// From "32x4x2"; missing extents are 1.
+    /// Parses "32x4x2". Missing extents are 1.
     static BlockShape parse(const std::string& text);
     bool operator==(const BlockShape&) const = default;
 };
 
-/// A place for each block of a lattice, with a frame of one block around them (kernels/resting.h).
+/// Numbers the blocks of a lattice, with a frame of one block around them (kernels/resting.h).
 class BlockGrid {
 public:
     BlockGrid(const Lattice& lattice, BlockShape shape);
-    /// From a place to the next along y and z.
+    /// Distances between places along y and z.
     std::size_t row() const { return row_; }
     std::size_t slice() const { return slice_; }
     std::size_t places() const { return places_; }
@@ -44,14 +44,14 @@ private:
 
 /// Origins of the blocks that hold an active voxel, x fastest.
 std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
-/// list_blocks(), or nothing where every block of the lattice holds an active voxel: the block's own
+/// list_blocks(), or an empty list if every block of the lattice holds an active voxel. A block's
 /// coordinates, which CUDA limits along y and z, then give its origin.
 std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape);
-/// Whether a launch can have all blocks, with one thread per voxel, without a list.
+/// Whether a launch can cover all blocks, with one thread per voxel, without a list.
 bool fits_launch(const Lattice& lattice, BlockShape shape);
 
-/// The kernels' argument, rest lengths squared and pointers null: what is on the device is the caller's to
-/// fill in.
+/// The kernels' argument, with squared rest lengths and null pointers. The caller fills in what is on the
+/// device.
 template <class Real>
 ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
                                       Formulation formulation);

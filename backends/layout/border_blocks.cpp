@@ -9,7 +9,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// `is_border(block)`; the order within a part stays.
+/// Puts blocks with `is_border(block)` first. The order within either part stays.
 template <class Block, class IsBorder>
 BlockParts<Block> parted(std::vector<Block> blocks, IsBorder is_border) {
     const auto interior = std::stable_partition(blocks.begin(), blocks.end(), is_border);

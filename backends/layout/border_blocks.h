@@ -1,4 +1,4 @@
-// Which blocks of a launch have particles of a border, and are stepped before the others.
+// Finds the blocks of a launch that have particles of a border, which are stepped before the others.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ enum class StepPart : std::uint8_t { border, interior };
 template <class Block>
 struct BlockParts {
     std::vector<Block> blocks;
-    std::size_t border = 0;  ///< how many are of the first part
+    std::size_t border = 0;  ///< how many blocks the first part has
 
     std::size_t begin_of(StepPart part) const { return part == StepPart::border ? 0 : border; }
     std::size_t count_of(StepPart part) const {
@@ -27,7 +27,7 @@ struct BlockParts {
 /// The blocks of list_blocks() in two parts. `border`: particles.
 BlockParts<BlockOrigin> part_blocks(const Lattice& lattice, BlockShape shape,
                                     const std::vector<std::uint32_t>& border);
-/// Numbers of blocks of as many as `block` particles in their order, of `particles`.
+/// Numbers of the blocks of `block` particles each in canonical order, for `particles` particles.
 BlockParts<std::uint32_t> part_blocks(std::size_t particles, unsigned block,
                                       const std::vector<std::uint32_t>& border);
 

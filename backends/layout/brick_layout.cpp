@@ -18,7 +18,7 @@ constexpr int warp = 32;
 
 constexpr std::array<BrickTileSize, 5> tile_sizes = {{{3, 1, 1}, {2, 1, 2}, {2, 2, 2}, {3, 2, 2}, {3, 2, 3}}};
 
-/// Whether tiles are of size n; then visits their springs.
+/// Visits the springs of a tile if tiles are of size n. Returns whether they are.
 template <std::size_t n, class Visit>
 bool visit_size(const BrickShape& shape, Visit& visit, BrickMask& mask) {
     constexpr BrickTileSize size = tile_sizes[n];
@@ -63,8 +63,8 @@ std::pair<glm::ivec3, glm::ivec3> bounds_of(const Lattice& lattice) {
 
 glm::ivec3 size_of(const BrickShape& shape) { return {shape.nx(), shape.ny(), shape.nz()}; }
 
-/// How many particles a box of voxels holds, for boxes of any size at once: sums over all boxes that begin at
-/// the body's first voxel.
+/// How many particles a box of voxels holds, for boxes of any size. It keeps sums over all boxes that begin
+/// at the body's first voxel.
 class ParticleCounts {
 public:
     ParticleCounts(const Lattice& lattice, const glm::ivec3& low, const glm::ivec3& high)
@@ -107,7 +107,7 @@ private:
     std::vector<std::uint32_t> sum_;
 };
 
-/// The tiles of the first two warps of a brick. The other warps have much the same bank conflicts.
+/// The tiles of the first two warps of a brick. The other warps have nearly the same bank conflicts.
 std::vector<TilePlace> first_places(const BrickShape& shape) {
     constexpr int warps = 2;
     const BrickBlock inner{0, 0, 0, 1, brick_low_y | brick_high_y | brick_low_z | brick_high_z};
@@ -117,7 +117,7 @@ std::vector<TilePlace> first_places(const BrickShape& shape) {
     return places;
 }
 
-/// How often lanes of a warp want different words of a bank, in a load on average.
+/// The average number of bank conflicts per load: lanes of a warp that want different words of one bank.
 double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& places) {
     int conflicts = 0, loads = 0;
     for (std::size_t first = 0; first < places.size(); first += warp) {
@@ -137,7 +137,8 @@ double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& pla
     return double(conflicts) / loads;
 }
 
-/// Gives `shape` the pads that leave the fewest conflicts and fit into `bytes`; how many those are.
+/// Gives `shape` the pads that leave the fewest conflicts and fit into `bytes`. Returns the number of
+/// conflicts.
 double pad(BrickShape& shape, std::size_t bytes) {
     const std::vector<TilePlace> places = first_places(shape);
     BrickShape best = shape;
@@ -158,8 +159,8 @@ double pad(BrickShape& shape, std::size_t bytes) {
     return fewest;
 }
 
-/// Registers of a thread with a tile, as NVRTC 13.0 has them without spilling, or next to that for the
-/// largest.
+/// Registers of a thread with a tile, as NVRTC 13.0 needs them without spilling, or nearly without for the
+/// largest tile.
 int registers_of(const BrickShape& shape, bool with_increments) {
     const int particles = shape.tile();
     const int points = particles <= 3    ? 88
@@ -171,22 +172,23 @@ int registers_of(const BrickShape& shape, bool with_increments) {
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
-/// Registers of a poller that keeps its polls, and of one that fetches those of the next turn meanwhile.
+/// Registers of a poller that keeps its polls, and of a poller that fetches those of the next turn meanwhile.
 constexpr int registers_of_keeper = 56, registers_of_fetcher = 80;
 constexpr int max_threads = 1024;
 
-/// Registers of a thread whose block has a multiprocessor to itself. Each quarter of that takes every fourth
-/// warp.
+/// Registers of a thread whose block has a multiprocessor to itself. Each quarter of a multiprocessor takes
+/// every fourth warp.
 int registers_at_launch(int threads) {
     return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
 }
 
-/// Gives `plan` pollers and registers, of which a thread with a tile needs so many. False: there are too few.
+/// Chooses pollers and registers for `plan`; a thread with a tile needs `needed` registers. Returns false if
+/// there are too few.
 bool dress(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers) {
     const int lanes = plan.shape.lanes();
     constexpr int alike = warps_that_move_registers * warp;
     for (const int pollers : {256, 128}) {
-        // Beyond five points each, pollers ask for more than what a round trip hides.
+        // With more than five points each, pollers ask for more than a round trip hides.
         if (pollers == 256 && polls <= std::size_t(5) * 128) continue;
         if (lanes + pollers > max_threads) continue;
         plan.pollers = pollers;
@@ -196,8 +198,8 @@ bool dress(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers)
         const int at_launch = registers_at_launch(lanes + pollers);
         if (at_launch >= needed) return true;
         if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
-        // All threads together have what the launch gave the block. A thread that asks for more waits for
-        // ever.
+        // All threads together have the registers that the launch gave the block. A thread that asks for more
+        // waits for ever.
         const int left = (at_launch * (lanes + pollers) - poller_registers * pollers) / lanes / 8 * 8;
         if (left < needed) continue;
         plan.lane_registers = std::min(left, 240);
@@ -207,7 +209,7 @@ bool dress(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers)
     return false;
 }
 
-/// dress() with the increments in memory where registers have no room for them.
+/// dress() that puts the increments into memory if registers have no room for them.
 bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool moves_registers) {
     if (dress(plan, polls, registers_of(plan.shape, by_increments(formulation)), moves_registers))
         return true;
@@ -215,16 +217,16 @@ bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool mov
     return plan.increments_in_memory && dress(plan, polls, registers_of(plan.shape, false), moves_registers);
 }
 
-/// Points in the frame of a brick, at most.
+/// An upper bound of the points in the frame of a brick.
 std::size_t frame_of(const BrickShape& shape) {
     const std::size_t with = std::size_t(shape.nx() + (shape.both ? 2 : 1)) * std::size_t(shape.ny() + 2) *
                              std::size_t(shape.nz() + 2);
     return with - std::size_t(shape.nx()) * std::size_t(shape.ny()) * std::size_t(shape.nz());
 }
 
-/// A step as predicted: instructions counted in machine code of compute capability 9.0, and the share of its
-/// slots that a quarter of a multiprocessor fills with so many warps, by the waits that are written there.
-/// `conflicts`: of a load, on average.
+/// The predicted time of a step. It follows from instructions counted in the machine code of compute
+/// capability 9.0, and from the share of its issue slots that a quarter of a multiprocessor fills with that
+/// many warps, given the waits that are in the code. `conflicts`: bank conflicts per load, on average.
 double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& device) {
     const BrickShape& shape = plan.shape;
     NoVisit none;
@@ -232,7 +234,7 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     const double instructions = 15.5 * mask.springs + 25.0 * mask.particles + 50;
     const int warps = units_of(shape.lanes() / warp, 4);
     const double issued = warps == 1 ? 0.62 : warps == 2 ? 0.83 : 0.89;
-    // What fetches a point of the frame and publishes one takes its share of all quarters.
+    // Fetching and publishing the points of the frame takes its share of all quarters.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
     // What neighbours send travels while early springs are added. A poller with more words to look up than
@@ -240,7 +242,7 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     constexpr double barriers = 0.15e-6, trip = 0.75e-6;
     const int rounds = units_of(int(frame_of(shape)), plan.pollers);
     const double travel = trip * (rounds < kept_polls ? 1 : units_of(rounds, polls_in_turn));
-    // Increments in memory: each of a few loads in flight takes a round trip to L2.
+    // With increments in memory, each group of a few loads in flight takes a round trip to L2.
     constexpr int in_flight = 3;
     constexpr double load = 0.4e-6;
     const double increments = plan.increments_in_memory ? load * units_of(shape.tile(), in_flight) : 0;
@@ -254,7 +256,7 @@ std::span<const BrickTileSize> brick_tile_sizes() { return tile_sizes; }
 std::string registers_refusal(const BrickPlan& plan, int compiled) {
     if (plan.lane_registers == 0) return {};
     const int lanes = plan.shape.lanes();
-    const int at_launch = rounded_up(compiled, 8);  // as warps are given them
+    const int at_launch = rounded_up(compiled, 8);  // warps are given registers in such units
     const bool enough = plan.poller_registers <= at_launch && at_launch <= plan.lane_registers &&
                         plan.lane_registers * lanes + plan.poller_registers * plan.pollers <=
                             at_launch * (lanes + plan.pollers);
@@ -272,7 +274,7 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
     const auto [low, high] = bounds_of(problem.lattice);
     const glm::ivec3 body = high - low + 1;
     const auto most = std::size_t(device.multiprocessors);
-    // Bricks without a particle are left out: there may be more of them than blocks.
+    // Bricks without a particle are left out, so there may be more bricks than blocks.
     const std::size_t max_bricks = 4 * most;
     const std::size_t max_brick = device.block_shared_bytes / (2 * sizeof(Vector<float>));  // particles
     const std::size_t voxels = std::size_t(body.x) * std::size_t(body.y) * std::size_t(body.z);
@@ -290,17 +292,17 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                     const glm::ivec3 wanted(gx, gy, gz);
                     const glm::ivec3 threads = ((body + wanted - 1) / wanted + of - 1) / of;
                     const glm::ivec3 brick = threads * of, bricks = (body + brick - 1) / brick;
-                    // Others with as many bricks of that size were tried before.
+                    // Other layouts with as many bricks of that size were tried before.
                     if (bricks != wanted) continue;
                     BrickPlan plan{.shape = {tile.x, tile.y, tile.z, threads.x, threads.y, threads.z,
                                              bricks.x > 2, 0, 0}};
-                    // A tile with a border on either side has no side for what comes early.
+                    // A tile that has a border on either side leaves no side for early work.
                     if ((threads.y == 1 && bricks.y > 2) || (threads.z == 1 && bricks.z > 2)) continue;
                     if (std::size_t(threads.x) * std::size_t(threads.y) * std::size_t(threads.z) >
                             max_threads ||
                         std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
                         continue;
-                    // Without conflicts first: to find the pads takes longer.
+                    // Plan without conflicts first, since finding the pads takes longer.
                     if (!dress(plan, frame_of(plan.shape), formulation, moves_registers)) continue;
                     if (best && seconds_of(plan, 0, device) >= best->seconds) continue;
                     std::size_t blocks = 0;
@@ -384,7 +386,7 @@ void BrickLayout::find_blocks() {
                                   glm::ivec3(n % size.x, n / size.x % size.y, n / (size.x * size.y))) != 0;
                 if (!any) continue;
                 block_at_[number] = std::uint32_t(blocks_.size());
-                // Where two bricks have one border along x, they meet where X ends.
+                // Where two bricks share one border along x, they meet where X ends.
                 const bool mirrored = !plan_.shape.both && x == 1;
                 std::uint32_t sides = 0;
                 const auto side = [&](bool here, std::uint32_t bit) { sides |= here ? bit : 0; };
@@ -429,7 +431,7 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
 }
 
-/// What the words of a plain thread are, for each set of sides across which it has springs.
+/// Finds the words of a plain thread for each set of sides across which it has springs.
 void BrickLayout::find_plain_words(std::uint32_t group_bits) {
     const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     for (const TileSpring& s : springs_) {
@@ -484,8 +486,8 @@ std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
     const auto inside = [&](int X, int Y, int Z) {
         return X >= 0 && X < shape.nx() && Y >= 0 && Y < shape.ny() && Z >= 0 && Z < shape.nz();
     };
-    // Neighbours whether or not a spring joins them: each block waits for those that wait for it, and so is
-    // never two steps ahead.
+    // Blocks count as neighbours whether or not a spring joins them: each block waits for those that wait for
+    // it, and so is never two steps ahead.
     const auto reached = [&](int X, int Y, int Z) {
         for (int dz = -1; dz <= 1; ++dz) {
             for (int dy = -1; dy <= 1; ++dy) {
@@ -533,7 +535,7 @@ void BrickLayout::collect_polls() {
 std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {
     const BrickShape& shape = plan_.shape;
     const glm::ivec3 size = size_of(shape);
-    std::vector<std::pair<std::size_t, int>> lanes;  // block and number
+    std::vector<std::pair<std::size_t, int>> lanes;  // block and lane
     for (const SpringEdit::Touched& touched : edit.touched) {
         const std::uint32_t at = voxel_[touched.particle];
         mask_[at] = touched.mask;

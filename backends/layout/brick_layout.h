@@ -1,6 +1,6 @@
 // Which block of the brick kernel (cuda/kernels/brick.h) holds which part of the lattice: the shape of
-// bricks, chosen by what a step costs with it, masks, and the points that blocks send each other. Built on
-// the host and without a device.
+// bricks, chosen by the predicted time of a step, masks, and the points that blocks send each other. Built on
+// the host, without a device.
 #pragma once
 
 #include <array>
@@ -20,13 +20,13 @@
 
 namespace voxspring::cuda {
 
-/// Particles of a thread.
+/// The particles of one thread.
 struct BrickTileSize {
     int x, y, z;
     int particles() const { return x * y * z; }
     bool operator==(const BrickTileSize&) const = default;
 };
-/// Those that the kernel is made for.
+/// The sizes that the kernel is made for.
 std::span<const BrickTileSize> brick_tile_sizes();
 
 /// How a launch covers a body.
@@ -36,30 +36,30 @@ struct BrickPlan {
     /// Registers of a thread with a tile and of one that polls, if registers are moved between them; 0: all
     /// threads have the same number.
     int lane_registers = 0, poller_registers = 0;
-    bool increments_in_memory = false;  ///< registers have no room for them
-    double seconds = 0;                 ///< of a step, as predicted
+    bool increments_in_memory = false;  ///< since registers have no room for them
+    double seconds = 0;                 ///< predicted time of a step
     bool operator==(const BrickPlan&) const = default;
 };
-/// The plan with the shortest step as predicted, of those with tiles of `size`, or of all sizes; none if the
-/// body is too large for what the device's blocks hold. `moves_registers`: threads of a block may have more
-/// than others.
+/// The plan with the shortest predicted step, with tiles of `size` or, without it, of any size. There is none
+/// if the body is too large for what the device's blocks hold. `moves_registers`: some threads of a block may
+/// have more registers than others.
 std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
                                      const MarchDevice& device, bool moves_registers,
                                      std::optional<BrickTileSize> size = std::nullopt);
 
-/// Empty, or why registers cannot be moved as `plan` has it in a kernel whose threads begin with `compiled`
-/// registers each: a thread would wait for ever for what nobody gives.
+/// Empty, or why registers cannot be moved as `plan` asks in a kernel whose threads begin with `compiled`
+/// registers each: a thread would wait for ever for registers that no other thread gives up.
 std::string registers_refusal(const BrickPlan& plan, int compiled);
 
-/// The tables of BrickStep, and what edits of them take.
+/// The tables of BrickStep, and how edits change them.
 class BrickLayout {
 public:
-    /// `problem` has a lattice, a particle at least, and no springs beyond the lattice.
+    /// `problem` has a lattice, at least one particle, and no springs beyond the lattice.
     BrickLayout(const Problem& problem, const BrickPlan& plan);
 
     const std::vector<BrickBlock>& blocks() const { return blocks_; }
     const std::vector<std::uint32_t>& masks() const { return masks_; }
-    /// In the order of the kernel: by round, then by block, then by poller.
+    /// The polls in the order of the kernel: by round, then by block, then by poller.
     const std::vector<BrickPoll>& polls() const { return polls_; }
     int rounds() const { return rounds_; }
     /// Whether all threads are plain (TileSides).
@@ -68,17 +68,17 @@ public:
         return std::uint32_t(blocks_.size()) * std::uint32_t(plan_.shape.lanes());
     }
 
-    /// Words of the masks that an edit changes.
+    /// The words of the masks that an edit changes.
     std::vector<EditedWord> edit(const SpringEdit& edit);
 
 private:
-    /// A spring of a tile: its particle, where it leads, and its bit.
+    /// A spring of a tile: its particle, the neighbour that it leads to, and its bit.
     struct TileSpring {
         int i, j, k, dx, dy, dz, bit;
         std::uint32_t crossed;  ///< BrickShape::crossed()
     };
     class ListSprings;
-    /// The words of a thread (BrickMask), at most.
+    /// Room for the most words that a thread can have (BrickMask).
     using TileWords = std::array<std::uint32_t, 16>;
 
     std::uint32_t mask_at(const glm::ivec3& voxel) const;
@@ -98,8 +98,8 @@ private:
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
     std::array<TileWords, 1U << BrickShape::sides> plain_words_{};  ///< by the sides that springs cross
-    std::array<TileWords, BrickShape::sides> across_{};             ///< springs across one side alone
-    TileWords moves_{};                                             ///< of all particles
+    std::array<TileWords, BrickShape::sides> across_{};             ///< springs across that side only
+    TileWords moves_{};                                             ///< for all particles
     std::vector<BrickBlock> blocks_;
     std::vector<std::uint32_t> masks_;
     std::vector<BrickPoll> polls_;

@@ -14,14 +14,15 @@ namespace {
 
 using Brick = Decomposition::Brick;
 
-/// The longest first. Of axes that are equally long the one whose layers lie together in memory.
+/// The axes, the longest first. Of axes that are equally long, the one whose layers lie together in memory is
+/// first.
 std::array<int, 3> axes_by_length(glm::ivec3 dims) {
     std::array<int, 3> axes = {2, 1, 0};
     std::stable_sort(axes.begin(), axes.end(), [&](int one, int other) { return dims[one] > dims[other]; });
     return axes;
 }
 
-/// Along how many axes at once a spring of the lattice may lead.
+/// Along how many axes at once a lattice spring may lead.
 int reach_of(const Problem& problem) {
     int reach = 0;
     for (const Direction& direction : directions()) {
@@ -45,8 +46,8 @@ bool contains(const Brick& brick, glm::ivec3 at) {
 Brick with_a_voxel_around(const Brick& brick) { return {brick.begin - 1, brick.end + 1}; }
 Brick without_its_surface(const Brick& brick) { return {brick.begin + 1, brick.end - 1}; }
 
-/// Whether there is a particle in the brick that a spring of the lattice may join to one at `at`. Springs
-/// that have been cut count too: they may be sutured.
+/// Whether the brick has a particle that a lattice spring may join to one at `at`. Springs that have been cut
+/// count too, since they may be sutured.
 bool may_be_joined(const Problem& problem, const Brick& brick, glm::ivec3 at) {
     if (!contains(with_a_voxel_around(brick), at)) return false;
     const Lattice& lattice = problem.lattice;
@@ -57,11 +58,11 @@ bool may_be_joined(const Problem& problem, const Brick& brick, glm::ivec3 at) {
     });
 }
 
-/// Where each of `parts` begins, layer by layer, and behind them the number of layers: each begins at a layer
-/// with particles, but for the first, and has about as many particles as any other. Nothing where too few
-/// layers have any.
+/// Where each of `parts` begins, layer by layer, and after them the number of layers. Each part but the first
+/// begins at a layer with particles, and all have about the same number of particles. The list is empty if
+/// too few layers have any.
 std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer, int parts) {
-    // Layers with particles, and the particles before each.
+    // Layers with particles, and the number of particles before each.
     std::vector<int> layer;
     std::vector<std::size_t> before;
     std::size_t sum = 0;
@@ -82,7 +83,7 @@ std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer,
         if (at == std::ptrdiff_t(before.size()) || (at > 0 && wanted - double(before[std::size_t(at - 1)]) <
                                                                   double(before[std::size_t(at)]) - wanted))
             --at;
-        // Each part has a layer with particles, those to come as well.
+        // Each part gets a layer with particles, and leaves one for each part to come.
         at = std::clamp(at, previous + 1, std::ptrdiff_t(layer.size()) - (parts - part));
         begins.push_back(layer[std::size_t(at)]);
         previous = at;
@@ -103,13 +104,13 @@ public:
     }
     const std::string& refusal() const { return refusal_; }
     const std::vector<Brick>& bricks() const { return bricks_; }
-    /// Whether each layer of a brick has as many particles as any other: there is one in each voxel.
+    /// Whether all layers of a brick have the same number of particles, since there is one in each voxel.
     bool is_full() const { return is_full_; }
     /// Voxels of the particles of each brick; empty for a full lattice.
     const std::vector<std::vector<std::uint32_t>>& voxels() const { return voxels_; }
 
 private:
-    /// `voxels`: those of the brick's particles. Axes before `n` have been cut.
+    /// `voxels`: the voxels of the brick's particles. Axes before `n` have been cut.
     void cut(const Brick& brick, std::vector<std::uint32_t> voxels, std::size_t n) {
         while (n < axes_.size() && subdomains_[axes_[n]] == 1) ++n;
         if (n == axes_.size()) {
@@ -183,7 +184,7 @@ public:
         problem.tool.stiffness = whole.tool.stiffness;
         problem.lattice.spacing = whole.lattice.spacing;
         problem.lattice.dims = with_ghosts_.end - with_ghosts_.begin;
-        // Growing would have what is there twice meanwhile.
+        // Allocate at once: a vector that grows would hold its elements twice meanwhile.
         const std::size_t most = std::min(whole.particle_count(), problem.lattice.voxel_count());
         subdomain_.particle.reserve(most);
         subdomain_.own.reserve(most);
@@ -230,7 +231,7 @@ private:
         if (own) take_hold_of(i, here);
     }
 
-    /// With those who have it as a ghost, or whose own it is.
+    /// Enters the particle for the subdomains that have it as a ghost, or for the one that owns it.
     void share(std::uint32_t here, glm::ivec3 at, bool own) {
         if (own && contains(without_its_surface(brick_), at)) return;
         for (auto& [brick, border] : beside_) {
@@ -263,7 +264,7 @@ private:
     Subdomain subdomain_;
 };
 
-/// A changed spring by its ends' numbers in a subdomain; nothing where none of them is the subdomain's own.
+/// A changed spring with the numbers that its ends have in a subdomain; empty if the subdomain owns neither.
 std::optional<ChangedSpring> changed_in(const Subdomain& subdomain, ChangedSpring changed) {
     const auto first = index_in(subdomain.particle, changed.spring.first);
     const auto second = index_in(subdomain.particle, changed.spring.second);

@@ -14,10 +14,10 @@ namespace {
 // A cache line of words in float32.
 constexpr std::size_t guard_words = 8;
 
-// A middle may be one off either end; sides are one further on.
+// A middle may be one off either end; the sides are one further.
 bool within(std::int64_t middle, std::int64_t particles) { return middle >= -1 && middle <= particles; }
 
-// Lists that threads build do not go on from one chunk to the next; whole slices.
+// Threads build lists by chunks of whole slices. A list does not go on from one chunk to the next.
 constexpr std::size_t chunk_particles = std::size_t(1) << 16;
 
 /// (dy, dz) of each row.
@@ -32,15 +32,15 @@ class GrowingList {
 public:
     explicit GrowingList(std::int64_t begin) : begin_(begin) {}
 
-    /// What a particle asks of a row.
+    /// What a particle needs to know about a row.
     struct Wanted {
         bool any = false;          ///< it has a neighbour there
-        std::int64_t middle = 0;   ///< the index that the one in the middle has or would have
+        std::int64_t middle = 0;   ///< the index that a particle in the middle has or would have
         bool gap_matters = false;  ///< it has a neighbour behind the middle
         bool gap = false;
     };
 
-    /// Whether particle i can have this list, out of `particles`; if so it goes on to i.
+    /// Whether this list can serve particle i, out of `particles`. If so, the list goes on to i.
     bool join(std::int64_t i, const std::array<Wanted, row_count>& wanted, std::int64_t particles) {
         GrowingList grown = *this;
         for (std::size_t r = 0; r < row_count; ++r) {
@@ -48,7 +48,7 @@ public:
             std::int32_t& delta = grown.list_.rows[r / 4].row[r % 4];
             const Wanted& row = wanted[r];
             if (!row.any) {
-                // Its mask drops what is read there, but read it is.
+                // The mask drops what is read there, but it is read all the same.
                 if (!within(i + delta, particles)) return false;
                 continue;
             }
@@ -69,8 +69,8 @@ public:
         *this = grown;
         return true;
     }
-    /// join() for particle i whose rows are `row`, null where it has none, where that takes no more than a
-    /// look at what is in the middle of each. False does not mean that it cannot join.
+    /// join() for particle i whose rows are `row` (null where it has none), if looking at the middle of each
+    /// is enough. False does not mean that the particle cannot join.
     bool join_quickly(std::int64_t i, const std::array<const std::uint32_t*, row_count>& row, int x,
                       std::int64_t particles) {
         if (list_.gaps != 0) return false;
@@ -91,7 +91,7 @@ private:
     RowDeltas list_{};
 };
 
-/// What the particles of a lattice ask of the rows about them.
+/// Reads the rows around the particles of a lattice.
 class RowReader {
 public:
     RowReader(const Problem& problem, const std::vector<std::uint32_t>& particle)
@@ -128,7 +128,7 @@ public:
                        : nullptr;
         }
     }
-    /// The rows about the particle, null where they are outside or of no use, and its place along them.
+    /// The rows around the particle (null where they are outside or not needed), and its place along them.
     const std::array<const std::uint32_t*, row_count>& rows() const { return row_; }
     int x() const { return x_; }
     std::array<GrowingList::Wanted, row_count> wanted() const {
@@ -158,7 +158,7 @@ private:
     const Lattice& lattice_;
     const std::vector<std::uint32_t>& particle_;
     std::array<bool, row_count> middle_{}, sides_{};  ///< whether there are springs to them
-    std::int64_t voxel_ = -2;                         ///< the one before no voxel
+    std::int64_t voxel_ = -2;                         ///< such that no voxel comes after it
     int x_ = 0;
     std::array<const std::uint32_t*, row_count> row_{};
 };
@@ -268,7 +268,7 @@ void OffLatticeLists<Real>::put(std::size_t element, const Problem& problem, std
 
 template <class Real>
 void OffLatticeLists<Real>::clear(std::size_t element, std::uint32_t particle) {
-    // Past the last particle there is nobody; the first word is as good as any.
+    // There is no particle beyond the last one. The first word is as good as any.
     neighbour_[element] = std::uint32_t(first_ + (particle < particles_ ? particle : 0));
     constants_[element] = {0, 0};
     if (!off_lattice_rest_.empty()) off_lattice_rest_[element] = {};
@@ -281,7 +281,7 @@ typename OffLatticeLists<Real>::Changes OffLatticeLists<Real>::change(const Prob
     std::set<std::uint32_t> changed;
     for (const SpringEdit::Touched& touched : edit.touched) {
         const auto listed = edit.springs_of(touched);
-        // Those beyond the lattice come last.
+        // Springs beyond the lattice come last.
         const auto own = std::find_if(listed.begin(), listed.end(),
                                       [](const ListedSpring& spring) { return spring.bit < 0; });
         const auto count = std::uint32_t(listed.end() - own);
@@ -336,7 +336,7 @@ StepWork delta_work(const Problem& problem, Formulation formulation) {
     work.read_once(units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
                    off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
                                        (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>))));
-    work.operations += off_lattice_ends;  // the stiffness
+    work.operations += off_lattice_ends;  // for the stiffness
     return work;
 }
 

@@ -1,4 +1,4 @@
-// The delta-compressed lists of kernels/delta.h, built on the host and without a device.
+// The delta-compressed lists of kernels/delta.h, built on the host, without a device.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 namespace voxspring::cuda {
 
-/// One word per particle, with a guard on either side for the neighbours of the first and the last.
+/// One word per particle, with a guard at either end for the neighbours of the first and the last particle.
 Placement place_guarded(const Problem& problem);
 
 /// Where the lattice neighbours of every particle are.
@@ -23,20 +23,21 @@ struct DeltaLists {
     std::vector<RowDeltas> lists;
 };
 /// The lists follow from the voxels and the spring groups in use, not from the springs: cuts and sutures of
-/// lattice springs change masks alone.
+/// lattice springs change only masks.
 DeltaLists compress_lists(const Problem& problem);
 
-/// Springs beyond the lattice slice by slice, while edits change them. A slice whose lists have no room gets
-/// new ones behind all others.
+/// Springs beyond the lattice, slice by slice, while edits change them. A slice whose lists run out of room
+/// gets new ones after all others.
 template <class Real>
 class OffLatticeLists {
 public:
     OffLatticeLists() = default;
-    /// Points `slices` at them. Rest lengths as listed_length() has them.
+    /// Makes `slices` point at the springs. Rest lengths are as listed_length() has them.
     OffLatticeLists(const Problem& problem, const Placement& placement, Formulation formulation,
                     std::span<Slice> slices);
 
-    /// A column is one slot of a slice: slice_particles elements of each of these.
+    /// The springs in columns. A column is one slot of a slice: slice_particles elements in each of these
+    /// arrays.
     std::span<const std::uint32_t> neighbour() const { return neighbour_; }
     std::span<const SpringConstants<Real>> constants() const { return constants_; }
     std::span<const SpringRest<Real>> off_lattice_rest() const { return off_lattice_rest_; }
@@ -46,12 +47,12 @@ public:
     /// What an edit changed.
     struct Changes {
         std::vector<EditedSlice> slices;
-        EditedLists<Real> columns;  ///< as particles of slice_particles slots each
+        EditedLists<Real> columns;  ///< as lists of particles with slice_particles slots
     };
     Changes change(const Problem& edited, const SpringEdit& edit, std::span<Slice> slices);
 
 private:
-    /// Makes room for `slots` springs of every particle of a slice.
+    /// Makes room for `slots` springs per particle of a slice.
     void extend(std::uint32_t number, Slice& slice, std::uint32_t slots);
     void put(std::size_t element, const Problem& problem, std::uint32_t particle, const Spring& spring);
     void clear(std::size_t element, std::uint32_t particle);
@@ -64,14 +65,14 @@ private:
     std::size_t particles_ = 0;
     std::vector<std::uint32_t> neighbour_;
     std::vector<SpringConstants<Real>> constants_;
-    std::vector<SpringRest<Real>> off_lattice_rest_;  ///< by displacements
+    std::vector<SpringRest<Real>> off_lattice_rest_;  ///< for displacements
 };
 
 /// The kernel's first argument, as make_implicit_step() leaves it.
 template <class Real>
 DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placement, Formulation formulation);
 
-/// The least that a step takes. The lists of runs, which are few, do not count.
+/// The least work of a step. The lists of runs, which are few, do not count.
 template <class Real>
 StepWork delta_work(const Problem& problem, Formulation formulation);
 

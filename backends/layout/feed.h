@@ -1,4 +1,4 @@
-// Where the particles of a feed lie, built on the host and without a device.
+// Where the particles of a feed lie, built on the host, without a device.
 #pragma once
 
 #include <vector>
@@ -9,7 +9,7 @@
 
 namespace voxspring::cuda {
 
-/// `word_of(i)`: where particle i lies.
+/// `word_of(i)`: the word of particle i.
 template <class Real, class WordOf>
 std::vector<FedWord<Real>> pack_fed(const Problem& problem, const std::vector<std::uint32_t>& particles,
                                     Formulation formulation, WordOf word_of) {

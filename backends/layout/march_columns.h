@@ -1,4 +1,4 @@
-// Where a body is, as a plan of the march asks: not voxel by voxel but by the runs of voxels that a warp has.
+// Describes a body for a plan of the march: not voxel by voxel but by the runs of voxels that a warp takes.
 #pragma once
 
 #include <cstddef>
@@ -10,13 +10,14 @@
 
 namespace voxspring::cuda {
 
-/// Cells of `width` voxels of a row, a power of two and at most 128.
+/// Cells of `width` voxels in a row. The width is a power of two and at most 128.
 class MarchCells {
 public:
     MarchCells(const Problem& problem, int width);
 
     static constexpr std::uint8_t active = 1;  ///< has a particle
-    /// Is all particles that move and have every spring, but for those to beyond the first and last column
+    /// All its particles exist, move and have every spring, except springs to beyond the first and last
+    /// column and plane of the lattice.
     /// and plane of the lattice.
     static constexpr std::uint8_t full = 2;
 
@@ -25,7 +26,7 @@ public:
     int count() const { return count_; }  ///< in a row
     /// The cells of a row of the lattice.
     const std::uint8_t* row(int y, int z) const { return &cells_[row_number(y, z) * std::size_t(count_)]; }
-    /// The first particle of a row or of one after it; rows end where the next begins.
+    /// The first particle in this row or a later one. A row ends where the next one begins.
     std::size_t first_particle(int y, int z) const { return begin_[row_number(y, z)]; }
     std::size_t end_particle(int y, int z) const { return begin_[row_number(y, z) + 1]; }
 
@@ -41,7 +42,7 @@ private:
     std::vector<std::uint32_t> begin_;
 };
 
-/// A bit for each warp of a block, of a plane of its tile.
+/// One bit for each warp of a block, in one plane of its tile.
 struct MarchWarps {
     std::uint32_t active = 0;  ///< has a particle
     std::uint32_t full = 0;    ///< all of its particles have full stencils (MarchItem::full_stencils)
@@ -50,7 +51,7 @@ struct MarchWarps {
 /// A lattice in columns of one tile.
 class MarchColumns {
 public:
-    /// Cells as wide as a warp, or narrower.
+    /// `cells` are as wide as a warp, or narrower.
     MarchColumns(const MarchCells& cells, const MarchShape& shape);
 
     const MarchShape& shape() const { return shape_; }

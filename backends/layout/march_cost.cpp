@@ -14,28 +14,28 @@ namespace {
 
 constexpr int quarters = 4;  // of a multiprocessor, each with one scheduler
 
-// The constants of the model, fitted to the times of one NVIDIA H200 that march_cost_test.cpp has beside the
-// predictions. All but the launch are in cycles, so that they hold for a card with other clocks.
+// The constants of the model are fitted to the times of one NVIDIA H200, which march_cost_test.cpp has beside
+// the predictions. All but that of the launch are in cycles, so they also hold for a card with other clocks.
 
-/// A launch in a CUDA graph, measured with an empty kernel. The same whatever the plan.
+/// A launch in a CUDA graph, measured with an empty kernel. It is the same for all plans.
 constexpr double launch_seconds = 0.66e-6;
-/// From the start of a block to its first window: barriers, a copy's way to memory and back.
+/// The time from the start of a block to its first window: barriers, and a copy's way to memory and back.
 constexpr double start_latency = 1200;
-/// Bytes that a multiprocessor gets in a cycle while all of them fill their first windows.
+/// Bytes per cycle that a multiprocessor gets while all of them fill their first windows.
 constexpr double start_bytes_per_cycle = 20;
-/// What a pass over arrays larger than any cache reaches of the pins' rate (4.28 of 4.8 TB/s).
+/// The share of the pins' rate that a pass over arrays larger than any cache reaches (4.28 of 4.8 TB/s).
 constexpr double copy_share = 0.89;
-/// Instructions and memory disturb each other where both take about as long: the step takes the power mean of
+/// Instructions and memory disturb each other when both take about as long: the step takes the power mean of
 /// both times with this exponent. The box of 512^3 spends 1.21 ms on one and 1.13 ms on the other, and 1.30
 /// ms in all.
 constexpr double overlap_exponent = 5;
 
-/// That asking for a plane's copies takes of the quarter whose warp does it.
+/// Cycles to ask for a plane's copies, on the quarter whose warp does it.
 constexpr double copy_cycles = 100;
 
-/// Instructions of a warp and plane without masks, counted in the machine code of sm_90: 870 by `position`,
-/// 1370 by `increment`. In float64, whose pipe takes two cycles an instruction, that pipe's share of the time
-/// as the profiler has it. What masks cost and `wait` are what measured times have beyond that.
+/// Instructions per warp and plane without masks, counted in the machine code of sm_90: 870 by `position`,
+/// 1370 by `increment`. In float64, whose pipe takes two cycles per instruction, it is that pipe's share of
+/// the time according to the profiler. What masks cost and `wait` are what measured times have beyond that.
 MarchRates rates_of(Precision precision, Formulation formulation) {
     const bool increments = by_increments(formulation);
     constexpr double idle = 100;
@@ -45,7 +45,7 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     } else {
         rates = increments ? MarchRates{3700, 1680, 1840, idle} : MarchRates{2300, 1066, 1170, idle};
     }
-    // 92 components of rest offsets are subtracted.
+    // Rest offsets are subtracted: 92 components.
     if (formulation == Formulation::displacement) {
         rates.full += 92;
         rates.masked += 92;
@@ -53,17 +53,17 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     return rates;
 }
 
-/// Cost of rows of 16 lanes: the two halves of a warp then read rows that share banks.
+/// The cost of rows of 16 lanes, in which the two halves of a warp read rows that share banks.
 constexpr double narrow_share = 1.1;
-/// Cost of threads with fewer than the 96 registers that float32 takes, some of whose values are spilled.
+/// The cost of threads with fewer registers than the 96 that float32 takes: some values are spilled.
 constexpr double spilled_share = 1.35;
-constexpr int registers = 65536, unspilled_registers = 96;  // of a multiprocessor, of a thread
+constexpr int registers = 65536, unspilled_registers = 96;  // per multiprocessor, per thread
 
 }  // namespace
 
 const std::vector<MarchTile>& march_tiles(Precision precision) {
     // Two rows per thread evaluate 13.5 springs per particle, one row 15.5. In float64 registers have room
-    // for one row alone.
+    // for only one row.
     static const std::vector<MarchTile> of_float32 = {
         {"128x20", {2, 32, 2, 10, 4, 2}, 1}, {"64x16", {2, 32, 1, 8, 4, 3}, 2},
         {"64x8", {2, 32, 1, 4, 3, 2}, 5},    {"32x20", {2, 16, 1, 5, 3, 2}, 4},
@@ -131,7 +131,7 @@ double MarchCost::plane_seconds(double cycles, int count) const {
     return (rates_.wait + count * copy_cycles + uneven * cycles / quarters) / device_.hertz;
 }
 
-/// A multiprocessor and the items that share it.
+/// A multiprocessor with the items that share it.
 class MarchCost::Shared {
 public:
     explicit Shared(const MarchCost& cost, double start) : cost_(&cost), start_(start) {}
@@ -139,15 +139,15 @@ public:
     bool empty() const { return items_.empty(); }
     bool has_room() const { return int(items_.size()) < cost_->resident(); }
     void add(const MarchLoad& load) { items_.push_back({&load, 1}); }
-    /// When the next of them is done, if these go on together.
+    /// When the next of the items is done, if these go on together.
     double next() const {
         double first = std::numeric_limits<double>::infinity();
         for (const Item& item : items_) first = std::min(first, item.left * seconds_of(item));
         return now_ + first;
     }
-    /// Until then.
+    /// Lets the items go on until then.
     void advance(double until) {
-        constexpr double none = 1e-9;  // of rounding
+        constexpr double none = 1e-9;  // tolerance for rounding
         std::vector<Item> rest;
         for (const Item& item : items_) {
             const double left = item.left - (until - now_) / seconds_of(item);
@@ -160,7 +160,7 @@ public:
 private:
     struct Item {
         const MarchLoad* load;
-        double left;  ///< of 1
+        double left;  ///< remaining fraction of the item
     };
     double seconds_of(const Item& item) const {
         double cycles = 0;

@@ -19,8 +19,8 @@ const Direction& direction_to(const glm::ivec3& offset) {
                          [&](const Direction& direction) { return direction.offset == offset; });
 }
 
-/// How much springs of class k pull in units of what the kernel computes of them: (l - |d|) / |d| by
-/// increments, the same in units of l otherwise.
+/// The pull of springs of class k, in units of what the kernel computes for them: (l - |d|) / |d| by
+/// increments, otherwise the same in units of l.
 double pull_of_class(const Problem& problem, std::size_t k, Formulation formulation) {
     const Direction& direction = direction_to(class_offsets[k]);
     const double stiffness = problem.group_stiffness[std::size_t(direction.group)];

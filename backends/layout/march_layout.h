@@ -1,5 +1,5 @@
-// How a lattice lies in device memory for the march along z (kernels/march.h), built on the host and without
-// a device: axes, state and the kernel's constants. What blocks do is in march_plan.h.
+// How a lattice lies in device memory for the march along z (kernels/march.h): axes, state and the kernel's
+// constants. Built on the host, without a device. march_plan.h says what blocks do.
 #pragma once
 
 #include <cstdint>
@@ -14,18 +14,18 @@
 
 namespace voxspring::cuda {
 
-/// Elements of an array of vectors: every x of the lattice, then every y, then every z.
+/// The elements of an array of vectors: every x of the lattice, then every y, then every z.
 struct SoaStrides {
     std::size_t row = 0, plane = 0, axis = 0;  ///< elements from one to the next; rows begin on cache lines
     std::size_t size() const { return 3 * axis; }
-    /// Where x of a voxel is.
+    /// The element of a voxel's x.
     std::size_t element(glm::ivec3 at) const {
         return std::size_t(at.x) + row * std::size_t(at.y) + plane * std::size_t(at.z);
     }
 };
 SoaStrides march_strides(const Lattice& lattice, std::size_t real_bytes);
 
-/// The state of every particle, as a formulation has it; voxels without one are zero.
+/// The state of every particle in a formulation. Voxels without a particle are zero.
 template <class Real>
 struct MarchState {
     std::vector<Real> current;  ///< x or u
@@ -36,13 +36,14 @@ MarchState<Real> pack_march(const Problem& problem, const State& state, Formulat
 template <class Real>
 State unpack_march(const Problem& problem, const MarchState<Real>& packed, Formulation formulation);
 
-/// Whether no rest length is so short that its inverse, in which forces are unless by increments, is none.
+/// Whether all rest lengths have an inverse in this precision, in which forces are expressed unless by
+/// increments.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);
 
-/// Whether all edge springs pull alike, so that forces are in units of theirs.
+/// Whether all edge springs pull alike, so that forces can be in units of theirs.
 bool equal_edges(const Problem& problem, Formulation formulation);
-/// The kernel's argument, with squares of rest lengths unless by increments (what inverse_root() takes) and
-/// pointers null.
+/// The kernel's argument with null pointers. Unless by increments it has squares of rest lengths, which
+/// inverse_root() takes.
 template <class Real>
 MarchStep<Real> make_march_step(const Problem& problem, Formulation formulation);
 

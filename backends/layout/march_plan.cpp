@@ -18,12 +18,12 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr int max_rows = 2;
-/// The longest run of planes is not cut into parts shorter than this: an item costs three planes' time beside
-/// its planes.
+/// The longest run of planes is not cut into parts shorter than this, since an item costs three planes' time
+/// besides its planes.
 constexpr int shortest_part = 3;
 
-/// Which bits of a thread's word stand for the springs of its particles in the plane that arrived (1) and the
-/// one before (0), by row, column and mask.
+/// Which bits of a thread's word stand for the springs of its particles in the plane that arrived (1) and in
+/// the one before (0), by row, column and mask.
 class PlaneMaskTable {
 public:
     explicit PlaneMaskTable(int rows) : rows_(rows) {
@@ -52,7 +52,7 @@ public:
         }
     }
 
-    /// Bits of a particle whose neighbours are `mask`, in the word of its plane and in that of the next one.
+    /// Bits of a particle with neighbours `mask`, in the word of its plane and in the word of the next plane.
     std::uint64_t own(int r, int c, std::uint32_t mask) const { return of(1, r, c, mask); }
     std::uint64_t next(int r, int c, std::uint32_t mask) const {
         std::uint64_t word = of(0, r, c, mask) | std::uint64_t(1) << stored(r);
@@ -61,7 +61,7 @@ public:
     }
 
 private:
-    // The 18 bits of faces and edges in two halves.
+    // The 18 bits of faces and edges are looked up in two halves.
     static constexpr int half_bits = 9;
     static constexpr std::uint32_t half_size = 1U << half_bits;
     static_assert((FACE_BITS | EDGE_BITS) == (1U << 2 * half_bits) - 1);
@@ -111,10 +111,10 @@ std::vector<Run> runs_of(const MarchColumns& columns) {
     return runs;
 }
 
-/// Cut where for long the same warps have full stencils: a plane of pins would otherwise leave masks to all
-/// above it.
+/// Cuts runs between long stretches in which the same warps have full stencils. Otherwise a plane of pins
+/// would leave masks to all planes above it.
 std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::vector<Run>& runs) {
-    // What an item costs beside its planes is three planes' time, and masks cost an eighth.
+    // An item costs three planes' time besides its planes, and masks cost an eighth of a plane's.
     constexpr int long_enough = 32;
     std::vector<Run> cut;
     for (const Run& run : runs) {
@@ -137,7 +137,7 @@ std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::ve
     return cut;
 }
 
-/// Cut where the interior begins and ends.
+/// Cuts runs where the interior begins and ends.
 std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vector<Run>& runs) {
     std::vector<Run> cut;
     for (const Run& run : runs) {
@@ -151,12 +151,12 @@ std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vecto
     return cut;
 }
 
-/// How many items there are of each length, which is the index.
+/// The number of items of each length, which is the index.
 using LengthCounts = std::vector<int>;
 
-/// When the last of `slots` has nothing left to do, each of which takes the longest item that is left. A
-/// block takes three planes' time more than its item has: two that it shares with others, and the first, for
-/// which it waits.
+/// When the last of `slots` is done, if each of them always takes the longest item that is left. A block
+/// takes three planes' time more than its item has: two for planes that it shares with others, and one for
+/// the wait for its first plane.
 int finished_at(const LengthCounts& counts, int slots) {
     constexpr int extra = 3;
     std::priority_queue<int, std::vector<int>, std::greater<>> ends;
@@ -173,7 +173,7 @@ int finished_at(const LengthCounts& counts, int slots) {
     return last;
 }
 
-/// `run` in parts of the same length but for one plane, none longer than `most`.
+/// Cuts `run` into parts whose lengths differ by at most one plane and are at most `most`.
 template <class Visit>
 void visit_parts(const Run& run, int most, Visit visit) {
     const int count = units_of(run.length(), most);
@@ -203,7 +203,7 @@ int best_length(const std::vector<Run>& runs, int slots) {
     return best;
 }
 
-/// A body in items of one tile, and what a step of it costs.
+/// A body cut into items of one tile, and the predicted cost of a step.
 class Candidate {
 public:
     Candidate(const MarchCells& cells, const MarchTile& tile, Precision precision, Formulation formulation,
@@ -221,20 +221,21 @@ public:
     const MarchTile& tile() const { return tile_; }
     const MarchColumns& columns() const { return columns_; }
     double seconds() const { return seconds_; }
-    /// In the order of blocks.
+    /// The items in the order of blocks.
     const std::vector<Run>& items() const { return items_; }
     std::size_t border_items() const { return border_items_; }
 
 private:
-    /// Parts of the same length, of the height of neighbours' parts: those find each other's frames in the
-    /// cache.
+    /// Cuts into parts of the same length. Parts of neighbouring columns then have the same height and find
+    /// each other's frames in the cache.
     void cut(const MarchInterior& interior) {
         const std::vector<Run> runs =
             cut_by_interior(interior, cut_by_full_stencils(columns_, runs_of(columns_)));
         const int length = best_length(runs, cost_.slots());
         for (const Run& run : runs)
             visit_parts(run, length, [&](const Run& part) { items_.push_back(part); });
-        // The longest first, so that what is left at the end is short; else tile by tile at the same height.
+        // The longest items come first, so that little is left at the end. Items of the same length go tile
+        // by tile at the same height.
         std::stable_sort(items_.begin(), items_.end(), [](const Run& a, const Run& b) {
             return a.length() != b.length() ? a.length() > b.length() : a.begin < b.begin;
         });
@@ -255,9 +256,10 @@ private:
         seconds_ = cost_.step_seconds(loads, bytes, state);
     }
 
-    /// Share of a plane's springs that plane z has: the first of the lattice has those within it alone.
+    /// The share of a plane's springs that plane z has: the first plane of the lattice has only springs
+    /// within it.
     static double springs_of(int z) { return z == 0 ? 0.5 : 1; }
-    /// Cycles of all warps as plane z arrives, those of `full` without masks.
+    /// Cycles of all warps when plane z arrives. The warps of `full` have no masks.
     double count_cycles(int column, int z, std::uint32_t full) const {
         std::uint32_t active = columns_.at(column, z).active;
         if (z > 0) active |= columns_.at(column, z - 1).active;
@@ -278,7 +280,8 @@ private:
         return load;
     }
 
-    /// How many of the columns to the left and right, in front and behind have an item at this one's height.
+    /// How many of the columns to the left and right, in front and behind have an item at the height of this
+    /// one.
     int neighbours_in_step(const Run& item) const {
         const int across = units_of(lattice_->dims.x, columns_.shape().width());
         const int x = item.column % across;
@@ -290,9 +293,10 @@ private:
         }
         return found;
     }
-    /// Bytes of a plane's window and of what it overwrites, of a frame `fetched_frame`.
+    /// Bytes of a plane's window and of what it overwrites, with `fetched_frame` as the share of the frame
+    /// that is fetched.
     double bytes_at(int column, int z, double fetched_frame) const {
-        // An access to HBM, which gives no less.
+        // The size of an access to HBM, which delivers no less.
         constexpr int fetched_bytes = 64;
         const MarchShape& shape = columns_.shape();
         const int margin = fetched_bytes / real_;
@@ -308,16 +312,16 @@ private:
         return 3 * real_ *
                (own + fetched_frame * (window - own) + own * (1 + stored * (increments_ ? 2 : 1)));
     }
-    /// Half of a frame is still in the cache where tiles on all sides march at the same height, and none of
-    /// it where none does. On an H200 at commit 46c228e the heart of 480x408x368, whose runs begin at all
-    /// heights, took 410 us in 64x8 and 482 in 32x20: with half frames the narrower would be taken. The time
-    /// itself is predicted a fifth too short.
+    /// Half of a frame is still in the cache if the tiles on all sides march at the same height, and nothing
+    /// of it if none does. On an H200 at commit 46c228e the heart of 480x408x368, whose runs begin at all
+    /// heights, took 410 us in 64x8 and 482 us in 32x20: with half frames the narrower tile would be chosen.
+    /// The time itself is predicted a fifth too short.
     double bytes_of(const Run& item) const {
         constexpr int sides = 4;
         const double fetched_frame = 1 - 0.5 * neighbours_in_step(item) / sides;
         double bytes = 0;
         for (int z = item.begin; z < item.end; ++z) bytes += bytes_at(item.column, z, fetched_frame);
-        // The planes below and above, of which windows alone are fetched: a third or a quarter.
+        // The planes below and above, of which only windows are fetched: a third or a quarter of the bytes.
         const double window = bytes_at(item.column, item.begin, fetched_frame) / (increments_ ? 4 : 3);
         return bytes + window * ((item.begin > 0 ? 1 : 0) + (item.end < columns_.planes() ? 1 : 0));
     }
@@ -334,7 +338,7 @@ private:
     double seconds_ = 0;
 };
 
-/// Sets items and words of a plan.
+/// Writes the items and words of a plan.
 class Writer {
 public:
     Writer(const MarchCells& cells, const MarchShape& shape)
@@ -447,10 +451,10 @@ std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
     const std::uint64_t tiles = std::uint64_t(units_of(lattice.dims.x, shape.width())) *
                                 std::uint64_t(units_of(lattice.dims.y, shape.height()));
     const std::uint64_t planes = tiles * std::uint64_t(lattice.dims.z);
-    // There is an empty plane between two runs, and parts of a longer run have two planes or more.
+    // Two runs have an empty plane between them, and parts of a longer run have at least two planes.
     static_assert(shortest_part == 3);
     const std::uint64_t items = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
-    // An item has one plane of words more than planes.
+    // An item has words for one plane more than it has planes.
     return items * sizeof(MarchItem) +
            (planes + items) * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);
 }

@@ -1,6 +1,5 @@
-// Which block of the march along z does what: the tile, chosen by what a step costs with it
-// (march_cost.h), items of work, and the words of those that need masks. Built on the host and without a
-// device.
+// Which block of the march along z does what: the tile, chosen by the predicted time of a step
+// (march_cost.h), items of work, and words for items that need masks. Built on the host, without a device.
 #pragma once
 
 #include <cstddef>
@@ -24,27 +23,27 @@ struct MarchInterior {
 /// The longest run of planes without a particle of a border; may be empty.
 MarchInterior interior_of(const Lattice& lattice, const std::vector<std::uint32_t>& border);
 
-/// What blocks do.
+/// The work of all blocks.
 struct MarchPlan {
     MarchTile tile;
-    /// In the order of blocks: those of planes outside of the interior and then the others, of either the
-    /// longest first.
+    /// Items in the order of blocks: first those outside of the interior, then the others, either group with
+    /// the longest first.
     std::vector<MarchItem> items;
-    std::size_t border_items = 0;  ///< how many are outside of it
+    std::size_t border_items = 0;  ///< how many are outside of the interior
     std::vector<std::uint64_t> words;
-    double seconds = 0;  ///< of a step, as predicted
+    double seconds = 0;  ///< predicted time of a step
     bool operator==(const MarchPlan&) const = default;
 };
 
-/// Times up to so many times the shortest are alike: less than predictions are off (march_cost_test).
+/// Times that differ by less than this factor count as alike: predictions are off by more (march_cost_test).
 constexpr double max_alike = 1.03;
-/// Items for all particles, in the tile that a step is predicted to be the shortest with: of those of `tiles`
-/// that fit the device, or the first if none does. Of tiles that are alike the first. At least one tile.
-/// Particles step to the same bits whatever the tile and however runs of planes are cut into items: none has
-/// planes of the interior and others.
+/// Items for all particles, in the tile with the shortest predicted step among those of `tiles` that fit the
+/// device, or in the first tile if none fits. Of tiles that are alike the first is chosen. `tiles` must not
+/// be empty. Particles step to the same bits whatever the tile, and however runs of planes are cut into
+/// items. No item has both planes of the interior and others.
 MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
                      Formulation formulation, const MarchDevice& device, MarchInterior interior = {});
-/// Bytes of a plan whose interior is all, at most.
+/// An upper bound of the bytes of a plan whose interior is everything.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
 }  // namespace voxspring::cuda

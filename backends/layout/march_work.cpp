@@ -9,9 +9,9 @@
 namespace voxspring::cuda {
 namespace {
 
-/// A spring of the march: as pull_operations() counts, but that what follows the root is 1 on positions and
-/// displacements, and by increments in float32 3 with the root's and the reciprocal's own. Face springs are
-/// scaled.
+/// Operations of a spring of the march. They are counted as in pull_operations(), except for what follows the
+/// root: 1 on positions and displacements; by increments in float32 3 with those of the root and of the
+/// reciprocal. Face springs are also scaled.
 template <class Real>
 std::uint64_t march_pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);
@@ -28,12 +28,13 @@ StepWork march_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t particles = problem.particle_count();
     const bool increments = by_increments(formulation);
     const std::uint64_t array = particles * sizeof(Vector<Real>);
-    // What neighbours read is written to another array; the third of increments is overwritten in place.
+    // What neighbours read is written to another array; the third array of increments is overwritten in
+    // place.
     StepWork work{.bytes = (increments ? 4 : 3) * array,
                   .written_bytes = (increments ? 2 : 1) * array,
                   .footprint_bytes = (increments ? 3 : 2) * array};
-    // Evaluations of the springs of a thread's particles, of which some are shared with other threads: two
-    // rows of two in float32, one in float64.
+    // Evaluations of the springs of a thread's particles, some of which are shared with other threads: two
+    // rows of two particles in float32, one row in float64.
     struct Share {
         std::uint64_t evaluations, springs;
     };

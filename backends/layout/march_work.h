@@ -1,4 +1,4 @@
-// The least that a step of cuda_march takes, counted from kernels/march.h.
+// The least work of a step of cuda_march, counted from kernels/march.h.
 #pragma once
 
 #include "backends/limits.h"
@@ -8,7 +8,7 @@
 namespace voxspring::cuda {
 
 /// The work of a step on particles in structure of arrays without masks, with most springs evaluated once for
-/// both of their ends.
+/// both ends.
 template <class Real>
 StepWork march_work(const Problem& problem, Formulation formulation);
 

@@ -11,7 +11,7 @@ namespace voxspring::cuda {
 
 namespace {
 
-// Signed, as OpenMP's loops were made for.
+// Signed, because OpenMP's loops prefer that.
 std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
 
 // 128 bytes of list entries: columns of vertical lists begin on a cache line.
@@ -122,7 +122,7 @@ std::array<Real, neighbour_count> listed_lengths(const Problem& problem, Formula
     return lengths;
 }
 
-// Makes room for what list_by_springs() has beside neighbours.
+// Makes room for what list_by_springs() stores besides neighbours.
 template <class Real>
 void start_constants(NeighbourLists<Real>& lists, const Problem& problem, Formulation formulation) {
     lists.constants.resize(lists.neighbour.size(), {0, 0});
@@ -242,7 +242,7 @@ ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLis
         step.first_slot[g] = lists.first_slot[g];
         step.stiffness[g] = Real(problem.group_stiffness[g]);
     }
-    // beyond_groups() compared the others of the group.
+    // beyond_groups() has compared the other springs of the group.
     for (const Direction& direction : directions())
         step.rest_length[std::size_t(direction.group)] = listed_length<Real>(problem, direction, formulation);
     std::ranges::copy(rest_by_code<Real>(problem), step.rest);

@@ -1,4 +1,4 @@
-// Neighbour lists as records/explicit.h reads them, and what an edit changes of them.
+// Neighbour lists in the layout of records/explicit.h, and what an edit changes in them.
 #pragma once
 
 #include <array>
@@ -14,29 +14,30 @@ namespace voxspring::cuda {
 
 enum class ListLayout : std::uint8_t { vertical, concatenated };
 
-/// Neighbour lists as records/explicit.h reads them.
+/// Neighbour lists in the layout of records/explicit.h.
 template <class Real>
 struct NeighbourLists {
     ListShape shape;
     std::vector<std::uint32_t> neighbour;
-    std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without
-    /// How springs beyond the lattice lie at rest, by displacements; empty if there are none.
+    std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without one
+    /// How springs beyond the lattice lie at rest, for displacements. Empty if there are none.
     std::vector<SpringRest<Real>> off_lattice_rest;
     std::vector<std::uint32_t> bits;            ///< one per particle: counters, active and pinned
     std::array<std::uint32_t, 3> first_slot{};  ///< of each group, without the secondary list
 };
 
-/// Elements of a list of `slots` a particle.
+/// The number of elements of a list with `slots` slots per particle.
 std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout layout);
-/// Slots a particle that list_by_groups() and list_by_springs() would make.
+/// Slots per particle that list_by_groups() and list_by_springs() would make.
 std::uint32_t slots_by_groups(const Problem& problem);
 std::uint32_t slots_by_springs(const Problem& problem);
 
-/// A counter a spring group and no secondary list, for a problem that is not beyond_groups().
+/// Lists with one counter per spring group and no secondary list, for a problem that is not beyond_groups().
 template <class Real>
 NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
-/// One counter per particle, and one stiffness and rest length per spring, for any problem. A particle's
-/// lattice springs come first, in the order of directions(), then those beyond the lattice in theirs.
+/// Lists with one counter per particle, and one stiffness and rest length per spring, for any problem. A
+/// particle's lattice springs come first, in the order of directions(), then its springs beyond the lattice
+/// in their order.
 template <class Real>
 NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
 
@@ -48,7 +49,7 @@ struct EditedLists {
 };
 /// The most springs that a touched particle has.
 std::uint32_t longest_list(const SpringEdit& edit);
-/// As list_by_groups() and list_by_springs() list them, `slots` a particle.
+/// The lists as list_by_groups() and list_by_springs() make them, with `slots` slots per particle.
 template <class Real>
 EditedLists<Real> edited_by_groups(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
                                    Formulation formulation);
@@ -56,8 +57,8 @@ template <class Real>
 EditedLists<Real> edited_by_springs(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
                                     Formulation formulation);
 
-/// The kernel's argument, rest lengths squared and pointers null: what is on the device is the caller's to
-/// fill in.
+/// The kernel's argument, with squared rest lengths and null pointers. The caller fills in what is on the
+/// device.
 template <class Real>
 ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists,
                                       Formulation formulation);

@@ -9,7 +9,7 @@ namespace voxspring::cuda {
 
 namespace {
 
-// Signed, as OpenMP's loops were made for.
+// Signed, because OpenMP's loops prefer that.
 std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
 
 // Axes of increments begin on a cache line of 128 bytes in float32.

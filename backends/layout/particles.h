@@ -1,4 +1,4 @@
-// How particles lie in memory, built on the host and without a device: words, state, loads and masses.
+// How particles lie in memory: words, state, loads and masses. Built on the host, without a device.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,8 @@
 
 namespace voxspring::cuda {
 
-/// Indices of words are of type int, and so are those of the threads that a last block has beyond them.
+/// The largest number of words. Their indices are of type int, and so are those of surplus threads of a last
+/// block.
 inline constexpr std::size_t max_words = 0x7FFFFFFF - 1023;
 
 /// Which word of an array a particle has.
@@ -25,14 +26,14 @@ struct Placement {
     }
 };
 
-/// One word per voxel, with enough guard words on either side that the 26 neighbours of every voxel are
+/// One word per voxel, with enough guard words on either side that all 26 neighbours of every voxel are
 /// words.
 Placement place_on_grid(const Lattice& lattice);
 /// One word per particle.
 Placement place_compact(const Problem& problem);
 
-/// The state of every particle in its word, as a formulation has it (formulation.h); words without a particle
-/// are zero, and what a formulation has no use for is empty.
+/// The state of every particle in its word, in a formulation (formulation.h). Words without a particle are
+/// zero, and arrays that the formulation does not use are empty.
 template <class Real>
 struct PackedState {
     std::vector<ParticleRecord<Real>> current;      ///< x or u
@@ -51,24 +52,24 @@ template <class Real>
 State unpack(const Problem& problem, const PackedState<Real>& packed, const Placement& placement,
              Formulation formulation);
 
-/// Problem::load, one a word; empty if the problem has none.
+/// Problem::load, one per word. Empty if the problem has none.
 template <class Real>
 std::vector<Vector<Real>> pack_load(const Problem& problem, const Placement& placement);
-/// 1 / mass, one a word; empty if there is one material.
+/// 1 / mass, one per word. Empty if there is one material.
 template <class Real>
 std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& placement);
-/// 1 / stiffness, one a word; empty if there is one material.
+/// 1 / stiffness, one per word. Empty if there is one material.
 template <class Real>
 std::vector<Real> pack_compliance(const Problem& problem, const Placement& placement);
 
-/// `load` and `inverse_masses` are the caller's to point at device memory.
+/// The caller sets the pointers `load` and `inverse_masses` to device memory.
 template <class Real>
 Motion<Real> make_motion(const Problem& problem);
 
 /// Active and pinned bits of every particle.
 std::vector<std::uint32_t> state_bits(const Problem& problem);
 
-/// Terms of records/terms.h that `problem` has, lists aside.
+/// The terms of records/terms.h that `problem` has, except those of lists.
 std::uint32_t terms_of(const Problem& problem);
 
 }  // namespace voxspring::cuda

@@ -17,13 +17,13 @@ namespace {
 
 constexpr std::size_t warp = 32;
 
-// What is dealt out as a whole: a particle, or a row of up to 32 of them.
+// The unit in which particles are dealt out: a particle, or a row of up to 32 of them.
 struct Item {
     glm::ivec3 at;
     std::uint32_t begin = 0, end = 0;  // particles
 };
 
-// What a block may step: ghosts are stepped elsewhere.
+// Visits the particles that a block may step. Ghosts are stepped elsewhere.
 template <class Visit>
 void visit_own(const Problem& problem, Visit visit) {
     auto ghost = problem.ghosts.begin();
@@ -36,7 +36,7 @@ void visit_own(const Problem& problem, Visit visit) {
     }
 }
 
-// Where rows begin: in a part that is cut along x they are its own.
+// Where rows begin: in a part that is cut along x, at its first own column.
 int first_column(const Problem& problem) {
     if (problem.ghosts.empty()) return 0;
     int first = problem.lattice.dims.x;
@@ -77,7 +77,7 @@ void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::s
     const glm::ivec3 sides = high - low;
     int axis = sides.y > sides.x ? 1 : 0;
     if (sides.z >= sides[axis]) axis = 2;
-    // Ties by the other axes: parts are the same whatever order the items had.
+    // Ties are broken by the other axes, so parts do not depend on the order of the items.
     const auto key = [axis](const Item& item) {
         return std::array<int, 4>{item.at[axis], item.at.z, item.at.y, item.at.x};
     };
@@ -87,13 +87,14 @@ void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::s
     bisect(items, middle, end, parts - parts / 2, out);
 }
 
-// The particles of each block; `none` fills lanes of a row that have none.
+// The particles of each block. `none` fills the lanes of a row that have no particle.
 std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max_blocks, bool rows) {
     std::vector<Item> items = items_of(problem, rows);
     const std::size_t most = std::min(std::size_t(max_blocks), items.size());
     std::size_t parts = most;
     if (rows) {
-        // As many rows as the busiest block needs anyway, in as few blocks as hold them all.
+        // The busiest block needs this many rows anyway. All blocks get as many, so that fewer blocks hold
+        // them all.
         const std::size_t rows_a_block = units_of(items.size(), most);
         parts = units_of(items.size(), rows_a_block);
     }
@@ -126,8 +127,8 @@ bool rows_are_full(const Problem& problem) {
            9 * warp * items_of(problem, true).size();
 }
 
-// A linear function of the coordinates that says which bank of shared memory a point is in: a warp whose
-// points are in different banks finds their neighbours in one direction in different banks too.
+// A linear function of the coordinates that says in which bank of shared memory a point is. A warp whose
+// points are in different banks then finds their neighbours in any one direction in different banks too.
 struct Banks {
     int y = 0, z = 0;
     std::size_t of(const glm::ivec3& at) const {
@@ -147,13 +148,13 @@ constexpr auto mirrored_bits = [] {
     return bits;
 }();
 
-// What a warp with such a border calls the direction of a mask bit.
+// The bit that a warp with such a border uses for the direction of a mask bit.
 int mirrored(int bit, int border) {
     static_assert(mirrored_y == border_kind_bits + 1 && mirrored_z == 2 * mirrored_y);
     return mirrored_bits[std::size_t(border) / mirrored_y][std::size_t(bit)];
 }
 
-// Slots of one block's points.
+// The slots of one block's points.
 class Slots {
 public:
     explicit Slots(Banks banks) : banks_(banks) {}
@@ -213,8 +214,8 @@ public:
 private:
     glm::ivec3 at(std::uint32_t i) const { return problem_.lattice.coordinates(problem_.lattice.voxel[i]); }
 
-    // Calls visit(j, direction) for each neighbour j of particle i that a spring of the lattice joins to it,
-    // or an edit may.
+    // Calls visit(j, direction) for each neighbour j of particle i that a lattice spring joins to it, or that
+    // an edit may join to it.
     template <class Visit>
     void visit_neighbours(std::uint32_t i, Visit visit) const {
         const Lattice& lattice = problem_.lattice;
@@ -230,7 +231,7 @@ private:
         });
     }
 
-    // Particles of other blocks that each block reaches, ascending.
+    // Finds the particles of other blocks that each block reaches, ascending.
     void find_borders() {
         reached_.resize(blocks_.size());
 #pragma omp parallel for schedule(dynamic)
@@ -251,7 +252,7 @@ private:
         out_.rounds = std::max(1, int(units_of(most, std::size_t(out_.pollers))));
     }
 
-    // The block that keeps each ghost: the first that reaches it.
+    // Chooses the block that keeps each ghost: the first one that reaches it.
     void find_keepers() {
         for (std::size_t b = 0; b < reached_.size(); ++b) {
             for (const std::uint32_t j : reached_[b]) {
@@ -260,7 +261,8 @@ private:
         }
     }
 
-    // Gives a place in the exchange to what is reached: that of a block together, in the order of its lanes.
+    // Gives particles that are reached a place in the exchange. Those of a block lie together, in the order
+    // of its lanes.
     void publish() {
         std::vector<std::uint8_t> is_reached(problem_.particle_count());
         for (const auto& reached : reached_) {
@@ -276,7 +278,7 @@ private:
                 out_.published[b * std::size_t(out_.lanes) + lane] = published_[i];
             }
         }
-        // A neighbour sends only those of its particles that are reached: no word is unused.
+        // A neighbour sends only those of its particles that are reached, so no word is unused.
         for (const std::uint32_t ghost : problem_.ghosts) {
             if (is_reached[ghost] != 0) published_[ghost] = out_.published_count++;
             out_.ghost_word.push_back(published_[ghost]);
@@ -288,7 +290,7 @@ private:
         out_.polled_slot.assign(polls, 0);
     }
 
-    // The banks in which the warps of a block meet the fewest conflicts.
+    // The banks that give the warps of a block the fewest conflicts.
     Banks choose_banks(const std::vector<std::uint32_t>& lanes) const {
         std::vector<glm::ivec3> points;
         for (const std::uint32_t i : lanes) points.push_back(i == resident_none ? glm::ivec3(-1) : at(i));
@@ -314,7 +316,7 @@ private:
         return best;
     }
 
-    // Fills in what block b has. Returns how many slots it takes.
+    // Fills in the tables of block b. Returns how many slots it takes.
     std::size_t place(std::size_t b) {
         const std::vector<std::uint32_t>& lanes = blocks_[b];
         const std::size_t first = b * std::size_t(out_.lanes);
@@ -341,7 +343,7 @@ private:
             out_.polled_word[poll] = reached[n] | (keeps ? keeps_ghost : 0);
             out_.polled_slot[poll] = std::uint16_t(slot_of[reached[n]] = slots.take(at(reached[n])));
         }
-        // Idle lanes write somewhere that nobody reads.
+        // Idle lanes write to a slot that no lane reads.
         const std::size_t size = slots.size() + (idle.empty() ? 0 : 1);
         for (const std::size_t lane : idle) out_.own_slot[first + lane] = std::uint16_t(slots.size());
 
@@ -371,7 +373,7 @@ private:
                 (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
             });
         }
-        // Where there is nothing the border may be said to be: the more warps of a block are alike the
+        // Where there is nothing, the border may be of any kind. The more warps of a block are alike the
         // better.
         int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
@@ -409,8 +411,8 @@ ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers,
         return Layout(problem, pollers, overlap, deal_out(problem, blocks, rows)).make();
     };
     if (partition == Partition::automatic && rows_are_full(problem)) {
-        // A block has whole rows: where the card has few blocks, that can be more lanes than single particles
-        // take.
+        // A block has whole rows. On a card with few blocks these can take more lanes than single particles
+        // do.
         ResidentLayout layout = lay_out(true);
         if (too_much_for_a_block(layout).empty()) return layout;
     }
@@ -458,7 +460,7 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
 }
 
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together) {
-    // First, since blocks that do not all run at once would wait for each other for ever.
+    // This is checked first: blocks that do not all run at once would wait for each other for ever.
     if (!launches_together) return "the device has no cooperative launches";
     if (problem.particle_count() == 0) return "there is no particle to reside";
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;

@@ -1,5 +1,5 @@
 // Which block of the resident kernel (kernels/resident.cu) steps which particles, and where in shared memory
-// they and what they reach lie. Built on the host and without a device.
+// these and the points that they reach lie. Built on the host, without a device.
 #pragma once
 
 #include <cstdint>
@@ -13,34 +13,34 @@
 
 namespace voxspring::cuda {
 
-/// How particles are dealt out to blocks: in equal numbers by halving the body along its longest side again
-/// and again, or in whole rows of 32 voxels, a warp each, which keeps every neighbour along x within the
+/// How particles are dealt out to blocks: in equal numbers, by halving the body along its longest side again
+/// and again; or in whole rows of 32 voxels, one warp per row, which keeps every neighbour along x within the
 /// warp.
 enum class Partition : std::uint8_t { automatic, bisection, rows };
 
-/// Most of a block that the kernel is made for.
+/// The most lanes per block that the kernel is made for.
 inline constexpr int max_resident_lanes = 512;
 inline constexpr int max_resident_rounds = 4;
 inline constexpr int max_resident_slots = 2048;  ///< 48 KiB of points
 inline constexpr int max_slots_in_ticks = 2016;  ///< whole warps that leave room for an order
 
 /// The tables of ResidentStep. They follow from where particles are and have room for every spring that the
-/// lattice may have, so that edits leave them as they are.
+/// lattice may have, so edits leave them as they are.
 struct ResidentLayout {
     int blocks = 0;
-    int lanes = 0;  ///< of a block: whole warps
+    int lanes = 0;  ///< per block: whole warps
     int pollers = 0;
-    int rounds = 0;  ///< polls of a poller
+    int rounds = 0;  ///< polls per poller
     int slots = 0;   ///< points in shared memory
     std::uint32_t border_kinds = 0;
     std::uint32_t published_count = 0;
     std::vector<std::uint32_t> particle, published, polled, polled_word;
     std::vector<std::uint16_t> own_slot, polled_slot;
-    std::vector<std::uint16_t> neighbour_slot;  ///< ResidentStep::slot if no spring were missing
+    std::vector<std::uint16_t> neighbour_slot;  ///< ResidentStep::slot as if no spring were missing
     std::vector<std::uint8_t> border;
     std::vector<std::uint32_t> lane;  ///< of each particle; resident_none: a ghost
-    /// For each of Problem::ghosts: where in the exchange the part that steps it puts its point, behind what
-    /// blocks of this part publish; or resident_none where no block reaches it.
+    /// For each of Problem::ghosts: where in the exchange the part that steps it puts its point, after the
+    /// points that blocks of this part publish; or resident_none if no block reaches it.
     std::vector<std::uint32_t> ghost_word;
 
     std::uint32_t lane_count() const { return std::uint32_t(blocks) * std::uint32_t(lanes); }
@@ -48,47 +48,47 @@ struct ResidentLayout {
 };
 
 /// `problem` has a lattice, at least one particle that is no ghost, and no springs beyond the lattice; masks
-/// are not asked. Ghosts have no lane: blocks poll their points as they do those of other blocks. At most
-/// `blocks` blocks. `overlap`: springs within a block are added while points from beyond its border are on
-/// their way, where a whole warp can. `automatic` takes rows where they waste no more than a tenth of their
-/// lanes and a block can hold its share.
+/// do not matter. Ghosts have no lane: blocks poll their points as they do those of other blocks. There are
+/// at most `blocks` blocks. `overlap`: if a whole warp can, springs within a block are added while points
+/// from beyond its border are still on their way. `automatic` takes rows if they waste at most a tenth of
+/// their lanes and a block can hold its share.
 ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
                                 bool overlap);
 
-/// ResidentStep::slot where springs are as `mask` says, which is Lattice::mask.
+/// ResidentStep::slot for springs as in `mask`, which is a Lattice::mask.
 std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask);
 
-/// What an edit writes: first words of ResidentStep::slot, of which one may come twice, then bits of
+/// What an edit writes: first words of ResidentStep::slot, one of which may be written twice, then bits of
 /// particles.
 struct ResidentEdit {
     std::vector<EditedWord> words;
-    std::size_t slots = 0;  ///< how many are of ResidentStep::slot
+    std::size_t slots = 0;  ///< how many belong to ResidentStep::slot
 };
-/// `edit` is of springs of the lattice.
+/// `edit` changes springs of the lattice.
 ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit);
 
-/// What a part of a body sends to one beside it: which of its particles, and for each the word of that part's
-/// exchange, or resident_none where nobody there reads it.
+/// What a part of a body sends to a part beside it: which of its particles and, for each, the word of that
+/// part's exchange, or resident_none if no block there reads it.
 struct ResidentSending {
     std::vector<std::uint32_t> particles, words;
 };
 /// Empty, or why lanes cannot send to these neighbours.
 std::string sent_refusal(const std::vector<ResidentSending>& neighbours);
-/// ResidentLinks::sent.
+/// Makes ResidentLinks::sent.
 std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,
                                          const std::vector<ResidentSending>& neighbours);
-/// ResidentLayout::ghost_word of some of the ghosts of `problem`, which was laid out.
+/// ResidentLayout::ghost_word of some of the ghosts of `problem`, whose layout is `layout`.
 std::vector<std::uint32_t> words_of_ghosts(const ResidentLayout& layout, const Problem& problem,
                                            const std::vector<std::uint32_t>& ghosts);
 
-/// Empty, or why no layout of `problem` serves a card of so many multiprocessors, whose blocks may or may not
-/// wait for each other (`launches_together`).
+/// Empty, or why no layout of `problem` suits a card with `multiprocessors` multiprocessors.
+/// `launches_together`: blocks may wait for each other.
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together);
 
-/// Empty, or what of the layout exceeds what the kernel is made for.
+/// Empty, or which limit of the kernel the layout exceeds.
 std::string too_much_for_a_block(const ResidentLayout& layout, ToolMode tool = ToolMode::none);
 
-/// For each lane the number of its particle in `held`, which is ascending, or resident_none.
+/// For each lane the number of its particle in `held`, which is ascending; resident_none: it is not held.
 std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,
                                          const std::vector<std::uint32_t>& held);
 

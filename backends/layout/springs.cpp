@@ -10,7 +10,7 @@ namespace voxspring::cuda {
 
 namespace {
 
-// RestSpring has the offset from the neighbour, SpringRest that to it.
+// RestSpring has the offset from the neighbour, SpringRest the offset to it.
 template <class Real>
 SpringRest<Real> packed_rest(const RestSpring& rest) {
     return {vector_of<Real>(-rest.offset), Real(rest.deficit)};

@@ -1,4 +1,4 @@
-// How springs rest, what names their ends, and which layouts can hold them.
+// How springs lie at rest, how lists name their ends, and which layouts can hold them.
 #pragma once
 
 #include <array>
@@ -14,12 +14,13 @@
 
 namespace voxspring::cuda {
 
-/// The square of a lattice direction's rest length: that of its offset where the lattice is stress-free, so
-/// that it is the very number a kernel computes at rest, and not the square of a rounded root.
+/// The square of a lattice direction's rest length. If the lattice is stress-free it is the square of the
+/// direction's offset, which is the very number that a kernel computes at rest, and not the square of a
+/// rounded root.
 double squared_rest_length(const Problem& problem, const Direction& direction);
 
-/// A rest length as unit_pull() takes it: by increments as it is, else its square, to be measured. The square
-/// is what a kernel finds at rest, so that the force there is zero to the bit.
+/// A rest length as unit_pull() takes it: by increments the length itself, otherwise its square, which is to
+/// be measured. The square is what a kernel finds at rest, so the force there is zero to the bit.
 template <class Real>
 Real listed_length(const Problem& problem, const Direction& direction, Formulation formulation);
 template <class Real>
@@ -34,14 +35,15 @@ template <class Real>
 SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
                                      double rest_length);
 
-/// What names neighbour `index` in a list, which lies in the direction of mask bit `bit`; negative: in none.
+/// The list entry for neighbour `index`, which lies in the direction of mask bit `bit`. Negative: in none of
+/// them.
 std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
 
-/// Empty, or why a list entry cannot name particles and directions in one word, as formulations on
+/// Empty, or why a list entry cannot hold particle and direction in one word, as formulations on
 /// displacements need it.
 std::string beyond_entries(const Problem& problem, Formulation formulation);
 
-/// Empty, or why stiffness and rest length are not the same for all springs of a group.
+/// Empty, or why stiffness and rest length differ between springs of one group.
 std::string beyond_groups(const Problem& problem);
 
 /// The neighbour mask of a particle; 0 without a lattice.

@@ -10,7 +10,7 @@ void TickDesk::open(OrderWords* asked, std::span<AnswerWords> answers) {
     answers_ = answers;
     forces_.assign(answers.size(), {});
     arrived_ = answers.size();
-    // Memory that has just been allocated may hold any numbers; the latest one's tick is over.
+    // New memory may hold any numbers. Give it the number of the latest tick, which is over.
     const std::uint64_t old = tick_word(0U, order_.tick);
     std::fill(std::begin(asked_->word), std::end(asked_->word), old);
     for (AnswerWords& answer : answers_) std::fill(std::begin(answer.word), std::end(answer.word), old);

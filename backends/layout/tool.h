@@ -1,4 +1,4 @@
-// A problem's tool as devices have it, built on the host and without a device.
+// A problem's tool as devices have it, built on the host, without a device.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -14,7 +14,7 @@ template <class Real>
 std::vector<HeldWord<Real>> pack_held(const Problem& problem, const Placement& placement,
                                       Formulation formulation);
 
-/// Backend::tool_force() of what the tool did to each.
+/// Backend::tool_force() from the forces on the held particles.
 template <class Real>
 glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>& forces);
 

@@ -8,10 +8,10 @@
 namespace voxspring::cuda {
 namespace {
 
-/// unit_pull() of a relative position or displacement, the 3 subtractions that it takes included:
-/// squared_length() 3 in float32 and 4 in float64, inverse_root() 1 and 6, fast_reciprocal() 1 and 5, the
-/// density 3. On displacements an offset takes one operation more for each axis along which the neighbour
-/// lies, by increments the deficit 3 and as many again; low parts are 6.
+/// Operations of unit_pull() for a relative position or displacement, including the 3 subtractions that make
+/// it: squared_length() 3 in float32 and 4 in float64, inverse_root() 1 and 6, fast_reciprocal() 1 and 5, the
+/// density 3. On displacements an offset takes one more operation for each axis along which the neighbour
+/// lies; by increments the deficit takes 3 and as many again. Low parts are 6.
 template <class Real>
 std::uint64_t pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);
@@ -25,16 +25,16 @@ std::uint64_t pull_operations(const Direction& direction, Formulation formulatio
 /// The direction of a spring beyond the lattice, which may lie along no axis.
 const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::corner};
 
-/// fast_series_stiffness(), the sum of its arguments included, and the density's multiplication by it.
+/// Operations of fast_series_stiffness(), of the sum of its arguments, and of multiplying the density by it.
 template <class Real>
 constexpr std::uint64_t material_operations = is_single<Real> ? 1 + 1 + 1 : 1 + 5 + 1;
 
-/// Sums of groups into the force.
+/// Operations that add the sums of groups to the force.
 std::uint64_t group_operations(const Problem& problem) {
     std::uint64_t groups = 0;
     for (const std::uint32_t bits : {FACE_BITS, EDGE_BITS, CORNER_BITS})
         groups += (problem.group_bits & bits) != 0 ? 1 : 0;
-    // Materials carry the stiffness, so that the first group's sum is the force.
+    // With materials each spring carries the stiffness, so the first group's sum is already the force.
     if (problem.has_materials() && groups > 0) --groups;
     return groups * vector_operations;
 }
@@ -77,7 +77,7 @@ template <class Real>
 std::uint64_t pull_operations(const Problem& problem, Formulation formulation) {
     const SpringCounts springs = count_springs(problem);
     std::uint64_t operations = springs.beyond * pull_operations<Real>(oblique, formulation);
-    // Springs of a group lie along as many axes.
+    // All springs of a group lie along the same number of axes.
     for (std::size_t g = 0; g < 3; ++g) {
         const auto of_group = std::find_if(directions().begin(), directions().end(),
                                            [&](const Direction& d) { return std::size_t(d.group) == g; });
@@ -103,7 +103,7 @@ StepWork explicit_work(const Problem& problem, bool secondary, Formulation formu
     const std::uint64_t ends = spring_ends(problem);
     work.read_once(ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0)));
     work.operations += 2 * pull_operations<Real>(problem, formulation) + ends * vector_operations;
-    // The stiffness: once a spring end, or once a group.
+    // Operations for the stiffness: once per spring end, or once per group.
     work.operations += secondary ? ends : problem.particle_count() * group_operations(problem);
     return work;
 }

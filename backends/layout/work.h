@@ -1,6 +1,6 @@
-// The least that a step takes, counted from the sources in kernels/: what every strategy has, and the two
-// ways to find neighbours that OpenGL has as well. What one strategy alone does is counted beside its layout.
-// Host code without a device.
+// The least work of a step, counted from the sources in kernels/: the part that all strategies have, and the
+// two ways to find neighbours that OpenGL has as well. What only one strategy does is counted beside its
+// layout. Host code without a device.
 #pragma once
 
 #include <cstdint>
@@ -14,29 +14,29 @@ namespace voxspring::cuda {
 
 template <class Real>
 constexpr bool is_single = sizeof(Real) == sizeof(float);
-/// Along how many axes the neighbour in that direction lies.
+/// The number of axes along which the neighbour in that direction lies.
 inline std::uint64_t axes_of(const Direction& direction) {
     const glm::ivec3 o = direction.offset;
     return std::uint64_t((o.x != 0) + (o.y != 0) + (o.z != 0));
 }
 
-/// Operations of a vector times a scalar, added to a sum or not.
+/// Operations of a vector times a scalar, whether or not it is added to a sum.
 inline constexpr std::uint64_t vector_operations = 3;
 
-/// What integrate_and_store() takes. Bytes: x(t) and x(t - dt) are read and x(t + dt) is written, and each
+/// The work of integrate_and_store(). Bytes: x(t) and x(t - dt) are read and x(t + dt) is written, and each
 /// operand that the scene has is read; by increments x(t) and v are read and x(t + dt) and v are written; low
-/// parts take as much again. All are overwritten in place but for what neighbours read. Vector operations:
-/// the mass, gravity and the time step take 3 and damping 1; next_position() takes 3 more, paper_position()
-/// 2, increments 1 and split sums 2 x 11.
+/// parts take as much again. All are overwritten in place except what neighbours read. Vector operations: the
+/// mass, gravity and the time step take 3 and damping 1; next_position() takes 3 more, paper_position() 2,
+/// increments 1 and split sums 2 x 11.
 template <class Real>
 StepWork motion_work(const Problem& problem, Formulation formulation);
 
-/// Floating-point operations of unit_pull() on every spring, each evaluated once.
+/// Floating-point operations of unit_pull() for all springs, each evaluated once.
 template <class Real>
 std::uint64_t pull_operations(const Problem& problem, Formulation formulation);
 
-/// The work of a step on particles by grid offset. Words of inactive voxels do not count, nor neighbours a
-/// second time.
+/// The work of a step on particles by grid offset. Words of inactive voxels do not count, and neighbours are
+/// not counted a second time.
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation);
 

@@ -1,5 +1,5 @@
 // The arguments of the brick kernel (cuda/kernels/brick.h): how a block covers its brick of the lattice,
-// where in shared memory a particle lies, and the springs that a thread evaluates in the order of its masks'
+// where a particle lies in shared memory, and which springs a thread evaluates, in the order of its masks'
 // bits.
 #pragma once
 
@@ -8,13 +8,13 @@
 
 namespace voxspring::cuda {
 
-/// A block has wx x wy x wz threads. Each thread has one tile of tx x ty x tz particles. X, Y, Z are
-/// coordinates in the brick, i, j, k those in a tile; -1 and what follows the last are in the frame around
-/// them.
+/// A block has wx x wy x wz threads, and each thread has one tile of tx x ty x tz particles. X, Y, Z are
+/// coordinates in the brick; i, j, k are coordinates in a tile. -1 and the number after the last one are in
+/// the frame around them.
 struct BrickShape {
     int tx, ty, tz;
     int wx, wy, wz;
-    bool both;               ///< bricks have neighbours on either side along x, rather than where X ends
+    bool both;               ///< bricks have neighbours on either side along x, not only where X ends
     int row_pad, plane_pad;  ///< words that keep lanes in different banks
 
     VOXSPRING_HOST_DEVICE constexpr int tile() const { return tx * ty * tz; }
@@ -25,9 +25,9 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int ny() const { return ty * wy; }
     VOXSPRING_HOST_DEVICE constexpr int nz() const { return tz * wz; }
 
-    // A row holds its particles by i: the i-th ones of all tiles are neighbours, so that lanes with tiles in
-    // a row are in different banks. The frame's point at X = nx follows the first ones; the one at X = -1, if
-    // there is one, is in front of the last ones.
+    // A row holds its particles by i: the i-th particles of all tiles are neighbours, so that lanes with
+    // tiles in one row are in different banks. The frame's point at X = nx follows the first particles; the
+    // one at X = -1, if there is one, comes before the last ones.
     VOXSPRING_HOST_DEVICE constexpr int column(int i) const {
         const int of = i < 0     ? tx - 1
                        : i == tx ? 0
@@ -39,14 +39,14 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int pitch() const { return row_length() + row_pad; }
     VOXSPRING_HOST_DEVICE constexpr int plane() const { return (ny() + 2) * pitch() + plane_pad; }
     VOXSPRING_HOST_DEVICE constexpr int axis() const { return (nz() + 2) * plane(); }
-    /// Words of the points of every second step.
+    /// Words for the points of one of two alternating steps.
     VOXSPRING_HOST_DEVICE constexpr int half() const { return 3 * axis(); }
-    /// In front of the first row, where X = -1 may be read.
+    /// A word before the first row, where X = -1 may be read.
     static constexpr int guard = 1;
     VOXSPRING_HOST_DEVICE constexpr int shared_words() const { return guard + 2 * half(); }
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes() const { return int(sizeof(float)) * shared_words(); }
 
-    /// The slot of particle (i, Y, Z) of the tile at `tile_x`, in the first half and axis.
+    /// The slot of particle (i, Y, Z) of the tile at `tile_x`, in the first half and the first axis.
     VOXSPRING_HOST_DEVICE constexpr int slot(int tile_x, int i, int Y, int Z) const {
         return guard + (Z + 1) * plane() + (Y + 1) * pitch() + column(i) + tile_x;
     }
@@ -57,19 +57,20 @@ struct BrickShape {
         return slot(X / tx, X % tx, Y, Z);
     }
 
-    /// The sides of a tile that the way to its neighbour (i, j, k) leads across, as bits, of those at which a
-    /// body may end. Beyond j = -1 and k = -1 it goes on: tiles are mirrored there (TilePlace).
+    /// The sides of a tile, as bits, that the way to its neighbour (i, j, k) crosses; only sides at which a
+    /// body may end count. Beyond j = -1 and k = -1 the body goes on, since tiles are mirrored there
+    /// (TilePlace).
     VOXSPRING_HOST_DEVICE constexpr std::uint32_t crossed(int i, int j, int k) const {
         return (i < 0 ? 1U : 0U) | (i == tx ? 2U : 0U) | (j == ty ? 4U : 0U) | (k == tz ? 8U : 0U);
     }
-    static constexpr std::uint32_t sides = 4;  ///< of those
+    static constexpr std::uint32_t sides = 4;  ///< number of those sides
 
     /// The number of a particle in its tile.
     VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) const { return (k * ty + j) * tx + i; }
     bool operator==(const BrickShape&) const = default;
 };
 
-/// Sides of a brick on which there is another, as bits.
+/// Sides of a brick that have another brick beside them, as bits.
 inline constexpr std::uint32_t brick_low_x = 1, brick_high_x = 2, brick_low_y = 4, brick_high_y = 8,
                                brick_low_z = 16, brick_high_z = 32;
 
@@ -80,17 +81,17 @@ struct BrickBlock {
     bool operator==(const BrickBlock&) const = default;
 };
 
-/// Where a thread's tile lies. Tiles are mirrored along y and z where that brings the border of a brick to
-/// the tile's end: what comes from other blocks is always there, and late in a step.
+/// Where a thread's tile lies. Tiles are mirrored along y and z if that brings the border of a brick to the
+/// tile's end. What comes from other blocks is then always there, and is used late in a step.
 struct TilePlace {
     int slot;                 ///< of its particle (0, 0, 0), in the first half and axis
-    int sy, sz;               ///< slots to the next j and k
+    int sy, sz;               ///< slots from one j or k to the next
     int dx, dy, dz;           ///< 1, or -1 where i, j or k runs against the lattice
     int x, y, z;              ///< voxel of its particle (0, 0, 0)
-    std::uint32_t published;  ///< a bit for each particle at the border of the brick
+    std::uint32_t published;  ///< one bit for each particle at the border of the brick
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
-        // Rows of tiles follow each other along z: a few more words per plane keep their banks apart.
+        // Rows of tiles follow each other along z. A few more words per plane keep their banks apart.
         const int tile_x = thread % shape.wx, tile_z = thread / shape.wx % shape.wz,
                   tile_y = thread / (shape.wx * shape.wz);
         const bool turned_y = is_mirrored(tile_y, shape.wy, (block.sides & brick_low_y) != 0),
@@ -133,7 +134,7 @@ struct TilePlace {
 private:
     static VOXSPRING_HOST_DEVICE bool is_mirrored(int tile, int tiles, bool low) {
         if (tiles == 1) return low;
-        // Every other one, so that lanes beside each other in y or z are in different banks.
+        // Every other tile is chosen, so that lanes beside each other in y or z are in different banks.
         return tiles % 2 == 0 ? tile % 2 == 0 : tile == 0;
     }
     static VOXSPRING_HOST_DEVICE bool at_side(std::uint32_t sides, int at, int size) {
@@ -141,31 +142,31 @@ private:
     }
 };
 
-/// A poller with fewer polls keeps them in registers and looks all of them up at once; another so many in
-/// turn.
+/// A poller with no more polls than kept_polls keeps them in registers and looks all of them up at once.
+/// Others look up polls_in_turn at a time.
 inline constexpr int kept_polls = 10, polls_in_turn = 6;
 
-/// A point that a block needs of another.
+/// A point that a block needs from another block.
 struct alignas(8) BrickPoll {
     std::uint32_t from;  ///< element of the lattice; resident_none: no poll
     std::uint32_t slot;  ///< in the first half and axis
     bool operator==(const BrickPoll&) const = default;
 };
 
-/// What a thread's masks say: a bit for each spring of visit_brick_springs(), early ones first, then one for
-/// each particle of the tile that moves and one for each that exists. A word of TileSides follows.
+/// The bits of a thread's masks: one for each spring of visit_brick_springs(), early ones first, then one for
+/// each particle of the tile that moves, and one for each that exists. A word of TileSides follows.
 struct BrickMask {
     int early, springs, particles;
     VOXSPRING_HOST_DEVICE constexpr int moves(int n) const { return springs + n; }
     VOXSPRING_HOST_DEVICE constexpr int exists(int n) const { return springs + particles + n; }
-    /// Words of bits, which is also the number of the word of TileSides.
+    /// The number of words of bits, which is also the index of the word of TileSides.
     VOXSPRING_HOST_DEVICE constexpr int words() const { return (springs + 2 * particles + 31) / 32; }
     VOXSPRING_HOST_DEVICE constexpr int words_in_all() const { return words() + 1; }
 };
 
-/// What a thread's masks come to if its tile is full and has all springs but those across some of its sides:
-/// bit number BrickShape::crossed() says whether there are springs across these. `plain`: it is such a
-/// thread; otherwise there is no bit.
+/// A summary of the masks of a thread whose tile is full and has all springs, except those across some of its
+/// sides. Bit number BrickShape::crossed() says whether there are springs across these sides. `plain`: the
+/// thread is of this kind; otherwise no bit is set.
 struct TileSides {
     static constexpr std::uint32_t plain = 1U << 31U;
     std::uint32_t bits;
@@ -176,29 +177,29 @@ struct TileSides {
     }
 };
 
-/// Everything that a launch needs besides where the particles are. `items` of its base is not used.
+/// Everything that a launch needs besides where the particles are. `items` of the base class is not used.
 struct BrickStep : MarchStep<float> {
     const BrickBlock* blocks;
-    const std::uint32_t* masks;     ///< BrickMask::words_in_all() a lane, `lane_count` apart
+    const std::uint32_t* masks;     ///< BrickMask::words_in_all() per lane, `lane_count` apart
     std::uint32_t lane_count;       ///< of all blocks
     const BrickPoll* polls;         ///< rounds x blocks x pollers
     TaggedPoint* exchange;          ///< 2 x `axis`, by element
-    float* increments;              ///< BrickTile::increment_words a block, if they are not in registers
-    std::uint32_t* started_blocks;  ///< that have read their start, of all launches
+    float* increments;              ///< BrickTile::increment_words per block, if they are not in registers
+    std::uint32_t* started_blocks;  ///< blocks that have read their start, over all launches
     WaitLimit wait;
     bool operator==(const BrickStep&) const = default;
 };
 
-/// Whether a spring leads along (x, y, z), up to 1 each: those of faces and edges.
+/// Whether a spring leads along (x, y, z), each of which is at most 1: those of faces and edges do.
 VOXSPRING_HOST_DEVICE constexpr bool is_face_or_edge(int x, int y, int z) {
     const int squared = x * x + y * y + z * z;
     return squared == 1 || squared == 2;
 }
 
-/// Every spring that a thread evaluates before (`late` = false) or after what is late has come, each with its
-/// bit, which begin at `bit`. visit.both(bit, i, j, k, i2, j2, k2) is a spring between two particles of its
-/// tile, visit.half(...) one from its particle to a point of another's tile, by which that one's thread
-/// evaluates it too. Returns the bit after the last.
+/// Visits every spring that a thread evaluates before (`late` = false) or after late points have come, each
+/// with its bit; bits begin at `bit`. visit.both(bit, i, j, k, i2, j2, k2) is a spring between two particles
+/// of the tile. visit.half(...) is a spring from a particle of the tile to a point of another tile, whose
+/// thread evaluates it too. Returns the bit after the last one.
 template <int tx, int ty, int tz, bool both_x, bool late, class Visit>
 VOXSPRING_HOST_DEVICE constexpr int visit_brick_springs(Visit& visit, int bit) {
     UNROLLED

@@ -6,17 +6,17 @@
 
 namespace voxspring::cuda {
 
-/// Particles of a slice, those that a warp steps.
+/// Particles per slice: those that a warp steps.
 inline constexpr int slice_particles = 32;
 
-/// The rows about a particle's own by (dy, dz), those of its faces first.
+/// The rows around a particle's own row, by (dy, dz); those of its faces come first.
 inline constexpr int row_count = 8;
 // clang-format off
 #define NEIGHBOUR_ROWS(X) \
     X(0, -1, 0) X(1, 1, 0) X(2, 0, -1) X(3, 0, 1) X(4, -1, -1) X(5, 1, 1) X(6, 1, -1) X(7, -1, 1)
 // clang-format on
 
-/// The number of row (dy, dz), or row_count of a particle's own.
+/// The number of row (dy, dz), or row_count for a particle's own row.
 VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
     int number = row_count;
 #define ROW(row, y, z) \
@@ -26,12 +26,12 @@ VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
     return number;
 }
 
-/// What the particles of a slice have in common (delta.h).
+/// What the particles of a slice share (delta.h).
 struct alignas(16) Slice {
     std::int32_t list;     ///< of the particle before the slice; -1: there is none
-    std::uint32_t starts;  ///< bit l: particle l has the list behind that of the particle before it
+    std::uint32_t starts;  ///< bit l: the list of particle l is the one after that of the particle before it
     std::uint32_t off_lattice_begin;  ///< where its springs beyond the lattice begin, in slots of a slice
-    std::uint32_t off_lattice_slots;  ///< slots a particle; 0: no particle of the slice has such a spring
+    std::uint32_t off_lattice_slots;  ///< slots per particle; 0: no particle of the slice has such a spring
     bool operator==(const Slice&) const = default;
 };
 
@@ -41,33 +41,33 @@ struct alignas(16) FourDeltas {
     bool operator==(const FourDeltas&) const = default;
 };
 
-/// What to add to the index of a particle of a run for that of its neighbour in the middle of each row; the
-/// neighbours before and behind that one are one less and one more.
+/// What to add to the index of a particle of a run to get that of its neighbour in the middle of each row.
+/// The neighbours before and after that one have indices one less and one more.
 struct alignas(16) RowDeltas {
     FourDeltas rows[2];
-    /// Bit r: there is nobody in the middle of row r but somebody on either side, so that who is behind has
-    /// the index of the middle.
+    /// Bit r: row r has no particle in the middle but one on either side, so the one after it has the index
+    /// of the middle.
     std::uint32_t gaps;
     std::uint32_t unused[3];
     bool operator==(const RowDeltas&) const = default;
 };
 
-/// Everything a step needs besides positions: what an implicit step has but for the grid, and the lists.
+/// Everything a step needs besides positions: what an implicit step has except for the grid, and the lists.
 template <class Real>
 struct DeltaStep : ImplicitStep<Real> {
     int particles;  ///< particle i is word first + i
     const Slice* slices;
     const RowDeltas* lists;
-    // Springs beyond the lattice; null: there are none. Slot s of particle l of a slice is element
-    // (off_lattice_begin
-    // + s) slice_particles + l. An unused slot names its own particle and has no stiffness.
+    // Springs beyond the lattice. Null: there are none. Slot s of particle l of a slice is element
+    // (off_lattice_begin + s) slice_particles + l. An unused slot names its own particle and has no
+    // stiffness.
     const std::uint32_t* off_lattice_neighbour;
     const SpringConstants<Real>* off_lattice_constants;
     const SpringRest<Real>* off_lattice_rest;  ///< null on positions
     bool operator==(const DeltaStep&) const = default;
 };
 
-/// Slots of springs beyond the lattice come, and are read, in multiples of this.
+/// Slots of springs beyond the lattice are allocated and read in multiples of this.
 inline constexpr int off_lattice_chunk = 2;
 
 }  // namespace voxspring::cuda

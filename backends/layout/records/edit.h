@@ -6,33 +6,33 @@
 
 namespace voxspring::cuda {
 
-/// A particle's new bits, by its word; or what a table has anew, by where.
+/// A particle's new bits and the index of its word, or a table's new value and its index.
 struct alignas(8) EditedWord {
     std::uint32_t word, bits;
 };
 
-/// New lists of some particles, `shape.slots` a particle, one particle after the other.
+/// New lists of some particles, `shape.slots` slots per particle, one particle after the other.
 template <class Real>
 struct EditedRows {
     const std::uint32_t* particle;
     const std::uint32_t* bits;
     const std::uint32_t* neighbour;
     const SpringConstants<Real>* constants;    ///< null without a secondary list
-    const SpringRest<Real>* off_lattice_rest;  ///< null where there is no such list
-    bool squared;                              ///< whether rest lengths are, and have to be measured
+    const SpringRest<Real>* off_lattice_rest;  ///< null if there is no such list
+    bool squared;                              ///< whether rest lengths are squares that have to be measured
 };
 
-/// A slice as an edit leaves it.
+/// A slice after an edit.
 struct alignas(16) EditedSlice {
     std::uint32_t number;
     Slice slice;
 };
 
-/// A spring of the spring array, taken away (stiffness 0), put back or added.
+/// A spring of the spring array that is taken away (stiffness 0), put back or added.
 template <class Real>
 struct EditedSpring {
     SpringEnds ends;
-    /// Its slot, or, where begin < end, the range in which it is the one with this `first`: springs of a
+    /// Its slot. If begin < end, this is the range in which it is the one with this `first`: springs of a
     /// direction ascend by it.
     std::size_t begin, end;
     SpringConstants<Real> constants;
@@ -44,12 +44,12 @@ struct EditedSpring {
 struct alignas(16) ArgumentWord {
     std::uint32_t part[4];  // NOLINT(modernize-avoid-c-arrays)
 };
-/// Values that travel with a kernel's launch, as its argument.
+/// Values that travel as an argument of a kernel's launch.
 template <std::size_t words>
 struct Argument {
     ArgumentWord word[words];  // NOLINT(modernize-avoid-c-arrays)
 };
-/// Bytes of the longest argument that a kernel may have on every device and driver.
+/// The size of the longest argument that a kernel may have on every device and driver.
 inline constexpr std::size_t max_argument_bytes = 3840;
 using ShortArgument = Argument<16>;
 using LongArgument = Argument<max_argument_bytes / sizeof(ArgumentWord)>;

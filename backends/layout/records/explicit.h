@@ -7,12 +7,13 @@
 
 namespace voxspring::cuda {
 
-/// Where slot s of particle i is: element i * particle_stride + s * slot_stride. `vertical` lists (Figure 6
-/// b) have one slot of all particles together, `concatenated` ones (Figure 6 a) all slots of one particle.
+/// Slot s of particle i is element i * particle_stride + s * slot_stride. `vertical` lists (Figure 6 b) keep
+/// one slot of all particles together, `concatenated` lists (Figure 6 a) keep all slots of one particle
+/// together.
 struct ListShape {
     std::uint32_t particle_stride = 0;
     std::uint32_t slot_stride = 0;
-    std::uint32_t slots = 0;  ///< a particle
+    std::uint32_t slots = 0;  ///< per particle
     VOXSPRING_HOST_DEVICE std::size_t at(std::uint32_t particle, std::uint32_t slot) const {
         return std::size_t(particle) * particle_stride + std::size_t(slot) * slot_stride;
     }
@@ -25,12 +26,12 @@ struct ExplicitStep {
     int particles;
     std::uint32_t group_bits;
     ListShape shape;
-    const std::uint32_t* neighbour;            ///< on displacements with a direction code (neighbours.h)
-    const SpringConstants<Real>* constants;    ///< the secondary list; null where groups suffice
-    std::uint32_t first_slot[3];               ///< without: where each group begins in a list,
-    Real stiffness[3], rest_length[3];         ///< and what its springs have in common
+    const std::uint32_t* neighbour;            ///< with a direction code on displacements (neighbours.h)
+    const SpringConstants<Real>* constants;    ///< the secondary list; null if groups suffice
+    std::uint32_t first_slot[3];               ///< without that list: where each group begins in a list,
+    Real stiffness[3], rest_length[3];         ///< and the constants of its springs
     SpringRest<Real> rest[direction_codes];    ///< by direction code
-    const SpringRest<Real>* off_lattice_rest;  ///< by slot, of those with OWN_DIRECTION; null: there are none
+    const SpringRest<Real>* off_lattice_rest;  ///< by slot, for OWN_DIRECTION; null: there are none
     Motion<Real> motion;
     bool operator==(const ExplicitStep&) const = default;
 };
@@ -38,7 +39,7 @@ struct ExplicitStep {
 /// With a secondary list a particle's bits count its springs.
 inline constexpr std::uint32_t list_count_bits = NEIGHBOUR_BITS;
 
-/// Without one they count the springs of each group.
+/// Without a secondary list they count the springs of each group.
 struct GroupCounters {
     static VOXSPRING_HOST_DEVICE std::uint32_t shift(int group) {
         return group == 0 ? 0 : group == 1 ? 3 : 7;
@@ -48,7 +49,7 @@ struct GroupCounters {
     }
 };
 
-/// Slots read at a time; lists by springs come in whole chunks.
+/// Slots that are read at a time; lists by springs have whole chunks.
 inline constexpr int list_chunk = 6;
 
 }  // namespace voxspring::cuda

@@ -9,7 +9,7 @@ namespace voxspring::cuda {
 template <class Real>
 struct alignas(4 * sizeof(Real)) FedWord {
     Vector<Real>
-        rest;  ///< what to take off its place: the rest position, or 0 of a displacement (formulation.h)
+        rest;  ///< to subtract from its place: the rest position, or 0 for a displacement (formulation.h)
     std::uint32_t word;
     bool operator==(const FedWord&) const = default;
 };

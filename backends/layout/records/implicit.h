@@ -12,20 +12,20 @@ struct alignas(16) BlockOrigin {
     bool operator==(const BlockOrigin&) const = default;
 };
 
-/// The active blocks: those that this step takes, and those that the next one will. Marks have a frame of
-/// places around those of the lattice, so that each block has 26 neighbours. A place without particles stays
+/// The active blocks: those that this step takes, and those that the next step will take. Marks have a frame
+/// of places around those of the lattice, so each block has 26 neighbours. A place without particles stays
 /// marked.
 struct ActiveBlocks {
-    int row, slice;            ///< from a block's place to that of the next along y and z
+    int row, slice;            ///< from a block's place to the next one's along y and z
     const BlockOrigin* now;    ///< in any order
-    BlockOrigin* next;         ///< room for all
-    unsigned* now_count;       ///< zero after the step, whose list will be that of the step after the next
-    unsigned* next_count;      ///< zero before
-    std::uint32_t* now_marks;  ///< of each place whether it is listed, or has no particles
+    BlockOrigin* next;         ///< room for all blocks
+    unsigned* now_count;       ///< zero after the step, whose list becomes that of the step after the next
+    unsigned* next_count;      ///< zero before the step
+    std::uint32_t* now_marks;  ///< for each place whether it is listed or has no particles
     std::uint32_t* next_marks;
     unsigned* readers;  ///< blocks of threads that have read now_count; zero before and after
     unsigned* taken;    ///< blocks that the latest step took
-    bool looks;         ///< nothing of what the step changes is stored: the next list alone
+    bool looks;         ///< the step stores only the next list, and nothing of the particles
     bool operator==(const ActiveBlocks&) const = default;
 };
 
@@ -41,10 +41,10 @@ struct ImplicitStep {
     Vector<Real> spacing;
     Real rest_length[13];    ///< of mask bits 2 b and 2 b + 1, as unit_pull() takes it
     Real deficit[13];        ///< likewise: RestSpring::deficit
-    Real stiffness[3];       ///< of each spring group, where there is one material
-    const Real* compliance;  ///< 1 / stiffness of each voxel's material, where there are several
+    Real stiffness[3];       ///< of each spring group, if there is one material
+    const Real* compliance;  ///< 1 / stiffness of each voxel's material, if there are several
     Motion<Real> motion;
-    ActiveBlocks active;  ///< where blocks at rest are not stepped
+    ActiveBlocks active;  ///< for kernels that skip blocks at rest
     bool operator==(const ImplicitStep&) const = default;
 };
 

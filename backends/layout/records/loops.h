@@ -1,4 +1,5 @@
-// Before a loop: its body as often as it runs, so that what it indexes may be registers; or once.
+// Pragmas before a loop. UNROLLED repeats its body, so that arrays that it indexes may be in registers;
+// ROLLED does not.
 #pragma once
 
 #ifdef __CUDACC__

@@ -1,5 +1,5 @@
-// The arguments of the march along z (cuda/kernels/march.h): how blocks cover the lattice, and the springs
-// that a thread evaluates in the order of its masks' bits.
+// The arguments of the march along z (cuda/kernels/march.h): how blocks cover the lattice, and which springs
+// a thread evaluates, in the order of its masks' bits.
 #pragma once
 
 #include "backends/layout/records/loops.h"
@@ -8,18 +8,18 @@
 
 namespace voxspring::cuda {
 
-/// How a block covers a tile: a warp has `lanes` threads along x and 32 / lanes along y, a block `wide` x
-/// `high` warps. Windows lie in shared memory in two rings: `planes` of positions, `befores` of what the step
-/// overwrites.
+/// How a block covers a tile. A warp has `lanes` threads along x and 32 / lanes along y, and a block has
+/// `wide` x `high` warps. Windows lie in shared memory in two rings: `planes` windows of positions, and
+/// `befores` windows of what the step overwrites.
 struct MarchShape {
     int rows, lanes, wide, high, planes, befores;
 
     VOXSPRING_HOST_DEVICE constexpr int warps() const { return wide * high; }
     VOXSPRING_HOST_DEVICE constexpr int threads() const { return 32 * warps(); }
-    /// Columns of particles of a tile.
+    /// Columns of particles per tile.
     VOXSPRING_HOST_DEVICE constexpr int width() const { return 2 * lanes * wide; }
     VOXSPRING_HOST_DEVICE constexpr int height() const { return rows * (32 / lanes) * high; }
-    /// Where in the tile thread `number` begins.
+    /// Where thread `number` begins in the tile.
     VOXSPRING_HOST_DEVICE constexpr int column(int number) const {
         return (number / 32 % wide) * 2 * lanes + 2 * (number % lanes);
     }
@@ -27,13 +27,13 @@ struct MarchShape {
         return ((number / 32 / wide) * (32 / lanes) + number % 32 / lanes) * rows;
     }
 
-    // A window of positions: the tile with a frame of one particle in front and behind and, since a copy
-    // begins on 16 bytes, of as many as those hold to the left and right. One axis after the other. In
-    // elements of `real` bytes:
+    // A window of positions holds the tile with a frame of one particle in front and behind. A copy begins on
+    // 16 bytes, so to the left and right the frame has as many particles as 16 bytes hold. One axis follows
+    // the other. In elements of `real` bytes:
     static VOXSPRING_HOST_DEVICE constexpr int margin(int real) { return 16 / real; }
     VOXSPRING_HOST_DEVICE constexpr int pitch(int real) const { return width() + 2 * margin(real); }
     VOXSPRING_HOST_DEVICE constexpr int axis(int real) const { return pitch(real) * (height() + 2); }
-    /// The element of the particle that a thread begins at.
+    /// The element of the particle at which a thread begins.
     VOXSPRING_HOST_DEVICE constexpr int own(int number, int real) const {
         return (row(number) + 1) * pitch(real) + column(number) + margin(real);
     }
@@ -43,14 +43,14 @@ struct MarchShape {
         return row(number) * width() + column(number);
     }
 
-    /// Bytes from window to window: a copy goes to a multiple of 128.
+    /// Bytes from one window to the next: a copy goes to a multiple of 128.
     VOXSPRING_HOST_DEVICE constexpr int window_bytes(int real) const {
         return (3 * axis(real) * real + 127) / 128 * 128;
     }
     VOXSPRING_HOST_DEVICE constexpr int before_bytes(int real) const {
         return (3 * before_axis() * real + 127) / 128 * 128;
     }
-    /// Both rings, and two barriers of 8 bytes a window.
+    /// Both rings, and two barriers of 8 bytes per window.
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes(int real) const {
         return planes * window_bytes(real) + befores * before_bytes(real) + 16 * (planes + befores);
     }
@@ -60,16 +60,16 @@ struct MarchShape {
 /// Planes `begin` to `end` (exclusive) of the tile whose first particle is that of column (x, y).
 struct alignas(16) MarchItem {
     int x, y, begin, end;
-    /// Where its words begin, of use unless all of its warps have full stencils: for each plane from `begin`
-    /// to `end` (inclusive) one word per thread, as PlaneMask has it.
+    /// Where its words begin, which are used unless all its warps have full stencils: for each plane from
+    /// `begin` to `end` (inclusive) one word per thread, as PlaneMask has it.
     std::size_t words;
-    /// A bit for each warp all of whose particles exist, move and have every spring, but for those to beyond
+    /// One bit for each warp whose particles all exist, move and have every spring, except springs to beyond
     /// the first and last column and plane of the lattice.
     std::size_t full_stencils;
     bool operator==(const MarchItem&) const = default;
 };
 
-/// Lattice springs by how they lie, up to sign: along x, y, z, in the planes xy, xz, yz.
+/// Classes of lattice springs by direction, up to sign: along x, y, z, and in the planes xy, xz, yz.
 inline constexpr int spring_classes = 6;
 VOXSPRING_HOST_DEVICE constexpr int spring_class(int dx, int dy, int dz) {
     if (dz == 0) return dy == 0 ? 0 : dx == 0 ? 1 : 3;
@@ -86,10 +86,9 @@ struct MarchStep {
     const MarchItem* items;
     const std::uint64_t* words;
     Vector<Real> spacing;
-    Real rest_length[spring_classes];  ///< by increments; else 1 / rest length, as inverse_root() has it
+    Real rest_length[spring_classes];  ///< by increments; otherwise 1 / rest length, by inverse_root()
     Real deficit[spring_classes];      ///< RestSpring::deficit
-    /// Stiffness of each class, in units of the one that all edge springs have if they are alike
-    /// (EQUAL_EDGES).
+    /// Stiffness of each class. If all edge springs are alike (EQUAL_EDGES), it is in units of theirs.
     Real stiffness[spring_classes];
     Real scale;            ///< that unit times dt^2 / mass
     Vector<Real> gravity;  ///< times dt^2
@@ -98,21 +97,21 @@ struct MarchStep {
     bool operator==(const MarchStep&) const = default;
 };
 
-/// A CUtensorMap: a lattice's x, y, z and the three axes of its vectors as one tensor.
+/// A CUtensorMap: x, y, z of a lattice and the three axes of its vectors as one tensor.
 struct alignas(128) TensorMap {
     std::uint64_t opaque[16];
     bool operator==(const TensorMap&) const = default;
 };
 
-/// What a step writes: x or u at t + dt (on positions and displacements over those of t - dt), v in place.
+/// What a step writes: x or u at t + dt (on positions and displacements over that of t - dt), and v in place.
 template <class Real>
 struct MarchOutput {
     Real* next;
     Real* increment;
 };
 
-/// The bits of a word: one for each spring of visit_springs(); one for each particle of the plane before
-/// which moves; one for each row of it that has a particle.
+/// The bits of a word: one for each spring of visit_springs(); one for each particle of the previous plane
+/// that moves; one for each row of that plane that has a particle.
 template <int rows>
 struct PlaneMask {
     static constexpr int springs = 23 * rows + 8;
@@ -121,11 +120,11 @@ struct PlaneMask {
     static_assert(springs + 3 * rows <= 64);
 };
 
-/// Every spring that a thread evaluates when a plane arrives, each with its bit. Particles are named by plane
-/// (1: the one that arrived, 0: the one before), row and column; own ones are rows 0 to rows - 1 of columns 0
-/// and 1. visit.both(bit, ...) is a spring between two of them, visit.half(bit, ...) one to a neighbour,
-/// which the neighbour's thread evaluates too. With two rows that makes 13.5 per particle; one by one it
-/// would be 18. Without `vertical`, those within the plane alone.
+/// Visits every spring that a thread evaluates when a plane arrives, each with its bit. Particles are named
+/// by plane (1: the one that arrived, 0: the one before), row and column; a thread's particles are in rows 0
+/// to rows - 1 of columns 0 and 1. visit.both(bit, ...) is a spring between two of them. visit.half(bit, ...)
+/// is a spring to a neighbour, whose thread evaluates it too. With two rows that makes 13.5 springs per
+/// particle; one by one it would be 18. Without `vertical`, only springs within the plane are visited.
 template <int rows, bool vertical, class Visit>
 VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
     int bit = 0;
@@ -138,7 +137,7 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
         visit.both(bit++, 1, r, 0, 1, r + 1, 1);
         visit.both(bit++, 1, r, 1, 1, r + 1, 0);
     }
-    // To the left and right.
+    // Springs to the left and right.
     UNROLLED
     for (int r = 0; r < rows; ++r) {
         UNROLLED
@@ -151,7 +150,7 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
             ++bit;
         }
     }
-    // From plane to plane.
+    // Springs from plane to plane.
     UNROLLED
     for (int r = 0; r < rows; ++r) {
         UNROLLED
@@ -169,7 +168,7 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
             }
         }
     }
-    // To the rows in front and behind.
+    // Springs to the rows in front and behind.
     UNROLLED
     for (int side = 0; side < 2; ++side) {
         const int r = side == 0 ? 0 : rows - 1, y = side == 0 ? -1 : rows;

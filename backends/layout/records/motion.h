@@ -10,8 +10,8 @@ template <class Real>
 struct Motion {
     Vector<Real> gravity;
     Real inverse_mass;           ///< of all particles,
-    const Real* inverse_masses;  ///< or one a word; null: all the same
-    const Vector<Real>* load;    ///< constant force, one a word; null: none
+    const Real* inverse_masses;  ///< or one per word; null: all the same
+    const Vector<Real>* load;    ///< constant force, one per word; null: none
     Real damping;                ///< lambda
     Real retained;               ///< 1 - lambda
     Real doubled;                ///< 2 - lambda
@@ -23,9 +23,9 @@ struct Motion {
 /// What a step writes.
 template <class Real>
 struct Output {
-    ParticleRecord<Real>* next;      ///< of t + dt; on positions and displacements it held those of t - dt
+    ParticleRecord<Real>* next;      ///< at t + dt; on positions and displacements it held t - dt
     ParticleRecord<Real>* next_low;  ///< their low parts (`compensated`)
-    /// v, by increments: x of all words, then y, then z, `pitch` apart. Overwritten in place.
+    /// v, by increments: x of all words, then y, then z, `pitch` apart. A step overwrites it in place.
     Real* increment;
     Real* increment_low;
     std::size_t pitch;

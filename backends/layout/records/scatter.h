@@ -11,13 +11,13 @@ template <class Real>
 struct ScatterStep {
     int particles;
     std::uint32_t group_bits;
-    std::size_t springs;     ///< slots of all arrays; a stiffness of 0 marks one without a spring
-    const SpringEnds* ends;  ///< on displacements `second` with a direction code, as seen from `first`
+    std::size_t springs;     ///< slots of all arrays; a stiffness of 0 marks an empty slot
+    const SpringEnds* ends;  ///< on displacements `second` has a direction code, as seen from `first`
     const SpringConstants<Real>* constants;
     SpringRest<Real> rest[direction_codes];    ///< by direction code
-    const SpringRest<Real>* off_lattice_rest;  ///< by slot, of those with OWN_DIRECTION; null: there are none
-    /// x of all particles, then y, then z, `pitch` apart: neighbouring threads then add to neighbouring
-    /// addresses. Zero between steps.
+    const SpringRest<Real>* off_lattice_rest;  ///< by slot, for OWN_DIRECTION; null: there are none
+    /// x of all particles, then y, then z, `pitch` apart, so that neighbouring threads add to neighbouring
+    /// addresses. It is zero between steps.
     Real* force;
     std::size_t pitch;
     Motion<Real> motion;

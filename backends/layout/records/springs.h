@@ -1,4 +1,4 @@
-// A spring in memory: what its force takes, and which particles it joins.
+// A spring in memory: the constants of its force, and the particles that it joins.
 #pragma once
 
 #include "backends/layout/records/particle.h"
@@ -9,8 +9,8 @@ namespace voxspring::cuda {
 template <class Real>
 struct alignas(2 * sizeof(Real)) SpringConstants {
     Real stiffness;
-    /// As unit_pull() takes it. Where that is as measured_length() gives it on the device, its square until
-    /// then (calibrate_rest_lengths).
+    /// The rest length as unit_pull() takes it. If the device has to measure it with measured_length(), it is
+    /// the square until then (calibrate_rest_lengths).
     Real rest_length;
 };
 
@@ -22,7 +22,7 @@ struct alignas(4 * sizeof(Real)) SpringRest {
     bool operator==(const SpringRest&) const = default;
 };
 
-/// A direction code of a list entry (LISTED_INDEX_BITS of neighbours.h) is less than this.
+/// Direction codes of list entries (LISTED_INDEX_BITS of neighbours.h) are less than this.
 inline constexpr int direction_codes = 32;
 
 /// The two particles of a spring.

@@ -1,4 +1,4 @@
-// Terms of a scene, and what else changes the code of a kernel, as bits.
+// Terms of a scene, and other choices that change the code of a kernel, as bits.
 #pragma once
 
 #include <cstdint>
@@ -10,12 +10,12 @@ inline constexpr std::uint32_t term_damping = 2;
 inline constexpr std::uint32_t term_gravity = 4;
 inline constexpr std::uint32_t term_pins = 8;
 inline constexpr std::uint32_t term_loads = 16;
-inline constexpr std::uint32_t term_off_lattice_rests = 32;  ///< springs beyond the lattice, by displacements
+inline constexpr std::uint32_t term_off_lattice_rests = 32;  ///< springs beyond the lattice, on displacements
 inline constexpr std::uint32_t term_refined_root = 64;       ///< refined_strain_density()
-inline constexpr std::uint32_t term_full_stencil = 128;      ///< no masks where no neighbour is missing
+inline constexpr std::uint32_t term_full_stencil = 128;      ///< no masks if no neighbour is missing
 inline constexpr std::uint32_t term_off_lattice_springs = 256;  ///< springs beyond the lattice, by deltas
 inline constexpr std::uint32_t term_resting = 512;  ///< blocks at rest are not stepped (resting.h)
-inline constexpr std::uint32_t term_flush = 1024;   ///< what is less than flushed_below is zero
+inline constexpr std::uint32_t term_flush = 1024;   ///< what is less than flushed_below becomes zero
 inline constexpr std::uint32_t all_terms =
     term_materials | term_damping | term_gravity | term_pins | term_loads;
 

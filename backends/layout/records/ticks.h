@@ -1,6 +1,6 @@
-// What the host and a resident kernel that does not end say to each other (cuda/kernels/ticks.h), in memory
-// that both reach. Every value is in a word of 8 bytes with the number of its tick. Such a word is written
-// and read whole: where the number has arrived, so has the value, and words may arrive in any order.
+// What the host and a resident kernel that does not end tell each other (cuda/kernels/ticks.h), in memory
+// that both can reach. Every value is in a word of 8 bytes with the number of its tick. Such a word is
+// written and read whole: once the number has arrived, so has the value, and words may arrive in any order.
 #pragma once
 
 #include "backends/layout/records/tool.h"
@@ -22,7 +22,7 @@ VOXSPRING_HOST_DEVICE constexpr float real_in(std::uint64_t word) {
     return __builtin_bit_cast(float, std::uint32_t(word));
 }
 
-/// What the host wants of a tick.
+/// What the host orders in a tick.
 struct TickOrder {
     Vector<float> moved;  ///< where the tool is: ToolState::moved
     std::uint32_t steps;  ///< 0: the kernel stores the state and ends
@@ -39,17 +39,17 @@ struct alignas(32) AnswerWords {
     std::uint64_t word[3];
 };
 
-/// A kernel ends by itself if the host orders nothing for so long. Other blocks wait longer for the block
-/// that looks what the host orders (max_wait_nanoseconds).
+/// A kernel ends by itself if the host orders nothing for this long. Other blocks wait longer for the block
+/// that looks for the host's orders (max_wait_nanoseconds).
 inline constexpr std::uint64_t max_idle_nanoseconds = 1'000'000'000;
 
-/// Where orders and answers go.
+/// Where orders and answers lie.
 struct TickLine {
     const OrderWords* asked;      ///< on the host, which writes it
-    OrderWords* handed_on;        ///< on the device: by block 0 to all others
-    std::uint32_t* taken_blocks;  ///< blocks that have read their order, of all ticks of this launch
+    OrderWords* handed_on;        ///< on the device: from block 0 to all others
+    std::uint32_t* taken_blocks;  ///< blocks that have read their order, over all ticks of this launch
     AnswerWords* answers;         ///< on the host: one for each particle that the tool holds
-    std::uint32_t first_tick;     ///< of this launch; each tick's number is one more than the last one's
+    std::uint32_t first_tick;     ///< of this launch; ticks are numbered one after another
     std::uint64_t max_idle;       ///< nanoseconds
 };
 

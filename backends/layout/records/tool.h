@@ -1,4 +1,4 @@
-// What a tool holds, as devices read it, and what it does there.
+// The particles that a tool holds, as devices read them, and the tool's forces.
 #pragma once
 
 #include "backends/layout/records/particle.h"
@@ -20,7 +20,7 @@ struct alignas(4 * sizeof(Real)) HeldForce {
     Vector<Real> force;
 };
 
-/// How the tool is at the moment.
+/// The present state of the tool.
 template <class Real>
 struct alignas(16) ToolState {
     Vector<Real> moved;
