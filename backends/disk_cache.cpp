@@ -1,6 +1,6 @@
 #include "backends/disk_cache.h"
 
-// In line: the library itself is not needed.
+// The hash is compiled in line, so its library is not needed.
 #define XXH_INLINE_ALL
 #include <unistd.h>
 #include <xxhash.h>
@@ -74,7 +74,7 @@ std::optional<std::string> DiskCache::find(const std::string& name) const {
     const std::string sum = content.substr(size - hash_digits);
     content.resize(size - hash_digits);
     if (hash_of(content) != sum) return std::nullopt;
-    // What was used last goes last.
+    // The file that was used last is deleted last.
     fs::last_write_time(file(name), fs::file_time_type::clock::now(), error);
     return content;
 }
@@ -98,7 +98,7 @@ void DiskCache::keep(const std::string& name, std::string_view content) const {
         }
         make_room();
     } catch (const std::exception&) {
-        // A full or read-only disk costs time, not the result.
+        // A full or read-only disk costs time, but not the result.
     }
 }
 

@@ -1,4 +1,4 @@
-// What is dear to compute and follows from its inputs alone, kept on disk under the hash of those inputs.
+// Keeps on disk what is slow to compute and depends only on its inputs, under the hash of those inputs.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 namespace voxspring {
 
-/// XXH3 of 128 bits, of bytes as this machine stores them (the cache does not travel).
+/// XXH3 with 128 bits, of bytes as this machine stores them (the cache is not portable).
 class Hash {
 public:
     Hash();
@@ -44,23 +44,23 @@ private:
 std::string hash_of(std::string_view text);
 inline constexpr std::size_t hash_digits = 32;
 
-/// A folder of entries by name. No member throws: without a folder that can be written it finds nothing and
-/// keeps nothing.
+/// A folder of entries by name. No member throws: if the folder cannot be written, nothing is found and
+/// nothing is kept.
 class DiskCache {
 public:
     static constexpr std::uint64_t two_gib = std::uint64_t(2) << 30;
 
-    /// $VOXSPRING_CACHE, else $XDG_CACHE_HOME/voxspring, else ~/.cache/voxspring; empty: no cache.
+    /// $VOXSPRING_CACHE, or else $XDG_CACHE_HOME/voxspring, or else ~/.cache/voxspring. Empty: no cache.
     static std::filesystem::path folder_of_user();
 
     explicit DiskCache(std::filesystem::path folder = folder_of_user(), std::uint64_t max_bytes = two_gib)
         : folder_(std::move(folder)), max_bytes_(max_bytes) {}
 
-    /// What is kept under `name`. Nothing if there is none, or if its file is truncated or fails its
-    /// checksum.
+    /// The content kept under `name`. There is none if there is no such entry, or if its file is truncated or
+    /// fails its checksum.
     std::optional<std::string> find(const std::string& name) const;
-    /// Keeps it, so that a reader sees all of it or nothing; what was used longest ago goes until all fits
-    /// into `max_bytes`. What takes more than half of them is not kept.
+    /// Keeps `content` so that a reader sees all of it or nothing. Entries that were used longest ago are
+    /// deleted until all fit into `max_bytes`. Content of more than half of that is not kept.
     void keep(const std::string& name, std::string_view content) const;
 
 private:

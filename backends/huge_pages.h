@@ -9,8 +9,8 @@
 
 namespace voxspring {
 
-/// Asks for huge pages in memory of a large array. The system clears a page at its first touch, and page by
-/// small page that takes longer than to fill an array or to copy it. A wish: where it is refused nothing
+/// Asks for huge pages in the memory of a large array. The system clears a page at its first touch, and with
+/// small pages that takes longer than filling or copying the array. If the request is refused nothing
 /// changes.
 inline void prefer_huge_pages(void* memory, std::size_t bytes) {
     constexpr std::uintptr_t page = std::uintptr_t(1) << 21;

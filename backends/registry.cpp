@@ -49,7 +49,7 @@ std::string checked(const std::string& backend, const std::string& key, const st
     return value;
 }
 
-/// Throws BadSpecification where there is none.
+/// Throws BadSpecification if there is none.
 const BackendEntry& entry_named(const std::string& name) {
     const auto found = registry().find(name);
     if (found != registry().end()) return found->second;
@@ -83,7 +83,7 @@ void set_tuning(const BackendEntry& entry, Options& options, const std::string& 
     }
 }
 
-/// Throws BadSpecification where the backend has no such key or value.
+/// Throws BadSpecification if the backend has no such key or value.
 void set_option(const BackendEntry& entry, Options& options, const std::string& key,
                 const std::string& value) {
     const auto one_of = [&](const auto& known) {
@@ -104,7 +104,7 @@ void set_option(const BackendEntry& entry, Options& options, const std::string& 
 }  // namespace
 
 std::vector<Skip> BackendEntry::skips() const {
-    // What these two parameters mean is the same in every backend that has them.
+    // These two parameters mean the same in every backend that has them.
     static const std::vector<Skip> known = {{"terms", "needed", "all"}, {"rest", "skip", "step"}};
     std::vector<Skip> own;
     for (const Skip& skip : known) {

@@ -1,4 +1,4 @@
-// The roster at run time: every backend registers itself under its name from a static initialiser.
+// The roster at run time: every backend registers itself under its name with a static initialiser.
 #pragma once
 
 #include <cstdint>
@@ -12,22 +12,22 @@
 
 namespace voxspring {
 
-/// A tuning parameter: its accepted values, the default first. An empty list accepts a positive integer
-/// or "auto", which is the default.
+/// The accepted values of a tuning parameter, the default first. An empty list accepts a positive integer or
+/// "auto", which is the default.
 using TuningValues = std::vector<std::string>;
 
-/// What a backend that has all formulations registers.
+/// For a backend that has all formulations.
 inline const std::vector<Formulation> every_formulation = {Formulation::increment, Formulation::position,
                                                            Formulation::displacement,
                                                            Formulation::compensated, Formulation::paper};
 
-/// A tuning parameter of two values that give the same bits: with one the backend leaves out work that this
-/// problem does not need, with the other it does all of it.
+/// Two values of a tuning parameter that give the same bits: with `skipping` the backend leaves out work that
+/// a problem does not need, with `stepping` it does all of it.
 struct Skip {
     std::string parameter, skipping, stepping;
 };
 
-/// A backend as the harness knows it before any device is touched.
+/// What the harness knows of a backend before any device is touched.
 struct BackendEntry {
     std::string name;     ///< also its file, the `backend` field of a result and its test's name
     std::string summary;  ///< one sentence
@@ -35,19 +35,19 @@ struct BackendEntry {
     std::vector<Formulation> formulations{Formulation::position};  ///< the default first
     std::map<std::string, TuningValues> tuning;
     std::function<std::unique_ptr<Backend>(const Options&)> make;
-    /// Bytes of memory, on the device if it has its own, that upload() would take.
+    /// Bytes of memory that upload() would take. It is the device's memory if the device has its own.
     std::function<std::uint64_t(const Problem&, const Options&)> bytes;
-    /// How far a particle may fall behind in a step because the options ask for it, in spacings. Empty: not
-    /// at all.
+    /// How far a particle may fall behind per step because the options ask for it, in spacings. Empty: not at
+    /// all.
     std::function<double(const Options&)> admitted_spacings_per_step = {};
-    /// By how much its roots and divisions are off, relatively, because the options ask for approximations.
-    /// Empty: by no more than its precision.
+    /// The relative error of its roots and divisions because the options ask for approximations. Empty: no
+    /// more than that of its precision.
     std::function<double(const Options&)> root_error = {};
-    /// Empty, or why these values do not go together ("rest=flush is for increment and compensated"). Empty
-    /// function: all do.
+    /// Returns an empty string, or why these values do not go together ("rest=flush is for increment and
+    /// compensated"). Empty function: all values go together.
     std::function<std::string(const Options&)> refused_options = {};
 
-    /// Those of its tuning parameters that only leave work out.
+    /// Its tuning parameters that only leave work out.
     std::vector<Skip> skips() const;
 };
 
@@ -59,21 +59,21 @@ struct Registered {
 /// Every backend of this build, by name.
 const std::map<std::string, BackendEntry>& registry();
 
-/// Backends that the source has but this build left out: name to reason (CMakeLists.txt).
+/// Backends that the source has but this build left out, with the reason by name (CMakeLists.txt).
 const std::map<std::string, std::string>& left_out();
 
-/// Why a backend specification was refused; the message names what is accepted.
+/// Why a backend specification was refused. The message names what is accepted.
 class BadSpecification : public std::invalid_argument {
     using std::invalid_argument::invalid_argument;
 };
 
-/// A backend and its options, as a user writes them: `NAME[:key=value[,key=value]...]` where a key is
-/// `precision`, `formulation` or a tuning parameter of that backend, each named once.
+/// A backend and its options, as a user writes them: `NAME[:key=value[,key=value]...]`. A key is `precision`,
+/// `formulation` or a tuning parameter of that backend, and is named at most once.
 struct BackendSpec {
     const BackendEntry* entry = nullptr;
     Options options;
 
-    /// Throws BadSpecification: `auto` too, which no name stands for before a scene is known.
+    /// Throws BadSpecification, also for `auto`, which stands for no backend before a scene is known.
     static BackendSpec parse(const std::string& text);
     std::unique_ptr<Backend> make() const { return entry->make(options); }
     double admitted_spacings_per_step() const {
@@ -84,8 +84,8 @@ struct BackendSpec {
     std::string tuning() const;
     /// What parse() takes: "NAME:formulation=...,precision=...[,key=value...]".
     std::string text() const;
-    /// NAME/formulation/precision[/tuning], the tuning parameters that are not at their default: what a
-    /// result row is called after its scene. Two backends at their defaults differ in NAME alone, so that
+    /// NAME/formulation/precision[/tuning], with the tuning parameters that are not at their default. A
+    /// result row is called this after its scene. Two backends at their defaults differ only in NAME, so
     /// Google Benchmark's compare.py pairs them.
     std::string label() const;
 };

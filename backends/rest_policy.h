@@ -1,5 +1,5 @@
 // Which tiles of a lattice may be left out of a step, and whether it pays to find out: the rules of the
-// tuning parameter `rest`, for every backend that has it. How tiles are found is the backend's own business.
+// tuning parameter `rest`, for every backend that has it. Each backend has its way to find such tiles.
 #pragma once
 
 #include <cstddef>
@@ -11,26 +11,26 @@
 
 namespace voxspring {
 
-/// What `rest` says of a tile whose state did not change in the latest step.
+/// What `rest` does with a tile whose state did not change in the latest step.
 enum class Rest : std::uint8_t {
     step,    ///< it is stepped like all others
-    choose,  ///< rest=auto: as `step` or as `skip`, whichever takes less
+    choose,  ///< rest=auto: like `step` or like `skip`, whichever takes less time
     skip,    ///< it is left out, which changes no bit
-    flush,   ///< as `skip`, and displacements and increments below flushed_below become zero
+    flush,   ///< like `skip`, and displacements and increments below flushed_below become zero
 };
 
-/// rest=auto is `step` where every term is to be computed.
+/// The value of `rest`. rest=auto means `step` if every term is to be computed.
 Rest rest_of(const Options& options);
 
 /// Empty, or why `rest` does not go with the formulation (BackendEntry::refused_options).
 std::string refused_rest(const Options& options);
 
-/// Whether a body at rest stays so: nothing but springs acts on it.
+/// Whether a body at rest stays at rest, because nothing but springs acts on it.
 bool stays_at_rest(const Problem& problem);
 
-/// Decides from step to step whether tiles are checked for rest, which costs a little. It checks for a
-/// period, asks then how many tiles were active, and pauses where too few rested. Each pause in a row is
-/// twice as long.
+/// Decides from step to step whether tiles are checked for rest, which costs a little. Tiles are checked for
+/// a period. Then the policy asks how many tiles were active, and pauses if too few rested. Each pause in a
+/// row is twice as long as the one before.
 class RestPolicy {
 public:
     struct Parameters {
@@ -42,10 +42,10 @@ public:
 
     explicit RestPolicy(const Parameters& parameters) : parameters_(parameters) {}
 
-    /// Before the first step. `checks`: tiles are checked at first. `chooses`: this may change.
+    /// To be called before the first step. `checks`: tiles are checked at first. `chooses`: this may change.
     void start(bool checks, bool chooses);
 
-    /// Whether tiles are checked now or may be later.
+    /// Whether tiles are checked now or may be checked later.
     bool may_check() const { return checks_ || chooses_; }
     /// Whether the next step checks them.
     bool checks() const { return checks_; }
@@ -53,17 +53,17 @@ public:
         return parameters_.paying_denominator * active <= parameters_.paying_numerator * tiles;
     }
 
-    /// At most that many steps may be made before is_due() is asked again.
+    /// The most steps that may be made before is_due() is asked again.
     int steps_to_decision() const { return chooses_ ? left_ : std::numeric_limits<int>::max(); }
     void stepped(int steps) { left_ -= chooses_ ? steps : 0; }
-    /// Whether one of the three below has to follow.
+    /// Whether one of the three functions below has to be called.
     bool is_due() const { return chooses_ && left_ <= 0; }
 
-    /// Checks begin, or begin again: the caller wakes every tile.
+    /// Begins checks, or begins them again. The caller wakes every tile.
     void begin_checks();
-    /// Tells that `active` of `tiles` tiles were active of late.
+    /// Tells that recently `active` of `tiles` tiles were active.
     void decide(std::size_t active, std::size_t tiles);
-    /// The number of active tiles is not known yet.
+    /// Called if the number of active tiles is not known yet.
     void go_on() { left_ = parameters_.period; }
 
 private:

@@ -1,4 +1,4 @@
-// A limit on the size of files (ulimit -f) is an error to report, not the end of the process.
+// Makes a limit on the size of files (ulimit -f) an error to report, instead of the end of the process.
 #pragma once
 
 #include <pthread.h>
@@ -9,8 +9,8 @@
 
 namespace voxspring {
 
-/// As long as it lives, a file of this thread's that may grow no further is an error of write() rather than a
-/// signal that ends the process.
+/// While such an object exists, write() returns an error in this thread if a file may grow no further; the
+/// process gets no signal that would end it.
 class SizeLimitAsError {
 public:
     SizeLimitAsError() {

@@ -6,8 +6,8 @@
 namespace voxspring {
 namespace {
 
-/// Letters to leave out, add, change or swap with their neighbour until one word is the other (restricted
-/// Damerau-Levenshtein distance).
+/// The number of letters to leave out, add, change or swap with their neighbour until one word becomes the
+/// other (restricted Damerau-Levenshtein distance).
 std::size_t distance(const std::string& a, const std::string& b) {
     // Rows of the table for the first i - 2, i - 1 and i letters of a.
     std::vector<std::size_t> before(b.size() + 1), last(b.size() + 1), row(b.size() + 1);
@@ -29,7 +29,7 @@ std::size_t distance(const std::string& a, const std::string& b) {
 }  // namespace
 
 std::string closest(const std::string& word, const std::vector<std::string>& known) {
-    constexpr std::size_t longest = 100;  // what is longer is no name
+    constexpr std::size_t longest = 100;  // a longer word is no name
     std::string found;
     std::size_t least = std::max<std::size_t>(1, word.size() / 3) + 1;
     if (word.empty() || word.size() > longest) return found;

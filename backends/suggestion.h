@@ -1,4 +1,4 @@
-// "did you mean heart?" after a name that is not known.
+// "did you mean heart?" after an unknown name.
 #pragma once
 
 #include <string>
@@ -6,11 +6,12 @@
 
 namespace voxspring {
 
-/// The one of `known` that `word` is most like, if it is as like as a misspelling: a third of its letters,
-/// one at least, left out, added, changed or swapped with the next one. Empty if none is.
+/// The word of `known` that is most like `word`, if it could be a misspelling of it: up to a third of its
+/// letters, and at least one, are left out, added, changed or swapped with the next one. Empty if there is
+/// none.
 std::string closest(const std::string& word, const std::vector<std::string>& known);
 
-/// "; did you mean heart?", to be put after a message; empty where nothing is close.
+/// "; did you mean heart?", to be put after a message. Empty if no word is close.
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known);
 
 }  // namespace voxspring

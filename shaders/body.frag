@@ -1,15 +1,15 @@
-// A lit surface in the colours of its values: soft light from the sky, a lamp from the upper left, a trace of
-// gloss.
+// A lit surface in the colours of its values: soft light from the sky, a lamp from the upper left, and a
+// trace of gloss.
 in vec3 surface_normal;
 in float surface_value;
 
-uniform vec4 colours[KNOTS];  // from value 0 to 1
+uniform vec4 colours[KNOTS];  // for values from 0 to 1
 
 out vec4 colour;
 
 void main() {
     float size = length(surface_normal);
-    vec3 normal = size > 0 ? surface_normal / size : vec3(0, 0, 1);  // none where a body has collapsed
+    vec3 normal = size > 0 ? surface_normal / size : vec3(0, 0, 1);  // no normal where a body has collapsed
     if (!gl_FrontFacing) normal = -normal;  // the inside of a cut, or a voxel turned inside out
     const vec3 lamp = normalize(vec3(-0.35, 0.55, 0.75));
     float sky = 0.5 + 0.5 * normal.y;

@@ -1,5 +1,5 @@
-// A body's surface, already as the camera sees it: x to the right, y up, z towards the viewer, all within -1
-// to 1.
+// A body's surface, already in the coordinates of the camera: x to the right, y up, z towards the viewer, all
+// from -1 to 1.
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in float value;

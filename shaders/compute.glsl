@@ -1,9 +1,9 @@
-// What an invocation does for its particle however it finds the neighbours: pull, integrate, write. The
-// arithmetic is that of the CUDA kernels (cuda/kernels/motion.h).
+// What an invocation does for its particle, however it finds the neighbours: it adds up forces, integrates
+// and writes. The arithmetic is that of the CUDA kernels (cuda/kernels/motion.h).
 //
-// A word has a particle's x or u in xyz and its bits in w (neighbours.h). A step reads words and writes next
-// words, which held those of t - dt; increments lie in arrays of their own, which it overwrites in place: x
-// of all words, then y, then z, `pitch` apart.
+// A word has a particle's x or u in xyz and its bits in w (neighbours.h). A step reads words and writes the
+// next words, which held those of t - dt. Increments lie in separate arrays, which a step overwrites in
+// place: x of all words, then y, then z, `pitch` apart.
 #include "motion.glsl"
 #include "pull.glsl"
 #include "words.glsl"
@@ -23,7 +23,7 @@ layout(std430, binding = 1) restrict buffer NextWords { Vec4 next_words[]; };
 layout(std430, binding = 2) restrict buffer Increments { Real increments[]; };
 layout(std430, binding = 4) restrict writeonly buffer NextWordsLow { Vec4 next_words_low[]; };
 layout(std430, binding = 5) restrict buffer IncrementsLow { Real increments_low[]; };
-// Force on each word's particle: three numbers a word.
+// Force on each word's particle: three numbers per word.
 layout(std430, binding = 6) restrict readonly buffer Loads { Real loads[]; };
 layout(std430, binding = 7) restrict readonly buffer InverseMasses { Real inverse_masses[]; };
 
@@ -31,7 +31,7 @@ UNIFORMS(ComputeUniforms, 18)
 UNIFORM int pitch;
 END_UNIFORMS
 
-// Where a particle is, as its neighbours see it.
+// The place of a particle, as its neighbours see it.
 struct Point {
     Vec3 high;
     Vec3 low;
@@ -61,7 +61,7 @@ Vec3 before_of(int index) {
 #endif
 }
 
-// Writes the particle's state at t + dt, under the sum of its spring forces at t. `before` is
+// Writes the particle's state at t + dt, given the sum of its spring forces at t. `before` is
 // before_of(index).
 void integrate_and_store(int index, Point here, uint bits, Vec3 before, Vec3 spring_force_sum) {
     precise Vec3 force = spring_force_sum;

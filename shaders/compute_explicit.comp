@@ -1,12 +1,13 @@
-// Each particle is an invocation. A list has its neighbours (lists.glsl).
+// Each invocation steps one particle, whose list has its neighbours (lists.glsl).
 //
-// With SECONDARY each spring has its own stiffness and rest length, and a particle's bits count all of its
-// springs. Otherwise each group has one of either, and the bits count the springs of each group. FACES, EDGES
-// and CORNERS say which groups of springs the scene has or, with ALL_GROUPS, may have. OFF_LATTICE_REST says
-// that the scene has springs beyond the lattice and the formulation asks how they lie at rest.
+// With SECONDARY each spring has its stiffness and rest length, and a particle's bits count all of its
+// springs. Otherwise each group has one stiffness and one rest length, and the bits count the springs of each
+// group. FACES, EDGES and CORNERS say which groups of springs the scene has or, with ALL_GROUPS, may have.
+// OFF_LATTICE_REST says that the scene has springs beyond the lattice and that the formulation needs to know
+// how they lie at rest.
 //
-// Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
-// zero. So lists can be read in whole chunks, before the counters that say where they end.
+// Every list has the same number of slots. An unused slot holds the particle itself, which exerts no force on
+// itself. So lists can be read in whole chunks, before the counters that say where they end.
 #ifdef ADDRESSED
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require
@@ -28,8 +29,8 @@ layout(local_size_x = BLOCK) in;
 UNIFORMS(ExplicitUniforms, 19)
 UNIFORM int particles;
 UNIFORM int slot_stride;
-UNIFORM Vec4 rest[32];  // the same by direction code, but on positions
-// Of each group, without SECONDARY. No slot: the scene has no such springs.
+UNIFORM Vec4 rest[32];  // on displacements, by direction code
+// Without SECONDARY: the first slot of each group. A group without a slot has no springs in the scene.
 UNIFORM int first_slot[3];
 UNIFORM int slots[3];
 UNIFORM Real rest_length[3];
@@ -57,7 +58,7 @@ uint count_of(uint bits, const int group) {
     return group == 0 ? bits & 7u : group == 1 ? bits >> 3 & 15u : bits >> 7 & 15u;
 }
 
-// `most`: slots of a group that there is.
+// `most`: the number of slots of a group that exists.
 Vec3 pull_of_group(Point here, int i, uint bits, const int group, const int most) {
     precise Vec3 sum = Vec3(0);
     Place at = PLACE(i, first_slot[group]);

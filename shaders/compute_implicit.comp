@@ -1,11 +1,11 @@
-// One invocation a voxel: its neighbours are at fixed offsets in the grid, and its mask says which of them
-// exist. FACES, EDGES and CORNERS say which groups of springs the scene has, ORIGINS that only the work
-// groups with an active voxel are dispatched, VOTE that a subgroup whose particles all have every neighbour
-// goes a way without masks. TILE is defined where neighbours come from shared memory, SUBGROUPS where
-// subgroups can vote.
+// One invocation per voxel: its neighbours are at fixed offsets in the grid, and its mask says which of them
+// exist. FACES, EDGES and CORNERS say which groups of springs the scene has. ORIGINS says that only the work
+// groups with an active voxel are dispatched, VOTE that a subgroup runs code without masks if its particles
+// all have every neighbour. TILE is defined if neighbours come from shared memory, SUBGROUPS if subgroups can
+// vote.
 //
-// Guard words before the first voxel and after the last: the neighbours of any voxel, inside the lattice or
-// not, are words that may be read.
+// Guard words lie before the first voxel and after the last one: the neighbours of any voxel, inside the
+// lattice or not, are words that may be read.
 #ifdef SUBGROUPS
 #extension GL_KHR_shader_subgroup_vote : require
 #endif
@@ -24,26 +24,26 @@ layout(local_size_x = BLOCK_X, local_size_y = BLOCK_Y, local_size_z = BLOCK_Z) i
 #endif
 
 layout(std430, binding = 8) restrict readonly buffer Compliances { Real compliances[]; };
-// The voxel that each work group begins at.
+// The voxel at which each work group begins.
 layout(std430, binding = 9) restrict readonly buffer Origins { ivec4 origins[]; };
 
 UNIFORMS(ImplicitUniforms, 19)
 UNIFORM ivec3 grid_dims;
 UNIFORM int grid_first_word;
-// By mask bit / 2.
+// One per two mask bits: element bit / 2.
 UNIFORM Real rest_length[13];
 UNIFORM Real group_stiffness[3];
 END_UNIFORMS
 
-// Constants where DIMS_X is one, so that the compiler knows how far away a neighbour is.
+// Constants if DIMS_X is one, so that the compiler knows the distance of each neighbour.
 #define dims (DIMS_X > 0 ? ivec3(DIMS_X, DIMS_Y, DIMS_Z) : grid_dims)
 #define first_word (DIMS_X > 0 ? FIRST_WORD : grid_first_word)
 
 int word_of(ivec3 voxel) { return first_word + voxel.x + dims.x * (voxel.y + dims.y * voxel.z); }
 
 #ifdef TILE
-// The group's voxels and a frame of one around them, an array an axis, so that neighbouring invocations read
-// neighbouring banks.
+// The group's voxels and a frame of one voxel around them. Each axis is a separate array, so that
+// neighbouring invocations read neighbouring banks.
 const ivec3 tile_dims = ivec3(BLOCK_X, BLOCK_Y, BLOCK_Z) + 2;
 const int tile_cells = tile_dims.x * tile_dims.y * tile_dims.z;
 shared Real tile_x[tile_cells], tile_y[tile_cells], tile_z[tile_cells];
@@ -53,7 +53,7 @@ shared Real low_x[tile_cells], low_y[tile_cells], low_z[tile_cells];
 
 int tile_cell(ivec3 at) { return at.x + tile_dims.x * (at.y + tile_dims.y * at.z); }
 
-// What lies outside of the lattice, and one voxel around it, is left unset and belongs to no spring.
+// What lies outside of the lattice and the voxels next to it stays unset; it belongs to no spring.
 void fill_tile(ivec3 origin) {
     for (int cell = int(gl_LocalInvocationIndex); cell < tile_cells; cell += BLOCK_X * BLOCK_Y * BLOCK_Z) {
         ivec3 voxel =
@@ -85,9 +85,9 @@ Point tile_point(int cell) {
 #define NEIGHBOUR(dx, dy, dz) point_of(index + dims.x * ((dy) + dims.y * (dz)) + (dx))
 #endif
 
-// Every neighbour is read, so that a fetch waits for no mask; what an absent one gives is dropped by
-// selection, and a NaN in an inactive voxel stays there. `whole`: the particle has every neighbour of the
-// groups that are compiled in.
+// Every neighbour is read, so no fetch waits for a mask. A selection drops what an absent neighbour gives,
+// and a NaN in an inactive voxel stays there. `whole`: the particle has every neighbour of the groups that
+// are compiled in.
 Vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits) {
     precise Vec3 force = Vec3(0);
     precise Vec3 group;
@@ -123,8 +123,8 @@ Vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits
     return force;
 }
 
-// Whether the particles of this subgroup's invocations have every neighbour of the groups that are compiled
-// in.
+// Whether the particles of all invocations of this subgroup have every neighbour of the groups that are
+// compiled in.
 bool all_whole(uint bits) {
 #ifdef SUBGROUPS
     uint all_bits = (FACES ? FACE_BITS : 0u) | (EDGES ? EDGE_BITS : 0u) | (CORNERS ? CORNER_BITS : 0u);

@@ -1,5 +1,5 @@
-// Whether particles are where a run may take them: one invocation a texel or, with STORAGE_BUFFERS, strides
-// over the words of compute.glsl. BY_INCREMENTS as in motion.glsl.
+// Whether all particles are where a run may take them. There is one invocation per texel or, with
+// STORAGE_BUFFERS, invocations stride over the words of compute.glsl. BY_INCREMENTS is as in motion.glsl.
 #include "neighbours.h"
 #include "portable.h"
 #include "uniforms.glsl"
@@ -7,7 +7,7 @@
 
 layout(local_size_x = 64) in;
 
-// `other`: by increments the increment, else the position before.
+// `other`: the increment if by increments, otherwise the position before.
 #ifdef STORAGE_BUFFERS
 layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
 #ifdef BY_INCREMENTS
@@ -20,8 +20,8 @@ layout(binding = 0) uniform sampler2D position;
 layout(binding = 1) uniform sampler2D other;
 #endif
 
-// The number of the first check that failed and, in Vulkan, that of the next one: a recorded check does not
-// know its own (next_check.comp).
+// The number of the first check that failed and, in Vulkan, the number of the next check: a recorded check
+// does not know its number (next_check.comp).
 layout(std430, binding = 3) buffer Found {
     uint found;
 #ifdef VULKAN
@@ -39,7 +39,7 @@ END_UNIFORMS
 #define check_number int(next_check)
 #endif
 
-const uint infinite = 0x7F800000u;  // bits of infinity, and the exponent of whatever is not finite
+const uint infinite = 0x7F800000u;  // bits of infinity, and the exponent of every number that is not finite
 
 void check(Vec4 here, Vec3 before_or_increment) {
     if ((BITS_OF(here.w) & ACTIVE_BIT) == 0u) return;
@@ -47,10 +47,10 @@ void check(Vec4 here, Vec3 before_or_increment) {
 #ifndef BY_INCREMENTS
     increment = here.xyz - increment;
 #endif
-    // What float32 cannot hold is no place for a particle either.
+    // A particle is also out of bounds where float32 cannot hold its place.
     precise vec3 share = vec3(increment * inverse_largest);
-    // As integers, since a compiler may take it that there is no NaN: floats of one sign are in the order of
-    // their bits, and NaN comes last.
+    // Compared as integers, since a compiler may assume that there is no NaN. Floats of one sign are in the
+    // order of their bits, and NaN comes last.
     bool fast = floatBitsToUint(dot(share, share)) > floatBitsToUint(1.0);
     bool finite = all(lessThan(floatBitsToUint(vec3(here.xyz)) & infinite, uvec3(infinite)));
     if ((fast || !finite) && uint(check_number) < found) atomicMin(found, uint(check_number));

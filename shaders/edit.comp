@@ -1,5 +1,6 @@
-// One invocation a particle whose springs changed: its bits and, with LISTS, its list. With PER_SPRING also
-// what each of its springs is like, with OFF_LATTICE_REST how those beyond the lattice lie at rest.
+// One invocation per particle whose springs changed: it writes the bits and, with LISTS, the list. With
+// PER_SPRING it also writes the constants of each spring, with OFF_LATTICE_REST how springs beyond the
+// lattice lie at rest.
 layout(local_size_x = 64) in;
 
 layout(binding = 0, rgba32f) uniform image2D position;
@@ -13,7 +14,8 @@ layout(binding = 2, rg32f) writeonly uniform image2DArray spring;
 layout(binding = 3, rgba32f) writeonly uniform image2DArray off_lattice_rest;
 #endif
 
-// A particle's texel (x in the lower half, y in the upper), its bits, and where its list begins and ends.
+// A particle's texel (x in the lower half, y in the upper half), its bits, and where its list begins and
+// ends.
 layout(std430, binding = 0) readonly buffer Particles { uvec4 particles[]; };
 layout(std430, binding = 1) readonly buffer Neighbours { uint neighbours[]; };
 layout(std430, binding = 2) readonly buffer Springs { vec2 springs[]; };
@@ -22,7 +24,7 @@ layout(std430, binding = 3) readonly buffer OffLatticeRests { vec4 off_lattice_r
 uniform int particle_count;
 
 void main() {
-    // Strides, since the number of groups has a limit.
+    // Invocations stride, since the number of groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(particle_count);
          n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         uvec4 particle = particles[n];

@@ -1,16 +1,16 @@
-// One invocation a particle: its new bits.
+// Writes new bits of particles, one invocation per particle.
 #include "uniforms.glsl"
 
 layout(local_size_x = 64) in;
 
-// Words as numbers of 32 bits: of a word's four the last is its particle's bits, of eight the seventh.
+// Words as numbers of 32 bits: the particle's bits are the last of a word's four, or the seventh of eight.
 #ifdef VOXSPRING_FLOAT64
 const uint word_numbers = 8u, place_of_bits = 6u;
 #else
 const uint word_numbers = 4u, place_of_bits = 3u;
 #endif
 layout(std430, binding = 0) restrict buffer Words { uint words[]; };
-// A word and its bits.
+// The index of a word, and its new bits.
 layout(std430, binding = 1) restrict readonly buffer Edited { uvec2 edited[]; };
 
 UNIFORMS(EditUniforms, 19)
@@ -18,7 +18,7 @@ UNIFORM int count;
 END_UNIFORMS
 
 void main() {
-    // Strides, since the number of groups has a limit.
+    // Invocations stride, since the number of groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x)
         words[word_numbers * edited[n].x + place_of_bits] = edited[n].y;
 }

@@ -1,5 +1,5 @@
-// New lists of some particles: one invocation a slot of a row. SECONDARY and OFF_LATTICE_REST as in
-// compute_explicit.comp; with SQUARED, rest lengths are squares and have to be measured.
+// Writes new lists of some particles, one invocation per slot of a row. SECONDARY and OFF_LATTICE_REST are as
+// in compute_explicit.comp. With SQUARED rest lengths are squares and have to be measured.
 #ifdef ADDRESSED
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require
@@ -17,7 +17,7 @@ layout(constant_id = 14) const bool SQUARED = false;
 
 layout(local_size_x = 64) in;
 
-// What the particles' lists become, one row after the other.
+// The particles' new lists, one row after the other.
 layout(std430, binding = 0) restrict readonly buffer Particles { uint edited[]; };
 layout(std430, binding = 1) restrict readonly buffer NewNeighbours { uint new_neighbours[]; };
 layout(std430, binding = 2) restrict readonly buffer NewConstants { Vec2 new_constants[]; };
@@ -25,7 +25,7 @@ layout(std430, binding = 3) restrict readonly buffer NewOffLatticeRests { Vec4 n
 
 UNIFORMS(EditUniforms, 19)
 UNIFORM int count;
-UNIFORM int list_slots;  // of a row
+UNIFORM int list_slots;  // per row
 UNIFORM int slot_stride;
 END_UNIFORMS
 

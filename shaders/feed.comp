@@ -1,4 +1,4 @@
-// The displacements of some particles, for a picture: one invocation a particle.
+// Writes the displacements of some particles for a picture, one invocation per particle.
 #include "some_words.glsl"
 #include "uniforms.glsl"
 

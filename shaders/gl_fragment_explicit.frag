@@ -1,24 +1,25 @@
-// Each particle is a fragment. A list has its neighbours: two fetches for each.
+// Each fragment steps one particle. Its list has the neighbours, each of which takes two fetches.
 //
-// With PER_SPRING each spring has its own stiffness and rest length, and w counts all neighbours. Otherwise
-// each group has one of either, and w counts the neighbours of each group in COUNT_BITS bits. FACES, EDGES
-// and CORNERS say which groups the scene has. OFF_LATTICE_REST is defined where it has springs beyond the
-// lattice and the formulation asks how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
+// With PER_SPRING each spring has its stiffness and rest length, and w counts all neighbours. Otherwise each
+// group has one stiffness and one rest length, and w counts the neighbours of each group in COUNT_BITS bits.
+// FACES, EDGES and CORNERS say which groups the scene has. OFF_LATTICE_REST is defined if it has springs
+// beyond the lattice and the formulation needs to know how they lie at rest. A row of texels has 1 <<
+// WIDTH_BITS particles.
 #include "measured.glsl"
 #include "particle.glsl"
 
 // Layer k: each particle's neighbour k, a list entry as in neighbours.h.
 layout(binding = 6) uniform usampler2DArray neighbour;
-// Layer k: stiffness and rest length of each particle's spring k; the length squared but by increments.
+// Layer k: stiffness and rest length of each particle's spring k. The length is squared unless by increments.
 layout(binding = 7) uniform sampler2DArray spring;
-// Layer k: X_j - X_i and the rest deficit, where entry k says OWN_DIRECTION.
+// Layer k: X_j - X_i and the rest deficit, if entry k says OWN_DIRECTION.
 layout(binding = 8) uniform sampler2DArray off_lattice_rest;
 
 uniform float rest_length[3];
 uniform float group_stiffness[3];
 
-// Offset + 1 of each direction, two bits an axis: the first 16, and the others. Shifts are cheaper than a
-// table that each fragment reads elsewhere.
+// Offset + 1 of each direction, with two bits per axis: the first 16 directions, and the others. Shifts are
+// cheaper than a table that each fragment would read at another place.
 #define PACK_FIRST(bit, dx, dy, dz) | (bit < 16 ? uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31) : uvec3(0))
 #define PACK_OTHER(bit, dx, dy, dz) | (bit < 16 ? uvec3(0) : uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31))
 #define PACK(part) uvec3(0) FACE_NEIGHBOURS(part) EDGE_NEIGHBOURS(part) CORNER_NEIGHBOURS(part)
@@ -42,8 +43,8 @@ vec4 listed_pull(Particle particle, uint k, float spring_length) {
                    spring_length);
 }
 
-// Adds it to `force`. Each spring is scaled by itself, so that those with a stiffness of their own change no
-// bit of the others.
+// Adds the spring to `force`. Each spring is scaled separately, so that springs with their own stiffness
+// change no bit of the others.
 vec3 with_listed(Particle particle, uint k, float spring_length, float stiffness, vec3 force) {
     precise vec4 pull = listed_pull(particle, k, spring_length);
     pull.w *= stiffness;

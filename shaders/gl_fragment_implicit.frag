@@ -1,5 +1,5 @@
-// One fragment a voxel of the grid that lies flat, slice by slice; a neighbour's texel follows from the
-// particle's own. FACES, EDGES and CORNERS say which groups of springs the scene has.
+// One fragment per voxel of the grid, which lies flat, slice by slice. A neighbour's texel follows from the
+// particle's texel. FACES, EDGES and CORNERS say which groups of springs the scene has.
 #include "particle.glsl"
 
 uniform float rest_length[13];  // by mask bit / 2
@@ -13,8 +13,8 @@ void main() {
     Particle particle = own_particle();
     ivec2 texel = particle.texel;
     uint bits = bits_of(particle);
-    // From a voxel to the one below and above it. Those of the first and the last slice lead nowhere, and
-    // no bit says to follow them.
+    // From a voxel to the ones below and above it. In the first and the last slice one of these leads
+    // nowhere, and no bit says to follow it.
     ivec2 below = texel.x >= slice_width ? ivec2(-slice_width, 0) : ivec2(last_column, -slice_height);
     ivec2 above = texel.x < last_column ? ivec2(slice_width, 0) : ivec2(-last_column, slice_height);
     float compliance = MATERIALS ? texelFetch(material, texel, 0).x : 0.0;

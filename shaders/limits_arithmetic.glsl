@@ -1,5 +1,5 @@
-// Independent multiply-adds, 64 of them a round: in a fragment shader or, with COMPUTE, in a compute shader.
-// The sums converge to 2.
+// Independent multiply-adds, 64 of them per round, in a fragment shader or, with COMPUTE, in a compute
+// shader. The sums converge to 2.
 #include "portable.h"
 #include "uniforms.glsl"
 

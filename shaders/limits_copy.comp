@@ -1,4 +1,4 @@
-// One or two words read and, with WRITES, one written: with IN_PLACE over the second.
+// Reads one or two words and, with WRITES, writes one: with IN_PLACE over the second one.
 #include "uniforms.glsl"
 
 #ifdef VULKAN
@@ -11,7 +11,7 @@ layout(std430, binding = 0) restrict readonly buffer First { vec4 first[]; };
 layout(std430, binding = 1) restrict buffer Second { vec4 second[]; };
 layout(std430, binding = 2) restrict writeonly buffer Written { vec4 written[]; };
 UNIFORMS(CopyUniforms, 19)
-UNIFORM float impossible;  // a sum that there is not, which the compiler cannot know
+UNIFORM float impossible;  // a sum that never occurs, which the compiler cannot know
 END_UNIFORMS
 
 void main() {

@@ -1,7 +1,7 @@
-// One or two texels read and, with WRITES, one written.
+// Reads one or two texels and, with WRITES, writes one.
 layout(binding = 0) uniform sampler2D first;
 layout(binding = 1) uniform sampler2D second;
-uniform float impossible;  // a sum that there is not, which the compiler cannot know
+uniform float impossible;  // a sum that never occurs, which the compiler cannot know
 layout(location = 0) out vec4 written;
 
 void main() {

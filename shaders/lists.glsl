@@ -1,14 +1,15 @@
-// The lists of compute_explicit.comp. LIST_ACCESS says what a shader does to them: readonly or writeonly.
-// Lists are vertical: slot s of all particles lies together, and the next slot `slot_stride` behind it.
+// The lists of compute_explicit.comp. LIST_ACCESS says what a shader does with them: readonly or writeonly.
+// Lists are vertical: slot s of all particles lies together, and the next slot follows `slot_stride` later.
 //
-//     neighbours         list entries (neighbours.h) or, by positions, indices alone
+//     neighbours         list entries (neighbours.h) or, by positions, only indices
 //     constants          stiffness and rest length of each spring
 //     off_lattice_rests  X_j - X_i and the rest deficit, where an entry says OWN_DIRECTION
 //
 // With ADDRESSED (Vulkan) a list may be larger than a storage buffer: the bindings have the address of each
-// slot, so that neither an index nor a product needs 64 bits. Who includes this asks for the extensions.
+// slot, so that neither an index nor a product needs 64 bits. The file that includes this one enables the
+// extensions.
 //
-// A Place is that of an element in every list: LISTED(neighbours, PLACE(particle, slot)).
+// A Place is the place of an element in every list: LISTED(neighbours, PLACE(particle, slot)).
 #ifdef ADDRESSED
 layout(buffer_reference, std430) restrict LIST_ACCESS buffer NeighbourSlot { uint of[]; };
 layout(buffer_reference, std430) restrict LIST_ACCESS buffer ConstantSlot { Vec2 of[]; };

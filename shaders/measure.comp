@@ -1,4 +1,4 @@
-// Measures rest lengths in place: one invocation a number.
+// Measures rest lengths in place, one invocation per number.
 #include "measured.glsl"
 #include "uniforms.glsl"
 
@@ -14,7 +14,7 @@ UNIFORM int offset;
 END_UNIFORMS
 
 void main() {
-    // Strides, since the number of groups has a limit.
+    // Invocations stride, since the number of groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         uint at = n * uint(stride) + uint(offset);
         lengths[at] = measured_or_zero(lengths[at]);

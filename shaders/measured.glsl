@@ -1,4 +1,4 @@
-// A rest length as inverse_root() measures lengths, from its square.
+// Makes a rest length from its square, as inverse_root() measures lengths.
 #include "inverse_root.h"
 
 #ifdef VOXSPRING_FLOAT64
@@ -7,5 +7,5 @@ const Real min_normal = 2.2250738585072014e-308lf;
 const Real min_normal = 1.17549435e-38;
 #endif
 
-// inverse_root() is for normal numbers, and 0 is no spring.
+// inverse_root() is for normal numbers only, and 0 stands for no spring.
 Real measured_or_zero(Real squared) { return squared >= min_normal ? measured_length(squared) : Real(0); }

@@ -5,7 +5,7 @@ layout(std430, binding = 1) restrict readonly buffer Normals { vec4 normals[]; }
 uniform vec4 to_eye[3];   // rows: to the camera, x to the right, y up, z towards the viewer
 uniform vec4 to_clip[4];  // rows
 
-// What values are 0 and 1 in colours: value times x plus y.
+// Maps values to colours from 0 to 1: value times x plus y.
 uniform vec3 colour_scale;
 
 out vec3 surface_normal;

@@ -1,10 +1,10 @@
-// Normals of a body's surface: the mean of the faces around a vertex, each as much as it is large. One
-// invocation a vertex.
+// Normals of a body's surface: the mean of the faces around a vertex, weighted by their area. One invocation
+// per vertex.
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 0) restrict readonly buffer Places { vec4 places[]; };
 layout(std430, binding = 1) restrict readonly buffer Faces { uvec4 faces[]; };
-// As BodyMesh has them.
+// The tables of BodyMesh.
 layout(std430, binding = 2) restrict readonly buffer FirstFace { uint first_face[]; };
 layout(std430, binding = 3) restrict readonly buffer FaceOfVertex { uint face_of_vertex[]; };
 layout(std430, binding = 4) restrict writeonly buffer Normals { vec4 normals[]; };

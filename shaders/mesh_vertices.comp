@@ -1,4 +1,5 @@
-// Where the vertices of a body's surface are: each follows up to eight particles. One invocation a vertex.
+// Where the vertices of a body's surface are: each vertex follows up to eight particles. One invocation per
+// vertex.
 layout(local_size_x = 64) in;
 
 // BodyMesh::Vertex of harness/view/body_mesh.h.
@@ -9,9 +10,9 @@ struct Vertex {
 };
 layout(std430, binding = 0) restrict readonly buffer Vertices { Vertex vertices[]; };
 layout(std430, binding = 1) restrict readonly buffer Displacements { vec4 displacements[]; };
-// One a particle, unless it is the displacement's length that is shown.
+// One per particle, unless the length of the displacement is shown.
 layout(std430, binding = 2) restrict readonly buffer Values { float values[]; };
-// Place, and value in w.
+// The place of a vertex in xyz, and its value in w.
 layout(std430, binding = 3) restrict writeonly buffer Places { vec4 places[]; };
 
 uniform int count;

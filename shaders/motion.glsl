@@ -1,11 +1,12 @@
-// What a step does to a particle however its shader finds it and its neighbours: the scene's terms, and the
+// What a step does to a particle, however its shader finds it and its neighbours: the scene's terms, and the
 // integrators.
 //
 // Terms are constants (terms.glsl): what the scene lacks is folded away. A formulation (formulation.h) is
-// ON_POSITIONS, BY_INCREMENTS or neither; PAPER and COMPENSATED are one each.
+// ON_POSITIONS, BY_INCREMENTS or neither of these; PAPER and COMPENSATED each stand for one formulation.
 //
-// Everything here and in what includes it is `precise`: a compiler may else fuse one multiply-add where a
-// term is compiled in and another where it is left out, and skipping would change bits.
+// Everything here and in files that include this is `precise`. Otherwise a compiler might fuse one
+// multiply-add where a term is compiled in and another where it is left out, and skipping a term would change
+// bits.
 #include "neighbours.h"
 #include "spring.h"
 #include "terms.glsl"
@@ -22,8 +23,8 @@ UNIFORM Vec3 spacing;
 UNIFORM Real inverse_mass;  // of all particles, without MATERIALS
 END_UNIFORMS
 
-// A particle as its formulation has it: x or u, what that was before or the increment v, and what float32
-// leaves of either.
+// A particle in its formulation: x or u; what that was before, or the increment v; and what float32 leaves of
+// either.
 struct Motion {
     Vec3 here, before;
     Vec3 here_low, before_low;
@@ -31,13 +32,13 @@ struct Motion {
 
 bool is_pinned(uint bits) { return PINS && (bits & PINNED_BIT) != 0u; }
 
-// The same at t + dt, but for `before` where that is not an increment: it is then `here` of now.
+// The motion at t + dt, except that `before` is the present `here` unless it is an increment.
 Motion integrate(Motion now, Vec3 force, Real inverse_mass, bool pinned) {
     Motion next = now;
     Vec3 acceleration = GRAVITY ? gravity : Vec3(0);
 #ifdef BY_INCREMENTS
-    // Without damping the increment's own term is zero. A literal zero says so, because a compiler may not
-    // fold a product with zero that is `precise`.
+    // Without damping the increment term is zero. We pass a literal zero because the compiler may not fold a
+    // `precise` product with zero.
     precise Vec3 change = increment_change(DAMPING ? now.before : Vec3(0), force, inverse_mass, acceleration,
                                            DAMPING ? damping : Real(0), time_step_squared);
 #ifdef COMPENSATED

@@ -1,4 +1,4 @@
-// Between recorded checks (divergence_check.comp): the next one has the next number.
+// Runs between recorded checks (divergence_check.comp): the next check gets the next number.
 layout(local_size_x = 1) in;
 
 layout(std430, binding = 3) restrict buffer Found {

@@ -1,8 +1,9 @@
-// What a fragment does for its particle however it finds the neighbours: read, pull, integrate, write.
+// What a fragment does for its particle, however it finds the neighbours: it reads, adds up forces,
+// integrates and writes.
 #include "motion.glsl"
 #include "pull.glsl"
 
-// Stencil before shader: a masked texel costs no invocation.
+// The stencil test comes before the shader: a masked texel costs no invocation.
 layout(early_fragment_tests) in;
 
 // xyz: x, or u = x - X; w: the particle's bits (neighbours.h).
@@ -50,7 +51,7 @@ Particle own_particle() {
 
 uint bits_of(Particle particle) { return floatBitsToUint(particle.here.w); }
 
-// unit_pull() on the particle of its spring to the one in texel `there`.
+// unit_pull() of the spring from the particle to the one in texel `there`.
 vec4 pull_of(Particle particle, ivec2 there, vec4 rest, float rest_length) {
     precise vec3 relative = particle.here.xyz - texelFetch(position, there, 0).xyz;
 #ifdef COMPENSATED
@@ -59,7 +60,7 @@ vec4 pull_of(Particle particle, ivec2 there, vec4 rest, float rest_length) {
     return unit_pull(relative, rest, rest_length);
 }
 
-// Writes the particle's state at t + dt, under the sum of its spring forces at t.
+// Writes the particle's state at t + dt, given the sum of its spring forces at t.
 void integrate_and_store(Particle particle, vec3 spring_force_sum) {
     ivec2 texel = particle.texel;
     precise vec3 force = spring_force_sum;

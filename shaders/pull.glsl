@@ -1,8 +1,8 @@
-// The force of a spring, by way of the inverse root (inverse_root.h): the arithmetic of the CUDA kernels
-// (cuda/kernels/motion.h). Comes after motion.glsl.
+// The force of a spring by means of the inverse root (inverse_root.h), with the arithmetic of the CUDA
+// kernels (cuda/kernels/motion.h). Comes after motion.glsl.
 #include "inverse_root.h"
 
-// `steps` spacings; of none a zero that the compiler knows.
+// `steps` times the spacing. For 0 the result is a zero that the compiler knows.
 Real spaced(int steps, Real spacing) { return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing; }
 
 // Rest deficits (spring.h) of lattice springs, by mask bit / 2.
@@ -15,13 +15,14 @@ END_UNIFORMS
 #define REST_OF(bit, dx, dy, dz) \
     Vec4(spaced(dx, spacing.x), spaced(dy, spacing.y), spaced(dz, spacing.z), DEFICIT(bit))
 
-// The force of a spring of stiffness 1 is xyz times w. `relative` is x_i - x_j or u_i - u_j, `rest` X_j - X_i
-// and the rest deficit (spring.h), `rest_length` as measured_length() gives it or, by increments, as it is.
+// The force of a spring of stiffness 1 is xyz times w. `relative` is x_i - x_j or u_i - u_j. `rest` is X_j -
+// X_i and the rest deficit (spring.h). `rest_length` is the result of measured_length() or, by increments,
+// the rest length itself.
 Vec4 unit_pull(Vec3 relative, Vec4 rest, Real rest_length) {
 #ifdef ON_POSITIONS
     precise Vec3 offset = relative;
 #else
-    // Less what is zero folds away, which plus zero would not.
+    // The compiler folds away the subtraction of a zero, but not the addition of a zero.
     precise Vec3 offset = relative - rest.xyz;
 #endif
     precise Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
@@ -35,7 +36,7 @@ Vec4 unit_pull(Vec3 relative, Vec4 rest, Real rest_length) {
     return Vec4(offset, density);
 }
 
-// xyz times w added to `sum`.
+// Adds xyz times w to `sum`.
 Vec3 with_pull(Vec4 pull, Vec3 sum) {
     precise Vec3 more =
         Vec3(fma(pull.x, pull.w, sum.x), fma(pull.y, pull.w, sum.y), fma(pull.z, pull.w, sum.z));

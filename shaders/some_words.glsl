@@ -1,6 +1,6 @@
-// Words of some particles, for a pass that goes over those alone. COMPENSATED as in motion.glsl; with TEXELS
+// Words of some particles, for a pass that visits only those. COMPENSATED is as in motion.glsl. With TEXELS
 // the state lies in textures, as in particle.glsl, and a word is a texel, x in its lower half and y in the
-// upper.
+// upper half.
 #include "portable.h"
 
 #ifdef TEXELS
@@ -10,7 +10,7 @@ layout(binding = 2) uniform sampler2D position_low;
 #define WORD(word) texelFetch(position, TEXEL(word), 0)
 #define WORD_LOW(word) texelFetch(position_low, TEXEL(word), 0)
 #else
-// As in compute.glsl.
+// The state, as in compute.glsl.
 layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
 layout(std430, binding = 3) restrict readonly buffer WordsLow { Vec4 words_low[]; };
 #define WORD(word) words[word]

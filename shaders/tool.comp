@@ -1,5 +1,5 @@
-// What the tool does to the particles that it holds, before each step: one invocation a particle. Its force
-// and the particle's own load are the load of the step.
+// What the tool does to the particles that it holds, before each step, one invocation per particle. The load
+// of the step is the sum of its force and the particle's load.
 #include "some_words.glsl"
 #include "spring.h"
 #include "uniforms.glsl"
@@ -28,7 +28,7 @@ UNIFORM Vec3 moved;
 END_UNIFORMS
 
 void main() {
-    // Strides, since the number of groups has a limit.
+    // Invocations stride, since the number of groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         uint word = held[n].word;
         precise Vec3 force = hold_force(held[n].anchor, WORD(word).xyz, LOW(word), moved, stiffness);

@@ -1,5 +1,5 @@
-// Numbers that the host sets by name: uniforms in OpenGL, in Vulkan members of blocks, one a file that has
-// some.
+// Numbers that the host sets by name: uniforms in OpenGL; in Vulkan members of blocks, with one block per
+// file that has such numbers.
 #ifdef VULKAN
 #define UNIFORMS(name, place) layout(std140, binding = place) uniform name {
 #define UNIFORM

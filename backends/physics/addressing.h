@@ -7,7 +7,7 @@
 
 namespace voxspring {
 
-/// Empty, or why implicit addressing, in which a neighbour is found by its place, cannot run `problem`.
+/// Empty, or why implicit addressing cannot run `problem`. It finds a neighbour by its place in the grid.
 inline std::string implicit_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0)
         return "implicit addressing needs a lattice, and the particles lie on none";

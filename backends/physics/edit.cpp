@@ -18,8 +18,8 @@ bool above(const glm::dvec3& point, const glm::dvec3& normal, const glm::dvec3& 
     return glm::dot(normal, x - point) >= 0;
 }
 
-/// Six times the volume of the tetrahedron a, b, c, d. Exactly the negative with c and d exchanged, so that a
-/// line cannot slip between two triangles that share an edge.
+/// Six times the volume of the tetrahedron a, b, c, d. If c and d are exchanged the result is exactly the
+/// negative, so that no line can slip between two triangles that share an edge.
 double volume(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c, const glm::dvec3& d) {
     return glm::dot(glm::cross(c - a, d - a), b - a);
 }
@@ -51,7 +51,7 @@ struct Cuts {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 struct Box {
-    glm::dvec3 low{infinity};  ///< of nothing, unless it is said
+    glm::dvec3 low{infinity};  ///< an empty box by default
     glm::dvec3 high{-infinity};
 
     void include(const glm::dvec3& point) {
@@ -84,9 +84,9 @@ struct Bounds {
     Box operator()(const Ball& ball) const { return {ball.centre - ball.radius, ball.centre + ball.radius}; }
 };
 
-/// A patch's triangles in a tree of boxes, so that a line is held against those near it alone. A line that
-/// touches no box of a triangle does not go through it; boxes are wider than their triangles by more than
-/// rounding adds to where a line is.
+/// A patch's triangles in a tree of boxes, so that a line is compared only with triangles near it. A line
+/// that touches no box of a triangle does not go through the triangle: boxes are wider than their triangles
+/// by more than the rounding error in the place of a line.
 class TriangleTree {
 public:
     explicit TriangleTree(const TrianglePatch& patch) : triangles_(patch.triangles) {
@@ -109,7 +109,7 @@ public:
     }
 
 private:
-    /// Whether `holds` for one of the triangles near `box`.
+    /// Whether `holds` is true for one of the triangles near `box`.
     template <class Holds>
     bool any_near(const Box& box, const Holds& holds) const {
         for (std::size_t n = 0; n < nodes_.size();) {
@@ -126,10 +126,10 @@ private:
         return false;
     }
 
-    /// In depth-first order: the children of a node follow it.
+    /// Nodes are in depth-first order: the children of a node follow it.
     struct Node {
         Box box;
-        std::size_t next = 0;            ///< after the node and all below it
+        std::size_t next = 0;            ///< the first node after this one and all below it
         std::size_t first = 0, end = 0;  ///< its triangles; none unless it is a leaf
     };
     static constexpr std::size_t max_in_leaf = 4;
@@ -169,7 +169,7 @@ private:
     double margin_ = 0;
 };
 
-/// cuts() of one shape, for many lines.
+/// Evaluates cuts() of one shape for many lines.
 class Cutter {
 public:
     explicit Cutter(const Shape& shape) : shape_(shape) {
@@ -178,7 +178,7 @@ public:
     bool operator()(const glm::dvec3& a, const glm::dvec3& b) const {
         return tree_ ? tree_->cuts(a, b) : cuts(shape_, a, b);
     }
-    /// Whether it may cut a line that begins at `a` and is at most `length` long.
+    /// Whether the shape may cut a line that begins at `a` and is at most `length` long.
     bool may_cut_from(const glm::dvec3& a, double length) const {
         return !tree_ || tree_->may_cut_within({a - length, a + length});
     }
@@ -200,7 +200,7 @@ bool is_one_of(const Spring& spring, const std::vector<ChangedSpring>& sorted) {
 
 using Pair = std::pair<std::uint32_t, std::uint32_t>;
 
-/// Ascending, each once, the smaller particle of each first.
+/// The pairs in ascending order, each once and with its smaller particle first.
 std::vector<Pair> in_order(std::span<const Pair> pairs) {
     std::vector<Pair> ordered;
     for (const auto& [a, b] : pairs) ordered.emplace_back(std::min(a, b), std::max(a, b));
@@ -337,7 +337,7 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
                 for (int other = low.x; other <= high.x; ++other) {
                     const std::uint32_t j = particle_by_voxel()[std::size_t(
                         (std::ptrdiff_t(z) * problem_.lattice.dims.y + y) * problem_.lattice.dims.x + other)];
-                    // no_particle is no face. Each pair once.
+                    // no_particle belongs to no face. Each pair counts once.
                     if (j <= i || !faces.contains(j) || glm::distance(x[i], x[j]) > within) continue;
                     if (crosses(x[i], x[j])) pairs.emplace_back(i, j);
                 }
@@ -425,7 +425,7 @@ void SpringEditor::finish(SpringEdit& edit) {
     std::sort(particles.begin(), particles.end());
     particles.erase(std::unique(particles.begin(), particles.end()), particles.end());
 
-    // Springs beyond the lattice by touched particle, in their order.
+    // Springs beyond the lattice for each touched particle, in their order.
     std::vector<std::vector<ListedSpring>> beyond(particles.size());
     const auto list = [&](std::uint32_t particle, std::uint32_t other, const Spring& spring) {
         const auto at = std::lower_bound(particles.begin(), particles.end(), particle);
@@ -485,7 +485,7 @@ std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringD
     for (const auto& [particle, bits] : springs.on_lattice) count += std::size_t(std::popcount(bits));
     changed.reserve(count);
     for (const auto& [particle, bits] : springs.on_lattice) {
-        // The lambda takes no structured binding.
+        // A lambda cannot capture a structured binding.
         const std::uint32_t first = particle;
         visit_directions(bits, [&](const Direction& direction) {
             const auto voxel =

@@ -1,8 +1,8 @@
-// Cuts and sutures: a change of a problem's springs, found once on the host and then applied by every backend
-// to what it keeps of them.
+// Cuts and sutures: a change of a problem's springs. It is found once on the host, and then every backend
+// applies it to its own data about springs.
 //
-// Shapes are in rest coordinates, where no backend has moved anything yet: what an edit changes is the same
-// on every backend, and known before the first step.
+// Shapes are in rest coordinates, which do not depend on how a backend moves particles. So an edit changes
+// the same springs on every backend, and they are known before the first step.
 #pragma once
 
 #include <array>
@@ -18,17 +18,17 @@
 
 namespace voxspring {
 
-/// Crosses the line between particles on different sides; a particle on the plane is on the side that the
+/// Cuts the line between particles on different sides. A particle on the plane counts to the side that the
 /// normal points to.
 struct Plane {
     glm::dvec3 point{0};
     glm::dvec3 normal{0, 0, 1};  ///< of any length but 0
 };
-/// Crosses a line that goes through one of the triangles, their borders included.
+/// Cuts a line that goes through one of the triangles, their borders included.
 struct TrianglePatch {
     std::vector<std::array<glm::dvec3, 3>> triangles;
 };
-/// Holds the line between particles that are both within `radius` of the centre.
+/// Cuts the line between two particles that are both within `radius` of the centre.
 struct Ball {
     glm::dvec3 centre{0};
     double radius = 0;
@@ -56,12 +56,12 @@ struct ListedSpring {
     friend bool operator==(const ListedSpring&, const ListedSpring&) = default;
 };
 
-/// One change of springs. Holds all that a backend needs in order to bring what it keeps up to date.
+/// One change of springs. It holds all that a backend needs to update its data about springs.
 struct SpringEdit {
-    /// A particle that lost or gained a spring, and what it has now.
+    /// A particle that lost or gained a spring, with its bits and springs after the edit.
     struct Touched {
         std::uint32_t particle;
-        std::uint32_t mask;        ///< as in Lattice::mask; active and pinned bits alone without a lattice
+        std::uint32_t mask;        ///< as in Lattice::mask; without a lattice only active and pinned bits
         std::uint32_t begin, end;  ///< its springs in `listed`
 
         friend bool operator==(const Touched&, const Touched&) = default;
@@ -70,7 +70,7 @@ struct SpringEdit {
     std::vector<ChangedSpring> removed;  ///< lattice springs first
     std::vector<ChangedSpring> added;    ///< likewise; lattice springs of each particle by direction
     std::vector<Touched> touched;        ///< each particle once, ascending
-    /// Every spring of the touched particles: those of the lattice by direction, then those of
+    /// All springs of the touched particles: those of the lattice by direction, then those of
     /// Problem::springs in their order.
     std::vector<ListedSpring> listed;
 
@@ -84,7 +84,7 @@ struct SpringEdit {
     friend bool operator==(const SpringEdit&, const SpringEdit&) = default;
 };
 
-/// What an edit changes, and no more, in a few bytes per spring: for scenes of thousands of edits. Together
+/// Only the change that an edit makes, in a few bytes per spring, for scenes of thousands of edits. Together
 /// with the problem as it was before the edit this says all that a SpringEdit says (SpringEditor::make()).
 struct SpringDifference {
     /// Lattice springs from one particle to later ones: the (odd) mask bits of their directions.
@@ -92,7 +92,7 @@ struct SpringDifference {
         std::uint32_t particle;
         std::uint32_t bits;
     };
-    /// In the order of the edit. A particle whose springs are not in the order of their directions is there
+    /// In the order of the edit. A particle whose springs are not in the order of their directions appears
     /// several times.
     struct Springs {
         std::vector<OnLattice> on_lattice;
@@ -103,51 +103,51 @@ struct SpringDifference {
     Springs removed, added;
 
     SpringDifference() = default;
-    /// Implicit: wherever an edit is kept, its difference is all that has to be.
+    /// Implicit: wherever an edit is kept, it is enough to keep its difference.
     SpringDifference(const SpringEdit& edit);  // NOLINT(google-explicit-constructor)
 
     /// Whether it adds a spring that no mask bit stands for.
     bool leaves_lattice() const { return !added.beyond.empty(); }
 };
 
-/// The springs of a difference, one by one and in the order of its edit. `problem` is the one that was
+/// The springs of a difference, one by one and in the order of its edit. `problem` is the problem that was
 /// edited, with or without the edit.
 std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringDifference::Springs& springs);
 
-/// Edits a problem's springs, in place, and says what each edit changed. Keeps a reference to the problem,
-/// which nobody else may edit meanwhile.
+/// Edits a problem's springs in place, and says what each edit changed. Keeps a reference to the problem,
+/// which nothing else may edit meanwhile.
 class SpringEditor {
 public:
     explicit SpringEditor(Problem& problem);
 
     /// Removes the springs that `shape` cuts.
     SpringEdit cut(const Shape& shape);
-    /// Removes every spring between the two particles of a pair, in either order; pairs that none joins stay
-    /// as they are.
+    /// Removes every spring between the two particles of a pair, in either order. Pairs that no spring joins
+    /// stay as they are.
     SpringEdit cut(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs);
 
-    /// Joins the two faces of a cut again: every two particles whose spring `shape` would cut, which are at
-    /// most `within` apart at rest, no spring joins, and both of which lack a lattice spring that `shape`
-    /// would cut.
+    /// Joins the two faces of a cut again. It joins every two particles that are at most `within` apart at
+    /// rest, that no spring joins, whose spring `shape` would cut, and both of which lack a lattice spring
+    /// that `shape` would cut.
     SpringEdit suture(const Shape& shape, double within, std::optional<double> stiffness = {});
 
-    /// Joins pairs of different particles; those that are joined stay as they are.
+    /// Joins pairs of different particles. Pairs that are joined already stay as they are.
     ///
     /// The spring is at rest where the particles are. Between neighbours of a direction in use, and without a
-    /// given stiffness, it is the lattice's; else it is one of Problem::springs, by default as stiff
+    /// given stiffness, it is a lattice spring. Otherwise it is one of Problem::springs, by default as stiff
     /// as a lattice spring of the first group between the two materials.
     SpringEdit suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
                       std::optional<double> stiffness = {});
 
-    /// Adds springs that another edit of the same particles removed or added, each as it was. Those whose
-    /// particles a spring joins already are left out. Undoes a cut, or repeats a suture.
+    /// Adds springs that another edit of the same particles removed or added, each as it was. A spring is
+    /// left out if one joins its particles already. Undoes a cut, or repeats a suture.
     SpringEdit join(std::span<const ChangedSpring> springs);
 
-    /// Makes an edit of which the difference was kept. The problem is as it was before that edit.
+    /// Makes an edit from its difference. The problem must be as it was before that edit.
     SpringEdit make(const SpringDifference& difference);
 
 private:
-    /// For each voxel the particle in it, or no_particle; empty without a lattice.
+    /// The particle in each voxel, or no_particle. Empty without a lattice.
     const std::vector<std::uint32_t>& particle_by_voxel() const { return springs_.particle_by_voxel(); }
 
     /// The particle one step along `direction`, or no_particle.
@@ -161,18 +161,18 @@ private:
     bool has_spring(std::uint32_t particle, const Direction& direction) const {
         return (problem_.lattice.mask[particle] >> direction.bit & 1U) != 0;
     }
-    /// The spring of the lattice between `first` and `second`, which lies along `direction` from it.
+    /// The lattice spring between `first` and `second`, which lies along `direction` from `first`.
     Spring lattice_spring(std::uint32_t first, std::uint32_t second, const Direction& direction) const;
-    /// Leaves in `pairs`, ascending and each with its smaller particle first, those that no spring joins.
+    /// Leaves in `pairs` only those that no spring joins. They ascend, each with its smaller particle first.
     void leave_out_joined(std::vector<std::pair<std::uint32_t, std::uint32_t>>& pairs) const;
-    /// Applies the edit to the problem and completes it with what its particles have then.
+    /// Applies the edit to the problem, and completes it with what its particles have afterwards.
     void finish(SpringEdit& edit);
 
     Problem& problem_;
     const LatticeSprings springs_;
 };
 
-/// Does to `problem` what `edit` did to a problem equal to it.
+/// Applies `edit`, which was made for an equal problem, to `problem`.
 void apply(Problem& problem, const SpringEdit& edit);
 void apply(Problem& problem, const SpringDifference& difference);
 

@@ -1,11 +1,11 @@
-// How a backend writes down the state of a simulation and its step; what it rounds follows from that.
+// How a backend stores the state of a simulation and makes a step. Both determine what is rounded.
 #pragma once
 
 #include <cstdint>
 
 #include "backends/physics/portable.h"
 
-#ifndef __CUDACC_RTC__  // kernels need the names alone
+#ifndef __CUDACC_RTC__  // kernels need only the names
 #include <array>
 #include <string>
 #endif
@@ -26,7 +26,7 @@ namespace voxspring {
 enum class Formulation : std::uint8_t { paper, position, displacement, increment, compensated };
 
 #ifndef __CUDACC_RTC__
-/// In the order of the table.
+/// All formulations in the order of the table.
 inline constexpr std::array all_formulations = {Formulation::paper, Formulation::position,
                                                 Formulation::displacement, Formulation::increment,
                                                 Formulation::compensated};
@@ -35,15 +35,15 @@ inline constexpr std::array all_formulations = {Formulation::paper, Formulation:
 std::string to_string(Formulation formulation);
 #endif
 
-/// Components of u and v that `rest=flush` makes zero, by increments: their tails reach everywhere, and would
-/// keep all of a body from coming to rest to the bit.
+/// By increments `rest=flush` sets smaller components of u and v to zero: the tails of a motion reach
+/// everywhere, and would keep the whole body from coming to rest to the bit.
 inline constexpr double flushed_below = 1e-12;
 
 /// Whether the state is x rather than u.
 VOXSPRING_HOST_DEVICE constexpr bool on_positions(Formulation formulation) {
     return formulation <= Formulation::position;
 }
-/// Whether the state has v rather than what was before, and forces come from strain_density().
+/// Whether the state has v rather than the previous place, with forces from strain_density().
 VOXSPRING_HOST_DEVICE constexpr bool by_increments(Formulation formulation) {
     return formulation >= Formulation::increment;
 }

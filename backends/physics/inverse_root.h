@@ -1,11 +1,11 @@
 // The spring force of spring.h by way of the inverse root that GPUs have in hardware, for C++, CUDA and
 // GLSL.
 //
-// k (l - |d|) / |d| with r = 1/sqrt(|d|^2) is k (l - |d|^2 r) r: no IEEE root, no division. r is
-// approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured with the
-// same ruler: l is taken as measured_length(l^2) on the same device. At rest both products are then the
-// same number and the force is zero to the bit, whatever r's error. Away from rest the error is that of a
-// rest length off by about one unit in the last place.
+// k (l - |d|) / |d| with r = 1/sqrt(|d|^2) is k (l - |d|^2 r) r, which needs no IEEE root and no division. r
+// is approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured in the same way: l is
+// taken as measured_length(l^2) on the same device. At rest both products are then the same number and the
+// force is zero to the bit, whatever the error of r. Away from rest the error is that of a rest length off by
+// about one unit in the last place.
 //
 // In host code r is exact to rounding, so that tests run the same source without a device.
 #ifndef VOXSPRING_INVERSE_ROOT_H
@@ -18,7 +18,7 @@
 #endif
 
 #ifdef VOXSPRING_GLSL
-// What these are is said below.
+// The functions are described below.
 Real inverse_root(Real squared) { return inversesqrt(squared); }
 Real rounded_product(Real a, Real b) {
     precise Real product = a * b;
@@ -42,7 +42,7 @@ namespace voxspring {
 /// 1 / sqrt(squared), for a normal positive number.
 VOXSPRING_HOST_DEVICE inline float inverse_root(float squared) {
 #ifdef __CUDA_ARCH__
-    // rsqrtf() costs two more instructions, for denormal numbers.
+    // rsqrtf() takes two more instructions, for denormal numbers.
     float root;
     asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(squared));
     return root;
@@ -68,8 +68,7 @@ VOXSPRING_HOST_DEVICE inline double inverse_root(double squared) {
 #endif
 }
 
-/// a * b rounded, never the first half of a fused multiply-add: the difference of two equal products has
-/// to be zero.
+/// a * b, rounded and never fused into a multiply-add: the difference of two equal products must be zero.
 VOXSPRING_HOST_DEVICE inline float rounded_product(float a, float b) {
 #ifdef __CUDA_ARCH__
     return __fmul_rn(a, b);
@@ -86,9 +85,9 @@ VOXSPRING_HOST_DEVICE inline double rounded_product(double a, double b) {
 #endif
 }
 
-/// x^2 + y^2 + z^2, kept from zero by `shortest_squared`: in float32 added, which costs nothing and is lost
-/// in rounding for springs that are not nearly coincident; in float64 the larger of the two, as in
-/// spring_force().
+/// x^2 + y^2 + z^2, kept from zero by `shortest_squared`. In float32 that is added, which costs nothing and
+/// is lost in rounding unless the ends of a spring nearly coincide. In float64 it is the larger of the two,
+/// as in spring_force().
 VOXSPRING_HOST_DEVICE inline float squared_length(float x, float y, float z, float shortest_squared) {
     return std::fma(x, x, std::fma(y, y, std::fma(z, z, shortest_squared)));
 }
@@ -124,9 +123,9 @@ VOXSPRING_HOST_DEVICE inline double fast_reciprocal(double value) {
 #endif
 }
 
-/// series_stiffness() without an IEEE division. Where neither end is a particle both compliances are zero and
-/// the caller drops what comes of it: an infinity on a device; on a host, whose sanitizers would stop there,
-/// zero.
+/// series_stiffness() without an IEEE division. If neither end is a particle both compliances are zero, and
+/// the caller drops the result: on a device it is an infinity; on a host, whose sanitizers would stop there,
+/// it is zero.
 VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
 #ifdef __CUDA_ARCH__
     return __fdividef(2.0F, compliance_a + compliance_b);
@@ -164,8 +163,8 @@ unit_force_density(Real squared, Real rest_length, Real inverse) {
 }
 
 /// strain_density() of stiffness 1 from |d|^2, the rest length l and `deficit` = l^2 - |d|^2: deficit / ((l +
-/// |d|) |d|). The deficit carries what is small, so the root's relative error is one of the force, at rest
-/// none.
+/// |d|) |d|). The deficit carries what is small, so the relative error of the root becomes one of the force,
+/// which is zero at rest.
 SHARED_SCALAR(Real)
 unit_strain_density(Real squared, Real rest_length, Real deficit) {
     PRECISE Real inverse = inverse_root(squared);
@@ -186,7 +185,7 @@ refined_strain_density(Real squared, Real rest_length, Real deficit) {
 }
 
 #ifndef VOXSPRING_GLSL
-/// unit_strain_density() as deficit / (|d|^2 + l |d|), which in float32 saves a multiplication where the
+/// unit_strain_density() as deficit / (|d|^2 + l |d|), which in float32 saves a multiplication if the
 /// hardware has a root.
 VOXSPRING_HOST_DEVICE inline float lean_strain_density(float squared, float rest_length, float deficit) {
 #ifdef __CUDA_ARCH__

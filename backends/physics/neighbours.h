@@ -1,9 +1,9 @@
-// The stencil as lists that expand in place, the same in C++, CUDA and GLSL.
+// The stencil as lists that expand in place, identical in C++, CUDA and GLSL.
 //
-// X(bit, dx, dy, dz): the neighbour at voxel (x+dx, y+dy, z+dz), whose presence is bit `bit` of a
-// particle's mask. The order is part of the contract: a backend that gathers adds a particle's spring
-// forces in this order, since float addition is not associative. The opposite direction of bit b is
-// bit b ^ 1, and the even bits' directions point to a lower voxel index (z slowest, x fastest).
+// X(bit, dx, dy, dz): the neighbour at voxel (x+dx, y+dy, z+dz). Bit `bit` of a particle's mask says whether
+// it is there. The order is part of the contract: a backend that gathers adds a particle's spring forces in
+// this order, since float addition is not associative. The opposite direction of bit b is bit b ^ 1. The
+// directions of even bits point to a lower voxel index (z slowest, x fastest).
 #ifndef VOXSPRING_NEIGHBOURS_H
 #define VOXSPRING_NEIGHBOURS_H
 
@@ -36,13 +36,14 @@
 // The particle does not move.
 #define PINNED_BIT 0x08000000u
 
-// A list entry names a neighbour and, in its highest bits, how it lies from the particle at rest: the bit of
-// a lattice direction, or one of the two below. Formulations on displacements (formulation.h) ask for it.
+// A list entry names a neighbour. Its highest bits say how the neighbour lies at rest, seen from the
+// particle: the bit of a lattice direction, or one of the two values below. Formulations on displacements
+// (formulation.h) need it.
 #define LISTED_INDEX_BITS 27
 #define LISTED_INDEX 0x07FFFFFFu
-// An unused slot, which names the particle itself.
+// Marks an unused slot, which names the particle itself.
 #define NO_DIRECTION 26u
-// Not a lattice neighbour: a list has the rest offset of this spring.
+// Not a lattice neighbour: another list has the rest offset of this spring.
 #define OWN_DIRECTION 31u
 
 #endif

@@ -27,8 +27,8 @@
 #define Vec4 vec4
 #endif
 #define larger max
-/// Before a local that must be rounded the same wherever its expression is compiled: no fused multiply-add
-/// here and none there. C++ and CUDA settle that with compiler flags.
+/// Stands before a local that must be rounded in the same way wherever its expression is compiled: no fused
+/// multiply-add in one place and none in another. C++ and CUDA settle that with compiler flags.
 #define PRECISE precise
 
 #else
@@ -36,7 +36,7 @@
 #include <cmath>
 
 #define PRECISE
-/// Where the formulas are declared; SIMD code, which compiles them once a target, names its own place.
+/// The namespace of the formulas. SIMD code, which compiles them once per target, names another one.
 #define VOXSPRING_PHYSICS_NAMESPACE voxspring
 
 #ifdef __CUDACC__
@@ -63,7 +63,7 @@ namespace voxspring {
 using std::fma;
 using std::sqrt;
 
-/// The larger of two numbers; `b` when `a` is NaN, like GLSL's max on every driver tried.
+/// The larger of two numbers; `b` if `a` is NaN, like GLSL's max on every driver tried.
 VOXSPRING_HOST_DEVICE inline float larger(float a, float b) { return a > b ? a : b; }
 VOXSPRING_HOST_DEVICE inline double larger(double a, double b) { return a > b ? a : b; }
 

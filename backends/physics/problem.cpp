@@ -65,7 +65,7 @@ SpringCounts count_springs(const Problem& problem) {
         corners += std::uint64_t(std::popcount(mask & CORNER_BITS));
     }
     SpringCounts counts;
-    counts.group = {faces / 2, edges / 2, corners / 2};  // each has two ends
+    counts.group = {faces / 2, edges / 2, corners / 2};  // each spring has two ends
     counts.beyond = problem.springs.size();
     return counts;
 }
@@ -160,7 +160,7 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
 
     const glm::ivec3 dims = grid.dims;
     const std::size_t slice = std::size_t(dims.x) * std::size_t(dims.y);
-    // Where the particles of each slice begin, so that slices are filled side by side.
+    // Where the particles of each slice begin, so that slices can be filled in parallel.
     std::vector<std::size_t> begin(std::size_t(dims.z) + 1);
     bool several = false;
 #pragma omp parallel for reduction(|| : several)

@@ -1,4 +1,4 @@
-// A scene's particles and springs, as every backend receives them.
+// A scene's particles and springs, as all backends receive them.
 #pragma once
 
 #include <array>
@@ -26,15 +26,15 @@ struct Direction {
 /// All 26 directions in summation order, from neighbours.h; element b is mask bit b.
 const std::array<Direction, neighbour_count>& directions();
 
-/// What a particle is made of. `stiffness` of a spring between two materials is that of two half
-/// springs in series (spring.h); `stiffness` is unused where the problem has one per spring group.
+/// What a particle is made of. A spring between two materials has the `stiffness` of two half springs in
+/// series (spring.h). `stiffness` is unused if the problem has one per spring group.
 struct Material {
     double mass = 1;       ///< of one particle
     double stiffness = 1;  ///< force per length
 };
 
-/// A regular grid with particles at the centres of its active voxels. x is the fastest axis. A network
-/// that lies on no grid has dims 0 and no masks.
+/// A regular grid with particles at the centres of its active voxels. x is the fastest axis. A network that
+/// lies on no grid has dims 0 and no masks.
 struct Lattice {
     glm::ivec3 dims{0};                ///< voxels along x, y, z
     glm::dvec3 spacing{1};             ///< distance between voxel centres along x, y, z
@@ -45,7 +45,7 @@ struct Lattice {
         return std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z);
     }
     glm::ivec3 coordinates(std::uint32_t voxel_index) const;
-    /// Offset of a direction in voxel indices; the neighbour exists only where the mask says so.
+    /// Offset of a direction in voxel indices. Only the mask says whether the neighbour exists.
     std::ptrdiff_t stride(const Direction& direction) const;
 };
 
@@ -59,45 +59,47 @@ struct Spring {
     friend bool operator==(const Spring&, const Spring&) = default;
 };
 
-/// A tool that has taken hold of some particles, each by a spring of rest length 0 to the place to which the
-/// tool has carried it. With the tool moved by d since then (Backend::move_tool()) the force on a particle is
+/// A tool that has taken hold of some particles, each with a spring of rest length 0 to the place to which
+/// the tool has carried the particle. If the tool has moved by d since then (Backend::move_tool()), the force
+/// on a particle is
 ///
 ///     stiffness (held + d - u)
 ///
-/// with u its displacement and `held` what that was when the tool took hold. The force on the tool is minus
-/// the sum of these. A cut does not part the tool from what it holds, and it may hold pinned particles.
+/// where u is its displacement and `held` is what the displacement was when the tool took hold. The force on
+/// the tool is minus the sum of these. A cut does not separate the tool from what it holds, and it may hold
+/// pinned particles.
 struct Tool {
     std::vector<std::uint32_t> particles;  ///< ascending, each once; empty: there is no tool
-    std::vector<glm::dvec3> held;          ///< one each; empty: all were at rest
+    std::vector<glm::dvec3> held;          ///< one per particle; empty: all were at rest
     double stiffness = 0;                  ///< of each spring, force per length
 
     glm::dvec3 held_at(std::size_t n) const { return held.empty() ? glm::dvec3(0) : held[n]; }
 };
 
-/// Everything that does not change while a simulation runs. Particles are in canonical order: active
-/// voxels only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip
-/// what they stand for.
+/// Everything that does not change while a simulation runs. Particles are in canonical order: active voxels
+/// only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip the work for
+/// them.
 struct Problem {
     std::vector<glm::dvec3> rest_position;  ///< one per particle
     std::vector<Material> materials{1};     ///< at least one
     std::vector<std::uint8_t>
         material;                      ///< one per particle, index into `materials`; empty: all materials[0]
-    std::vector<std::uint8_t> pinned;  ///< one per particle, 1 = does not move; empty: none
-    /// Ghost particles of a part of a body (layout/decomposition.h): another part steps them. Ascending; they
-    /// are pinned.
+    std::vector<std::uint8_t> pinned;  ///< one per particle, 1 = does not move; empty: none is pinned
+    /// Ghost particles of a part of a body (layout/decomposition.h), which another part steps. They ascend
+    /// and are pinned.
     std::vector<std::uint32_t> ghosts;
     std::vector<glm::dvec3> load;  ///< one per particle, constant force; empty: none
-    Tool tool;                     ///< one that holds particles comes with loads, see take_hold()
+    Tool tool;                     ///< a tool that holds particles needs loads, see take_hold()
 
     Lattice lattice;
     /// Rest length of each direction of the lattice, by mask bit.
     std::array<double, neighbour_count> rest_length{};
     /// Stiffness of each spring group of the lattice, used while there is one material.
     std::array<double, 3> group_stiffness{1, 1, 1};
-    /// The mask bits of the groups that are in use: no particle has a neighbour bit outside of it.
+    /// The mask bits of the groups that are in use. No particle has a neighbour bit outside of it.
     std::uint32_t group_bits = 0;
 
-    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, and the whole of
+    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, or all springs of
     /// an unstructured network. Backends with implicit addressing refuse a problem that has any.
     std::vector<Spring> springs;
 
@@ -110,29 +112,30 @@ struct Problem {
         return materials[material.empty() ? 0 : material[particle]];
     }
     bool is_pinned(std::size_t particle) const { return !pinned.empty() && pinned[particle] != 0; }
-    /// More than one material: springs take their stiffness from the two particles they join.
+    /// Whether there are several materials: springs then take their stiffness from the two particles they
+    /// join.
     bool has_materials() const { return !material.empty(); }
     bool has_gravity() const { return gravity != glm::dvec3(0); }
     bool has_tool() const { return !tool.particles.empty(); }
     /// Stiffness of the lattice spring from `particle` along `direction` to `neighbour`.
     double spring_stiffness(std::size_t particle, std::size_t neighbour, const Direction& direction) const;
-    /// |d|^2 under which two particles count as coincident (spring.h): (1e-6 of the shortest spacing, or of
+    /// |d|^2 below which two particles count as coincident (spring.h): (1e-6 of the shortest spacing, or of
     /// the shortest spring of an unstructured network)^2.
     double shortest_squared() const;
 };
 
-/// A spring at rest, as the particle i at its one end sees the particle j at the other.
+/// A spring at rest, as the particle i at one end sees the particle j at the other.
 struct RestSpring {
     glm::dvec3 offset{0};  ///< X_i - X_j
     double length = 0;     ///< l
-    double deficit = 0;    ///< l^2 - |offset|^2; 0, not nearly 0, where l is the rounded |offset|
+    double deficit = 0;    ///< l^2 - |offset|^2; exactly 0 if l is the rounded |offset|
 };
-/// i a particle of the lattice and j its neighbour in `direction`.
+/// i is a particle of the lattice, and j is its neighbour in `direction`.
 RestSpring rest_spring(const Problem& problem, const Direction& direction);
-/// i = `spring.first`.
+/// i is `spring.first`.
 RestSpring rest_spring(const Problem& problem, const Spring& spring);
 
-/// Undirected springs, each counted once.
+/// Numbers of undirected springs, each counted once.
 struct SpringCounts {
     std::array<std::uint64_t, 3> group{};  ///< face, edge, corner
     std::uint64_t beyond = 0;              ///< of Problem::springs
@@ -140,12 +143,12 @@ struct SpringCounts {
 };
 SpringCounts count_springs(const Problem& problem);
 
-/// Every spring once: those of the lattice by `first`, then by direction; then those beyond it.
+/// Every spring once: those of the lattice by `first`, then by direction; then those beyond the lattice.
 std::vector<Spring> list_springs(const Problem& problem);
-/// The springs of list_springs() at rest, in that order; those of the lattice as their direction has them.
+/// The springs of list_springs() at rest, in that order. A lattice spring is at rest as its direction says.
 std::vector<RestSpring> list_rest_springs(const Problem& problem);
 
-/// For each voxel the particle in it, or `no_particle`.
+/// The particle in each voxel, or `no_particle`.
 inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
 
@@ -157,13 +160,13 @@ void visit_directions(std::uint32_t mask, Visit visit) {
         visit(directions()[std::size_t(std::countr_zero(bits))]);
 }
 
-/// The springs of a lattice without a list of them, which at 10^8 particles no memory holds. A network
-/// without a lattice has none.
+/// The springs of a lattice, visited without a list, which at 10^8 particles would fit into no memory. A
+/// network without a lattice has none.
 class LatticeSprings {
 public:
     explicit LatticeSprings(const Problem& problem);
 
-    /// For each voxel the particle in it, or `no_particle`.
+    /// The particle in each voxel, or `no_particle`.
     const std::vector<std::uint32_t>& particle_by_voxel() const { return particle_; }
 
     /// Calls visit(j, direction) for each spring between particle i and a later one j, in the order of
@@ -179,7 +182,7 @@ public:
     }
 
 private:
-    // Bits of neighbours.h: all, and the odd ones.
+    // Bits of neighbours.h: all of them, and the odd ones.
     static constexpr std::uint32_t all_bits = 0x03FFFFFF, later_bits = 0x02AAAAAA;
 
     template <class Visit>
@@ -198,10 +201,10 @@ private:
     std::array<std::ptrdiff_t, neighbour_count> stride_{};
 };
 
-/// The moving part of a simulation, in float64 and canonical order, so that a backend which keeps
-/// displacements loses nothing on the way out.
+/// The moving part of a simulation, in float64 and canonical order. A backend that keeps displacements can
+/// return them without loss.
 struct State {
-    // One a particle; empty: all are zero, which takes no memory.
+    // One per particle. Empty: all are zero, which takes no memory.
     std::vector<glm::dvec3> displacement;  ///< x(t) - rest position
     std::vector<glm::dvec3> increment;     ///< x(t) - x(t - dt)
 
@@ -218,24 +221,24 @@ struct State {
 /// All particles at their rest position and at rest, with one element per particle in both lists.
 State state_at_rest(const Problem& problem);
 
-/// What make_lattice_problem builds a problem from: labels of a voxel grid and spring groups.
+/// The input of make_lattice_problem: labels of a voxel grid.
 struct VoxelGrid {
     glm::ivec3 dims{0};
     glm::dvec3 spacing{1};
-    /// One a voxel, x fastest: 0 = inactive, m + 1 = material m.
+    /// One per voxel, x fastest: 0 = inactive, m + 1 = material m.
     std::vector<std::uint8_t> label;
 };
 
-/// Particles at the centres of the active voxels and springs to the active neighbours of the chosen
-/// groups. Materials, pins, loads, gravity, damping and time step are the caller's to fill in; then
-/// pin() keeps masks and list in step.
+/// Makes particles at the centres of the active voxels and springs to the active neighbours of the chosen
+/// groups. The caller fills in materials, pins, loads, gravity, damping and time step; for pins it calls
+/// pin(), which keeps masks and list consistent.
 Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits);
 
-/// Pin the particles for which `pinned` (one per particle) is not zero.
+/// Pins the particles for which `pinned` (one per particle) is not zero.
 void pin(Problem& problem, std::vector<std::uint8_t> pinned);
 
-/// Gives the problem a tool, and loads of zero where it has none: a step adds the tool's forces to those, so
-/// that a problem without a tool pays nothing for it.
+/// Gives the problem a tool, and loads of zero if it has none. A step adds the tool's forces to the loads, so
+/// a problem without a tool pays nothing for it.
 void take_hold(Problem& problem, Tool tool);
 
 }  // namespace voxspring

@@ -1,6 +1,6 @@
-// The integrators, written once for every language and precision, and the spring force by IEEE's root, as
-// processors step it; GPUs have that of inverse_root.h.
-// Rasmusson, Mosegaard and Sorensen (2008), section 2, in the formulations of formulation.h.
+// The integrators, written once for every language and precision, and the spring force with IEEE's root, as
+// processors compute it; GPUs use that of inverse_root.h. From Rasmusson, Mosegaard and Sorensen (2008),
+// section 2, in the formulations of formulation.h.
 #ifndef VOXSPRING_SPRING_H
 #define VOXSPRING_SPRING_H
 
@@ -10,9 +10,9 @@
 namespace VOXSPRING_PHYSICS_NAMESPACE {
 #endif
 
-/// Force density of one spring, its force divided by its length: k (l - |d|) / |d| with d = x_i - x_j.
-/// Positive where the spring pushes its ends apart; the same to the bit seen from either end.
-/// `shortest_squared` keeps coincident particles finite: |d|^2 is taken to be at least that much, so the
+/// Force density of one spring, which is its force divided by its length: k (l - |d|) / |d| with d = x_i -
+/// x_j. It is positive if the spring pushes its ends apart, and has the same bits seen from either end.
+/// `shortest_squared` keeps coincident particles finite: |d|^2 is taken to be at least that large, so the
 /// force between two particles at the same place is zero instead of NaN.
 SHARED(Real)
 force_density(Vec3 offset, Real rest_length, Real stiffness, Real shortest_squared) {
@@ -30,9 +30,9 @@ spring_force(Vec3 offset, Real rest_length, Real stiffness, Real shortest_square
 
 /// The strain density of a spring whose ends are `relative` = u_i - u_j further apart than at rest, where
 /// they were `rest_offset` = X_i - X_j apart: d = rest_offset + relative. With `rest_deficit` = l^2 - |X_i -
-/// X_j|^2, zero where rest is free of stress, l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset +
-/// relative) and l - |d| = (l^2 - |d|^2) / (l + |d|): no difference of nearly equal lengths is left. Zero to
-/// the bit at rest.
+/// X_j|^2, which is zero if rest is free of stress, l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset +
+/// relative) and l - |d| = (l^2 - |d|^2) / (l + |d|). So no difference of nearly equal lengths is left, and
+/// the result is zero to the bit at rest.
 SHARED(Real)
 strain_density(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
                Real shortest_squared) {
@@ -43,7 +43,7 @@ strain_density(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_defi
     return density;
 }
 
-/// Force of that spring on the particle i.
+/// The force of that spring on particle i.
 SHARED(Vec3)
 strain_force(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
              Real shortest_squared) {
@@ -64,9 +64,9 @@ hold_force(Vec3 anchor, Vec3 here, Vec3 here_low, Vec3 moved, Real stiffness) {
 SHARED_SCALAR(Real)
 series_stiffness(Real compliance_a, Real compliance_b) { return Real(2) / (compliance_a + compliance_b); }
 
-/// Verlet with ad-hoc damping, x + (1 - lambda)(x - x_previous) + (f / m + g) dt^2: the paper's
-/// (2 - lambda) x - (1 - lambda) x_previous + f / m dt^2 without the bias that rounding 2 - lambda and
-/// 1 - lambda apart puts on it. `retained` is 1 - lambda.
+/// Verlet with ad-hoc damping, x + (1 - lambda)(x - x_previous) + (f / m + g) dt^2. This is the paper's (2 -
+/// lambda) x - (1 - lambda) x_previous + f / m dt^2 without the bias that comes from rounding 2 - lambda and
+/// 1 - lambda separately. `retained` is 1 - lambda.
 SHARED(Vec3)
 next_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity, Real retained,
               Real time_step_squared) {
@@ -76,8 +76,8 @@ next_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity
 }
 
 /// The paper's equation 4, (2 - lambda) x - (1 - lambda) x_previous + a dt^2, in the paper's order of
-/// operations. Where it prints the force, for particles of unit mass without gravity, a is f / m + g.
-/// `doubled` is 2 - lambda and `retained` 1 - lambda, each rounded by itself.
+/// operations. The paper prints the force in place of a, for particles of unit mass without gravity; here a
+/// is f / m + g. `doubled` is 2 - lambda and `retained` is 1 - lambda, each rounded separately.
 SHARED(Vec3)
 paper_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity, Real doubled,
                Real retained, Real time_step_squared) {
@@ -86,8 +86,8 @@ paper_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravit
     return next;
 }
 
-/// What one step adds to the increment v = x(t) - x(t - dt): (f / m + g) dt^2 - lambda v. The increment so
-/// changed is what it adds to the displacement.
+/// What one step adds to the increment v = x(t) - x(t - dt): (f / m + g) dt^2 - lambda v. The step then adds
+/// the changed increment to the displacement.
 SHARED(Vec3)
 increment_change(Vec3 increment, Vec3 force, Real inverse_mass, Vec3 gravity, Real damping,
                  Real time_step_squared) {
@@ -95,7 +95,7 @@ increment_change(Vec3 increment, Vec3 force, Real inverse_mass, Vec3 gravity, Re
     return change;
 }
 
-/// What rounding took from `sum` = a + b, exactly (Knuth's TwoSum).
+/// What rounding removed from `sum` = a + b, exactly (Knuth's TwoSum).
 SHARED_VECTOR(Vec3)
 sum_error(Vec3 a, Vec3 b, Vec3 sum) {
     PRECISE Vec3 b_taken = sum - a;
@@ -104,8 +104,8 @@ sum_error(Vec3 a, Vec3 b, Vec3 sum) {
     return error;
 }
 
-/// The low part of (high + low) + (added + added_low), what split_high() leaves of it. A compiler shares the
-/// two functions' common work.
+/// The low part of (high + low) + (added + added_low): what split_high() leaves of the sum. A compiler shares
+/// the common work of the two functions.
 SHARED_VECTOR(Vec3)
 split_low(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
     PRECISE Vec3 sum = high + added;
@@ -115,7 +115,7 @@ split_low(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
     return left;
 }
 
-/// The high part of the same sum: what is nearest to it.
+/// The high part of the sum that split_low() describes: the number nearest to it.
 SHARED_VECTOR(Vec3)
 split_high(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
     PRECISE Vec3 sum = high + added;

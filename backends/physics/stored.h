@@ -1,7 +1,7 @@
-// Rounding to a backend's precision where the code goes on to use what the rounding lost.
+// Rounding to a backend's precision for code that goes on to use what the rounding lost.
 //
 // GCC 12 drops double(float(x)) of two neighbouring numbers at -O2 and -O3: its vectoriser of straight-line
-// code takes the two conversions for none. Then x - double(float(x)) is 0. Plain conversions are safe where
+// code takes the two conversions for none. Then x - double(float(x)) is 0. Plain conversions are safe if
 // nothing is widened again.
 #pragma once
 
@@ -9,7 +9,7 @@
 
 namespace voxspring {
 
-/// `value` rounded to Real. No optimiser may leave out an access to a volatile object.
+/// `value` rounded to Real. An optimiser must not omit an access to a volatile object.
 template <class Real>
 double stored_as(double value) {
     const volatile Real stored = Real(value);

@@ -153,7 +153,7 @@ private:
         int their_device = 0;
     };
 
-    /// A kernel can store into the other device's memory through peer access alone. A copy uses peer access
+    /// A kernel can store into the other device's memory only through peer access. A copy uses peer access
     /// if there is any; otherwise the driver copies through the host's memory.
     void connect_to(int device) const {
         if (stores_) return require_peer_access(device_, device);

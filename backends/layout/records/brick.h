@@ -1,6 +1,5 @@
 // The arguments of the brick kernel (cuda/kernels/brick.h): how a block covers its brick of the lattice,
-// where a particle lies in shared memory, and which springs a thread evaluates, in the order of its masks'
-// bits.
+// where a particle lies in shared memory, and the springs of a thread's tile in the order of its masks' bits.
 #pragma once
 
 #include "backends/layout/records/march.h"
