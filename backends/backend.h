@@ -148,9 +148,9 @@ struct SharedParticles {
 /// Most borders travel between steps. Where they travel within steps, each step of a part takes what the same
 /// step of the parts beside it gave, however steps are divided into calls of step().
 ///
-/// Each part is stepped by one thread, which steps no other part. The n-th receive() of a part is called
-/// after the n-th send() of those beside it has returned, and their send() n + 2 after it has returned.
-/// Either side may be destroyed first.
+/// Each part is stepped by one thread, which steps no other part. A part calls its n-th receive() after the
+/// parts beside it have returned from their n-th send(). They call send() n + 2 after that receive() has
+/// returned. Either side may be destroyed first.
 class DeviceBorders {
 public:
     DeviceBorders() = default;
@@ -331,9 +331,9 @@ protected:
     enum class Mark : std::uint8_t { begin, end };
 
 private:
-    /// Enqueue a time stamp.
+    /// Enqueues a time stamp.
     virtual void mark(Mark which) = 0;
-    /// Seconds between the two latest marks; called after synchronize().
+    /// Seconds between the two latest marks. Called after synchronize().
     virtual double seconds_between_marks() const = 0;
 };
 

@@ -373,8 +373,8 @@ private:
                 (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
             });
         }
-        // Where there is nothing, the border may be of any kind. The more warps of a block are alike the
-        // better.
+        // A direction without neighbours may count to the border or not. The more warps of a block have the
+        // same kind of border, the better.
         int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {
