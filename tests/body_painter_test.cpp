@@ -155,7 +155,7 @@ protected:
         painter_->draw(orbit_, picture_size, shades_);
         return painter_->picture();
     }
-    /// Whether something else than the background is at the pixel of a place.
+    /// Whether something other than the background is at the pixel of a place.
     bool is_seen(const Image& image, glm::dvec3 place) const {
         const glm::ivec2 at(orbit_.pixel_of(place, picture_size));
         if (at.x < 0 || at.y < 0 || at.x >= image.width || at.y >= image.height) return false;
@@ -190,7 +190,7 @@ TEST_F(BodyPainterTest, ItFollowsDisplacements) {
     EXPECT_FALSE(is_seen(draw(), above));
     painter_->put_displacements(std::vector<glm::dvec3>(problem.particle_count(), glm::dvec3(0, 0, 2)));
     EXPECT_TRUE(is_seen(draw(), above));
-    // The value that is shown without any other is the displacement's length.
+    // If no values are given the picture shows the length of the displacement.
     EXPECT_THAT(painter_->range(), ::testing::ElementsAre(2, 2));
 }
 
@@ -244,7 +244,7 @@ protected:
         problem.time_step = 0.1;
         return problem;
     }
-    /// Steps until so many pictures are finished; the number of steps.
+    /// Steps until `pictures` pictures are finished; returns the number of steps.
     static int step_until(LiveDrawing& drawing, Backend& backend, std::int64_t pictures) {
         const auto begin = std::chrono::steady_clock::now();
         int steps = 0;
@@ -313,7 +313,7 @@ TEST_F(LiveDrawingTest, ALaunchThatWaitsForTicksEndsForANewMesh) {
     backend->edit(later, cut);
     drawing.follow(cut);
     const std::int64_t before = drawing.pictures();
-    // It would wait for a second.
+    // The thread would wait for a second.
     EXPECT_LT(tick([&] { return drawing.pictures() >= before + 9; }), 0.5);
     EXPECT_GE(drawing.pictures(), before + 9);
 }

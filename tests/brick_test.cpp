@@ -1,5 +1,6 @@
-// Bricks on the chip (cuda/kernels/brick.h) without a device: their plan, their tables, and their body run on
-// the host, every thread of every block, from points that blocks send each other as a device does.
+// Bricks on the chip (cuda/kernels/brick.h) without a device: their plan, their tables, and their kernel
+// body. The body runs on the host, every thread of every block, and blocks send each other points as on a
+// device.
 #include "cuda/kernels/brick.h"
 
 #include <gtest/gtest.h>
@@ -101,7 +102,7 @@ public:
         return shape.both || high - low < 2 * shape.nx();
     }
 
-    /// `by_side`: plain blocks have the masks of such, as on a device; otherwise those of any block.
+    /// `by_side`: plain blocks have the masks of plain blocks, as on a device; otherwise those of any block.
     Simulation(const Problem& problem, const State& start, bool by_side = true)
         : problem_(problem),
           by_side_(by_side),
@@ -117,7 +118,7 @@ public:
 
     std::vector<EditedWord> edit(const SpringEdit& edit) { return layout_.edit(edit); }
     const BrickLayout& layout() const { return layout_; }
-    /// Of all launches.
+    /// The number of plain blocks, summed over all launches.
     std::size_t plain_blocks() const { return plain_blocks_; }
     std::size_t launches() const { return launches_; }
     State download() const { return unpack_march<float>(problem_, state_, V::formulation); }
@@ -130,7 +131,7 @@ public:
     }
 
 private:
-    /// Masks as a thread reads them; each bit is asked for within its words.
+    /// Reads masks as a thread does, and checks that each requested bit lies within its words.
     template <class Tile>
     struct Words {
         static constexpr bool by_side = false;
@@ -156,7 +157,7 @@ private:
         std::vector<std::vector<float>> points(blocks,
                                                std::vector<float>(std::size_t(shape.shared_words()), nan));
         std::vector<std::vector<Tile>> tiles(blocks);
-        std::map<std::pair<std::size_t, int>, Vector<float>> sent;  // by element and number of the step
+        std::map<std::pair<std::size_t, int>, Vector<float>> sent;  // by element and step number
         const auto words = [&](std::size_t b, int lane) {
             return Words<Tile>{&layout_, b * std::size_t(shape.lanes()) + std::size_t(lane)};
         };
@@ -222,7 +223,7 @@ private:
                 }
             }
             for (std::size_t b = 0; b < blocks; ++b) {
-                // What nobody has sent is not there.
+                // `sent.at()` throws if no block has sent the point.
                 for_polls(b, [&](const BrickPoll& poll) {
                     if (n > 1)
                         Tile::store(points[b].data() + now, int(poll.slot), sent.at({poll.from, n - 1}));
@@ -318,7 +319,7 @@ TYPED_TEST(BrickBody, RestStaysRestToTheBit) {
     }
 }
 
-// Steps of one launch or of several: the same bits.
+// One launch and several launches give the same bits.
 TYPED_TEST(BrickBody, LaunchesChangeNoBit) {
     for (const auto& [name, problem] : lattices()) {
         if (!Simulation<TypeParam>::fits(problem)) continue;
@@ -332,8 +333,8 @@ TYPED_TEST(BrickBody, LaunchesChangeNoBit) {
     }
 }
 
-// To ask by sides rather than by bits skips instructions, and changes no bit. What lies beyond the end of a
-// body is not a number here, where a device has zeros.
+// Testing sides rather than bits skips instructions and changes no bit of the result. Beyond the end of a
+// body this test has NaN, while a device has zeros.
 TYPED_TEST(BrickBody, PlainBlocksStepAsMasksSay) {
     const BrickShape shape = TypeParam::shape;
     std::map<std::string, Problem> problems = lattices();
@@ -360,8 +361,8 @@ TYPED_TEST(BrickBody, PlainBlocksStepAsMasksSay) {
     }
 }
 
-// Edits one after another leave the tables as they are built for the edited problem, and the words that each
-// names are all that it changed. The steps after it are those of the edited problem, to the bit.
+// After a series of edits the tables are those of a layout built for the edited problem, and each edit names
+// exactly the words that it changed. The following steps equal those of the edited problem, to the bit.
 TYPED_TEST(BrickBody, AnEditLeavesTheTablesAndTheStepsOfTheEditedProblem) {
     const BrickShape shape = TypeParam::shape;
     std::size_t changed = 0, cut_blocks = 0;
@@ -394,7 +395,7 @@ TYPED_TEST(BrickBody, AnEditLeavesTheTablesAndTheStepsOfTheEditedProblem) {
             changed += words.size();
         }
         if (problem.lattice.dims.x == 2 * shape.nx()) {
-            // Blocks are plain before an edit, and some of them not after it.
+            // Before an edit all blocks are plain; afterwards some of them are not.
             EXPECT_GT(simulation.plain_blocks(), 0U);
             cut_blocks +=
                 simulation.launches() * simulation.layout().blocks().size() - simulation.plain_blocks();
@@ -404,7 +405,7 @@ TYPED_TEST(BrickBody, AnEditLeavesTheTablesAndTheStepsOfTheEditedProblem) {
     EXPECT_GT(cut_blocks, 0U);
 }
 
-// Every particle is one thread's, and every point that a thread may read is stored somewhere of its own.
+// Every particle belongs to one thread, and every point that a thread may read has its distinct slot.
 TYPED_TEST(BrickBody, EveryParticleIsInOneTile) {
     for (const auto& [name, problem] : lattices()) {
         if (!Simulation<TypeParam>::fits(problem)) continue;
@@ -430,7 +431,7 @@ TYPED_TEST(BrickBody, EveryParticleIsInOneTile) {
     }
 }
 
-// A thread that asks for registers which nobody gives waits for ever.
+// A thread that requests registers which no other thread releases waits for ever.
 TEST(BrickPlan, AsksForNoMoreRegistersThanTheCompilerGave) {
     BrickPlan plan;
     plan.shape = {3, 2, 3, 16, 6, 4, false, 0, 0};
@@ -473,7 +474,7 @@ TEST(BrickPlan, FitsTheDevice) {
                 const int threads = s.lanes() + plan->pollers;
                 EXPECT_LE(threads, 1024);
                 EXPECT_LE(std::size_t(s.shared_bytes()), server.block_shared_bytes);
-                // No more than what the launch gave them, or those who want more wait for ever.
+                // If the plan asked for more registers than the launch gave, warps would wait for ever.
                 if (plan->lane_registers > 0) {
                     EXPECT_LE(plan->lane_registers * s.lanes() + plan->poller_registers * plan->pollers,
                               65536 / threads / 8 * 8 * threads);
@@ -483,7 +484,7 @@ TEST(BrickPlan, FitsTheDevice) {
             }
         }
     }
-    // What no chip holds.
+    // These bodies fit on no chip.
     EXPECT_EQ(plan_bricks(lattice(solid({160, 160, 160})), Formulation::position, server, true),
               std::nullopt);
 }

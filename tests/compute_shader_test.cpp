@@ -1,5 +1,6 @@
-// What backends that step by compute shaders can be asked, whichever API runs them: that skipped terms and
-// tuning change no bit, that edits and steps keep their order, what a step counts and an upload takes.
+// Tests of all backends that step by compute shaders, whichever API runs them: skipped terms and tuning
+// change no bit, edits and steps keep their order, and the counts of a step and the bytes of an upload are
+// right.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -33,7 +34,7 @@ private:
     std::unique_ptr<Backend> probe_;
 };
 
-/// Those of this build.
+/// The compute backends that are in this build.
 std::vector<std::string> compute_backends() {
     std::vector<std::string> names;
     for (const char* name :
@@ -78,7 +79,7 @@ TEST_P(ComputeShader, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetPa
 TEST_P(ComputeShader, LosesNoMoreThanItsFormulationDoes) {
     Problem problem = make_lattice_problem(solid({12, 12, 12}), FACE_BITS | EDGE_BITS);
     problem.gravity = {8e-4, 0, -2e-3};
-    problem.time_step = 0.25;  // whose square is a float
+    problem.time_step = 0.25;  // its square is exact in float32
     pin_base(problem);
     const int steps = 300;
     const auto run = [&](const std::string& specification) {
@@ -100,19 +101,19 @@ TEST_P(ComputeShader, EstimatesItsBytes) {
     const auto bytes = [&](const Problem& problem, const std::string& tuning) {
         return spec.entry->bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
     };
-    // Two words of 16 bytes; by increments 12 more; twice that for low parts. Lists of 18 neighbours.
+    // Two words of 16 bytes; with increments 12 more; twice that for low parts. Lists of 18 neighbours.
     const std::uint64_t increments = by_increments(formulation) ? 12 : 0;
     const std::uint64_t parts = formulation == Formulation::compensated ? 2 : 1;
     const std::uint64_t expected =
         box.particle_count() * (parts * (2 * 16 + increments) + (lists ? 18 * 4 : 0));
     const std::uint64_t plain = bytes(box, "");
     EXPECT_GE(plain, expected);
-    // Guard words: two slices and a bit.
+    // Guard words: a little more than two slices.
     EXPECT_LE(double(plain), 1.08 * double(expected));
     EXPECT_GT(bytes(box, ",terms=all"), plain);
     EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
     if (!lists) return;
-    // What each of up to 18 springs is like and, on displacements, how it lies at rest.
+    // The constants of each of up to 18 springs and, on displacements, their offsets at rest.
     Problem sutured = box;
     sutured.springs.push_back({0, 77, 1, 3});
     EXPECT_EQ(bytes(sutured, "") - plain,
@@ -120,7 +121,7 @@ TEST_P(ComputeShader, EstimatesItsBytes) {
 }
 
 TEST_P(ComputeShader, OnlyWorkGroupsWithAnActiveVoxelAreDispatched) {
-    if (lists) return;  // it has no voxels
+    if (lists) return;  // lists have no voxels
     const Problem corners = make_lattice_problem(
         make_grid({128, 16, 16}, [](int x, int y, int z) { return (x < 3 || x > 120) && y < 3 && z < 2; }),
         FACE_BITS);
@@ -129,7 +130,7 @@ TEST_P(ComputeShader, OnlyWorkGroupsWithAnActiveVoxelAreDispatched) {
     EXPECT_EQ(backend->count_work().at("work_groups"), 2u);
 }
 
-/// Of `count` steps of a few particles, handed over in calls of `batches` in turn.
+/// The state after `count` steps of a few particles, handed over in calls of `batches` steps in turn.
 State in_batches(Backend& backend, const Problem& problem, int count, const std::vector<int>& batches) {
     backend.upload(problem, random_state(problem, 0.05, 3));
     for (std::size_t n = 0; count > 0; ++n) {
@@ -143,7 +144,8 @@ State in_batches(Backend& backend, const Problem& problem, int count, const std:
 TEST_P(ComputeShader, HowStepsAreHandedOverChangesNoBit) {
     const Problem problem = plain_problem();
     const auto backend = make(GetParam());
-    // More than any recording or submission has, an odd number, and every odd and even start.
+    // More steps than any recording or submission holds, an odd number, and batches that begin at odd and
+    // even steps.
     const State at_once = in_batches(*backend, problem, 1355, {1355});
     for (const std::vector<int>& batches : std::vector<std::vector<int>>{{1}, {7, 2}, {64, 1}, {257, 512}})
         expect_same_bits(in_batches(*backend, problem, 1355, batches), at_once);

@@ -160,7 +160,7 @@ bool may_refuse(const BackendSpec& spec, const Problem& problem) {
     if (backend == "cuda_bricks")
         return problem.has_materials() || !problem.load.empty() || (problem.group_bits & CORNER_BITS) != 0;
     if (backend == "cuda_march") {
-        // Tiles of one precision are too large for the other.
+        // Tiles that fit one precision are too large for the other.
         const std::string& tile = spec.options.tuning.at("tile");
         if (tile != "auto" && cuda::march_tile(tile, spec.options.precision).shape.warps() == 0) return true;
         return problem.has_materials() || !problem.load.empty() || (problem.group_bits & CORNER_BITS) != 0;
@@ -178,7 +178,7 @@ TEST(Roster, HasWhatIsRequired) {
     }
 }
 
-/// A parameter is a specification, with "@" and the name of a SIMD target where it is to run on that one.
+/// A parameter is a specification, followed by "@" and the name of a SIMD target if it is to run on that one.
 class Conformance : public ::testing::TestWithParam<std::string> {
 protected:
     void SetUp() override {
@@ -238,7 +238,7 @@ TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
 TEST_P(Conformance, RewindsToTheStartThatItKeptToTheBit) {
     const Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 9));
     if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
-    // Most of it at rest, which backends that leave out what rests must find again.
+    // Most of the body is at rest. Backends that skip resting tiles must detect that again.
     State start = random_state(problem, 0.05, 8);
     std::fill(start.displacement.begin() + 50, start.displacement.end(), glm::dvec3(0));
     std::fill(start.increment.begin() + 50, start.increment.end(), glm::dvec3(0));
@@ -306,7 +306,7 @@ TEST_P(Conformance, ACompensatedStartKeepsItsLowParts) {
     }
 }
 
-// What rests needs no list.
+// A body at rest needs no lists in its state.
 TEST_P(Conformance, AnEmptyListOfTheStartHasTheBitsOfZeros) {
     Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 9));
     if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
@@ -345,7 +345,8 @@ TEST_P(Conformance, AnEmptyListOfTheStartHasTheBitsOfZeros) {
 
 // OpenGL leaves the rounding of its root to the driver, and the paper's formula drifts.
 TEST_P(Conformance, RestStaysRestToTheBit) {
-    // It rounds 2 - lambda and 1 - lambda apart: a force in proportion to the absolute position.
+    // The paper's formula rounds 2 - lambda and 1 - lambda separately: a force in proportion to the absolute
+    // position.
     const Formulation formulation = spec.options.formulation;
     if (formulation == Formulation::paper) GTEST_SKIP() << "not promised by the paper's step";
     if (spec.root_error() > 0 && !by_increments(formulation))
@@ -366,7 +367,7 @@ TEST_P(Conformance, RestStaysRestToTheBit) {
 
 // --- The tool --------------------------------------------------------------------------------------------
 
-/// `problem` with a tool that holds every ninth particle, which were where `start` has them.
+/// `problem` with a tool that took hold of every ninth particle at its place in `start`.
 Problem held_by_a_tool(Problem problem, const State& start) {
     Tool tool{.particles = {}, .held = {}, .stiffness = 0.125};
     for (std::uint32_t i = 0; i < problem.particle_count(); i += 9) {
@@ -382,8 +383,8 @@ bool may_refuse_a_tool(const BackendSpec& spec) {
     return backend == "cuda_bricks" || backend == "cuda_march";
 }
 
-/// Backends at their default tuning, since a shader of its own for each scene takes long to compile, and
-/// where a tuning is about the tool.
+/// Backends at their default tuning, and with the tunings that concern the tool. Other tunings are left out
+/// since each scene would compile another shader, which takes long.
 std::vector<std::string> with_a_tool() {
     std::vector<std::string> all = in_every_formulation();
     for (const std::string& spec : in_every_formulation("ticks")) all.push_back(spec + ",ticks=resident");
@@ -424,7 +425,7 @@ TEST_P(ConformanceWithATool, PullsAsInTheReference) {
             steps += 5;
             const Comparison comparison = compared(problem, backend->download(), oracle->download(), steps);
             EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
-            // Each force is the stiffness times a distance whose end is off by no more than particles are.
+            // Each force is the stiffness times a distance, whose end is off by no more than particles are.
             const double tolerance = double(problem.tool.particles.size()) * problem.tool.stiffness *  //
                                      2 * comparison.tolerance;
             const glm::dvec3 force = oracle->tool_force();
@@ -466,7 +467,7 @@ TEST_P(ConformanceWithATool, ThatPullsNobodyChangesNoBitAndARewindLetsItRest) {
     EXPECT_EQ(backend->tool_force(), glm::dvec3(0));
 }
 
-// A kernel that waits for the next tick ends for each of these, and by itself in the pause.
+// Each of these calls, and the pause by itself, ends a kernel that waits for the next tick.
 TEST_P(ConformanceWithATool, GivesTheSameBitsWhateverComesBetweenTicks) {
     if (spec.options.formulation != spec.entry->formulations.front()) GTEST_SKIP() << "one is enough";
     const Problem without = lattice(random_grid({11, 9, 10}, 0.8, 9));
@@ -524,7 +525,7 @@ TEST_P(ConformanceWithATool, CostsNothingWhereThereIsNone) {
         const std::uint64_t group = 64;  // of shaders/tool.comp
         EXPECT_EQ(held.at("compute_shader_invocations"), fresh.at("compute_shader_invocations") + group);
     }
-    // Loads aside, which its scene has.
+    // Loads are left out of the comparison, since a scene with a tool has them.
     Problem loaded = without;
     loaded.load.assign(loaded.particle_count(), glm::dvec3(0));
     EXPECT_EQ(spec.entry->bytes(problem, spec.options), spec.entry->bytes(loaded, spec.options));
@@ -542,7 +543,7 @@ std::vector<EditCase> edit_cases() {
     all.push_back({"dense", lattice(random_grid({11, 9, 10}, 0.95, 31))});
     // Rows long enough for whole registers of particles with every neighbour.
     all.push_back({"solid", lattice(solid({37, 5, 7}))});
-    // Nothing joins its two layers until a suture does.
+    // Only a suture joins its two layers.
     all.push_back({"apart", lattice(solid({2, 9, 8}))});
     SpringEditor(all.back().problem).cut(Plane{{0.5, 0, 0}, {1, 0, 0}});
     all.push_back({"all_groups_pinned", lattice(random_grid({8, 7, 9}, 0.8, 32), NEIGHBOUR_BITS)});
@@ -619,9 +620,9 @@ TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
                 const Comparison comparison = compared(now, backend->download(), oracle->download(), steps);
                 EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
             }
-            // To the bit what it is when uploaded so: a state of float32 comes through download() and
-            // upload() unharmed, the difference of two of its positions being rounded in float64. Not so one
-            // of two parts, which together have more bits than a float64.
+            // The state has the bits of a fresh upload: a float32 state passes through download() and
+            // upload() unchanged, since the difference of two of its positions is rounded in float64. This
+            // does not hold for a state of two parts, which together have more bits than a float64.
             const bool exact = spec.options.precision == Precision::float32 &&
                                spec.options.formulation != Formulation::compensated;
             if (!exact || !backend->capabilities().deterministic) continue;
@@ -669,7 +670,7 @@ TEST_P(Conformance, EditsLeavePinnedParticlesWhereTheyAre) {
     }
 }
 
-/// Every backend with its defaults, then each other precision, formulation and tuning value by itself.
+/// Every backend with its defaults, then with each other precision, formulation and tuning value by itself.
 std::vector<std::string> every_specification() {
     std::vector<std::string> specs;
     for (const auto& [name, entry] : registry()) {
@@ -680,7 +681,7 @@ std::vector<std::string> every_specification() {
             for (std::size_t f = 1; f < entry.formulations.size(); ++f)
                 specs.push_back(base + ",formulation=" + to_string(entry.formulations[f]));
             for (const auto& [key, values] : entry.tuning) {
-                if (key == "root" && precision == Precision::float64) continue;  // for float32 alone
+                if (key == "root" && precision == Precision::float64) continue;  // only float32 has it
                 for (std::size_t v = 1; v < values.size(); ++v)
                     specs.push_back(base + "," + key + "=" + values[v]);
             }
@@ -689,8 +690,8 @@ std::vector<std::string> every_specification() {
     return specs;
 }
 
-/// Approximate roots on each SIMD target that this processor has, whose error they have: where forces come
-/// from the strain, and where from a difference of lengths.
+/// Approximate roots on each SIMD target of this processor, with the error of that target: once with forces
+/// from the strain, and once with forces from a difference of lengths.
 std::vector<std::string> roots_on_every_target() {
     std::vector<std::string> specs;
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {

@@ -1,5 +1,5 @@
-// What cpu_parallel promises beyond conformance: bits that depend neither on threads, nor on SIMD target,
-// nor on what was skipped, in every formulation.
+// What cpu_parallel promises beyond conformance: in every formulation its bits depend neither on the number
+// of threads, nor on the SIMD target, nor on what was skipped.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
@@ -85,7 +85,7 @@ TEST_P(CpuParallel, ThreadsChangeNoBit) {
     for (const Scene& scene : scenes()) {
         SCOPED_TRACE(scene.name);
         const State one = run(spec + ",threads=1", scene.problem);
-        // 61 is more than some scenes have blocks, and leaves shares that end within a row.
+        // 61 threads are more than some scenes have blocks, and leave shares that end within a row.
         for (const char* threads : {"2", "3", "7", "61", "auto"}) {
             SCOPED_TRACE(threads);
             expect_same_bits(one, run(spec + ",threads=" + threads, scene.problem));
@@ -97,7 +97,7 @@ TEST_P(CpuParallel, SkippingAndSharingChangeNoBit) {
     for (const Scene& scene : scenes()) {
         SCOPED_TRACE(scene.name);
         const State all = run(spec + ",terms=all", scene.problem);
-        // Inactive voxels hold NaN: none of it has got through.
+        // Inactive voxels hold NaN: none of them has reached a particle.
         EXPECT_TRUE(compare(scene.problem, all, all, Precision::float64, 20).finite);
         expect_same_bits(all, run(spec + ",terms=needed,threads=2", scene.problem));
     }
@@ -266,7 +266,7 @@ TEST_P(CpuParallel, RefusesWhatImplicitAddressingCannotReach) {
     network.springs = {{0, 1, 1, 1}};
     EXPECT_THAT(backend->unsupported(network), HasSubstr("needs a lattice"));
 
-    // Dims whose padded product overflows 64 bits, or merely exceeds all memory there is.
+    // Dims whose padded product overflows 64 bits, or merely exceeds the memory of any machine.
     for (const glm::ivec3 dims : {glm::ivec3(2147483647), glm::ivec3(1, 2147483647, 65536)}) {
         Problem huge;
         huge.lattice.dims = dims;
@@ -318,8 +318,8 @@ bool has_subnormals() {
     return half != 0 && half * 2 == tiny;
 }
 
-// Ahead of a wave, displacements by increments fall below any power of ten within some particles. To compute
-// with subnormal ones takes a processor several times as long, and changes nothing that can be seen.
+// Ahead of a wave, displacements by increments fall below any power of ten within a few particles. Computing
+// with subnormal numbers takes a processor several times as long, and makes no visible difference.
 TEST_P(CpuParallel, SubnormalsAreZeroWhileSteppingUnlessKept) {
     if (!by_increments(options.formulation)) GTEST_SKIP() << "a rounded position has no such tails";
     const bool flushes =
@@ -328,7 +328,7 @@ TEST_P(CpuParallel, SubnormalsAreZeroWhileSteppingUnlessKept) {
 #else
         false;
 #endif
-    // The front comes a particle farther a step, and falls below 1e-38 or 1e-308 on its way.
+    // The front advances by one particle per step, and falls below 1e-38 or 1e-308 on its way.
     const int steps = options.precision == Precision::float32 ? 100 : 400;
     const Poked poked({steps + 30, 3, 3});
     const auto end = [&](const std::string& tuning) {
@@ -342,8 +342,8 @@ TEST_P(CpuParallel, SubnormalsAreZeroWhileSteppingUnlessKept) {
     if (flushes) {
         EXPECT_EQ(count_subnormals(flushed, options.precision), 0u);
     }
-    // What was flushed grows with the tail that it was a part of while the wave comes nearer: to 2e-28 in
-    // float32. That is nothing beside the rounding of a displacement of 0.5.
+    // The error from a flushed number grows with the tail of the wave as the wave approaches: to 2e-28 in
+    // float32. That is far below the rounding of a displacement of 0.5.
     const double rounding =
         options.precision == Precision::float32 ? 0.5 * std::ldexp(1.0, -24) : 0.5 * std::ldexp(1.0, -53);
     const double most = 1e-12 * rounding;
@@ -352,7 +352,7 @@ TEST_P(CpuParallel, SubnormalsAreZeroWhileSteppingUnlessKept) {
         EXPECT_LT(glm::length(kept.increment[i] - flushed.increment[i]), most) << i;
     }
     expect_same_bits(flushed, end(",threads=3,rest=skip"));
-    if (options.precision == Precision::float64) return;  // which differs in no code, and steps longer
+    if (options.precision == Precision::float64) return;  // float64 runs the same code and takes longer
     for (const char* tuning : {",threads=2", ",terms=all"}) {
         SCOPED_TRACE(tuning);
         expect_same_bits(flushed, end(tuning));
@@ -380,7 +380,7 @@ TEST(CpuParallelThreads, ComputeAfterAStepAsBefore) {
     ASSERT_TRUE(has_subnormals());
     (void)run("cpu_parallel:threads=3", make_lattice_problem(solid({40, 4, 4}), FACE_BITS));
     EXPECT_TRUE(has_subnormals());
-    // The threads that stepped as well.
+    // This holds for the threads that stepped as well.
     bool all = true;
 #pragma omp parallel for num_threads(3) schedule(static, 1) reduction(&& : all)
     for (int thread = 0; thread < 3; ++thread) all = all && has_subnormals();
@@ -429,14 +429,14 @@ TEST_P(CpuParallelRoots, AreOffByNoMoreThanTheirTargetStates) {
         const double measured = cpu_parallel::measured_root_error(root);
         RecordProperty(name, std::to_string(measured));
         EXPECT_LE(measured, spec.root_error()) << name;
-        // What is stated is not far from what there is, but where a processor's approximations are exact.
+        // The stated error is close to the actual one, except on processors whose approximations are exact.
         EXPECT_GE(measured, spec.root_error() / 8) << name;
     }
 }
 
-// A root with an error of e makes each force wrong by a fraction e where the force comes from the strain, but
-// by e k l where it is a difference of lengths. With AVX-512 6e-6 was measured for the raw one, and one
-// Newton step ends within the rounding of the rest.
+// A root with a relative error e makes each force wrong by a fraction e if the force comes from the strain,
+// but by e k l if it is a difference of lengths. With AVX-512 6e-6 was measured for the raw root; after one
+// Newton step the error is within the other rounding.
 TEST_P(CpuParallelRoots, CostWhatTheirBitsLeadToExpect) {
     const double exact = root_error("increment", "exact"), raw = root_error("increment", "raw");
     EXPECT_LT(exact, 1e-6);
@@ -458,7 +458,7 @@ TEST(SleepingTiles, SleepCostsWhatItsThresholdLeadsToExpect) {
         const State end = backend->download();
         work = backend->count_work();
         if (!work.empty() && work.at("tiles_stepped") == 0) {
-            // What sleeps stands still.
+            // A sleeping tile stands still.
             const State later = backend->download();
             EXPECT_EQ(later.displacement, end.displacement);
             EXPECT_EQ(later.increment, state_at_rest(poked.problem).increment);
@@ -474,7 +474,7 @@ TEST(SleepingTiles, SleepCostsWhatItsThresholdLeadsToExpect) {
         SCOPED_TRACE(sleep);
         const State slept = run(std::string("sleep=") + sleep, work);
         EXPECT_LT(compare(poked.problem, slept, awake, Precision::float32, 1500).max, error);
-        // What was poked has come to rest, but to the finest threshold.
+        // The poked tiles have come to rest, except at the finest threshold.
         EXPECT_EQ(work.at("tiles_stepped"), std::string(sleep) == "1e-6" ? work.at("tiles") : 0);
     }
 }

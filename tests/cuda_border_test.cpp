@@ -1,5 +1,5 @@
-// Borders on CUDA: what its kernels take out of a state and put into another one, run on the host, and that
-// subdomains which exchange so give the bits of the whole.
+// Borders on CUDA: kernels take them out of one state and put them into another, here on the host. Subdomains
+// that exchange borders this way give the bits of the whole.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -43,7 +43,7 @@ TYPED_TEST(Borders, ComeFromWordsAndLeaveTheirBits) {
     EXPECT_EQ(message, (std::vector<Real>{10, 40, 50, 11, 41, 51, 12, 42, 52,  //
                                           1001, 1004, 1005, 2001, 2004, 2005, 3001, 3004, 3005}));
 
-    // Other bits and places, which the message replaces where the border is.
+    // Another state, in which the message replaces the places of the border.
     std::vector<ParticleRecord<Real>> other(6, {{7, 8, 9}, 55}), other_low(6, {{4, 5, 6}, 0});
     scatter(at(other, &other_low), message);
     for (unsigned i = 0; i < 6; ++i) {

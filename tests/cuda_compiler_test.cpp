@@ -1,4 +1,4 @@
-// Every kernel that a CUDA backend may ask for, compiled for two architectures; no GPU is needed for that.
+// Compiles every kernel that a CUDA backend may ask for, for two architectures; no GPU is needed for that.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -74,8 +74,8 @@ std::vector<Kind> kinds() {
 
 class Compiler : public ::testing::TestWithParam<Formulation> {};
 
-// What a scene of the paper needs, and everything: terms are independent of each other, and they and the
-// formulation of how a neighbour is fetched.
+// Compiles the terms of a scene of the paper, and all terms. That is enough: terms are independent of each
+// other, and terms and formulation are independent of how a neighbour is fetched.
 TEST_P(Compiler, CompilesEveryKernel) {
     const bool on_oldest = GetParam() == Formulation::position || GetParam() == Formulation::compensated;
     for (const Kind& kind : kinds()) {
@@ -83,11 +83,12 @@ TEST_P(Compiler, CompilesEveryKernel) {
         for (const char* fetch : kind.fetches) {
             for (const char* real : {"float", "double"}) {
                 for (const bool everything : {false, true}) {
-                    // Of the others everything, and once.
+                    // Other fetches are compiled only with every term, and in one formulation.
                     if (fetch != kind.fetches.front() && !(everything && GetParam() == Formulation::position))
                         continue;
                     for (const int architecture : {75, 90}) {
-                        // The oldest has everything of the newest but speed: one of each is enough there.
+                        // The oldest architecture differs from the newest only in speed: one of each is
+                        // enough there.
                         if (architecture == 75 && (everything || !on_oldest)) continue;
                         SCOPED_TRACE(std::string(kind.name) + " " + fetch + " " + real);
                         KernelSource source{kind.file, kind.macros};
@@ -112,8 +113,8 @@ TEST_P(Compiler, CompilesEveryKernel) {
     }
 }
 
-// The names that cuda/common/support_kernels.cpp and cuda/device/limits.cpp look kernels up by are symbols of the
-// machine code.
+// The names that cuda/common/support_kernels.cpp and cuda/device/limits.cpp look kernels up by are symbols of
+// the machine code.
 TEST(Compiler, CompilesWhatRunsBetweenStepsAndMeasuresLimits) {
     const auto expect_kernels = [](const KernelSource& source, const std::vector<const char*>& names) {
         for (const int architecture : {75, 90, 120}) {
@@ -162,13 +163,13 @@ KernelSource resident_source(
 }
 
 TEST_P(Compiler, CompilesTheResidentKernel) {
-    if (GetParam() == Formulation::compensated) return;  // its points do not fit into a tagged word
+    if (GetParam() == Formulation::compensated) return;  // points of two parts do not fit into a tagged word
     struct Variant {
         int borders;
         const char *masked, *tool, *slots, *part;
         int architecture;
     };
-    // As many points as each may have.
+    // The maximum number of points for each.
     for (const auto& [borders, masked, tool, slots, part, architecture] :
          {Variant{(1 << border_kinds) - 1, "0", "none", "2048", "0", 90},
           Variant{1 << mixed_border, "1", "none", "768", "0", 75},
@@ -191,9 +192,9 @@ std::size_t count_of(const std::string& word, const std::string& text) {
     return count;
 }
 
-// A block that waits for others, which never come, ends its wait: it looks at the clock in each. In ticks
-// block 0 waits for the others' turns and they for its orders, and it waits for the host. Nothing traps: that
-// would end whatever else runs on the device.
+// If other blocks never come, a waiting block ends its wait: each wait reads the clock. With ticks, block 0
+// waits for the turns of the others and for the host, and they wait for its orders. No wait traps, since a
+// trap would end everything else that runs on the device.
 TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
     const auto waits = [](const char* tool, const char* part) {
         const std::string code = compile(resident_source(tool, part), 999).code;
@@ -203,14 +204,14 @@ TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
     EXPECT_GE(waits("none", "0"), 2U);
     EXPECT_GE(waits("launch", "0"), 2U);
     EXPECT_GE(waits("ticks", "0"), 4U);
-    // Its points and those that the last step leaves, and that the others have begun.
+    // The waits for its points, for the points of the last step, and for the begin of the others.
     EXPECT_GE(waits("none", "1"), 3U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).block, 131U);
     EXPECT_EQ(ResidentStall::unpacked(ResidentStall{131, 70000}.packed()).step, 70000U);
 }
 
-// With dependent launches the step before may still write words while a kernel begins: none is loaded before
-// the wait, nor as memory that nobody writes.
+// With dependent launches the step before may still write words while a kernel begins. So the kernel loads no
+// word before the wait, and none by read-only loads.
 TEST(DependentLaunches, LoadWordsAfterTheWait) {
     const auto code_of = [](const char* real, const char* fetch, bool dependent) {
         KernelSource source{"explicit.cu",
@@ -236,7 +237,7 @@ TEST(DependentLaunches, LoadWordsAfterTheWait) {
     }
 }
 
-// Parts of a body wait for each other in kernels of their own.
+// Parts of a body wait for each other, each in its kernel.
 TEST(Serialisers, AreTold) {
     const auto unset = [](const char*) -> const char* { return nullptr; };
     const auto with = [](const std::string& variable, const char* value) {
@@ -273,8 +274,8 @@ struct Part {
     std::shared_ptr<DeviceBorders> borders;
 };
 
-// On a card: of two parts one is not stepped, so that the other waits in vain. That is an error of its
-// backend and of nothing else in the process.
+// Runs on a card: one of two parts is not stepped, so that the other waits in vain. That is an error of its
+// backend only; the process and the card go on.
 TEST(Waits, InVainAreErrorsAndTheCardGoesOn) {
     const BackendSpec spec = BackendSpec::parse("cuda_resident:overlap=off");
     const BackendSpec other = BackendSpec::parse("cuda_implicit_device");
@@ -321,8 +322,8 @@ TEST(Waits, InVainAreErrorsAndTheCardGoesOn) {
     testing::expect_same_bits(state, expected);
 }
 
-// Beside the waits of any launch a part of a body waits for the points that the last step leaves. Between
-// devices words have the scope of the system, on both sides; between blocks of one device they have not.
+// In addition to the waits of any launch, a part of a body waits for the points of its last step. Words
+// between devices have system scope on both sides; words between blocks of one device have not.
 TEST(Compiler, AResidentKernelOfAPartSendsToOtherDevices) {
     const std::string whole = compile(resident_source("none"), 999).code;
     const std::string part = compile(resident_source("none", "1"), 999).code;
@@ -333,7 +334,7 @@ TEST(Compiler, AResidentKernelOfAPartSendsToOtherDevices) {
     EXPECT_EQ(count_of("ld.relaxed.gpu.global.b128", part), 0U);
 }
 
-// Nothing of it is in a kernel without a tool, and the host is heard in ticks alone.
+// A kernel without a tool has no code for it, and only ticks listen to the host.
 TEST(Compiler, AToolCostsTheResidentKernelNothingWhereThereIsNone) {
     const std::string none = compile(resident_source("none"), 999).code;
     const std::string launch = compile(resident_source("launch"), 999).code;
@@ -346,7 +347,7 @@ TEST(Compiler, AToolCostsTheResidentKernelNothingWhereThereIsNone) {
     EXPECT_LT(count_of("%globaltimer", none), count_of("%globaltimer", in_ticks));
 }
 
-/// Whether `tile` can be had in that precision, and compiles.
+/// Whether `tile` exists in that precision, and compiles.
 void compile_march(const char* tile, Precision precision, Formulation formulation, const Problem& problem) {
     SCOPED_TRACE(std::string(tile) + " " + to_string(precision) + " " + to_string(formulation));
     const MarchTile shape = march_tile(tile, precision);
@@ -387,7 +388,7 @@ TEST(Compiler, CompilesTheMarch) {
     compile_march("64x8", Precision::float32, Formulation::increment, problem);
 }
 
-// Tiles of every size, the largest with registers moved to them.
+// Tiles of every size; the largest need registers that are moved to their threads.
 TEST(Compiler, CompilesBricks) {
     struct Variant {
         const char *shape, *formulation;
@@ -449,7 +450,7 @@ TEST(Compiler, FindsOnDiskWhatItCompiledBefore) {
     unsetenv("VOXSPRING_CACHE");
 }
 
-// NVRTC tells 13.0 and no patch level. The id that `readelf -n` shows has 20 bytes, of two digits each.
+// NVRTC reports 13.0 without a patch level. The id that `readelf -n` shows has 20 bytes, of two digits each.
 TEST(Compiler, KernelsOnDiskAreOfOneBuildOfTheCompiler) {
     const std::string& build = compiler_build();
     const std::size_t version = build.find(' ');
@@ -468,7 +469,7 @@ TEST(Compiler, SaysWhatIsWrong) {
     }
 }
 
-// A card newer than the compiler gets code that its driver finishes.
+// For a card newer than the compiler it emits code that the driver finishes.
 TEST(Compiler, FallsBackToPtx) {
     const KernelSource source{"implicit.cu",
                               {{"REAL", "float"},

@@ -37,11 +37,11 @@ using testing::random_network;
 using testing::random_state;
 using testing::solid;
 
-/// The fourth number of a word as shaders and kernels move it.
+/// The fourth component of a word, moved as shaders and kernels move it.
 float fourth(const ParticleRecord<float>& word) { return std::bit_cast<float>(word.bits); }
 double fourth(const ParticleRecord<double>& word) { return std::bit_cast<double>(word.bits); }
 
-// Hardware may flush numbers that are not normal to zero.
+// Hardware may flush subnormal numbers to zero, so that component must be normal.
 template <class Real>
 void expect_normal_words(std::uint32_t bits) {
     ParticleRecord<Real> word{};
@@ -60,7 +60,7 @@ TEST(Words, HaveBitsThatNoHardwareFlushes) {
         expect_normal_words<float>(bits);
         expect_normal_words<double>(bits);
     }
-    // Words of the state as it is uploaded; those of no particle are zero.
+    // The words of the state as it is uploaded; words without a particle are zero.
     const Problem problem = make_lattice_problem(random_grid({5, 4, 3}, 0.67, 1), FACE_BITS);
     const PackedState<double> packed =
         pack<double>(problem, random_state(problem, 0.05, 1), place_on_grid(problem.lattice),
@@ -75,7 +75,7 @@ TEST(Words, HaveBitsThatNoHardwareFlushes) {
     EXPECT_EQ(particles, 2 * problem.particle_count());
 }
 
-// A last block's threads beyond the words have numbers of type int as well.
+// The last block's threads beyond the words also have numbers that fit an int.
 TEST(Words, AreNoMoreThanThreadsHaveNumbers) {
     constexpr std::size_t largest_block = 1024;
     EXPECT_LE((max_words + largest_block - 1) / largest_block * largest_block,
@@ -124,7 +124,7 @@ std::map<std::string, Problem> lattices() {
     problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
     problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
     problems["corners"] = lattice(solid({9, 8, 7}), CORNER_BITS);
-    // Particles with all neighbours on either side of a row, and nobody in its middle.
+    // Particles with all neighbours at both ends of a row, and no particle in its middle.
     problems["sparse_edges"] = lattice(random_grid({21, 9, 10}, 0.95, 8), EDGE_BITS);
     problems["sparse_corners"] = lattice(random_grid({21, 9, 10}, 0.95, 9), CORNER_BITS);
     problems["all_groups"] = lattice(random_grid({21, 9, 10}, 0.8, 3), NEIGHBOUR_BITS);
@@ -199,7 +199,8 @@ TYPED_TEST(KernelBodies, TheTool) {
                 const Comparison comparison =
                     compare(problem, simulation->download(), oracle->download(), this->precision, steps);
                 EXPECT_TRUE(comparison.passed()) << comparison.reason;
-                // Each of four forces is the stiffness times a distance, off by no more than particles are.
+                // Each of four forces is the stiffness times a distance, which is off by no more than
+                // particles are.
                 EXPECT_LT(glm::distance(simulation->tool_force(), oracle->tool_force()),
                           4 * problem.tool.stiffness * 2 * comparison.tolerance);
             }
@@ -245,7 +246,7 @@ TYPED_TEST(KernelBodies, ExplicitByGroups) {
             this->expect_reference(problem, start, simulation);
         }
     }
-    EXPECT_EQ(tried, int(lattices().size()) - 3);  // all but those of several materials or spacings
+    EXPECT_EQ(tried, int(lattices().size()) - 3);  // all except those of several materials or spacings
 }
 
 TYPED_TEST(KernelBodies, ExplicitBySprings) {
@@ -263,7 +264,7 @@ TYPED_TEST(KernelBodies, ExplicitBySprings) {
     }
 }
 
-// Where both can run, to the bit what implicit addressing and lists with a counter a group give.
+// If both can run, the bits equal those of implicit addressing and of lists with one counter per group.
 TYPED_TEST(KernelBodies, ExplicitByDeltas) {
     using Real = typename TypeParam::Real;
     auto problems = lattices();
@@ -324,8 +325,8 @@ TYPED_TEST(KernelBodies, RestStaysRestToTheBit) {
     expect_rest(ScatterSimulation<TypeParam>(problem, rest));
 }
 
-// What a scene does not need is skipped: empty blocks, loads, groups. The bits are those of a run that skips
-// nothing.
+// What a scene does not need is skipped: empty blocks, loads, groups. A run that skips nothing gives the same
+// bits.
 TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
     const Problem problem = lattice(make_grid({70, 21, 9}, [](int x, int y, int z) {
         return (x - 50) * (x - 50) + (y - 9) * (y - 9) + (z - 4) * (z - 4) < 36;
@@ -365,7 +366,7 @@ TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
 TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
     constexpr bool drifts = TypeParam::formulation == Formulation::paper;
     Problem box = make_lattice_problem(solid({40, 12, 10}), FACE_BITS | EDGE_BITS);
-    // Neighbours beside each other and across corners, and blocks with nobody.
+    // The sparse body has neighbours side by side and across corners, and blocks without any particle.
     Problem sparse = make_lattice_problem(random_grid({44, 12, 10}, 0.6, 11), FACE_BITS | EDGE_BITS);
     for (Problem* problem : {&box, &sparse}) {
         problem->damping = 0.01;
@@ -393,7 +394,7 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
                     EXPECT_EQ(skipping->download().displacement, plain.download().displacement);
                     EXPECT_EQ(skipping->download().increment, plain.download().increment);
                 }
-                // The corner's block, and those around blocks that it pulls at.
+                // The block of the corner, and the blocks around those that it pulls at.
                 if (n > 0) {
                     EXPECT_EQ(looking.blocks_stepped(), resting.blocks_stepped());
                 } else if (!drifts) {
@@ -410,8 +411,8 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
     }
 }
 
-// From the middle of a block everything reaches the 26 blocks around it in the same step, which none of them
-// would list for another.
+// From the middle of a block everything reaches all 26 surrounding blocks in the same step, and none of these
+// would list the others.
 TYPED_TEST(KernelBodies, AChangeListsEveryBlockAroundIt) {
     Problem problem = make_lattice_problem(solid({15, 15, 15}), NEIGHBOUR_BITS);
     problem.time_step = 0.2;
@@ -428,8 +429,8 @@ TYPED_TEST(KernelBodies, AChangeListsEveryBlockAroundIt) {
     }
 }
 
-// Gravity stops it for a step, in every formulation without rounding: it stays where it is and is not at
-// rest.
+// Gravity stops the particle for one step, in every formulation without rounding: it stays where it is, but
+// is not at rest.
 TYPED_TEST(KernelBodies, AParticleThatTurnsRoundIsNotAtRest) {
     Problem problem = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
     problem.time_step = 0.25;
@@ -526,7 +527,7 @@ TEST(NeighbourLists, IndicesOfLargeLatticesDoNotWrap) {
     EXPECT_EQ(list_size(particles, 26, ListLayout::concatenated), 26ULL * particles);
 }
 
-/// The list of a particle.
+/// The neighbours in the list of a particle.
 const RowDeltas& list_of(const DeltaLists& compressed, std::uint32_t particle) {
     const Slice& slice = compressed.slices[particle / slice_particles];
     return compressed.lists[std::size_t(slice.list + rank(slice.starts, particle % slice_particles))];
@@ -548,7 +549,7 @@ TEST(DeltaLists, LeadToEveryNeighbour) {
                     delta += list.rows[row / 4].row[row % 4];
                     if (o.x > 0) delta -= int(list.gaps >> row & 1U);
                 }
-                // Read whether it is there or not.
+                // A kernel reads this slot whether it is used or not.
                 const auto word = std::ptrdiff_t(placement.at(i)) + delta;
                 ASSERT_GE(word, 0);
                 ASSERT_LT(word, std::ptrdiff_t(placement.words));
@@ -563,9 +564,9 @@ TEST(DeltaLists, LeadToEveryNeighbour) {
 }
 
 TEST(DeltaLists, AreSharedByRuns) {
-    // A box has one for all but its first and last slice and row, from where deltas would lead out of it.
+    // A box has one list for all but its first and last slice and row, where deltas would lead out of it.
     EXPECT_LE(compress_lists(lattice(solid({50, 40, 30}))).lists.size(), 8U);
-    // One more or less where a row ends and the next one begins.
+    // The number of lists may differ by one where a row ends and the next one begins.
     const Problem ball = lattice(make_grid({41, 41, 41}, [](int x, int y, int z) {
         return (x - 20) * (x - 20) + (y - 20) * (y - 20) + (z - 20) * (z - 20) < 400;
     }));
@@ -575,7 +576,7 @@ TEST(DeltaLists, AreSharedByRuns) {
     EXPECT_LE(compress_lists(ball).lists.size(), rows);
 }
 
-// Cuts change masks; lists made after them lead to the same neighbours.
+// Cuts change masks; lists made afterwards lead to the same neighbours.
 TEST(DeltaLists, DoNotDependOnLatticeSprings) {
     Problem problem = lattices().at("dense");
     const DeltaLists before = compress_lists(problem);
@@ -687,9 +688,9 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                 SCOPED_TRACE(name + (by_groups ? " by groups" : " by springs"));
                 Problem edited = problem;
                 const std::vector<SpringEdit> edits = edit_everything(edited, false);
-                // Edits may cut all that is beyond groups; in between there is some.
+                // Edits may cut all springs beyond groups; in between there are some.
                 if (by_groups && !(beyond_groups(problem) + beyond_groups(edited)).empty()) continue;
-                // What the faces of `corners` are sutured with is no lattice spring.
+                // Sutures between the faces of `corners` are no lattice springs.
                 if (std::any_of(edits.begin(), edits.end(),
                                 [](const SpringEdit& edit) { return edit.leaves_lattice(); }))
                     continue;
@@ -724,7 +725,7 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                 }
                 const NeighbourLists<Real> built = list(edited);
                 EXPECT_EQ(lists.bits, built.bits);
-                // Slots beyond the built ones hold the particle itself; so do cut ones.
+                // Slots beyond the built ones hold the particle itself; so do slots of cut springs.
                 for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
                     const std::uint32_t unused =
                         on_positions(TypeParam::formulation) ? i : i | NO_DIRECTION << LISTED_INDEX_BITS;
@@ -754,7 +755,7 @@ TYPED_TEST(KernelBodies, EditedDeltaListsStepLikeThoseOfTheEditedProblem) {
             Problem edited = problem;
             const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
             const State start = random_state(problem, 0.05, 7);
-            // The problem that was built so has a way without masks.
+            // The problem that was built with the edits has a way without masks.
             DeltaSimulation<TypeParam> played(problem, start), built(edited, start, true);
             Problem now = problem;
             for (const SpringEdit& edit : edits) {
@@ -769,7 +770,7 @@ TYPED_TEST(KernelBodies, EditedDeltaListsStepLikeThoseOfTheEditedProblem) {
     }
 }
 
-// What the device is sent is what changed.
+// Only what changed is sent to the device.
 TEST(OffLatticeLists, ChangesAreAllThatChanged) {
     const Problem problem = lattice(solid({40, 12, 11}));
     Problem edited = problem;
@@ -794,7 +795,7 @@ TEST(OffLatticeLists, ChangesAreAllThatChanged) {
         EXPECT_EQ(sent_slices, slices);
     }
     EXPECT_FALSE(own.empty());
-    // Columns that a slice has left behind are nobody's.
+    // Columns that a slice no longer uses are empty.
     for (const Slice& slice : slices) {
         const std::size_t begin = std::size_t(slice.off_lattice_begin) * slice_particles;
         for (std::size_t n = 0; n < std::size_t(slice.off_lattice_slots) * slice_particles; ++n)
@@ -819,7 +820,7 @@ TEST(SpringSlots, AnEditWritesEachSlotOnce) {
             EXPECT_EQ(change.constants.stiffness, 1.0F);
         }
     }
-    // What was given back is there for the next one.
+    // Slots that were given back are available to the next edit.
     SpringEdit next;
     next.added = {{{3, 21, 0.5, 1.5}, -1}};
     EXPECT_LT(slots.slots_of<float>(next).front().begin, springs.ends.size());

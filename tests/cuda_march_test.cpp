@@ -1,5 +1,5 @@
-// The march along z (cuda/kernels/march.h) without a device: its layout, its plan, and its body run on the
-// host, every thread of every item, from windows as a device's copy engine fills them.
+// The march along z (cuda/kernels/march.h) without a device: its layout, its plan, and its kernel body. The
+// body runs on the host, every thread of every item, with windows filled as by a device's copy engine.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -33,7 +33,7 @@ using testing::random_grid;
 using testing::random_state;
 using testing::solid;
 
-/// One that runs a block on each of its multiprocessors.
+/// A device that runs one block on each of its multiprocessors.
 MarchDevice device_of(int multiprocessors) {
     return {.multiprocessors = multiprocessors,
             .threads = 2048,
@@ -115,7 +115,7 @@ struct Variant {
     static constexpr Precision precision = sizeof(Real) == 4 ? Precision::float32 : Precision::float64;
 };
 
-/// The windows of an item as a device copies them: what lies outside of the lattice is zero.
+/// The windows of an item as a device copies them: values outside of the lattice are zero.
 template <class V>
 class HostPlanes {
     using Real = typename V::Real;
@@ -137,7 +137,7 @@ public:
         thread_ = thread;
         arrived_ = released_ = before_ = 0;
     }
-    /// Whether the thread asked for every window, and gave back all but the newest of positions.
+    /// Whether the thread asked for every window, and gave back all except the newest window of positions.
     bool complete() const {
         return arrived_ == windows_.size() && released_ + 1 == arrived_ && before_ == befores_.size();
     }
@@ -193,7 +193,7 @@ public:
     }
     Simulation(const Simulation&) = delete;
 
-    /// No warp goes without masks.
+    /// Makes every warp use masks.
     void mask_everything() {
         for (MarchItem& item : plan_.items) item.full_stencils = 0;
     }
@@ -207,11 +207,11 @@ public:
     }
     State download() const { return unpack_march<Real>(problem_, state_, V::formulation); }
     const MarchPlan& plan() const { return plan_; }
-    /// As the backend has them.
+    /// Arrays as in the backend.
     BorderPlaces<Real> places(const std::vector<std::uint32_t>& elements) {
         return {elements.data(), elements.size(), state_.current.data(), nullptr, 1, step_.axis};
     }
-    /// As Simulation of host_kernels.h has them.
+    /// Arrays as in Simulation of host_kernels.h.
     std::size_t split(const std::vector<std::uint32_t>& border) {
         plan_ = plan_for(problem_, V::shape, 4, V::precision, V::formulation,
                          interior_of(problem_.lattice, border));
@@ -239,7 +239,7 @@ public:
     }
 
 private:
-    /// What the step overwrites, in a copy.
+    /// A copy of what the step overwrites.
     void begin_step() {
         constexpr bool increments = by_increments(V::formulation);
         after_.current = increments ? std::vector<Real>(state_.current.size()) : state_.before;
@@ -344,7 +344,7 @@ TYPED_TEST(MarchBody, RestStaysRestToTheBit) {
     }
 }
 
-// A cut may take the way without masks from a warp, and must change nothing but the springs.
+// A cut may make a warp use masks that did without. It must change nothing but the springs.
 TYPED_TEST(MarchBody, MasksChangeNoBit) {
     const std::size_t all = (std::size_t(1) << TypeParam::shape.warps()) - 1;
     int warps = 0;
@@ -353,7 +353,7 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
         const State start = random_state(problem, 0.05, 7);
         Simulation<TypeParam> simulation(problem, start), masked(problem, start);
         const std::vector<MarchItem>& items = simulation.plan().items;
-        // Items without any masks have no words.
+        // Items without any masks have no words for them.
         if (std::any_of(items.begin(), items.end(),
                         [all](const auto& item) { return item.full_stencils == all; }))
             continue;
@@ -364,14 +364,14 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
         EXPECT_EQ(simulation.download().displacement, masked.download().displacement);
         EXPECT_EQ(simulation.download().increment, masked.download().increment);
     }
-    // Of these lattices some have whole warps beside others in tiles this narrow and high.
+    // In tiles this narrow and high some of these lattices have whole warps beside others.
     const bool in_some = TypeParam::shape.width() == 16 && TypeParam::shape.high > 1;
     if (in_some) {
         EXPECT_GT(warps, 0);
     }
 }
 
-// The card says how runs of planes are cut into items, and must not say what a step gives.
+// The card determines how runs of planes are cut into items, but must not influence the result of a step.
 TYPED_TEST(MarchBody, CutsChangeNoBit) {
     int shortest = std::numeric_limits<int>::max();
     std::size_t parted = 0;
@@ -394,7 +394,7 @@ TYPED_TEST(MarchBody, CutsChangeNoBit) {
     EXPECT_GT(parted, 100U);
 }
 
-// All of these are cut along z.
+// All of these bodies are cut along z.
 TYPED_TEST(MarchBody, SlabsGiveTheBitsOfTheWhole) {
     std::vector<Problem> wholes;
     for (const char* name : {"high_box", "two_runs", "pinned_box"}) wholes.push_back(lattices().at(name));
@@ -403,11 +403,11 @@ TYPED_TEST(MarchBody, SlabsGiveTheBitsOfTheWhole) {
     });
 }
 
-// Nothing of a particle that is not finite comes through to those that it has no spring to.
+// A particle that is not finite affects only particles that it has a spring to.
 TYPED_TEST(MarchBody, AStrayParticleStaysAlone) {
     Problem problem = lattice(solid({13, 9, 8}));
     const std::size_t stray = (std::size_t(4) * 9 + 4) * 13 + 6;
-    for (const Direction& direction : directions()) {  // a full box: voxels are particles
+    for (const Direction& direction : directions()) {  // a full box: voxel index equals particle index
         const auto other = std::size_t(std::ptrdiff_t(stray) + problem.lattice.stride(direction));
         problem.lattice.mask[stray] &= ~(1U << direction.bit);
         problem.lattice.mask[other] &= ~(1U << (direction.bit ^ 1));
@@ -457,10 +457,10 @@ TEST(MarchShape, CoversItsTileOnce) {
             }
             EXPECT_EQ(int(columns.size()), shape.width() * shape.height());
             EXPECT_EQ(columns.rbegin()->first, shape.width() - 1);
-            // What an SM of compute capability 9.0 has: 228 KiB of which each block costs 1 KiB more.
+            // An SM of compute capability 9.0 has 228 KiB, of which each block takes 1 KiB more.
             const int real = precision == Precision::float32 ? 4 : 8;
             EXPECT_LE(tile.blocks * (shape.shared_bytes(real) + 1024), 228 * 1024);
-            EXPECT_LE(shape.pitch(real), 256);  // of a box that the copy engine takes
+            EXPECT_LE(shape.pitch(real), 256);  // limit of the copy engine for a box
         }
     }
 }
@@ -492,7 +492,7 @@ TEST(MarchPlan, TakesTheTileThatIsPredictedToBeTheFastestOfThoseThatFit) {
     }
 }
 
-// Whatever the interior of a slab is.
+// This holds whatever the interior of a slab is.
 TEST(MarchPlan, HoldsEveryParticleOnceAndBordersFirst) {
     constexpr MarchShape shape{2, 8, 1, 2, 3, 2};
     for (const auto& [name, problem] : lattices()) {
@@ -523,7 +523,7 @@ TEST(MarchPlan, HoldsEveryParticleOnceAndBordersFirst) {
 }
 
 TEST(MarchPlan, HasTheLongestRunOfPlanesBetweenBordersAsItsInterior) {
-    const Lattice box = lattice(solid({1, 1, 9})).lattice;  // whose particles are its planes
+    const Lattice box = lattice(solid({1, 1, 9})).lattice;  // each plane is one particle
     EXPECT_EQ(interior_of(box, {}), (MarchInterior{0, 9}));
     EXPECT_EQ(interior_of(box, {0, 1}), (MarchInterior{2, 9}));
     EXPECT_EQ(interior_of(box, {7, 8}), (MarchInterior{0, 7}));
@@ -555,12 +555,12 @@ TEST(MarchPlan, HoldsEveryParticleOnce) {
 
 TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {
     constexpr MarchShape shape{2, 32, 1, 8, 4, 3};  // 64 x 16
-    // Its first and last rows alone.
+    // Only the first and last rows have masks.
     const Problem box = lattice(solid({128, 48, 5}));
     int whole = 0;
     for (const MarchItem& item : plan_for(box, shape, 1).items) whole += std::popcount(item.full_stencils);
     EXPECT_EQ(whole, 2 * 3 * 8 - 2 * 2);
-    // A spring less takes it from one warp, or two if it ends in another.
+    // Removing one spring makes one warp use masks, or two if the spring ends in another.
     Problem edited = box;
     SpringEditor(edited).cut(Ball{{20.5, 20, 2}, 0.6});
     int left = 0;
@@ -580,7 +580,7 @@ TEST(MarchStep, NeedsRestLengthsButByIncrements) {
 TEST(MarchPlan, LeavesMasksToPlanesOfPins) {
     constexpr MarchShape shape{2, 8, 1, 1, 3, 2};  // 16 x 8
     const Problem box = pinned(lattice(solid({16, 24, 100})));
-    // The middle one of three tiles: all but the pinned plane.
+    // The middle of three tiles steps without masks, except in the pinned plane.
     for (const MarchItem& item : plan_for(box, shape, 1).items) {
         if (item.y == shape.height()) {
             EXPECT_EQ(item.full_stencils, item.begin == 0 ? 0U : 1U);
@@ -596,7 +596,7 @@ TEST(MarchPlan, FillsTheDevice) {
     EXPECT_EQ(plan_for(lattice(solid({48, 16, 256})), shape).items.size(), 12U);
     // As many columns as multiprocessors stay whole.
     EXPECT_EQ(plan_for(lattice(solid({64, 16, 256})), shape).items.size(), 4U);
-    // A card with many times more of them than there are columns: items of few planes.
+    // A card with many more multiprocessors than there are columns: items of few planes.
     const MarchPlan many = plan_for(lattice(solid({32, 32, 64})), shape, 132);
     EXPECT_EQ(many.items.size(), 4 * 22U);
     for (const MarchItem& item : many.items) EXPECT_LE(item.end - item.begin, 3);
@@ -607,7 +607,7 @@ TEST(MarchPlan, TakesTheLongestFirstAndThenTheLowest) {
     const auto place = [](const MarchItem& item) {
         return std::make_pair(item.begin - item.end, item.begin);
     };
-    // Parts of 2 and 3 planes, and where there are two runs of unlike length.
+    // Parts of 2 and 3 planes, also if there are two runs of different length.
     for (const char* name : {"high_box", "two_runs", "sparse"}) {
         const MarchPlan plan = plan_for(lattices().at(name), shape, 150);
         EXPECT_GT(plan.items.size(), 3U) << name;

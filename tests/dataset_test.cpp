@@ -1,4 +1,4 @@
-// Particle and spring counts of the datasets, to the last one.
+// The datasets have exactly the expected numbers of particles and springs.
 #include "harness/volume/dataset.h"
 
 #include <gtest/gtest.h>
@@ -30,7 +30,7 @@ void expect_counts(const VoxelGrid& grid, const Counts& expected) {
 TEST(Dataset, Box) { expect_counts(make_box({32, 32, 32}), {{}, 32768, 32768, {95232, 184512, 119164}}); }
 
 TEST(Dataset, BoxOfDifferentSides) {
-    // Springs of a W x H x D box by counting one direction of the stencil at a time.
+    // Counts the springs of a W x H x D box by one direction of the stencil at a time.
     expect_counts(
         make_box({3, 2, 5}),
         {{}, 30, 30, {2 * 10 + 3 * 5 + 6 * 4, 2 * (2 * 1 * 5 + 2 * 2 * 4 + 3 * 1 * 4), 4 * 2 * 1 * 4}});
@@ -97,7 +97,7 @@ TEST(Memory, ControlGroupsLimitIt) {
         return folder.write(file, text);
     };
     const std::filesystem::path root = folder.path() / "fs";
-    // Version 2: the least of the group and of those above it.
+    // Version 2: the minimum over the group and the groups above it.
     const std::string second = write("second", "0::/a/b\n");
     EXPECT_EQ(cgroup_memory_limit(second, root), no_memory_limit);
     write("fs/a/b/memory.max", "max\n");
@@ -106,11 +106,11 @@ TEST(Memory, ControlGroupsLimitIt) {
     EXPECT_EQ(cgroup_memory_limit(second, root), 1073741824u);
     write("fs/a/b/memory.max", "2147483648\n");
     EXPECT_EQ(cgroup_memory_limit(second, root), 1073741824u);
-    // What a container sees as the root.
+    // A container sees this as the root.
     write("fs/memory.max", "1000\n");
     EXPECT_EQ(cgroup_memory_limit(second, root), 1000u);
 
-    // Version 1, whose controllers have a hierarchy each, beside others and an empty version 2.
+    // Version 1: each controller has a hierarchy, beside others and an empty version 2.
     const std::string first = write("first", "3:cpu,cpuacct:/c\n2:blkio,memory:/c/d\n0::/\n");
     const std::filesystem::path old = folder.path() / "old";
     write("old/memory/c/d/memory.limit_in_bytes", "9223372036854771712\n");

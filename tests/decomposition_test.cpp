@@ -1,5 +1,5 @@
-// Subdomains of a lattice: who has which particles, and that stepping all of them with their ghosts copied
-// gives the bits that one device gives.
+// Subdomains of a lattice: which particles each has, and that stepping all of them with copied ghosts gives
+// the bits of one device.
 #include "backends/layout/decomposition.h"
 
 #include <gmock/gmock.h>
@@ -65,7 +65,7 @@ std::vector<Subdomain> subdomains_of(const Problem& whole, glm::ivec3 cut) {
     return all;
 }
 
-/// What a subdomain has between it and another.
+/// The border of a subdomain with another one; null if they have none.
 const Subdomain::Border* border_with(const Subdomain& subdomain, int other) {
     for (const Subdomain::Border& border : subdomain.borders) {
         if (border.subdomain == other) return &border;
@@ -80,7 +80,7 @@ TEST(Decompositions, ShareTheParticlesEquallyAndNameTheirGhostsAlike) {
             const std::vector<Subdomain> all = subdomains_of(whole, cut);
             const Decomposition decomposition(whole, cut);
             std::vector<int> owners(whole.particle_count(), 0);
-            // Cuts are made between layers, at most one of which is too much at each side.
+            // Cuts lie between layers, so that each side is off by at most one layer.
             double layers = 0;
             for (int axis = 0; axis < 3; ++axis) {
                 if (cut[axis] > 1) layers += double(dims.x) * dims.y * dims.z / dims[axis];
@@ -110,8 +110,8 @@ TEST(Decompositions, ShareTheParticlesEquallyAndNameTheirGhostsAlike) {
 }
 
 TEST(Decompositions, HaveNoGhostThatNoSpringCouldReach) {
-    // Along faces alone a brick of eight has three neighbours, along edges as well six, and with corners
-    // seven.
+    // One of eight bricks has three neighbours with face springs alone, six with edge springs as well, and
+    // seven with corner springs.
     for (const auto& [groups, neighbours] :
          {std::pair{FACE_BITS, 3U}, {FACE_BITS | EDGE_BITS, 6U}, {NEIGHBOUR_BITS, 7U}}) {
         const Problem whole = make_lattice_problem(solid({8, 8, 8}), groups);
@@ -134,7 +134,7 @@ TEST(Decompositions, CutIntoBricksWhereTheseHaveLessBorder) {
     EXPECT_EQ(bricks({8, 8, 64}, 8), glm::ivec3(1, 1, 8));
     EXPECT_EQ(bricks({64, 8, 8}, 4), glm::ivec3(4, 1, 1));
     EXPECT_EQ(bricks({16, 16, 16}, 7), glm::ivec3(1, 1, 7));
-    // Two boxes side by side along y that hardly hang together, and are longer along z.
+    // Two boxes side by side along y, joined by few springs, and longer along z.
     const Problem whole = make_lattice_problem(
         make_grid({6, 11, 16}, [](int, int y, int z) { return y != 5 || z == 0; }), FACE_BITS);
     EXPECT_EQ(Decomposition::slabs(whole, 4), glm::ivec3(1, 1, 4));
@@ -165,7 +165,7 @@ TEST(Decompositions, HaveEverySpringOfTheirOwnParticlesAndNoOther) {
                 EXPECT_EQ(part.problem.rest_position[i], whole.rest_position[part.particle[i]]);
             }
         }
-        // A spring across a border is in both.
+        // Both subdomains have a spring that crosses their border.
         EXPECT_EQ(within + across / 2, springs.size());
         EXPECT_GT(across, 0u);
     }
@@ -195,18 +195,18 @@ TEST(Decompositions, RefuseWhatTheyCannotCut) {
 }
 
 TEST(Decompositions, AreNeverEmptyWhereLayersAre) {
-    // Particles in layers 0, 1, 9 and 10 of 11 alone.
+    // Only layers 0, 1, 9 and 10 of 11 have particles.
     const VoxelGrid grid = make_grid({3, 2, 11}, [](int, int, int z) { return z < 2 || z > 8; });
     const Problem whole = make_lattice_problem(grid, FACE_BITS);
     const std::vector<Subdomain> slabs = subdomains_of(whole, {1, 1, 4});
     for (const Subdomain& slab : slabs) EXPECT_EQ(slab.own.size(), 6u);
-    // Nothing goes over the layers that are empty.
+    // No border crosses the empty layers.
     EXPECT_EQ(slabs[1].borders.size(), 1u);
 }
 
 // --- Bits ------------------------------------------------------------------------------------------------
 
-/// A subdomain on a backend of its own.
+/// A subdomain and the backend that steps it.
 struct Part {
     Subdomain subdomain;
     Problem edited;
@@ -241,18 +241,18 @@ void copy_ghosts(std::vector<Part>& parts) {
     }
 }
 
-/// A step before which the tool, where there is one, has been moved.
+/// One step; the tool, if there is one, is moved before it.
 void step_once(Backend& backend, const Problem& problem, int step) {
     if (problem.has_tool()) backend.move_tool({0.01 * step, 0, -0.02 * step});
     backend.step(1);
 }
 
-/// The state after `steps` steps of all subdomains, with one of `edits` before each of the first.
+/// The state after `steps` steps of all subdomains. Edit n is made before step n.
 State stepped_as(glm::ivec3 cut, const BackendSpec& spec, const Problem& whole, const State& start, int steps,
                  const std::vector<SpringEdit>& edits = {}) {
     std::vector<Subdomain> subdomains = subdomains_of(whole, cut);
     std::vector<Part> parts;
-    parts.reserve(subdomains.size());  // backends keep where their problems are
+    parts.reserve(subdomains.size());  // backends keep references to their problems
     for (Subdomain& subdomain : subdomains) parts.emplace_back(std::move(subdomain), spec, start);
     for (int step = 0; step < steps; ++step) {
         for (Part& part : parts) {
@@ -271,8 +271,8 @@ State stepped_as(glm::ivec3 cut, const BackendSpec& spec, const Problem& whole, 
     return state;
 }
 
-/// The same, twice from the start, with borders that go by `way` from device to device. Empty, with the
-/// reason, where there is no such way.
+/// The state after `steps` steps with borders that go by `way` from device to device. It steps twice from the
+/// start and returns the second result. If the way is unavailable the state is empty and `reason` says why.
 State stepped_by(const std::string& way, glm::ivec3 cut, const BackendSpec& spec, const Problem& whole,
                  const State& start, int steps, std::string& reason) {
     std::vector<Subdomain> subdomains = subdomains_of(whole, cut);
@@ -330,12 +330,13 @@ State stepped_whole(const BackendSpec& spec, const Problem& whole, const State& 
     return backend->download();
 }
 
-/// Of those that say so once they have their device.
+/// Whether a backend may have borders. It says for certain once it has its device.
 bool may_have_borders(const std::string& text) {
     if (text.starts_with("cpu_")) return true;
     const auto is_of = [&](const std::string& backend) { return text.starts_with(backend + ":"); };
-    // Of the others on CUDA one sums in any order, and two have no places in memory between steps. Those of
-    // cuda_resident travel within steps, see SubdomainsWithinSteps.
+    // Among CUDA's backends cuda_scatter sums in any order, and cuda_resident and cuda_bricks keep no
+    // positions in memory between steps. For the borders of cuda_resident within steps see
+    // SubdomainsWithinSteps.
     return text.starts_with("cuda_") && !is_of("cuda_scatter") && !is_of("cuda_resident") &&
            !is_of("cuda_bricks");
 }
@@ -356,14 +357,14 @@ protected:
             ASSERT_TRUE(any_->capabilities().has_borders);
         }
     }
-    /// Those that the backend can run.
+    /// The problems that the backend can run.
     std::vector<Problem> problems() const {
         std::vector<Problem> all = testing::problems();
         std::erase_if(all, [&](const Problem& problem) { return !any_->unsupported(problem).empty(); });
         return all;
     }
 
-    /// Those that leave it the order of its sums.
+    /// The cuts that keep the order of the backend's sums.
     std::vector<glm::ivec3> cuts(const Problem& whole) const {
         std::vector<glm::ivec3> all = cuts_of(whole);
         if (spec_.entry->name == "cuda_march")
@@ -400,10 +401,10 @@ TEST_P(SubdomainBits, AreThoseOfOneDeviceWhateverTheWayOfTheirBorders) {
     const std::vector<std::string> ways = any_->capabilities().border_ways;
     if (ways.empty()) GTEST_SKIP() << "its borders go through the host's memory alone";
     std::vector<Problem> wholes = problems();
-    // Whose slabs have blocks of particles without any of a border, in whatever way they are made.
+    // Its slabs have blocks of particles without any particle of a border, however blocks are made.
     wholes.push_back(with_dynamics(make_lattice_problem(solid({8, 8, 40}), FACE_BITS | EDGE_BITS)));
     for (const std::string& way : ways) {
-        if (way.starts_with("nccl")) continue;  // takes a device for each rank
+        if (way.starts_with("nccl")) continue;  // needs a device for each rank
         SCOPED_TRACE(way);
         std::string reason;
         for (const Problem& whole : wholes) {
@@ -424,7 +425,7 @@ INSTANTIATE_TEST_SUITE_P(Backends, SubdomainBits, ::testing::ValuesIn(specificat
 
 // --- Borders that travel within steps --------------------------------------------------------------------
 
-/// The state after all launches of `ranks` parts, each in a thread of its own on the same device.
+/// The state after all launches of `ranks` parts, each in its thread on the same device.
 State stepped_together(int ranks, const BackendSpec& spec, const Problem& whole, const State& start,
                        const std::vector<int>& counts, const std::vector<SpringEdit>& edits) {
     const Decomposition decomposition(whole, Decomposition::slabs(whole, ranks));
@@ -452,7 +453,8 @@ State stepped_together(int ranks, const BackendSpec& spec, const Problem& whole,
                 apply(edited, edit);
                 if (!edit.empty()) backend->edit(edited, edit);
             }
-            // DeviceBorders::steps_a_call(): before and after, each may wait for all that its device does.
+            // The ranks meet before and after (DeviceBorders::steps_a_call()), since each may wait for
+            // everything on its device.
             meeting.arrive_and_wait();
             backend->step(counts[n]);
             meeting.arrive_and_wait();
@@ -528,7 +530,7 @@ TEST(SubdomainsOfScenes, GiveTheBitsOfTheWholeHeart) {
 TEST(SubdomainsAtRest, WakeWhenTheirGhostsMove) {
     const Poked poked({8, 8, 48});
     const BackendSpec spec = BackendSpec::parse("cpu_parallel:rest=skip");
-    // A wave goes on by a voxel a step: into the last part.
+    // A wave advances by one voxel per step, so that it reaches the last part.
     const State expected = stepped_whole(spec, poked.problem, poked.start, 60);
     EXPECT_NE(expected.displacement.back(), glm::dvec3(0));
     expect_same_bits(stepped_as({2, 1, 3}, spec, poked.problem, poked.start, 60), expected);

@@ -1,5 +1,6 @@
-// Borders from device to device over a CUDA whose devices are the host's memory: streams are queues, of which
-// any may go on that does not wait for an event. So whatever an order of enqueueing leaves open is tried.
+// Borders from device to device over a fake CUDA whose devices are the host's memory. Streams are queues, and
+// at random any of them goes on that does not wait for an event: this tries every order that the enqueueing
+// permits.
 #include "cuda/common/device_borders.h"
 
 #include <dlfcn.h>
@@ -57,7 +58,7 @@ void run_front(FakeStream& stream) {
     next.run();
 }
 
-/// One operation of a stream, other than those of `stopped`, that can go on; false where none can.
+/// Runs one operation of a stream, not of `stopped`, that can go on; returns false if there is none.
 bool run_one(const std::vector<FakeStream*>& stopped = {}) {
     std::vector<FakeStream*> ready;
     for (FakeStream* stream : streams) {
@@ -171,7 +172,7 @@ cudaError_t cudaDeviceCanAccessPeer(int* possible, int, int) {
     *possible = peers_reach_each_other ? 1 : 0;
     return cudaSuccess;
 }
-// Both borders of a part may be with the same device.
+// Both borders of a part may be shared with the same device.
 cudaError_t cudaDeviceEnablePeerAccess(int, unsigned) {
     EXPECT_TRUE(peers_reach_each_other) << "CUDA refuses that";
     return cudaErrorPeerAccessAlreadyEnabled;
@@ -251,12 +252,12 @@ template void scatter_places(const BorderPlaces<double>&, const double*, const S
 
 namespace {
 
-/// A part of six particles, 0 and 5 of which are ghosts where there is a part before or behind. It knows
-/// where they have to be after each step, and its steps look whether they are. A step reads one buffer and
+/// A part of six particles. Particles 0 and 5 are ghosts if there is a part before or behind it. The part
+/// knows where all of them have to be after each step, and its steps check this. A step reads one buffer and
 /// writes the other.
 class Part {
 public:
-    /// The part at a place in a row of them, whose numbers are `numbers`.
+    /// The part at position `place` of a row of parts, whose numbers are `numbers`.
     Part(int place, const std::vector<int>& numbers, int device, const std::string& way)
         : place_(place), parts_(int(numbers.size())) {
         for (auto& buffer : state_) buffer.fill(nan);
@@ -280,7 +281,7 @@ public:
         start();
     }
 
-    /// From the beginning, whatever the state was.
+    /// Resets to step 0, whatever the state was.
     void start() {
         steps_ = 0;
         current_ = 0;
@@ -330,11 +331,11 @@ public:
             for (int particle = 0; particle < particles; ++particle) expect_at(now, particle, step);
         });
     }
-    /// The interior's steps that were done.
+    /// The number of steps that the interior has done.
     int steps_done() const { return done_; }
     int written() const { return written_; }
     FakeStream* stream() const { return &fake(stream_.get()); }
-    /// Where borders go first.
+    /// Requires a way that sends borders first.
     FakeStream* stream_of_borders() const { return &fake(first_->stream().get()); }
     /// Whether the ghost next to part `other` is where it was after `step`.
     bool has_ghost_of(int other, int step) const {
@@ -355,7 +356,8 @@ private:
         return (particle == 0 && has_before()) || (particle == 5 && has_behind());
     }
     static std::size_t index(int particle, int axis) { return std::size_t(particle + particles * axis); }
-    /// Of what the whole has there: parts have four particles each and see those beside them.
+    /// The expected coordinate in the numbering of the whole body: each part has four particles and sees one
+    /// more on either side.
     float expected(int particle, int axis, int step) const {
         return float(1000 * step + 10 * (4 * place_ + particle) + axis);
     }
@@ -368,14 +370,14 @@ private:
             EXPECT_EQ(state_[buffer][index(particle, axis)], expected(particle, axis, step))
                 << "part " << place_ << ", particle " << particle << " after step " << step;
     }
-    /// Whoever is stepped reads those beside it, but ghosts read nobody.
+    /// A particle reads itself and its neighbours; a ghost reads only itself.
     void step_one(std::size_t reading, int particle, int step) {
         const int reach = is_ghost(particle) ? 0 : 1;
         for (int other = std::max(0, particle - reach); other <= std::min(particles - 1, particle + reach);
              ++other)
             expect_at(reading, other, step - 1);
-        // What it overwrites is of the step before the latest; a ghost that nothing is written to is of no
-        // use to the next step.
+        // The overwritten value is that of the step before the latest. A ghost becomes NaN, so that the next
+        // step fails if no border arrives.
         if (step > 1 && !is_ghost(particle)) expect_at(1 - reading, particle, step - 2);
         place(1 - reading, particle, step);
         if (is_ghost(particle)) {
@@ -393,7 +395,8 @@ private:
 
 using Parts = std::vector<std::unique_ptr<Part>>;
 
-/// In their places, of which the numbers are those of `numbers`; after those of an upload `before`, if any.
+/// Parts in a row, with the numbers `numbers`. If `before` is given they take over the borders of that
+/// upload.
 Parts parts_on(const std::vector<int>& devices, const std::string& way, const std::vector<int>& numbers,
                const Parts* before = nullptr) {
     Parts parts;
@@ -405,7 +408,7 @@ Parts parts_on(const std::vector<int>& devices, const std::string& way, const st
     }
     for (std::size_t n = 0; n < parts.size(); ++n) {
         if (before != nullptr) parts[n]->borders->take_over(*before->at(n)->borders);
-        // As in the thread of each, which is on its device.
+        // As in a rank's thread, which has its device selected.
         check(cudaSetDevice(devices[n]));
         parts[n]->borders->connect(all, std::size_t(numbers[n]));
     }
@@ -417,7 +420,7 @@ Parts parts_on(const std::vector<int>& devices, const std::string& way) {
     return parts_on(devices, way, numbers);
 }
 
-/// Whether the host of a part may send, or receive, once more: DeviceBorders.
+/// Whether the host of a part may send, or receive, once more, by the rules of DeviceBorders.
 bool may_go_on(const std::vector<std::unique_ptr<Part>>& parts, std::size_t n) {
     const Part& part = *parts[n];
     const bool sends = part.sent == part.received;
@@ -429,7 +432,7 @@ bool may_go_on(const std::vector<std::unique_ptr<Part>>& parts, std::size_t n) {
     return true;
 }
 
-/// An exchange before any step and one after each of `steps`.
+/// Makes one exchange before any step and one after each of `steps` steps.
 void run(const std::vector<std::unique_ptr<Part>>& parts, int steps) {
     for (const auto& part : parts) part->sent = part->received = 0;
     for (;;) {
@@ -474,7 +477,7 @@ TEST_P(DeviceBorderWays, BringEveryStepItsGhosts) {
     for (const std::vector<int>& devices : {std::vector<int>{0, 1}, {0, 0, 0}, {2, 0, 1, 1, 0}}) {
         for (unsigned seed = 0; seed < 100; ++seed) {
             random_numbers.seed(seed);
-            // Of bricks the one beside another may have any number.
+            // With bricks, neighbours may have any numbers.
             std::vector<int> numbers(devices.size());
             std::iota(numbers.begin(), numbers.end(), 0);
             std::shuffle(numbers.begin(), numbers.end(), random_numbers);
@@ -507,7 +510,7 @@ TEST_P(DeviceBorderWays, StartAnewAfterAStepThatSentNothing) {
     }
 }
 
-// With all that a backend's own stream has stopped.
+// The backend's main stream is stopped.
 TEST_P(DeviceBorderWays, SendWhileTheInteriorIsSteppedWhereTheyOverlap) {
     random_numbers.seed(1);
     const auto parts = parts_on({0, 1}, GetParam());
@@ -516,7 +519,7 @@ TEST_P(DeviceBorderWays, SendWhileTheInteriorIsSteppedWhereTheyOverlap) {
     for (const auto& part : parts) {
         part->step();
         part->borders->send();
-        // All before the step has been done: the event that says so.
+        // The event says that everything before the step has been done.
         if (overlaps(GetParam())) run_front(*part->stream());
     }
     for (const auto& part : parts) {
@@ -551,10 +554,10 @@ TEST(BordersFirst, LetTheInteriorBeSteppedWhileABorderWaits) {
     }
 }
 
-// Stores are by peer access alone. Copies are not: the driver takes them through the host's memory.
+// Stores need peer access. Copies do not: the driver takes them through the host's memory.
 TEST_P(DeviceBorderWays, SayWhichDevicesHaveNoPeerAccess) {
     const bool by_stores = GetParam().starts_with("stores");
-    // It is said once for two devices.
+    // The message appears once for each pair of devices.
     const int other = overlaps(GetParam()) ? 4 : 3;
     const std::string without = "device 1 has no peer access to device " + std::to_string(other);
     peers_reach_each_other = false;
@@ -573,7 +576,7 @@ TEST_P(DeviceBorderWays, SayWhichDevicesHaveNoPeerAccess) {
         << said;
 }
 
-/// How each of the communicators that there were has ended.
+/// How each communicator has ended.
 std::vector<std::vector<std::string>> ends_of_communicators() {
     std::vector<std::vector<std::string>> all;
     for (const auto& one : communicators) all.push_back(one->ended);

@@ -1,5 +1,5 @@
-// Which devices of OpenGL and Vulkan may stand in one table with a CUDA device, and which of several a thread
-// takes.
+// Which devices of OpenGL and Vulkan may appear in one table with a CUDA device, and which of several devices
+// a thread takes.
 #include "backends/device_choice.h"
 
 #include <gmock/gmock.h>
@@ -93,7 +93,7 @@ TEST(APace, IsAllAtOnceWhereStepsAreShort) {
     EXPECT_EQ(pace.steps(), 1);
 }
 
-// Whatever the first step takes beside.
+// This holds whatever else the first step needs.
 TEST(APace, KeepsADeviceNoLongerThanItShould) {
     for (const double seconds : {1e-4, 1e-3, 0.01, 0.1, 1.0}) {
         Pace pace(1 << 16);

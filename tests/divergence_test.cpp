@@ -1,4 +1,4 @@
-// The divergence monitor, on every backend: what it finds and when, and that it changes nothing.
+// The divergence monitor, on every backend: what it finds and when, and that it does not change the run.
 #include <gtest/gtest.h>
 
 #include <cmath>

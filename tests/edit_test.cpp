@@ -1,4 +1,4 @@
-// Which springs a cut takes and a suture adds, and what an edit says of them.
+// Which springs a cut removes and a suture adds, and what an edit says about them.
 #include "backends/physics/edit.h"
 
 #include <gmock/gmock.h>
@@ -25,7 +25,7 @@ using Pair = std::pair<std::uint32_t, std::uint32_t>;
 
 Problem paper_box(glm::ivec3 dims) { return make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS); }
 
-/// The problem is the same as one whose springs are `expected`'s.
+/// Expects the problem to equal one with the springs of `expected`.
 void expect_same_springs(const Problem& problem, const Problem& expected) {
     EXPECT_EQ(problem.lattice.mask, expected.lattice.mask);
     ASSERT_EQ(problem.springs.size(), expected.springs.size());
@@ -37,7 +37,7 @@ void expect_same_springs(const Problem& problem, const Problem& expected) {
     }
 }
 
-/// What an edit says of its particles is what the edited problem has.
+/// Expects an edit to say of its particles what the edited problem has.
 void expect_consistent(const SpringEdit& edit, const Problem& edited) {
     const std::vector<Spring> all = list_springs(edited);
     for (std::size_t n = 0; n < edit.touched.size(); ++n) {
@@ -64,7 +64,7 @@ TEST(Cuts, APlaneCutsBetweenItsSides) {
     EXPECT_TRUE(cuts(plane, {1, 0, 0}, {2, 0, 0}));
     EXPECT_TRUE(cuts(plane, {2, 5, 0}, {1, 4, 0}));
     EXPECT_FALSE(cuts(plane, {0, 0, 0}, {1, 0, 0}));
-    // On the plane is above it.
+    // A particle on the plane counts as above it.
     const Shape on_centres = Plane{{1, 0, 0}, {1, 0, 0}};
     EXPECT_TRUE(cuts(on_centres, {0, 0, 0}, {1, 0, 0}));
     EXPECT_FALSE(cuts(on_centres, {1, 0, 0}, {2, 0, 0}));
@@ -112,7 +112,8 @@ TEST(SpringEditor, APlaneTakesTheSpringsThatCrossIt) {
     const SpringCounts before = count_springs(problem);
     SpringEditor editor(problem);
     const SpringEdit edit = editor.cut(Plane{{2.5, 0, 0}, {1, 0, 0}});
-    // Between two layers of 5 x 4: one face spring a particle, two edge springs a neighbour in the layer.
+    // Between two layers of 5 x 4 particles: one face spring per particle, and two edge springs per pair of
+    // neighbours in the layer.
     EXPECT_EQ(edit.removed.size(), 20u + 2 * (4 * 4 + 5 * 3));
     EXPECT_EQ(edit.touched.size(), 40u);
     EXPECT_TRUE(edit.added.empty());
@@ -120,7 +121,7 @@ TEST(SpringEditor, APlaneTakesTheSpringsThatCrossIt) {
     EXPECT_EQ(before.group[0] - after.group[0], 20u);
     EXPECT_EQ(before.group[1] - after.group[1], 62u);
     expect_consistent(edit, problem);
-    // Once more there is nothing to cut.
+    // A second cut finds no spring.
     EXPECT_TRUE(editor.cut(Plane{{2.5, 0, 0}, {1, 0, 0}}).empty());
 }
 
@@ -141,7 +142,7 @@ TrianglePatch random_patch(std::size_t triangles, double side, unsigned seed) {
     return patch;
 }
 
-// However it is looked for: which springs a patch cuts is what cuts() says of each.
+// However springs are searched, a patch cuts exactly those of which cuts() says so.
 TEST(SpringEditor, APatchCutsWhatEachOfItsTrianglesCuts) {
     for (const std::size_t triangles : {1, 4, 5, 40, 400}) {
         const Shape patch = random_patch(triangles, 9, unsigned(triangles));
@@ -168,7 +169,7 @@ TEST(SpringEditor, APatchCutsWhatEachOfItsTrianglesCuts) {
     }
 }
 
-// A line is held against the triangles near it alone: against all of them, these are 3e10 pairs, minutes.
+// A line is compared only with the triangles near it. Comparing all 3e10 pairs would take minutes.
 TEST(SpringEditor, ALargePatchTakesNoTimeForEachOfItsTriangles) {
     Problem problem = paper_box({64, 64, 64});
     SpringEditor editor(problem);
@@ -182,7 +183,7 @@ TEST(SpringEditor, ALargePatchTakesNoTimeForEachOfItsTriangles) {
     }
     const std::clock_t begin = std::clock();
     EXPECT_EQ(editor.cut(patch).removed.size(), 64u * 64 + 4 * 64 * 63);
-    // 0.1 s; some 100 times that under a sanitizer on a busy machine would still be told from minutes.
+    // It takes 0.1 s. Even 100 times that, under a sanitizer on a busy machine, is far from minutes.
     EXPECT_LT(double(std::clock() - begin) / CLOCKS_PER_SEC, 10);
 }
 
@@ -192,8 +193,8 @@ TEST(SpringEditor, PairsAreCutWhateverTheirOrder) {
     const std::vector<Pair> far = {{0, 23}};
     editor.suture(far);
     const Problem before = problem;
-    // Two lattice springs, one twice; a spring of its own; neighbours of a group that is not in use, and
-    // strangers.
+    // Two lattice springs, one of them twice; a spring beyond the lattice; neighbours of a group that is not
+    // in use; and two particles that are no neighbours.
     const std::vector<Pair> pairs = {{1, 0}, {23, 0}, {4, 5}, {0, 1}, {0, 17}, {0, 3}};
     const SpringEdit edit = editor.cut(pairs);
     ASSERT_EQ(edit.removed.size(), 3u);
@@ -230,7 +231,7 @@ TEST(SpringEditor, PairsOfANetworkAreCut) {
 TEST(SpringEditor, WhatWasCutIsJoinedAsItWas) {
     Problem problem = paper_box({4, 3, 2});
     SpringEditor editor(problem);
-    // Stiffnesses and rest lengths that no suture would choose, and two between the same particles.
+    // Stiffnesses and rest lengths that no suture would choose, and two springs between the same particles.
     problem.springs = {{0, 23, 0.125, 7}, {0, 23, 0.25, 6}, {1, 22, 0.5, 5}};
     const Problem whole = problem;
     const SpringEdit cut = editor.cut(Ball{{1.5, 1, 0.5}, 9});
@@ -251,7 +252,7 @@ TEST(SpringEditor, WhatIsJoinedStaysAsItIs) {
     const std::vector<Pair> neighbours = {{0, 1}}, far = {{0, 23}};
     const SpringEdit cut = editor.cut(neighbours);
     const SpringEdit suture = editor.suture(far, 0.5);
-    editor.suture(neighbours, 0.125);  // not the lattice's
+    editor.suture(neighbours, 0.125);  // another stiffness than the lattice's
     const Problem before = problem;
     EXPECT_TRUE(editor.join(cut.removed).empty());
     EXPECT_TRUE(editor.join(suture.added).empty());
@@ -280,7 +281,7 @@ TEST(SpringEditor, AWideSutureReachesBeyondTheLatticeAndOnlyAcrossTheCut) {
     Problem problem = paper_box({6, 1, 1});
     SpringEditor editor(problem);
     const Plane plane{{2.5, 0, 0}, {1, 0, 0}};
-    // Nothing was cut, so there are no faces to suture.
+    // Without a cut there are no faces to suture.
     EXPECT_TRUE(editor.suture(plane, 4).empty());
     editor.cut(plane);
     const SpringEdit narrow = editor.suture(plane, 0.5);
@@ -293,7 +294,7 @@ TEST(SpringEditor, AWideSutureReachesBeyondTheLatticeAndOnlyAcrossTheCut) {
     EXPECT_EQ(own.added[0].spring.rest_length, 1);
     ASSERT_EQ(stiff.springs.size(), 1u);
     expect_consistent(own, stiff);
-    // The faces are 2 and 3 alone.
+    // The only faces are 2 and 3.
     EXPECT_EQ(editor.suture(plane, 4).added.size(), 1u);
     expect_same_springs(problem, paper_box({6, 1, 1}));
 }
@@ -305,7 +306,7 @@ TEST(SpringEditor, ASutureBeyondTheLatticeIsAsStiffAsTheFirstGroupInUse) {
         const std::vector<Pair> far = {{0, 3}}, neighbours = {{0, 1}}, diagonal = {{0, 6}};
         SpringEditor editor(problem);
         EXPECT_EQ(editor.suture(far).added.at(0).spring.stiffness, faces ? 2 : 3);
-        // Neighbours of a group that is not in use are as others are.
+        // Neighbours of a group that is not in use are joined as any other particles.
         if (!faces) {
             EXPECT_EQ(editor.suture(neighbours).added.at(0).bit, -1);
         }
@@ -321,7 +322,7 @@ TEST(SpringEditor, ASutureStaysAcrossTheCut) {
     SpringEditor editor(problem);
     const Plane plane{{2.5, 0, 0}, {1, 0, 0}};
     editor.cut(plane);
-    // Rows at a distance of 0, 1 and 2; two on the same side that are 2 apart stay apart.
+    // Rows at a distance of 0, 1 and 2; two particles on the same side that are 2 apart stay unjoined.
     EXPECT_EQ(editor.suture(plane, 2.5).added.size(), 4u + 6 + 4);
     EXPECT_EQ(problem.springs.size(), 4u);
 }
@@ -338,7 +339,7 @@ TEST(SpringEditor, PairsAreJoinedOnce) {
     EXPECT_TRUE(edit.leaves_lattice());
     expect_consistent(edit, problem);
     EXPECT_TRUE(editor.suture(pairs).empty());
-    // And a cut takes them away again.
+    // A cut removes them again.
     const SpringEdit cut = editor.cut(Ball{{1.5, 1, 0.5}, 9});
     EXPECT_EQ(count_springs(problem).total(), 0u);
     expect_consistent(cut, problem);
@@ -391,7 +392,7 @@ TEST(SpringDifference, SaysAllThatItsEditDoes) {
         Problem edited = whole;
         expect_differences_to_say_all(whole, edit_everything(edited, true));
         edited = whole;
-        // Among them joins whose springs are in no order.
+        // Some of the joins list their springs in no particular order.
         expect_differences_to_say_all(whole, random_edits(edited, 8, 3));
     }
     Problem network = random_network(40, 120, 5);

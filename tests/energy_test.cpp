@@ -1,4 +1,4 @@
-// The energy of a device: meters, leaps of their counters, and what is refused.
+// Energy of a device: its meters, the leaps of their counters, and what is refused.
 #include "harness/device/energy.h"
 
 #include <gmock/gmock.h>
@@ -16,7 +16,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-/// A folder as Linux shows counters in.
+/// A folder in which Linux shows energy counters.
 class Rapl : public ::testing::Test {
 protected:
     void SetUp() override {
@@ -57,7 +57,7 @@ TEST_F(Rapl, SumsPackagesAndCountsPastTheirRange) {
 TEST_F(Rapl, CountsAPackageOnceThatLinuxShowsTwice) {
     add("intel-rapl-mmio:0", "package-0", "999000");
     add("intel-rapl-mmio:1", "package-1", "1999000");
-    add("intel-rapl-mmio:2", "package-2", "500000");  // by memory alone
+    add("intel-rapl-mmio:2", "package-2", "500000");  // which appears only here
     EXPECT_DOUBLE_EQ(rapl_meter(folder_)->joules(), 3.5);
 }
 
@@ -76,7 +76,7 @@ TEST_F(Rapl, SaysWhyThereIsNone) {
     EXPECT_THAT(refusal_of(folder_), HasSubstr("readable by root alone"));
 }
 
-/// Uses 200 W, counted in leaps of a twentieth of a second.
+/// A device that uses 200 W, counted in leaps of a twentieth of a second.
 class Leaping : public EnergyMeter {
 public:
     double joules() override {

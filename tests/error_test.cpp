@@ -1,4 +1,4 @@
-// Errors: their references, the cache of those, what runs conserve, when they diverge, and what is advised.
+// Errors: references and their cache, conserved quantities, divergence, and advice.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -52,14 +52,14 @@ struct Oscillator {
         scene.stable_time_step = 2 / std::sqrt(stiffness / mass);
         return scene;
     }
-    /// The displacement at t of the motion that at_time_step() says the scene is.
+    /// The displacement at t of the motion that at_time_step() preserves.
     double exact(double t) const {
         const double scale = 1 - damping / 2;
         const double beta = damping / (2 - damping) / time_step;
         const double omega_squared = stiffness / mass / scale;
         const double equilibrium = gravity / scale / omega_squared;
         const double force = gravity / scale - omega_squared * displacement;
-        // v(0) from the definition, x(dt) of the first step written out.
+        // v(0) by its definition, with x(dt) of the first step written out.
         const double velocity = (scale * increment + scale * force * time_step * time_step / 2) / time_step;
         const double omega = std::sqrt(omega_squared - beta * beta);
         const double a = displacement - equilibrium, b = (velocity + beta * a) / omega;
@@ -128,7 +128,7 @@ TEST(Refined, GivesReasonsWhereThereIsNone) {
     scene.edits.push_back({3, SpringEditor(scene.problem).cut(Plane{{0, 0, 0.5}, {0, 0, 1}})});
     EXPECT_THAT(references.refined(scene, {0.2, 8}, {8}).reason, HasSubstr("springs change"));
     EXPECT_EQ(references.computed(), 0);
-    // Particles that fly through each other.
+    // Particles that fly through each other make it chaotic.
     scene = {};
     scene.problem = make_lattice_problem(solid({4, 4, 4}), FACE_BITS | EDGE_BITS);
     scene.problem.time_step = 0.25;
@@ -159,7 +159,7 @@ TEST(Chaos, IsFoundWhereRoundingNearsTheMotion) {
     State state = calm.same_step;
     state.displacement[3].x += 1e-3;
     EXPECT_THAT(judge(calm, state, spec).reason, HasSubstr("particle 3 is off by 0.001"));
-    // Everybody off by a little, nobody by much.
+    // Every particle is off by a little, none by much.
     state = calm.same_step;
     const double rms_gate = judge(calm, state, spec).tolerance_rms;
     ASSERT_LT(1.1 * rms_gate, judge(calm, state, spec).tolerance);
@@ -174,7 +174,8 @@ TEST(Chaos, IsFoundWhereRoundingNearsTheMotion) {
     EXPECT_TRUE(itself.passed()) << itself.reason;
     EXPECT_TRUE(std::isinf(itself.tolerance));
     EXPECT_TRUE(errors_of(wild, state, itself, spec).chaotic);
-    // No particle fails alone; a state that is another body's does, and one that is not finite.
+    // No single particle fails the row. A state that belongs to another body does, and so does one that is
+    // not finite.
     state.displacement[3].x += 0.1;
     EXPECT_TRUE(judge(wild, state, spec).passed());
     EXPECT_THAT(judge(wild, state_at_rest(scene.problem), spec).reason, HasSubstr("chaotic, and its"));
@@ -231,10 +232,10 @@ TEST(Spread, IsWiderWhereRootsAreApproximate) {
     EXPECT_EQ(spread("cpu_parallel"), spread("cpu_parallel")) << "the same numbers every time";
 }
 
-// The body that a run has edited lives as long as the run: whoever looks at its state afterwards needs it.
+// The edited body has to live as long as the run, since comparing states afterwards reads it.
 TEST(Spread, OfAnEditedSceneIsSmallToo) {
     References references{no_cache()};
-    const Scene scene = load_scene("scalpel_100");  // an edit in step 5 and every ten from there on
+    const Scene scene = load_scene("scalpel_100");  // an edit in step 5 and in every tenth step after it
     const int steps = 60;
     const RoundingModel model = rounding_model_of(BackendSpec::parse("cpu_parallel:formulation=position"));
     const Spread spread = references.spread(scene, steps, references.after(scene, steps), model);
@@ -273,7 +274,7 @@ TEST(Reference, OfALongRunIsTheParallelOne) {
     EXPECT_EQ(References::name_of_backend(small, 1000), reference_backend);
     EXPECT_EQ(References::name_of_backend(large, 1000), parallel_reference_name);
     References references{no_cache()};
-    // 361 steps of it are the first that are too many.
+    // 361 steps are the first number that is too large.
     const State end = references.after(large, 361);
     const auto plain = BackendSpec::parse("cpu_reference:formulation=increment").make();
     plain->upload(large.problem, large.state);
@@ -304,7 +305,7 @@ protected:
         return found;
     }
 
-    // One a process: tests run at the same time.
+    // Each process has its folder, since tests run at the same time.
     const std::filesystem::path folder_ =
         std::filesystem::path(::testing::TempDir()) / ("error_test_cache_" + std::to_string(getpid()));
     const Scene scene_ = Oscillator{0.1, -0.02, 0.1, 0.03, 0.2}.scene();
@@ -420,7 +421,7 @@ TEST_F(Cache, StaysWithinItsSize) {
     const auto size = std::filesystem::file_size(only_file());
     const DiskCache small(folder_, 2 * size + size / 2);
     computed(scene_, 2, small);
-    computed(scene_, 1, small);  // used: the other one is older now
+    computed(scene_, 1, small);  // used again, so that the other one is now the older
     using Clock = std::filesystem::file_time_type::clock;
     const auto name_of_newest = [&] {
         std::filesystem::path newest;
@@ -452,7 +453,7 @@ TEST(Hash, IsXxh3Of128Bits) {
     // Published test vectors.
     EXPECT_EQ(hash_of(""), "99aa06d3014798d86001c324468d497f");
     EXPECT_EQ(hash_of("abc"), "06b05ab6733a618578af5f94892f3950");
-    // Piece by piece it is the same.
+    // Hashing in pieces gives the same value.
     Hash hash;
     const std::string text(5000, 'x');
     for (const std::size_t begin : {0, 1, 300, 2000})
@@ -500,7 +501,8 @@ TEST(Conserved, DriftOfAFreeBodyIsThatOfRounding) {
     backend->step(200);
     const Drift drifted =
         drift(conserved(scene.problem, backend->download()), conserved(scene.problem, reference));
-    // A step rounds an increment of 0.03 within positions of 8 by 5e-7 at most; 200 of them at random.
+    // A step rounds an increment of 0.03 within positions of 8 by at most 5e-7; 200 such errors add up at
+    // random.
     EXPECT_LT(drifted.momentum, 1e-4);
     EXPECT_LT(std::abs(drifted.energy), 1e-3);
     EXPECT_GT(drifted.momentum, 0);

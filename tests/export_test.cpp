@@ -1,4 +1,4 @@
-// What of a run is written beside its state: velocities at the state's own time, and the force on a tool.
+// What is written of a run beside its state: velocities at the time of the state, and the force on a tool.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -45,7 +45,7 @@ TEST(ExportedVelocity, OfASpringIsThatOfItsClosedForm) {
     problem.group_stiffness = {stiffness, 1, 1};
     problem.time_step = time_step;
     State start = state_at_rest(problem);
-    start.displacement[1].x = amplitude;  // and at x(-dt) as well
+    start.displacement[1].x = amplitude;  // the same displacement at x(-dt)
     const Scene scene = scene_of("spring", problem, start);
     Played played(scene);
     // x(n dt) = A cos((n + 1/2) theta) / cos(theta / 2) solves x(t + dt) - 2 x(t) + x(t - dt) = -w^2 dt^2
@@ -76,7 +76,7 @@ TEST(ExportedVelocity, IsTheCentralDifferenceWhateverActs) {
     Problem edited = scene.problem;
     scene.edits = {{4, SpringEditor(edited).cut(Plane{{2.5, 0, 0}, {1, 0, 0}})}};
     Played played(scene), ahead(scene);
-    // The tool moves after steps 0, 3, 6, ... and springs are cut after step 4, where a snapshot has them.
+    // The tool moves after steps 0, 3, 6, ...; springs are cut after step 4, at which there is a snapshot.
     for (const int step : {1, 2, 3, 5, 6, 9}) {
         const State now = played.after(step), next = ahead.after(step + 1);
         const std::vector<glm::dvec3> velocity = played.velocity();
@@ -111,7 +111,7 @@ TEST(ExportedVelocity, GivesAnEnergyThatHardlyWanders) {
         const auto [low, high] = std::minmax_element(values.begin(), values.end());
         return *high - *low;
     };
-    // Of second order in the time step rather than of first.
+    // Its error is of second order in the time step, not of first.
     EXPECT_LT(wander(centred), wander(half_a_step_old) / 5);
 }
 

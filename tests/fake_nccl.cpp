@@ -1,4 +1,5 @@
-// What cuda/device/nccl.cpp asks of NCCL, answered by tests/device_borders_test.cpp, which has the streams.
+// The functions of NCCL that cuda/device/nccl.cpp calls. tests/device_borders_test.cpp, which has the
+// streams, answers them.
 #include <cstddef>
 
 struct Id {

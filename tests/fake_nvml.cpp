@@ -1,4 +1,4 @@
-// What harness/device/card.cpp asks of NVML, answered by what tests/noise_test.cpp sets.
+// The functions of NVML that harness/device/card.cpp calls, with answers that tests/noise_test.cpp sets.
 #include <sys/types.h>
 #include <time.h>
 #include <unistd.h>
@@ -14,7 +14,7 @@
 
 namespace {
 
-/// Of the study that this process runs: those of its launcher.
+/// The workers of the study that this process runs, which are its launcher's children.
 std::vector<unsigned> workers() {
     std::map<long, long> parents;
     std::error_code none;
@@ -36,7 +36,7 @@ std::vector<unsigned> workers() {
 }
 
 using Cards = std::map<std::string, unsigned>;
-/// By UUID: by how many MHz the clock has fallen.
+/// By how many MHz the clock of each card, named by UUID, has fallen.
 Cards cards;
 std::mutex mutex_of_cards;
 
@@ -51,22 +51,22 @@ struct Process {
 };
 
 unsigned fake_clock_mhz = 1980;
-unsigned fake_clock_falls_mhz = 0;  // each time it is asked
+unsigned fake_clock_falls_mhz = 0;  // at each query
 unsigned fake_strangers = 0;
 bool fake_lists_workers = true;
 
-double fake_watts = 500;  // by the counter
+double fake_watts = 500;  // according to the counter
 
 int nvmlDeviceGetTotalEnergyConsumption(void*, unsigned long long* millijoules) {
     timespec now{};
     clock_gettime(CLOCK_MONOTONIC, &now);
-    // It leaps every 20 ms.
+    // The counter leaps every 20 ms.
     const long long leaps = (now.tv_sec * 1000000000ll + now.tv_nsec) / 20000000ll;
     *millijoules = static_cast<unsigned long long>(double(leaps) * 20 * fake_watts);
     return 0;
 }
 int nvmlDeviceGetPowerUsage(void*, unsigned* milliwatts) {
-    // Workers, which ask for it, have the environment of the test.
+    // Workers inherit the environment of the test, and query NVML too.
     const char* watts = std::getenv("FAKE_SAMPLED_WATTS");
     *milliwatts = watts != nullptr ? unsigned(1000 * std::atoi(watts)) : 500000;
     return 0;
@@ -76,7 +76,7 @@ int nvmlDeviceGetEnforcedPowerLimit(void*, unsigned* milliwatts) {
     return 0;
 }
 int nvmlDeviceGetCurrentClocksThrottleReasons(void*, unsigned long long* bits) {
-    *bits = 0x5;  // idle, and its power limit
+    *bits = 0x5;  // idle, and limited by power
     return 0;
 }
 int nvmlDeviceGetEccMode(void*, int* now, int* later) {
@@ -99,7 +99,7 @@ int nvmlDeviceGetClockInfo(void* device, int type, unsigned* mhz) {
     auto& [uuid, fallen_mhz] = *static_cast<Cards::pointer>(device);
     *mhz = fake_clock_mhz - fallen_mhz;
     fake_clock_mhz -= fake_clock_falls_mhz;
-    // Workers have the environment of the test.
+    // Workers inherit the environment of the test.
     if (const char* falls = std::getenv("FAKE_FALLING_CARD"); falls != nullptr && uuid == falls)
         fallen_mhz += 200;
     return type == 1 ? 0 : 2;  // of multiprocessors
@@ -107,7 +107,7 @@ int nvmlDeviceGetClockInfo(void* device, int type, unsigned* mhz) {
 
 int nvmlDeviceGetComputeRunningProcesses_v3(void*, unsigned* count, void* of_type_process) {
     auto* const processes = static_cast<Process*>(of_type_process);
-    // No process has a number as great as these.
+    // No process has an id as large as these.
     constexpr unsigned beyond = 1u << 30;
     std::vector<unsigned> all = fake_lists_workers ? workers() : std::vector<unsigned>();
     const char* const strangers = std::getenv("FAKE_STRANGERS");

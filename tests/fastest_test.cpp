@@ -51,7 +51,7 @@ nlohmann::json row_of(const std::string& scene, const std::string& backend, doub
             {"reference", "cpu_reference"}};
 }
 
-/// A result on a card of which `rows` are.
+/// A result measured on a card, with these `rows`.
 nlohmann::json result_of(const std::vector<nlohmann::json>& rows) {
     nlohmann::json backends = nlohmann::json::object();
     for (const auto& row : rows) {
@@ -69,7 +69,7 @@ TEST(Fastest, IsTheLeastMedianOfEachDataset) {
     std::vector<nlohmann::json> rows = {row_of("a", "cpu_parallel", 90), row_of("a", "cuda_fast", 30),
                                         row_of("a", "cuda_implicit_shared", 75),
                                         row_of("b", "cuda_scatter", 7)};
-    // What is not a median does not count.
+    // Only medians count.
     rows.push_back(row_of("a", "cuda_scatter", 1));
     rows.back()["aggregate_name"] = "stddev";
     const nlohmann::json blocks = fastest_of(result_of(rows), {});
@@ -93,7 +93,7 @@ TEST(Fastest, IsChosenByHalfOfTheRepetitionsAndReportedByTheOthers) {
             rows.back()["repetitions"] = microseconds.size();
             rows.back()["repetition_index"] = n;
         }
-        rows.push_back(row_of("a", backend, 10));  // the median, whatever it is
+        rows.push_back(row_of("a", backend, 10));  // stands for the median
         return rows;
     };
     std::vector<nlohmann::json> rows = case_of("cuda_lucky", {6, 12, 6, 12, 6, 12, 6, 12, 6});
@@ -213,7 +213,7 @@ TEST(Auto, DescribesWorkloads) {
     EXPECT_EQ(describe({0, 7}), "7 particles without a lattice");
 }
 
-/// A choice among rows on one scene, all rules' backends that are not in `rows` being unknown.
+/// The choice for rows on one scene; backends of the rules that are not in `rows` count as unknown.
 nlohmann::json choice_of(const std::vector<nlohmann::json>& rows) {
     return choose_among(result_of(rows), rows_from_json(rows));
 }
@@ -225,13 +225,13 @@ TEST(Auto, ChoosesAmongWhatWasMeasured) {
     EXPECT_DOUBLE_EQ(choice.at("times_fastest"), 1);
     EXPECT_THAT(std::string(choice.at("reason")), HasSubstr("a full lattice of 1 million voxels"));
     EXPECT_EQ(choice_of({row_of("a", "cpu_parallel", 90)}).at("name"), "a/cpu_parallel/position/float32");
-    // What it takes was not measured with that tuning: no second guess.
+    // The chosen backend was not measured with that tuning, so there is no second guess.
     EXPECT_TRUE(choice_of({row_of("a", "cpu_parallel", 90), row_of("a", "cuda_implicit_cached", 30)})
                     .at("name")
                     .is_null());
 }
 
-// What lays its tables out anew for an edit is nothing for a scene that has some.
+// A backend that rebuilds its tables for each edit is no choice for a scene with edits.
 TEST(Auto, AsksWhetherSpringsAreEdited) {
     std::vector<nlohmann::json> rows = {row_of("a", "cuda_march", 10), row_of("a", "cpu_parallel", 90)};
     for (auto& row : rows) row["particles"] = row["voxels"] = 10000000;
@@ -240,7 +240,7 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
     EXPECT_EQ(choice_of(rows).at("name"), "a/cpu_parallel/position/float32");
     EXPECT_EQ(workload_of(load_scene("box@4")).steps_between_edits, INFINITY);
     EXPECT_NEAR(workload_of(load_scene("scalpel_10")).steps_between_edits, 100, 10);
-    // What pays where edits are rare does not where they are many.
+    // A choice that pays with rare edits does not with many.
     for (const Rule& rule : rules()) {
         if (rule.backend != "cuda_resident" || rule.min_particles > 0 || rule.min_occupancy > 0) continue;
         const auto taken = [&](double between) { return holds(rule, {140760, 29449, between}); };
@@ -251,7 +251,7 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
     }
 }
 
-// What takes thousands of steps in a launch takes few of them where a tool moves.
+// A backend that takes thousands of steps per launch can take only few per launch while a tool moves.
 TEST(Auto, AsksWhetherAToolMoves) {
     const Workload plain = workload_of(load_scene("heart")), held = workload_of(load_scene("grasp"));
     EXPECT_EQ(held.particles, plain.particles);
@@ -289,7 +289,7 @@ TEST(Capabilities, AreReadAsTheyWereWrittenByAnyVersion) {
                                .is_software = true,
                                .limits_of = "OpenGL"};
     EXPECT_EQ(to_json(capabilities_of(to_json(written))), to_json(written));
-    // 0.1 wrote neither field: names tell.
+    // Version 0.1 wrote neither field, so names decide.
     EXPECT_EQ(capabilities_of({{"api", "CUDA 13.0"}}).family, ApiFamily::cuda);
     EXPECT_EQ(capabilities_of({{"api", "OpenGL compute 4.5 core"}}).family, ApiFamily::opengl);
     EXPECT_TRUE(capabilities_of({{"device", "llvmpipe, software"}}).is_software);
@@ -305,7 +305,7 @@ TEST(Auto, TakesWhatRunsTheSceneOnThisMachine) {
     EXPECT_THAT(choice.reason, HasSubstr("a full lattice of 729 voxels"));
     EXPECT_TRUE(accepts(*choice.backend));
     EXPECT_EQ(choose_backend("auto", scene, accepts).spec.options.formulation, Formulation::increment);
-    // Its first choice is refused: the next one.
+    // The first choice is refused, so the next one is taken.
     const std::string first = choice.spec.entry->name;
     const AutoChoice other =
         choose_backend("auto", scene, [tries = 0](const Backend&) mutable { return ++tries > 1; });
@@ -339,9 +339,9 @@ TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
     EXPECT_THAT(choice.reason, HasSubstr("lists"));
 }
 
-/// What is wrong with the rules by a result of a fastest study: datasets on which what they take was not
-/// measured or takes more than 10% longer than the fastest. That much two runs of the same study differ by on
-/// small scenes (results/README.md, Figure 7).
+/// What is wrong with the rules according to a result of a fastest study: datasets on which their choice was
+/// not measured, or takes more than 10% longer than the fastest. Two runs of the same study differ by that
+/// much on small scenes (results/README.md, Figure 7).
 std::vector<std::string> mistakes(const nlohmann::json& result) {
     constexpr double most = 1.1;
     std::vector<std::string> all;
@@ -373,11 +373,11 @@ TEST(Auto, IsWithinATenthOfTheFastestInEveryCommittedResult) {
         ++results;
         auto result = nlohmann::json::parse(read_json(path).value().text());
         EXPECT_THAT(mistakes(result), ::testing::IsEmpty()) << path;
-        // With what they take a million times as slow, the same rules are wrong wherever there was another
-        // row.
+        // If their choice took a million times as long, the same rules would be wrong wherever there was
+        // another row.
         int others = 0;
         const nlohmann::json blocks = fastest_of(result, {});
-        for (auto& row : result["benchmarks"]) row.erase("noisy");  // or some could not be judged
+        for (auto& row : result["benchmarks"]) row.erase("noisy");  // otherwise some could not be judged
         for (const auto& block : blocks) {
             int rows = 0;
             for (auto& row : result["benchmarks"]) {
@@ -392,7 +392,7 @@ TEST(Auto, IsWithinATenthOfTheFastestInEveryCommittedResult) {
             }
             others += rows > 1 ? 1 : 0;
         }
-        judged += others;  // of a processor there is one backend that is fast
+        judged += others;  // a processor has only one fast backend
         EXPECT_EQ(mistakes(result).size(), std::size_t(others)) << path;
     }
     EXPECT_GT(results, 0) << "no result of the study fastest in " << VOXSPRING_RESULTS;

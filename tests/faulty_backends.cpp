@@ -1,5 +1,5 @@
-// Backends that take their process down with them, each in the way that its name says, and one that takes its
-// time: linked with the program's own main() they are faulty_voxspring, which tests/overnight_test.py runs.
+// Backends that end their process in the way that their name says, and one that takes long. Linked with the
+// program's main() they make faulty_voxspring, which tests/overnight_test.py runs.
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -55,7 +55,7 @@ private:
     std::unique_ptr<Backend> sound_;
 };
 
-/// As a driver does, whatever a sanitizer would make of it.
+/// Crashes as a driver does, even under a sanitizer.
 void crash() {
     std::signal(SIGSEGV, SIG_DFL);
     (void)std::raise(SIGSEGV);
@@ -66,7 +66,7 @@ void hang() {
 }
 
 void take_all_memory() {
-    // Of the address space what is taken already, and 64 MiB.
+    // Limits the address space to what is already taken plus 64 MiB.
     std::ifstream statm("/proc/self/statm");
     rlim_t pages = 0;
     statm >> pages;
@@ -79,7 +79,7 @@ void take_all_memory() {
 
 void be_killed_for_memory() { (void)std::raise(SIGKILL); }
 
-/// From the hundredth step of a process on.
+/// Fails from the hundredth step of a process on.
 void wear_out() {
     static int steps = 0;
     if (++steps > 100) throw DeviceError("the card fell off the bus");

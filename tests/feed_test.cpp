@@ -1,5 +1,5 @@
-// Feeds: what a backend puts into a window's buffer, or into host memory, is what it downloads. A headless
-// context stands for the window.
+// Feeds: a backend puts the values that it downloads into a window's buffer, or into host memory. A headless
+// context takes the place of the window.
 #include "cuda/kernels/feed.h"
 
 #include <gmock/gmock.h>
@@ -55,7 +55,7 @@ void expect_displacements(std::span<const glm::vec4> seen, const std::vector<std
                           const State& state) {
     ASSERT_EQ(seen.size(), some.size());
     for (std::size_t n = 0; n < some.size(); ++n) {
-        // Where the state is a position, up to 8 here, its displacement comes out rounded as float32.
+        // If the state is a position, up to 8 here, the displacement has its float32 rounding.
         const double rounding = 8 * double(std::numeric_limits<float>::epsilon());
         EXPECT_LE(glm::distance(glm::dvec3(seen[n]), state.displacement[some[n]]), rounding) << some[n];
         EXPECT_EQ(seen[n].w, 0);
@@ -75,14 +75,14 @@ TEST_P(Feeding, BringsWhatIsDownloaded) {
     buffer.upload(*window_, std::vector<glm::vec4>(some.size(), glm::vec4(7)));
     const auto feed = backend_->feed(some, buffer.get());
     const auto host_feed = backend_->host_feed(some);
-    // CUDA's backends that can have a tool have both, but for the first where OpenGL is not on the card;
-    // OpenGL's have the first.
+    // CUDA's backends that can have a tool have both feeds, or only the host feed if OpenGL is not on the
+    // card; OpenGL's backends have only the feed into a buffer.
     EXPECT_EQ(host_feed != nullptr, GetParam().starts_with("cuda_") && backend_->has_tool());
     if (!window_->capabilities().is_software || !host_feed) {
         EXPECT_EQ(feed != nullptr, GetParam().starts_with("gl_") || host_feed != nullptr);
     }
     if (!feed && !host_feed) GTEST_SKIP() << "has no way but its whole state";
-    // After a step, after none, and after an odd number: whichever array the state is in.
+    // After one step, after none, and after an odd number, whichever array holds the state.
     for (const int steps : {0, 1, 4}) {
         SCOPED_TRACE(steps);
         backend_->step(steps);
@@ -98,7 +98,7 @@ TEST_P(Feeding, BringsWhatIsDownloaded) {
         if (feed) expect_displacements(written, some, state);
         expect_displacements(brought, some, state);
     }
-    // A feed changes no bit of what is stepped.
+    // A feed changes no bit of the steps.
     const auto alone = BackendSpec::parse(GetParam()).make();
     alone->upload(problem, random_state(problem, 0.1, 4));
     alone->step(5);
@@ -122,7 +122,7 @@ TEST_P(Feeding, WithoutAWindowThereIsNone) {
     }
 }
 
-/// What the body of CUDA's kernel makes of a word.
+/// Runs the body of CUDA's kernel on a word.
 TEST(FedDisplacementTest, IsThePlaceLessTheRestPosition) {
     using cuda::FedWord, cuda::Feeding, cuda::ParticleRecord, cuda::Vector;
     const std::vector<ParticleRecord<double>> words = {{}, {Vector<double>{3, 5, 7}, 9}};

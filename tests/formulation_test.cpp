@@ -1,5 +1,5 @@
-// What the formulations promise of float32: errors after many steps, and behaviour where numbers are extreme.
-// Bounds are three times or more what was measured.
+// What the formulations promise in float32: errors after many steps, and behaviour with extreme numbers.
+// Bounds are at least three times what was measured.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -25,7 +25,7 @@ State end_of(const std::string& spec, const Problem& problem, const State& start
     return backend->download();
 }
 
-/// Of float32 against float64, relative to the displacement.
+/// The error of float32 against float64, relative to the displacement.
 double error(Formulation formulation, const Problem& problem, const State& start, int steps) {
     const State end = end_of("cpu_parallel:formulation=" + to_string(formulation), problem, start, steps);
     const State reference = end_of("cpu_parallel:precision=float64", problem, start, steps);
@@ -64,8 +64,9 @@ TEST(Formulations, ErrorsOfASmallTimeStep) {
     EXPECT_LT(error_of(Formulation::compensated), 1e-7);
 }
 
-// Its 2 - lambda and 1 - lambda, rounded apart, act as a force in proportion to the absolute position: an
-// unloaded lattice of 32^3 drifts 1.9e-6 in one step. It is why RestStaysRestToTheBit leaves it out.
+// Its 2 - lambda and 1 - lambda are rounded separately, which acts as a force in proportion to the absolute
+// position: an unloaded lattice of 32^3 drifts 1.9e-6 in one step. Therefore RestStaysRestToTheBit leaves it
+// out.
 TEST(Formulations, ThePapersStepDrifts) {
     Problem problem = make_lattice_problem(solid(glm::ivec3(32)), FACE_BITS | EDGE_BITS);
     problem.time_step = half_critical;
@@ -77,7 +78,7 @@ TEST(Formulations, ThePapersStepDrifts) {
     EXPECT_LT(largest, 4e-6);
 }
 
-// Springs of 1 and 1e-6 between particles of mass 1: the soft part moves so little a step that positions
+// Springs of 1 and 1e-6 between particles of mass 1: the soft part moves so little per step that positions
 // stand still.
 TEST(Formulations, AStiffnessRatioOfAMillion) {
     Problem problem = make_lattice_problem(
@@ -96,7 +97,7 @@ TEST(Formulations, AStiffnessRatioOfAMillion) {
 
 class Recovery : public ::testing::TestWithParam<std::string> {
 protected:
-    /// How far from rest the lattice ends that starts with its centre displaced.
+    /// How far from rest the lattice ends after a start with its centre displaced.
     double left_of(const glm::dvec3& displacement) const {
         Problem problem = make_lattice_problem(solid(glm::ivec3(5)), NEIGHBOUR_BITS);
         problem.damping = 0.05;
@@ -104,7 +105,7 @@ protected:
         State start = state_at_rest(problem);
         start.displacement[62] = displacement;
         const State end = end_of(GetParam(), problem, start, 20000);
-        // The lattice is free: what is left but for a translation, and a turn that is none here by symmetry.
+        // The lattice is free, so a translation is subtracted; by symmetry there is no rotation.
         glm::dvec3 mean(0);
         for (const glm::dvec3& u : end.displacement) mean += u / double(problem.particle_count());
         double largest = 0;

@@ -1,5 +1,4 @@
-// The error gate on what must pass it and on what must not: honest backends, and models that are wrong in one
-// thing.
+// The error gate: honest backends pass it, and models that are wrong in one respect fail it.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -38,7 +37,7 @@ Scene scene_named(const std::string& name) {
     if (name == "rope") return pinned_at_its_end(name, {1, 1, 40});
     if (name == "pendulum") return pinned_at_its_end(name, {1, 1, 2});
     if (name != "random_37%") return load_scene(name);
-    // Particles that hang on one or two springs: mechanisms, which amplify rounding.
+    // Particles that hang on one or two springs form mechanisms, which amplify rounding.
     Problem problem = make_lattice_problem(random_grid({31, 33, 29}, 0.37, 37), FACE_BITS | EDGE_BITS);
     pin_base(problem);
     problem.gravity = {8e-4, 0, -2e-3};
@@ -92,7 +91,7 @@ State play(const Scene& scene, const BackendSpec& spec, int steps) {
     return backend->download();
 }
 
-/// A scene after some steps, and what runs of it are held against.
+/// A scene after some steps, and the reference and spread that runs of it are compared with.
 struct Judged {
     Judged(const std::string& name, int count) : scene(scene_named(name)), steps(count) {
         last = problem_after(scene, steps);
@@ -111,7 +110,7 @@ struct Judged {
     State same_step;
 };
 
-/// The error over its bound: of the two bounds the one that it comes nearest to, or of the statistics.
+/// The error over its bound: the larger of the two ratios, or that of the statistics.
 double load(const Comparison& comparison) {
     return std::max(comparison.max / comparison.tolerance, comparison.rms / comparison.tolerance_rms);
 }
@@ -120,7 +119,7 @@ struct GateCase {
     std::string scene;
     int steps;
     std::vector<Formulation> formulations;
-    /// Rounding has grown until wrong models differ as much: only who does nothing is told apart.
+    /// Rounding has grown until wrong models differ as much: only a model that takes no step is recognised.
     bool tells_little = false;
     bool chaotic = false;
     friend std::ostream& operator<<(std::ostream& out, const GateCase& c) {
@@ -140,13 +139,13 @@ std::vector<GateCase> gate_cases() {
                                    {"rope", 10000, all, true, true},
                                    {"pendulum", 1000, all},
                                    {"pendulum", 10000, all}};
-    // As long as all others together: for the table of docs/accuracy.md.
+    // It takes as long as all others together, and is for the table of docs/accuracy.md.
     if (std::getenv("VOXSPRING_GATES") != nullptr) cases.push_back({"box@32", 10000, two});
     return cases;
 }
 
-/// Rows of the table of docs/accuracy.md, which docs/figures.py makes of them; nothing unless VOXSPRING_GATES
-/// names a file.
+/// Writes rows for the table of docs/accuracy.md, which docs/figures.py makes, to the file that
+/// VOXSPRING_GATES names; does nothing if it names none.
 void record(const nlohmann::json& row) {
     static nlohmann::json rows = nlohmann::json::array();
     const char* path = std::getenv("VOXSPRING_GATES");

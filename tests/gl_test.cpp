@@ -1,6 +1,6 @@
-// What only the OpenGL backends can be asked: that the stencil mask masks, that it and the skipped terms
-// change no bit, that nothing is written beside the particles, and how their failures read. What compute
-// shaders are asked whichever API runs them is in compute_shader_test.cpp.
+// Tests of the OpenGL backends alone: the stencil mask masks; the mask and skipped terms change no bit; only
+// particles are written; and failures read well. Tests of compute shaders of any API are in
+// compute_shader_test.cpp.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -35,7 +35,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-/// Skips its tests where there is no OpenGL.
+/// Skips its tests if there is no OpenGL.
 class Gl : public ::testing::Test {
 protected:
     void SetUp() override {
@@ -55,7 +55,7 @@ protected:
     bool software_ = false;
 };
 
-/// The same for each of the fragment backends in each formulation.
+/// Runs once for each fragment backend in each formulation, and skips if there is no OpenGL.
 class GlFragment : public Gl, public ::testing::WithParamInterface<std::string> {
 protected:
     const BackendSpec spec = BackendSpec::parse(GetParam());
@@ -104,7 +104,7 @@ TEST_P(GlFragment, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(Get
 
 TEST_P(GlFragment, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
 
-/// Index of each texel that holds no particle, by its bits.
+/// The index of each texel whose bits say that it holds no particle.
 std::vector<std::size_t> guards(const std::vector<glm::vec4>& texels) {
     std::vector<std::size_t> list;
     for (std::size_t i = 0; i < texels.size(); ++i) {
@@ -143,7 +143,7 @@ TEST_P(GlFragment, UnmaskedTexelsWithoutAParticleStayInactiveAndHarmless) {
     const std::vector<std::size_t> guard = guards(backend->texels(0));
     backend->step(20);
     EXPECT_EQ(guards(backend->texels(0)), guard);
-    // They hold NaN, which would have spread through every neighbour by now.
+    // These texels hold NaN, which would have spread through every neighbour by now.
     for (const glm::dvec3& u : backend->download().displacement) {
         ASSERT_TRUE(std::isfinite(u.x) && std::isfinite(u.y) && std::isfinite(u.z));
     }
@@ -172,7 +172,7 @@ TEST_P(GlFragment, InterleavedInstancesDoNotMeet) {
 TEST_P(GlFragment, LosesNoMoreThanItsFormulationDoes) {
     Problem problem = make_lattice_problem(solid({12, 12, 12}), FACE_BITS | EDGE_BITS);
     problem.gravity = {8e-4, 0, -2e-3};
-    problem.time_step = 0.25;  // whose square is a float
+    problem.time_step = 0.25;  // its square is exact in float32
     pin_base(problem);
     const int steps = 300;
     const auto run = [&](Backend& backend) {
@@ -190,7 +190,7 @@ TEST_P(GlFragment, LosesNoMoreThanItsFormulationDoes) {
 }
 
 TEST_P(GlFragment, DegenerateSpringsFollowTheReference) {
-    // A row of three whose ends meet in the middle, and three particles without a spring.
+    // A row of three particles whose ends coincide with the middle, and three particles without a spring.
     Problem problem = make_lattice_problem(
         make_grid({9, 1, 1}, [](int x, int, int) { return x < 3 || x % 2 == 0; }), FACE_BITS);
     problem.time_step = 0.25;
@@ -199,7 +199,7 @@ TEST_P(GlFragment, DegenerateSpringsFollowTheReference) {
     state.displacement[0] = {1, 0, 0};
     std::vector<Problem> problems = {problem};
     if (lists) {
-        // One spring of no length at rest, another that is given none.
+        // One spring has rest length zero, another gets none.
         problem.springs = {{3, 4, 0.1, 0}, {4, 5, 0.1, 2}};
         problem.rest_position[3] = problem.rest_position[4];
         problems.push_back(problem);
@@ -241,7 +241,7 @@ TEST_P(GlFragment, MonitorFindsTheFirstCheckThatFails) {
         const int found = (first + every - 1) / every * every;
         backend->step(found - 1);
         EXPECT_FALSE(backend->divergence());
-        for (int n = 0; n < 40; ++n) backend->step(5);  // as far as NaN
+        for (int n = 0; n < 40; ++n) backend->step(5);  // until it diverges to NaN
         const auto divergence = backend->divergence();
         ASSERT_TRUE(divergence);
         EXPECT_EQ(divergence->found, found);
@@ -302,7 +302,7 @@ TEST_P(GlFragment, EstimatesItsBytes) {
     const auto bytes = [&](const Problem& problem, const std::string& tuning) {
         return spec.entry->bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
     };
-    // Vectors of 16 bytes and the stencil's one; lists of 18 neighbours of 4 bytes each.
+    // Vectors of 16 bytes and one byte for the stencil; lists of 18 neighbours of 4 bytes each.
     const std::uint64_t vectors =
         formulation == Formulation::compensated ? 8 : (by_increments(formulation) ? 4 : 3);
     const std::uint64_t expected = box.particle_count() * (16 * vectors + 1 + (lists ? 18 * 4 : 0));
@@ -313,7 +313,7 @@ TEST_P(GlFragment, EstimatesItsBytes) {
     EXPECT_GT(bytes(box, ",terms=all"), plain);
     EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
     if (!lists) return;
-    // What each of up to 18 springs is like and, on displacements, how it lies at rest.
+    // The constants of each of up to 18 springs and, on displacements, their offsets at rest.
     Problem sutured = box;
     sutured.springs.push_back({0, 77, 1, 3});
     EXPECT_EQ(bytes(sutured, "") - plain,
@@ -332,14 +332,14 @@ TEST_F(Gl, GridBeyondTheTextureLimitIsUnsupported) {
     }
     problem.lattice.dims = {1, 1, 1 << 20};  // slices fold into rows
     EXPECT_THAT(backend->unsupported(problem), IsEmpty());
-    problem.lattice.dims = {1 << 7, 1 << 7, 1 << 14};  // 4 GiB a texture
+    problem.lattice.dims = {1 << 7, 1 << 7, 1 << 14};  // 4 GiB per texture
     if (software_) {
         EXPECT_THAT(backend->unsupported(problem), HasSubstr("more bytes than the driver allows"));
     }
 }
 
 TEST_F(Gl, SlicesInSeveralColumnsFollowTheReference) {
-    // 80000 rows of voxels: more than a texture is high, so that slices lie beside each other too.
+    // 80000 rows of voxels exceed a texture's height, so that slices also lie side by side.
     Problem problem = make_lattice_problem(random_grid({2, 16, 5000}, 0.8, 5), NEIGHBOUR_BITS);
     problem.gravity = {8e-4, 0, -2e-3};
     problem.time_step = 0.2;
@@ -393,8 +393,8 @@ TEST_F(Gl, PositionsBeyondAStorageBufferAreRefused) {
     const GLint64 most = context.max_storage_block_size();
     const auto backend = BackendSpec::parse("gl_compute_implicit").make();
     Problem problem;
-    // As many slices of 1024 voxels as fit, and the guard words, a slice and a row on either side, beside
-    // them.
+    // The maximum number of slices of 1024 voxels, beside the guard words, which take a slice and a row on
+    // either side.
     const int slices = int(std::min<GLint64>(most / 16 / 1024, 1 << 20));
     problem.lattice.dims = {32, 32, slices - 4};
     EXPECT_THAT(backend->unsupported(problem), IsEmpty());
@@ -406,7 +406,7 @@ TEST_F(Gl, PositionsBeyondAStorageBufferAreRefused) {
 TEST_F(Gl, ListsBeyondAStorageBufferAreRefused) {
     const gl::Context context;
     const auto backend = BackendSpec::parse("gl_compute_explicit").make();
-    // One particle with as many springs as make every particle's list too long.
+    // One particle has so many springs that every particle's list becomes too long.
     const Problem problem = star(30000);
     const std::string why = backend->unsupported(problem);
     EXPECT_THAT(why, AllOf(HasSubstr("neighbour lists of "),
@@ -434,7 +434,7 @@ TEST_F(Gl, TilesBeyondSharedMemoryAreRefused) {
 TEST_F(Gl, ErrorsSurfaceAtTheNextCheck) {
     const gl::Context context;
     EXPECT_NO_THROW(context.check("testing"));
-    glEnable(GL_RGBA32F);  // no capability
+    glEnable(GL_RGBA32F);  // an enum that is no capability
     try {
         context.check("testing");
         FAIL() << "no DeviceError";
@@ -498,7 +498,7 @@ TEST_F(Gl, LinkErrorNamesItsShaders) {
 // --- No OpenGL ----------------------------------------------------------------------------------------
 
 TEST(NoGl, AMissingDriverIsASkipAndNoCrash) {
-    // A fresh process, since this one may have loaded a driver already.
+    // It needs a fresh process, since this one may have loaded a driver already.
     GTEST_FLAG_SET(death_test_style, "threadsafe");
     EXPECT_EXIT(
         {
@@ -576,18 +576,18 @@ TEST_F(Gl, NoMoreStepsAreQueuedThanTheQueueHolds) {
     backend->upload(problem, random_state(problem, 0.05, 3));
     const int steps = gl::StepQueue::steps_a_fence;
     const int fences = int(gl::StepQueue::max_fences);
-    backend->step((fences + 1) * steps);  // and libepoxy has looked up what is replaced here
+    backend->step((fences + 1) * steps);  // libepoxy then has looked up the replaced functions
     const CountedFences counted;
     backend->step(2 * steps);
     EXPECT_EQ(CountedFences::all, 2);
-    // Of those that were there before each was waited for as well.
+    // Each older fence was waited for as well, so that at most one is open.
     EXPECT_LE(CountedFences::most, 1);
     EXPECT_EQ(CountedFences::now, 0);
     backend->synchronize();
 }
 
-/// What orders accesses, in place of the driver's functions: 'd' for a dispatch or draw, 'b' for a barrier
-/// before whatever shaders write next.
+/// Records, in place of the driver's functions, what orders accesses: 'd' for a dispatch or draw, 'b' for a
+/// barrier before further writes of shaders.
 class RecordedOrder {
 public:
     RecordedOrder() : dispatch_(glDispatchCompute), draw_(glDrawArrays), barrier_(glMemoryBarrier) {
@@ -623,7 +623,8 @@ private:
     PFNGLMEMORYBARRIERPROC barrier_;
 };
 
-// A step overwrites what the check before it reads, and the next check the number that this one writes.
+// A step overwrites what the check before it reads, and the next check overwrites the number that this check
+// writes.
 TEST_F(Gl, AStepWaitsForTheCheckBeforeIt) {
     const Problem problem = plain_problem();
     for (const auto& [name, step] :
@@ -633,7 +634,7 @@ TEST_F(Gl, AStepWaitsForTheCheckBeforeIt) {
         const auto backend = BackendSpec::parse(name).make();
         backend->monitor({.largest_increment = 1, .every = 1});
         backend->upload(problem, random_state(problem, 0.05, 3));
-        backend->step(1);  // and libepoxy has looked up what is replaced here
+        backend->step(1);  // libepoxy then has looked up the replaced functions
         const RecordedOrder recorded;
         backend->step(2);
         const std::string step_and_check = std::string(step) + "db";
@@ -642,7 +643,7 @@ TEST_F(Gl, AStepWaitsForTheCheckBeforeIt) {
     }
 }
 
-// A word's fourth number is normal in float64 as well: hardware may flush others to zero.
+// The fourth component of a word is normal in float64 as well: hardware may flush subnormal numbers to zero.
 TEST(GlWords, HaveAnExponentInFloat64) {
     EXPECT_THAT(gl::load_source("divergence_check.comp", {{"STORAGE_BUFFERS", ""}}).text,
                 HasSubstr("packDouble2x32(uvec2(bits, 0x3FF00000u))"));
@@ -657,7 +658,7 @@ TEST(WorkGroups, AreRefusedBeyondWhatADeviceAllows) {
     EXPECT_THAT(glsl::work_group_refusal({1, 128, 1}, limits),
                 AllOf(HasSubstr("128 invocations along y"), HasSubstr("the 64")));
     EXPECT_THAT(glsl::work_group_refusal({1, 1, 8}, limits), HasSubstr("8 invocations along z"));
-    // One more work group along an axis than every driver takes.
+    // One work group more along an axis than every driver accepts.
     Lattice lattice;
     lattice.dims = {1, 1, 65535};
     EXPECT_EQ(glsl::too_long(lattice, {64, 4, 1}), "");
@@ -674,7 +675,7 @@ TEST(GlMemory, IsRefusedWhereFewerBytesAreFreeThanAnUploadTakes) {
                 AllOf(HasSubstr("1000 bytes"), HasSubstr("999 are free")));
 }
 
-/// A driver that tells of its memory, as NVIDIA's or AMD's does.
+/// A driver that reports its memory, as NVIDIA's or AMD's does.
 class DriverWithMemory {
 public:
     DriverWithMemory(const char* its_extension, GLenum its_query, GLint free_kilobytes)
@@ -716,7 +717,7 @@ TEST_F(Gl, ProblemsThatExceedFreeMemoryAreRefused) {
     for (const std::string name :
          {"gl_compute_implicit", "gl_compute_explicit", "gl_fragment_implicit", "gl_fragment_explicit"}) {
         SCOPED_TRACE(name);
-        // libepoxy looks functions up when they are first called.
+        // libepoxy looks functions up at their first call.
         const BackendSpec spec = BackendSpec::parse(name);
         const auto first = spec.make();
         EXPECT_EQ(first->unsupported(problem), "");

@@ -1,5 +1,4 @@
-// The study haptic: what its rows say, with the body drawn meanwhile and without, and what becomes of a
-// backend that fails.
+// The study haptic: its rows, with the body drawn meanwhile and without, and what happens if a backend fails.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/time.h>
@@ -36,7 +35,7 @@ namespace {
 // --- A backend that fails once it is drawn
 // ------------------------------------------------------------------
 
-/// cpu_reference, whose state does not come back: only who draws asks for it.
+/// A cpu_reference whose state cannot be downloaded often: only drawing downloads it.
 class Withheld : public CpuBackend {
 public:
     Capabilities capabilities() const override { return inner_->capabilities(); }
@@ -61,7 +60,7 @@ private:
     int downloads_ = 0;
 };
 
-/// The same, which brings some displacements by themselves.
+/// A Withheld backend that offers a host feed of some displacements.
 class Brought final : public Withheld {
 public:
     std::unique_ptr<HostFeed> host_feed(const std::vector<std::uint32_t>& particles) override {
@@ -87,7 +86,7 @@ private:
     };
 };
 
-/// The same in a process that a signal stops for two milliseconds, some fifty times a second.
+/// A Withheld backend in a process that a signal stops for two milliseconds, some fifty times a second.
 class Interrupted final : public Withheld {
 public:
     Interrupted() {
@@ -98,7 +97,7 @@ public:
         };
         stop.sa_flags = SA_RESTART;
         sigaction(SIGALRM, &stop, nullptr);
-        // No multiple of a tick's 200 us: or all of them could meet the step that a tick begins with.
+        // No multiple of a tick's 200 us: otherwise all pauses could meet the step at the begin of a tick.
         const itimerval often{.it_interval = {0, 17'770}, .it_value = {0, 17'770}};
         setitimer(ITIMER_REAL, &often, nullptr);
     }
@@ -151,7 +150,7 @@ void expect_consistent_latencies(const nlohmann::json& row) {
     EXPECT_LE(row.at("p999_seconds"), row.at("worst_seconds"));
     const auto bins = row.at("histogram").get<Histogram>();
     std::int64_t counted = 0;
-    // Each percentile is in the bin of its rank.
+    // Each percentile lies in the bin of its rank.
     for (const auto& [begin, count] : bins) {
         EXPECT_GT(count, 0);
         const double end = begin * std::pow(10, 1.0 / bins_a_decade) * (1 + 1e-12);
@@ -168,7 +167,7 @@ void expect_consistent_latencies(const nlohmann::json& row) {
     EXPECT_TRUE(std::is_sorted(bins.begin(), bins.end()));
 }
 
-/// The thread's pauses lie within the time that it waited.
+/// Expects the thread's pauses to lie within the time that it waited.
 void expect_consistent_pauses(const nlohmann::json& row) {
     double paused = 0;
     for (const auto& [begin, count] : row.at("pauses").get<Histogram>()) {
@@ -189,7 +188,8 @@ TEST_F(Haptic, PlaysTheMotionAndReadsTheForce) {
         EXPECT_EQ(row.at("ticks").get<int>() + row.at("missed").get<int>(),
                   int(std::lround(seconds * row.at("hertz").get<double>())));
         EXPECT_GT(row.at("steps_that_fit"), 0);
-        // The oracle is the reference itself, but for its formulation; the other rounds to float32.
+        // cpu_reference is the reference itself, apart from the formulation; the other backend rounds to
+        // float32.
         EXPECT_LT(row.at("force_error"), row.at("precision") == "float64" ? 1e-12 : 1e-3);
         EXPECT_EQ(row.at("force_error") == 0.0, row.at("backend") == "cpu_reference");
     }
@@ -199,7 +199,7 @@ TEST_F(Haptic, PlaysTheMotionAndReadsTheForce) {
 }
 
 TEST_F(Haptic, CountsThePausesOfItsThread) {
-    // So often that it asks the clock all the time between ticks.
+    // The interval is so short that the thread reads the clock all the time between ticks.
     const nlohmann::json result = run_study(study({"interrupted"}, {5000}), {});
     ASSERT_FALSE(result.at("haptic").empty()) << result.at("failed");
     const nlohmann::json& row = result.at("haptic")[0];
@@ -207,11 +207,11 @@ TEST_F(Haptic, CountsThePausesOfItsThread) {
     for (const auto& [begin, count] : row.at("pauses").get<Histogram>()) {
         if (begin > 1.5e-3) long_pauses += count;
     }
-    // Some of the dozen fall into a tick.
+    // Some of the dozen pauses fall into a tick.
     EXPECT_GE(long_pauses, 3) << row;
 }
 
-/// Why nothing can be drawn here, or nothing.
+/// Why drawing is impossible here; empty if it is possible.
 std::string without_drawing() {
     try {
         const gl::Context context;

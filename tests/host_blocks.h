@@ -1,5 +1,6 @@
-// Blocks of a CUDA launch on the host: each of their threads is one, with the built-in names and barriers of
-// a device and what kernels know of it (exchange.h, wait.h, ticks.h). To be included before a kernel's body.
+// The blocks of a CUDA launch on the host, with one host thread for each device thread, with the built-in
+// names and barriers of a device and the functions that kernels call (exchange.h, wait.h, ticks.h). Include
+// it before a kernel's body.
 #pragma once
 
 #include <array>
@@ -23,7 +24,7 @@ inline thread_local HostIndex threadIdx, blockIdx, gridDim;
 
 namespace voxspring::cuda {
 
-/// The hardware's barriers 0 to 2, for so many threads each.
+/// The hardware's barriers 0 to 2, with the number of threads of each.
 struct HostBarriers {
     HostBarriers(int all, int first, int second)
         : barrier{std::barrier(all), std::barrier(first), std::barrier(second)} {}
@@ -36,7 +37,7 @@ void meet() {
     host_barriers->barrier[barrier].arrive_and_wait();
 }
 
-/// Words of 16 bytes, which are read and written whole.
+/// A lock per word makes reads and writes of its 16 bytes atomic.
 inline std::mutex& mutex_of(const TaggedPoint* word) {
     static std::array<std::mutex, 64> all;
     return all[reinterpret_cast<std::uintptr_t>(word) / sizeof(TaggedPoint) % all.size()];
@@ -46,18 +47,18 @@ inline void publish_if(bool here, TaggedPoint* to, Vector<float> point, std::uin
     const std::lock_guard lock(mutex_of(to));
     *to = {point, tag};
 }
-/// Who looks in vain lets others run.
+/// A thread that looks in vain lets others run.
 inline TaggedPoint look_up(const TaggedPoint* from) {
     std::this_thread::yield();
     const std::lock_guard lock(mutex_of(from));
     return *from;
 }
 
-/// The part of a body that a launch steps, and one whose threads look for points late for the first time.
+/// The part of a body that this thread steps, and the part whose threads delay their first look for points.
 inline thread_local int host_rank = 0;
 inline std::atomic<int> late_rank = -1;
 
-/// Words that cross devices: of the host's one memory as well.
+/// On the host, words that cross devices lie in the same memory as all others.
 inline void send_beyond(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     publish_if(true, to, point, tag);
 }
@@ -69,7 +70,7 @@ inline TaggedPoint look_beyond(const TaggedPoint* from) {
     return look_up(from);
 }
 
-/// A block whose looks for an order take long.
+/// The block whose looks for an order are slow.
 inline std::atomic<unsigned> slow_block = ~0U;
 
 inline void read_words(const std::uint64_t* from, std::uint64_t* to) {
@@ -97,10 +98,11 @@ inline std::uint64_t nanoseconds() {
     return std::uint64_t(std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1));
 }
 
-/// The threads of a launch. Its end is waited for.
+/// The threads of a launch. Its destructor waits for them.
 class HostLaunch {
 public:
-    /// Each thread calls body(shared), with one Shared a block. `second`: threads that meet at barrier 2.
+    /// Each thread calls body(shared), with one Shared per block. `second`: the number of threads that meet
+    /// at barrier 2.
     template <class Shared, class Body>
     static HostLaunch of(unsigned blocks, int threads, int second, Body body) {
         HostLaunch launch;

@@ -1,5 +1,5 @@
-// The bodies of CUDA kernels run on the host: every block, thread, list and mask of a step as the device
-// would see it, with each access checked against its array.
+// Runs the bodies of CUDA kernels on the host, with every block, thread, list and mask of a step as on the
+// device, and checks each access against its array.
 #pragma once
 
 #include <algorithm>
@@ -64,13 +64,13 @@ struct Variant {
     using Real = Scalar;
     static constexpr Formulation formulation = f;
     static constexpr bool split = f == Formulation::compensated;
-    /// Everything compiled in and asked for.
+    /// Every term compiled in and requested at run time.
     using AllTerms =
         KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_off_lattice_rests | term_off_lattice_springs, true>;
-    /// What a scene of the paper's two groups needs: `terms`.
+    /// The terms that a scene of the paper's two groups needs: `terms`.
     template <std::uint32_t terms>
     using Needed = KernelTerms<f, FACE_BITS | EDGE_BITS, terms, false>;
-    /// AllTerms with blocks at rest left out, and `terms`.
+    /// AllTerms, with blocks at rest left out, and `terms`.
     template <std::uint32_t terms>
     using Resting = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_resting | terms, true>;
 };
@@ -88,7 +88,7 @@ void measure(std::vector<SpringConstants<Real>>& springs, Formulation formulatio
         spring.rest_length = spring.rest_length > 0 ? measured_length(spring.rest_length) : 0;
 }
 
-/// What the backends share: words, loads and masses, and the turns of the two buffers.
+/// State and arrays that all simulations share: words, loads and masses, and the two buffers that steps swap.
 template <class V>
 class Simulation {
 public:
@@ -116,10 +116,11 @@ public:
             turn();
         }
     }
-    /// Has steps be made in two parts, one of which has the particles `border`. Returns how many blocks are
-    /// left to the other one.
+    /// Makes steps run in two parts, one of which has the particles `border`. Returns how many blocks are
+    /// left to the other part.
     virtual std::size_t split(const std::vector<std::uint32_t>& /*border*/) { return 0; }
-    /// Such a part of a step, the border's first. Between them places() are those after the step.
+    /// Runs one part of such a step, the border's part first. Between the two parts places() returns those
+    /// after the step.
     void step_part(StepPart part) {
         part_ = part;
         if (part == StepPart::border) {
@@ -133,7 +134,7 @@ public:
     }
     void move_tool(const glm::dvec3& displacement) { tool_.moved = vector_of<Real>(displacement); }
     glm::dvec3 tool_force() const { return force_on_tool(held_forces_); }
-    /// As the backend has them.
+    /// Places in the backend's layout.
     BorderPlaces<Real> places(const std::vector<std::uint32_t>& elements) {
         Real* const low = packed_.current_low.empty() ? nullptr : &packed_.current_low[0].position.x;
         return {elements.data(),
@@ -150,7 +151,7 @@ public:
     }
     State download() const { return unpack<Real>(*problem_, packed_, placement_, V::formulation); }
 
-    /// Words that are no particle's hold NaN.
+    /// Sets words without a particle to NaN.
     void poison() {
         for (auto* buffer : {&packed_.current, &packed_.previous, &packed_.current_low, &next_low_}) {
             for (std::size_t i = 0; i < buffer->size(); ++i) {
@@ -169,7 +170,7 @@ protected:
         motion.inverse_masses = inverse_masses_.empty() ? nullptr : inverse_masses_.data();
     }
     const Problem& problem() const { return *problem_; }
-    /// Calls visit(block) for those that the step at hand takes: `all`, or a part of `parts`.
+    /// Calls visit(block) for the blocks of the current step: `all`, or one of the `parts`.
     template <class Block, class Visit>
     void for_each_block(const std::vector<Block>& all, const BlockParts<Block>& parts, Visit visit) const {
         const auto begin =
@@ -177,7 +178,8 @@ protected:
         const auto end = part_ ? begin + std::ptrdiff_t(parts.count_of(*part_)) : all.end();
         std::for_each(begin, end, visit);
     }
-    /// A step that stores nothing. What the first step then leaves out is in both buffers, as uploaded.
+    /// A step that only checks for rest and stores nothing. What the first step then leaves out is in both
+    /// buffers, as uploaded.
     void launch_look() {
         if (by_increments(V::formulation)) packed_.previous = packed_.current;
         if (V::split) next_low_ = packed_.current_low;
@@ -220,7 +222,7 @@ private:
     std::optional<StepPart> part_;  ///< that is being stepped; none: the whole
 };
 
-/// What blocks of particles in their order take: the last one has threads without a particle.
+/// Blocks of particles in their order; the last block has threads without a particle.
 class HostBlocks {
 public:
     explicit HostBlocks(std::size_t particles) : particles_(particles) {
@@ -244,8 +246,8 @@ private:
     BlockParts<std::uint32_t> parts_;
 };
 
-/// Calls step(Terms) with what is compiled for a problem: `needed` if it has damping, gravity and the paper's
-/// two groups and nothing else, as most do here; `interior` with a way without masks.
+/// Calls step(Terms) with what is compiled for a problem. `needed`: the problem has damping, gravity and the
+/// paper's two groups and nothing else, as most do here. `interior`: the kernel also has a way without masks.
 template <class V, class Step>
 void with_terms(bool needed, bool interior, Step step) {
     if (needed && interior) {
@@ -298,16 +300,16 @@ public:
         return parts_.count_of(StepPart::interior);
     }
 
-    /// The kernel that asks for everything at run time.
+    /// Uses the kernel that tests every term at run time.
     void use_general_kernel() { needed_ = false; }
 
-    /// The kernel that does without masks where no neighbour is missing.
+    /// Uses the kernel that needs no masks where no neighbour is missing.
     void use_interior() { interior_ = true; }
-    /// The kernel that leaves out blocks at rest, with a flush or without.
+    /// Uses the kernel that leaves out blocks at rest, with a flush or without.
     void leave_out_resting(bool flush) {
         resting_ = flush ? Rests::flushed : Rests::yes;
         const std::vector<BlockOrigin> all = list_blocks(this->problem().lattice, shape_);
-        // The last word of each list stands behind what it has room for.
+        // Each list ends with a guard word.
         for (auto& list : lists_) list.assign(all.size() + 1, {-1, -1, -1, -1});
         for (auto& marks : marks_) {
             marks.assign(block_grid_.places(), 1);
@@ -318,13 +320,13 @@ public:
         counts_ = {unsigned(all.size()), 0};
         blocks_ = all.size();
     }
-    /// The first step takes what a look at all blocks lists.
+    /// The first step takes the blocks that a look at all blocks lists.
     void look_first() {
         step_.active.looks = true;
         this->launch_look();
         step_.active.looks = false;
     }
-    /// In the latest step.
+    /// The number of blocks that the latest step took.
     std::size_t blocks_stepped() const { return taken_; }
     std::size_t blocks() const { return blocks_; }
 
@@ -398,14 +400,15 @@ protected:
     BlockGrid block_grid_;
     std::vector<BlockOrigin> origins_;
     BlockParts<BlockOrigin> parts_;
-    // Of the step at hand and of the next.
+    // Lists, marks and counts for the current step and for the next.
     std::array<std::vector<BlockOrigin>, 2> lists_;
     std::array<std::vector<std::uint32_t>, 2> marks_;
     std::array<unsigned, 2> counts_{};
     std::size_t taken_ = 0, blocks_ = 0;
 };
 
-/// The same by way of a tile, which starts as NaN: what a thread needs, some thread has loaded.
+/// Implicit steps through a tile, which starts as NaN: if a thread needs a value that no thread has loaded,
+/// NaN shows it.
 template <class V, int W, int H>
 class TileSimulation final : public ImplicitSimulation<V> {
 public:
@@ -470,7 +473,7 @@ public:
 
     std::size_t split(const std::vector<std::uint32_t>& border) override { return blocks_.split(border); }
 
-    /// The kernel that asks for everything at run time.
+    /// Uses the kernel that tests every term at run time.
     void use_general_kernel() { needed_ = false; }
 
 private:
@@ -497,14 +500,14 @@ private:
     ExplicitStep<Real> step_;
 };
 
-/// All threads of a kernel by delta-compressed list.
+/// All threads of a kernel that uses delta-compressed lists.
 template <class V>
 class DeltaSimulation final : public Simulation<V> {
 public:
     using typename Simulation<V>::Real;
     using typename Simulation<V>::Current;
 
-    /// `interior`: with a way without masks.
+    /// `interior`: whether it has a way without masks.
     DeltaSimulation(const Problem& problem, const State& start, bool interior = false)
         : Simulation<V>(problem, start, place_guarded(problem),
                         problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
@@ -525,7 +528,7 @@ public:
 
     std::size_t split(const std::vector<std::uint32_t>& border) override { return blocks_.split(border); }
 
-    /// As the backend does it, between steps.
+    /// Edits between steps, as the backend does.
     void edit(const Problem& edited, const SpringEdit& edit) {
         for (const SpringEdit::Touched& touched : edit.touched)
             this->write_bits(touched.particle, touched.mask);

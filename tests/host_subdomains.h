@@ -1,5 +1,5 @@
-// Subdomains whose steps are those of a CUDA kernel on the host, and whose borders go by way of its kernels
-// too.
+// Subdomains that a CUDA kernel steps on the host, and whose borders pass through CUDA's border kernels, also
+// on the host.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -18,7 +18,7 @@ namespace voxspring::testing {
 
 template <class Real>
 std::vector<Real> gathered(const cuda::BorderPlaces<Real>& places) {
-    // The last number stands behind what the message has room for.
+    // The message ends with a guard number.
     std::vector<Real> message(places.numbers() + 1, Real(-1));
     for (std::size_t n = 0; n < places.count; ++n) gather_place(places, n, message.data());
     EXPECT_EQ(message.back(), -1);
@@ -32,18 +32,18 @@ void scatter(const cuda::BorderPlaces<Real>& places, const std::vector<Real>& me
     for (std::size_t n = 0; n < places.count; ++n) scatter_place(places, n, message.data());
 }
 
-/// What a subdomain has between it and another.
+/// The border that a subdomain shares with another one; there must be one.
 inline const Subdomain::Border& border_with(const Subdomain& subdomain, int other) {
     return *std::find_if(subdomain.borders.begin(), subdomain.borders.end(),
                          [&](const Subdomain::Border& border) { return border.subdomain == other; });
 }
 
-/// When subdomains exchange their borders: once a step is whole, or once the borders are stepped alone.
+/// When subdomains exchange their borders: after whole steps, or once only the borders have been stepped.
 enum class BordersGo : std::uint8_t { last, first };
 
-/// The whole after `steps` steps of as many subdomains along each axis as `cut` says, each in a simulation
-/// that `make(problem, start)` points to. `left` grows by the blocks that are left to be stepped once borders
-/// have gone.
+/// The whole state after `steps` steps of subdomains that are cut as `cut` says along each axis, each in a
+/// simulation that `make(problem, start)` returns. Adds to `left` the number of blocks that remain to be
+/// stepped once borders have been sent.
 template <class MakeSimulation>
 State stepped_as(glm::ivec3 cut, const Problem& whole, const State& start, int steps, MakeSimulation make,
                  BordersGo go, std::size_t& left) {
@@ -97,7 +97,7 @@ State stepped_as(glm::ivec3 cut, const Problem& whole, const State& start, int s
     return state;
 }
 
-/// As two and four slabs, and as each of `cuts`: so many subdomains along each axis.
+/// Tries two and four slabs, and each of `cuts`, which say how many subdomains lie along each axis.
 template <class MakeSimulation>
 void expect_bits_of_each(const std::vector<Problem>& problems, const std::vector<glm::ivec3>& cuts,
                          MakeSimulation make) {

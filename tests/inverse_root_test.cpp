@@ -1,5 +1,5 @@
-// The force through an approximate inverse root against the shared formula, with every error that the root
-// of a device may have.
+// The force through an approximate inverse root against the shared formula, for every error that a device's
+// root may have.
 #include "backends/physics/inverse_root.h"
 
 #include <gtest/gtest.h>
@@ -15,7 +15,7 @@ namespace {
 // NVIDIA gives 2^-22.9 as the largest relative error of rsqrt.approx.f32.
 constexpr double approximate_error = 1.28e-7;
 
-// A root that is off by `error`, the same for the same argument.
+// A root with a relative error of `error`; equal arguments give equal results.
 float approximate_inverse_root(float squared, double error) {
     return float((1 + error) / std::sqrt(double(squared)));
 }
@@ -76,7 +76,8 @@ TEST(InverseRoot, TheLeanStrainDensityIsTheSame) {
         const double squared = length * length;
         const double deficit = rest_length * rest_length - squared;
         const double expected = deficit / ((rest_length + length) * length);
-        // A root, a sum, a reciprocal and a product in host code, and its arguments, half a unit each.
+        // Half a unit each for the root, the sum, the reciprocal and the product in host code, and for their
+        // arguments.
         constexpr double roundings = 8;
         EXPECT_NEAR(double(lean_strain_density(float(squared), float(rest_length), float(deficit))), expected,
                     roundings * std::ldexp(1.0, -24) * std::fabs(expected));

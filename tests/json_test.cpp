@@ -1,4 +1,4 @@
-// The strict JSON reader: what it takes, what it refuses, and what it says about it.
+// The strict JSON reader: what it accepts, what it refuses, and its messages.
 #include "harness/base/json.h"
 
 #include <gmock/gmock.h>
@@ -15,7 +15,7 @@
 namespace voxspring::testing {
 namespace {
 
-/// What `use` is refused with.
+/// The message with which `use` is refused.
 template <class Use>
 std::string refusal(const Use& use) {
     try {
@@ -108,7 +108,7 @@ TEST(Json, WholeNumbers) {
     EXPECT_EQ(value("7").integer(0, 7), 7);
     EXPECT_EQ(value("7.0").integer(0, 7), 7);
     EXPECT_EQ(value("-9007199254740991").integer(-largest, 0), -largest);
-    // As a double the first of these is the second.
+    // Read as a double the first number equals the second.
     for (const std::string text : {"9007199254740993", "9007199254740992"})
         EXPECT_NE(refusal([&] { value(text).integer(0, largest); }), "accepted");
     for (const std::string text :
@@ -164,7 +164,7 @@ TEST(Json, MessagesAreOnePrintableLine) {
     EXPECT_EQ(message.find('\n'), std::string::npos);
     EXPECT_LT(message.size(), 200u);
     EXPECT_NE(message.find("xxx... is not accepted"), std::string::npos) << message;
-    // A cut never leaves half a character.
+    // Truncation never splits a character.
     EXPECT_NE(std::string(BadInput("f", "k", std::string(79, 'x') + "\xc3\xa9\xc3\xa9", "e").what())
                   .find("x... is"),
               std::string::npos);
@@ -196,7 +196,7 @@ TEST(Json, CompressedFilesAreUnpacked) {
     const std::string number = std::string(200'000, ' ') + "{\"a\": 5}";
     const auto good = write("good.json.gz", number);
     EXPECT_EQ(read_json(good).require("a").number(), 5);
-    // Cut off, and with a bit that its checksum does not know.
+    // A truncated stream, and one with a flipped bit that its checksum detects.
     const auto size = std::filesystem::file_size(good);
     std::filesystem::resize_file(good, size - 9);
     EXPECT_THAT(refusal([&] { read_json(good); }), ::testing::HasSubstr("good.json.gz: a damaged gzip file"));

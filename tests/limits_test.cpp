@@ -226,8 +226,8 @@ TEST(StepWork, OfCudaByFormulation) {
     EXPECT_WORK(cuda::implicit_work<float>(moved, Formulation::paper), 6 * 48, 6 * (21 + 6) + 22 * 13, 1);
 }
 
-// Of two rows of two particles a thread evaluates 16 face springs for 12, and 38 edge springs for 24; of one
-// row, in float64, 9 for 6 and 22 for 12.
+// For two rows of two particles each a thread evaluates 16 face springs in place of 12, and 38 edge springs
+// in place of 24; for one row, in float64, 9 in place of 6 and 22 in place of 12.
 TEST(StepWork, OfCudaMarch) {
     const int faces = 7 * 16 / 12, edges = 4 * 38 / 24, ends = 22;
     EXPECT_WORK(cuda::march_work<float>(plate(), position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 9,
@@ -255,7 +255,7 @@ TEST(StepWork, OfCudaExplicit) {
 }
 
 TEST(StepWork, OfCudaScatter) {
-    // Forces are read and written by either launch, positions read by the first as well.
+    // Both launches read and write forces; the first also reads positions.
     EXPECT_WORK(cuda::scatter_work<float>(plate(), position), 6 * (48 + 4 * 12 + 16) + 11 * 16,
                 6 * 15 + 11 * 20, 2);
     EXPECT_WORK(cuda::scatter_work<double>(plate(), position), 6 * (96 + 4 * 24 + 32) + 11 * 24,
@@ -264,7 +264,7 @@ TEST(StepWork, OfCudaScatter) {
     EXPECT_WORK(cuda::scatter_work<float>(one_particle, position), 48 + 2 * 12, 15, 1);
 }
 
-// Words of 16 bytes in two arrays, of which one is overwritten; vectors of 12 in one.
+// Words of 16 bytes in two arrays, one of which is overwritten; vectors of 12 bytes in one.
 TEST(StepWork, TrafficOfCuda) {
     const Problem loaded = loaded_plate_of_two_materials();
     EXPECT_TRAFFIC(cuda::implicit_work<float>(plate(), position), 6 * 16, 6 * 32);
@@ -276,7 +276,7 @@ TEST(StepWork, TrafficOfCuda) {
     EXPECT_TRAFFIC(cuda::march_work<float>(plate(), Formulation::increment), 6 * 24, 6 * 36);
     EXPECT_TRAFFIC(cuda::march_work<double>(plate(), Formulation::increment), 6 * 48, 6 * 72);
     EXPECT_TRAFFIC(cuda::explicit_work<float>(plate(), true, position), 6 * 16, 6 * 32 + 22 * 12);
-    // Both launches write all forces, whose array is one; the springs are read.
+    // Both launches write all forces, which form one array; the springs are read.
     EXPECT_TRAFFIC(cuda::scatter_work<float>(plate(), position), 6 * (16 + 2 * 12), 6 * (32 + 12) + 11 * 16);
     const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
     EXPECT_TRAFFIC(cuda::scatter_work<float>(one_particle, position), 16 + 12, 32 + 12);
@@ -294,7 +294,7 @@ TEST(StepWork, TrafficOfCpu) {
                    6 * (6 + 3 + 2 + 1) * 4);
     EXPECT_TRAFFIC(work_of(parallel + "increment", plate()), 6 * 6 * 4, 6 * (9 + 1) * 4);
     EXPECT_TRAFFIC(work_of(parallel + "compensated", plate()), 6 * 12 * 4, 6 * (18 + 1) * 4);
-    // Forces are written twice; positions and what came before once.
+    // Forces are written twice; positions and previous positions once.
     EXPECT_TRAFFIC(work_of(reference + "position", plate()), 6 * 4 * 24, 6 * 3 * 24 + 11 * 24);
     EXPECT_TRAFFIC(work_of(reference + "compensated", loaded_plate_of_two_materials()), 6 * 6 * 24,
                    6 * (3 + 1 + 2) * 24 + 11 * (24 + 40));
@@ -310,7 +310,7 @@ TEST(StepWork, OfCpuParallel) {
                 15 * 12 + 22 * 9 + 6 * 24, 1);
     EXPECT_WORK(work_of(by_position + ",terms=all", plate()), 6 * (9 + 3 + 1 + 1) * 4,
                 22 * 10 + 22 * 9 + 6 * 24, 1);
-    // The middle one of three has both neighbours, and its mask may go unread.
+    // The middle one of three particles has both neighbours, and its mask may stay unread.
     const Problem row = make_lattice_problem(solid({3, 1, 1}), FACE_BITS);
     EXPECT_WORK(work_of(by_position, row), (3 * 9 + 2) * 4, 4 * 10 + 4 * 9 + 3 * 21, 1);
 
@@ -323,7 +323,7 @@ TEST(StepWork, OfCpuParallel) {
                 15 * 20 + 22 * 18 + 6 * 81, 1);
 }
 
-// A list of 12 bytes a spring and end in float32; 4 bytes of an inverse mass and 16 of where the list is.
+// A list of 12 bytes per spring and end in float32; 4 bytes for an inverse mass and 16 for where the list is.
 TEST(StepWork, OfCpuExplicit) {
     const std::string by_position = "cpu_explicit:formulation=position";
     EXPECT_WORK(work_of(by_position, plate()), 6 * (3 * 12 + 20) + 22 * 12, 22 * 19 + 6 * 21, 1);
@@ -358,9 +358,9 @@ protected:
     }
 };
 
-// An end of a spring takes 13 operations on positions; on displacements one more for each axis along which it
-// lies, by increments four and twice as many. The plate's seven face springs lie along one, its four edge
-// springs along two.
+// An end of a spring takes 13 operations on positions. On displacements it takes one more for each axis along
+// which it lies, by increments four more and two more per axis. The plate's seven face springs lie along one
+// axis, its four edge springs along two.
 TEST_F(Gl, StepWorkOfImplicit) {
     constexpr int axes = 2 * (7 * 1 + 4 * 2);
     const std::string by_position = "gl_fragment_implicit:formulation=position";
@@ -386,7 +386,7 @@ TEST_F(Gl, StepWorkOfImplicit) {
                 6 * 3 * (2 + 10 + 11) + 22 * 23 + 2 * axes, 1);
 }
 
-// With one more for the stiffness.
+// With one more array for the stiffness.
 TEST_F(Gl, StepWorkOfExplicit) {
     const std::string by_position = "gl_fragment_explicit:formulation=position";
     EXPECT_WORK(work_of(by_position, plate()), 6 * 48 + 22 * 4, 6 * 15 + 22 * 14, 1);
@@ -395,12 +395,12 @@ TEST_F(Gl, StepWorkOfExplicit) {
     Problem sutured = plate();
     sutured.springs.push_back({0, 5, 1, 2});
     EXPECT_WORK(work_of(by_position, sutured), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
-    // Its one spring beyond the lattice has a rest offset and deficit of its own, at either end.
+    // The one spring beyond the lattice stores a rest offset and deficit at either end.
     EXPECT_WORK(work_of("gl_fragment_explicit", sutured), 6 * 64 + 24 * 12 + 2 * 16,
                 6 * 12 + 24 * (17 + 1) + 2 * (2 * (7 * 1 + 4 * 2) + 2 * 3), 1);
 }
 
-// All frames are others, and each is read or written whole.
+// Each frame is a separate image, and is read or written as a whole.
 TEST_F(Gl, TrafficOfFragments) {
     EXPECT_TRAFFIC(work_of("gl_fragment_implicit:formulation=position", loaded_plate_of_two_materials()),
                    6 * 16, 6 * (48 + 16 + 8));
@@ -423,7 +423,8 @@ void expect_rate(double rate) {
     EXPECT_GT(rate, 0);
 }
 
-/// Three shares of writing at each of some footprints, in the cache where that is known and far beyond it.
+/// Expects three shares of writing at each of several footprints, from within the cache, if its size is
+/// known, to far beyond it.
 void expect_table(const DeviceLimits& limits) {
     std::map<double, std::set<double>> shares;
     for (const Bandwidth& one : limits.bandwidth) {
@@ -439,13 +440,13 @@ void expect_table(const DeviceLimits& limits) {
     EXPECT_GT(shares.rbegin()->first, limits.cache_bytes);
 }
 
-/// Of two measurements of what does not change. Other processes may have any part of the machine in between.
+/// Compares two measurements of a constant. Other processes may take any part of the machine in between.
 void expect_alike(double a, double b) {
     EXPECT_LT(a, 3 * b);
     EXPECT_LT(b, 3 * a);
 }
 
-/// The higher rates of two measurements: another process may have had a core during one.
+/// The higher rates of two measurements, since another process may have had a core during one.
 DeviceLimits undisturbed(const BackendSpec& spec) {
     DeviceLimits limits = spec.make()->measure_limits();
     const DeviceLimits again = spec.make()->measure_limits();
@@ -464,7 +465,7 @@ TEST(CpuLimits, ArePositiveAndRepeat) {
     expect_rate(first.copy_bytes_per_second);
     expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
     if (first.cache_bytes > 0) {
-        // Not faster for certain: a virtual machine may name a cache that others have.
+        // The cache need not be faster: a virtual machine may name a cache that others share.
         expect_rate(first.cached_copy_bytes_per_second);
         expect_alike(first.cached_copy_bytes_per_second, second.cached_copy_bytes_per_second);
     }
@@ -487,7 +488,7 @@ TEST(CudaLimits, ArePositiveAndRepeat) {
     expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
     expect_rate(first.cached_copy_bytes_per_second);
     expect_table(first);
-    // Of kernels on a card by itself the best of several repeats.
+    // Each value is the best of several repeats of kernels that have the card to themselves.
     ASSERT_EQ(first.bandwidth.size(), second.bandwidth.size());
     for (std::size_t n = 0; n < first.bandwidth.size(); ++n) {
         const Bandwidth& one = first.bandwidth[n];
@@ -592,7 +593,7 @@ TEST(MeasuredLimits, AreMeasuredOnceForWhatSharesThem) {
     EXPECT_EQ(of("OpenGL 4.5 core", "OpenGL"), 1);
     EXPECT_EQ(of("OpenGL 4.6 core", "OpenGL"), 1) << "another version of the same";
     EXPECT_EQ(of("OpenGL 4.5 core", "OpenGL compute"), 2);
-    // An API that names nothing to share: the CPU's name is its default family, not its limits.
+    // Without an API there is nothing to share: the CPU is only its default family.
     EXPECT_EQ(of("Vulkan 1.3", ""), 3);
     EXPECT_EQ(of("CPU", "CPU"), 4);
     EXPECT_EQ(measured.json().size(), 4U);

@@ -1,5 +1,5 @@
-// The main() of every test in C++: a study that one of them runs measures in processes of the test itself,
-// and Vulkan's validation layers look on where they are installed.
+// The main() of every C++ test. A study that a test runs measures in processes of the test program, and
+// Vulkan's validation layers are enabled if they are installed.
 #include <gmock/gmock.h>
 
 #include <cstdlib>

@@ -34,9 +34,9 @@ struct Measured {
     const char* tile;
     double microseconds;
 };
-// Medians on an NVIDIA H200, `position` in float32, with the items that are planned here: of the source of
-// commit 7f1df66 with items from 3 planes on, those of the box of 192^3 in two tiles. The model's constants
-// were fitted to these and 24 other times of `position`, `increment` and float64.
+// Medians on an NVIDIA H200, `position` in float32, with the items that are planned here: measured with the
+// source of commit 7f1df66 with items from 3 planes on, those of the box of 192^3 in two tiles. The model's
+// constants were fitted to these and 24 other times of `position`, `increment` and float64.
 const std::vector<Measured> measured = {{48, "64x8", 6.3},     {64, "64x8", 7.9},    {64, "64x16", 7.7},
                                         {96, "32x20", 17.0},   {128, "64x16", 26.0}, {192, "64x16", 79.0},
                                         {192, "128x20", 98.7}, {256, "128x20", 168}};
@@ -53,7 +53,7 @@ TEST(MarchCost, PredictsWhatWasMeasured) {
     }
 }
 
-// What was measured to be the fastest is taken of all tiles. Without max_alike 128^3 would go to 128x16 and
+// The plan takes the tile that was measured to be the fastest. Without max_alike 128^3 would go to 128x16 and
 // 192^3 to 64x8, which are predicted to be 2% and 1% faster.
 TEST(MarchCost, ChoosesTheTileThatWasMeasuredToBeTheFastest) {
     const std::vector<std::pair<int, const char*>> fastest = {
@@ -65,7 +65,8 @@ TEST(MarchCost, ChoosesTheTileThatWasMeasuredToBeTheFastest) {
     }
 }
 
-// By hand: two multiprocessors, a block on each; three items of 10 planes, one of 8 warps' work.
+// Computed by hand: two multiprocessors with one block each; three items of 10 planes, one of them with 8
+// warps' work.
 TEST(MarchCost, TheEmptiestMultiprocessorTakesTheNextItem) {
     MarchDevice device = h200;
     device.multiprocessors = 2;
@@ -77,7 +78,7 @@ TEST(MarchCost, TheEmptiestMultiprocessorTakesTheNextItem) {
     const double one = cost.start_seconds(2) + 10 * cost.plane_seconds(full, 1);
     EXPECT_NEAR(cost.work_seconds({item, item}), one, 1e-9 * one);
     EXPECT_NEAR(cost.work_seconds({item, item, item}), 2 * one, 1e-9 * one);
-    // A short one leaves room for the third.
+    // A short item leaves room for the third.
     const MarchLoad brief{1, full};
     const double rest = cost.start_seconds(2) + cost.plane_seconds(full, 1);
     EXPECT_NEAR(cost.work_seconds({item, brief, brief}), one, 1e-9 * one);

@@ -1,14 +1,14 @@
 // What mutation_test.py builds from mutated sources: cpu_parallel, and the bodies of CUDA's kernels on the
 // host, against states that the unmutated program wrote.
 //
-//     mutants write FILE                references and spreads, of the plain reference
-//     mutants check FILE STRATEGY...    prints how many runs depart from them after 20 steps, held to the
-//     bound
-//                                       of the conformance test; whether one does after as many as `table1`
-//                                       and `figure7` take, held to the gate; and how many runs there were
+//     mutants write FILE                writes states and spreads of the plain reference
+//     mutants check FILE STRATEGY...    prints three numbers
 //
-// STRATEGY: cpu_parallel, implicit, tile, groups, springs, delta or scatter; of the last six those that
-// STRATEGIES names, which is defined when this file is compiled. Exit code 3: one of them is not built in.
+// The numbers: how many runs exceed the bound of the conformance test after 20 steps; whether a run fails the
+// gate after as many steps as `table1` and `figure7` take; and how many runs there were.
+//
+// STRATEGY: cpu_parallel, implicit, tile, groups, springs, delta or scatter. Of the last six only those are
+// built in that the macro STRATEGIES names. Exit code 3: a strategy is not built in.
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
@@ -54,7 +54,7 @@ std::vector<Body> bodies() {
     pinned.group_stiffness = {1, 0.7, 0.5};
     pinned.damping = 0.002;
     add("pinned", pinned);
-    // What the kernels of the paper's two groups take that have nothing else compiled in.
+    // Kernels of the paper's two groups have only these terms compiled in.
     Problem plain = pinned;
     plain.pinned.clear();
     for (std::uint32_t& mask : plain.lattice.mask) mask &= ~PINNED_BIT;
@@ -149,7 +149,7 @@ State play(const std::string& strategy, Formulation formulation, const Body& bod
 
 // --- What is written -------------------------------------------------------------------------------------
 
-/// Of a body in a formulation.
+/// The expected states and the spread of a body in a formulation.
 struct Expected {
     State after_brief, after_full;
     Spread spread;
@@ -204,7 +204,7 @@ struct Run {
     std::shared_ptr<const Expected> expected;
 };
 
-/// Whether the bound of the conformance test finds it.
+/// Whether the bound of the conformance test detects the mutant.
 bool departs_early(const Run& run) {
     const Comparison early = compare(run.body->problem, play(run.strategy, run.formulation, *run.body, brief),
                                      run.expected->after_brief, Precision::float32, brief, run.formulation);
@@ -214,7 +214,7 @@ bool departs_early(const Run& run) {
     return !early.passed();
 }
 
-/// Whether the gate does.
+/// Whether the gate detects the mutant.
 bool departs_late(const Run& run) {
     const Comparison late =
         differences(play(run.strategy, run.formulation, *run.body, full), run.expected->after_full);
@@ -262,7 +262,7 @@ int run(const std::string& what, const char* path, const std::vector<std::string
     const std::vector<Body> all = bodies();
     std::vector<Run> runs = read_runs(in, all, formulations, strategies);
     if (!in) throw std::runtime_error(std::string(path) + " is too short");
-    // Long runs one by one until one is found: first those that are wrong already.
+    // Long runs go one by one until one detects the mutant, beginning with those that differ already.
     const auto found = std::stable_partition(runs.begin(), runs.end(), departs_early);
     const auto late = std::find_if(runs.begin(), runs.end(), departs_late);
     std::cout << found - runs.begin() << " " << (late == runs.end() ? 0 : 1) << " " << runs.size() << "\n";

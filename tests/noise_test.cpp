@@ -1,4 +1,4 @@
-// Times that are not to be trusted are marked, for each of the reasons that there are, and others are not.
+// Untrustworthy times are marked, for each of the possible reasons; other times are not.
 #include "harness/device/noise.h"
 
 #include <dlfcn.h>
@@ -72,7 +72,7 @@ TEST(Noise, IsNotInTheStudysOwnProcesses) {
     EXPECT_EQ(other_processes({11, 12, 99}, {.all = {10, 11, 12}, .on_card = 2}), 1u);
     EXPECT_EQ(other_processes({11, 99}, {.all = {10, 11, 12}, .on_card = 2}), 1u) << "12 is not listed";
     EXPECT_EQ(other_processes({7}, {}), 1u) << "a resumed study's cases have no process yet";
-    // In a container the driver may have other numbers.
+    // In a container the driver may show other process ids.
     EXPECT_EQ(other_processes({5011, 5012}, {.all = {11, 12}, .on_card = 2}), 0u);
     EXPECT_EQ(other_processes({5011, 5012, 5013}, {.all = {11, 12}, .on_card = 2}), 1u);
 }
@@ -88,7 +88,7 @@ TEST(Noise, IsPrintedWithWhatItIsOf) {
     EXPECT_EQ(out.str(),
               "~ 2 of 3 times not to be trusted, it rained: box: a increment float32 (twice), c increment "
               "float32 (once)\n");
-    // Which ones the table marks: a line stays a line however many there are.
+    // The table marks the rows themselves: the summary stays one line, however many there are.
     out.str("");
     print_noise(std::vector<Row>(40, row("cuda_a", {"it rained (once)", "a card slept (twice)"})), out);
     EXPECT_EQ(out.str(),
@@ -99,7 +99,7 @@ TEST(Noise, IsPrintedWithWhatItIsOf) {
 TEST(Noise, ASpinTakesTheSameTimeTwice) {
     const double once = spin_seconds();
     EXPECT_GT(once, 0);
-    // Least of three; on a busy machine the least of many more.
+    // The minimum of three; on a busy machine the minimum of many more.
     double again = once;
     for (int i = 0; i < 100; ++i) again = std::min(again, spin_seconds());
     EXPECT_GT(again, once / 10) << "the compiler has not taken it away";
@@ -108,7 +108,7 @@ TEST(Noise, ASpinTakesTheSameTimeTwice) {
 TEST(Noise, WaitingGrowsWhereThreadsHaveNoCore) {
     if (!waited_seconds()) GTEST_SKIP() << "this system does not tell";
     const double before = *waited_seconds();
-    // Three threads a core: each waits for two thirds of the time.
+    // With three threads per core each waits for two thirds of the time.
     std::atomic<bool> stop = false;
     std::vector<std::thread> threads;
     for (unsigned i = 0; i < 3 * std::thread::hardware_concurrency(); ++i)
@@ -180,7 +180,8 @@ std::string reasons_of(const nlohmann::json& result, const std::string& backend)
     return "no row";
 }
 
-/// What has been loaded under its name is what the name means from then on, in the test and in its workers.
+/// A library that was loaded under this name is used for the name from then on, in the test and in its
+/// workers.
 void* const library = dlopen(FAKE_NVML, RTLD_NOW);
 
 class CardInAStudy : public ::testing::Test {
@@ -211,7 +212,7 @@ TEST_F(CardInAStudy, IsWatched) {
         EXPECT_THAT(reasons_of(result, backend), ::testing::Not(HasSubstr("card")))
             << "they are the study's own";
 
-    *falls_ = 200;  // whichever of the eight repetitions are one backend's
+    *falls_ = 200;  // so that it matters not which of the eight repetitions belong to one backend
     *strangers_ = 2;
     result = result_of_study();
     for (const char* backend : {"on_card", "drawn_on_card"})
@@ -225,14 +226,14 @@ TEST_F(CardInAStudy, IsWatched) {
 
 TEST_F(CardInAStudy, IsWatchedWhereTheDriverHasOtherNumbersForProcesses) {
     *lists_workers_ = false;
-    *strangers_ = 2;  // as many as the study has there
+    *strangers_ = 2;  // as many as the study has processes on the card
     EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"), ::testing::Not(HasSubstr("card")));
     *strangers_ = 3;
     EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"),
                 HasSubstr("other processes computed on the card (1)"));
 }
 
-/// The one row of two ranks, each on a card of its own.
+/// The one row of two ranks, each on its card.
 nlohmann::json row_of_two_cards() {
     Study study;
     study.name = "test";
@@ -249,7 +250,7 @@ nlohmann::json row_of_two_cards() {
 
 TEST_F(CardInAStudy, IsWatchedWhicheverRankItIsOf) {
     setenv("FAKE_FALLING_CARD", "GPU-fake-1", 1);
-    setenv("FAKE_STRANGERS", "3", 1);  // one of which is the ranks' process, by another number
+    setenv("FAKE_STRANGERS", "3", 1);  // one of them is the ranks' process, with another id
     const nlohmann::json row = row_of_two_cards();
     unsetenv("FAKE_FALLING_CARD");
     unsetenv("FAKE_STRANGERS");
@@ -276,7 +277,7 @@ nlohmann::json energy_of_card() {
 TEST_F(CardInAStudy, TellsItsEnergy) {
     const nlohmann::json row = energy_of_card();
     ASSERT_TRUE(row.contains("watts")) << row.dump(2);
-    // The counter is asked up to 10 ms after a leap of 20, at either end of ten seconds.
+    // The counter is read up to 10 ms after a leap of 20 ms, at either end of ten seconds.
     EXPECT_NEAR(row.at("watts").get<double>(), 500, 500 * 0.01);
     EXPECT_EQ(row.at("sampled_watts"), 500);
     EXPECT_NEAR(row.at("seconds").get<double>(), 10, 1);

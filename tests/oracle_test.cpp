@@ -1,5 +1,5 @@
 // The oracle against what shares no code with it: closed forms, conservation laws of its integrator, beam
-// theory and another simulator. Formulas of the model are written out here; none is taken from spring.h.
+// theory and another simulator. Formulas of the model are written out here; spring.h is not used.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,7 +20,8 @@
 namespace voxspring::testing {
 namespace {
 
-/// What results are held against: the plain reference in its formulations, and the one on all cores.
+/// The references that results are compared with: the plain one in its formulations, and the one on all
+/// cores.
 std::unique_ptr<Backend> oracle(const std::string& name) {
     if (name == parallel_reference_name) return make_perturbed_reference({});
     return BackendSpec::parse("cpu_reference:formulation=" + name).make();
@@ -64,9 +65,9 @@ INSTANTIATE_TEST_SUITE_P(, Oracle,
 
 // --- Closed forms at large amplitude ---------------------------------------------------------------------
 
-/// Two particles of mass m on a spring that circle their centre by an angle a step. The scheme's second
-/// difference of a circle of radius r is -2 (1 - cos a) r, which the spring's pull k (2 r - l) dt^2 / m has
-/// to be: so r = k l dt^2 / (2 (k dt^2 - m (1 - cos a))), and the orbit is exact, not an approximation for
+/// Two particles of mass m on a spring that circle their centre by an angle a per step. The scheme's second
+/// difference of a circle of radius r is -2 (1 - cos a) r. The spring's pull k (2 r - l) dt^2 / m has to
+/// equal it, so r = k l dt^2 / (2 (k dt^2 - m (1 - cos a))). The orbit is exact, not an approximation for
 /// small steps.
 TEST_P(Oracle, ARotatingStretchedPairStaysOnItsCircle) {
     constexpr double mass = 1.5, stiffness = 2, angle = 0.2, time_step = 0.3;
@@ -87,7 +88,7 @@ TEST_P(Oracle, ARotatingStretchedPairStaysOnItsCircle) {
     constexpr int steps = 1000;  // 32 turns
     const State end = run(*backend, problem, start, steps);
     for (const std::size_t i : {0, 1}) {
-        // Rounding of float64, 1e-16 a step, doubly summed at worst: 1e-10.
+        // Rounding in float64, 1e-16 per step, summed twice in the worst case: 1e-10.
         EXPECT_LT(glm::length(position(problem, end, i) - at(steps, i)), 1e-9) << i;
     }
 }
@@ -102,7 +103,7 @@ struct ElasticPendulum {
         problem.gravity = {0, 0, -gravity};
         problem.time_step = step;
         const glm::dvec3 x(1.1, 0.2, -0.3), velocity(0.1, 0.5, 0.2);
-        // The place one step ago to third order, which an error of second order does not see.
+        // The position one step ago to third order; errors of second order do not depend on that.
         const double length = glm::length(x);
         const glm::dvec3 acceleration =
             -stiffness / mass * (length - 1) / length * x + glm::dvec3(0, 0, -gravity);
@@ -112,7 +113,7 @@ struct ElasticPendulum {
         start.displacement[1] = pivot + x - problem.rest_position[1];
         start.increment[1] = x - before;
     }
-    /// The mass and where it was one step before, from the pivot.
+    /// The position of the mass and its position one step before, relative to the pivot.
     std::pair<glm::dvec3, glm::dvec3> ends(const State& state) const {
         const glm::dvec3 x = position(problem, state, 1) - problem.rest_position[0];
         return {x, x - state.increment[1]};
@@ -130,8 +131,8 @@ struct ElasticPendulum {
     glm::dvec3 before;
 };
 
-/// The force has no moment about the axis through the pivot along gravity, so that the scheme keeps the z of
-/// x(t - dt) x x(t) exactly.
+/// The force has no moment about the axis through the pivot along gravity. So the scheme keeps the z
+/// component of the cross product of x(t - dt) and x(t) exactly.
 TEST_P(Oracle, AnElasticPendulumKeepsItsAngularMomentum) {
     const ElasticPendulum pendulum(0.1);
     const auto moment = [&](const State& state) {
@@ -165,7 +166,7 @@ TEST_P(Oracle, AnElasticPendulumKeepsItsEnergyToSecondOrder) {
 
 // --- Statics ---------------------------------------------------------------------------------------------
 
-/// A hanging chain: the spring above n masses is n m g / k longer.
+/// A hanging chain: the spring above n masses is stretched by n m g / k.
 TEST_P(Oracle, AColumnSagsByItsWeight) {
     constexpr int count = 8;
     constexpr double mass = 1.25, stiffness = 3, gravity = 0.06;
@@ -180,8 +181,8 @@ TEST_P(Oracle, AColumnSagsByItsWeight) {
     double sag = 0;
     for (int i = 1; i < count; ++i) {
         sag += (count - i) * mass * gravity / stiffness;
-        // A step adds a dt^2 to positions of up to 8 until that is less than their last bit, 1e-15, of what
-        // the softest mode, 1 / 50 of a spring, is off by.
+        // Positions of up to 8 stop changing once a dt^2 is below their last bit, 1e-15. That acceleration is
+        // the stiffness of the softest mode, 1 / 50 of a spring, times its remaining error.
         EXPECT_NEAR(end.displacement[std::size_t(i)].z, sag, 1e-11) << i;
         EXPECT_EQ(end.displacement[std::size_t(i)].x, 0);
     }
@@ -252,8 +253,8 @@ struct Cantilever {
     }
     double tip(const State& state) const { return state.displacement.back().x; }
 
-    /// Of a beam that is as thick as its layers are many, each standing for what is half a spacing around it.
-    /// The tip's deflection by gravity g across: w L^4 / (8 E I) + w L^2 / (2 kappa G A), w = A g.
+    /// The tip's deflection by gravity g across: w L^4 / (8 E I) + w L^2 / (2 kappa G A), w = A g. The beam
+    /// counts as thick as its number of layers, each of which stands for half a spacing on either side.
     double theory_deflection(double gravity) const {
         const double l = length_, a = side_ * side_;
         return a * gravity * (l * l * l * l / (8 * 2.5 * inertia()) + l * l / (2 * kappa * a));
@@ -297,8 +298,8 @@ double measured_frequency(Backend& backend, Cantilever beam) {
         start.displacement[i].x =
             1e-6 * (std::cosh(s) - std::cos(s) - 0.734096 * (std::sinh(s) - std::sin(s)));
     }
-    // The mean over the beam, in which higher modes hardly show, passes zero after a quarter and three
-    // quarters.
+    // The mean over the beam, in which higher modes are hardly present, passes zero after a quarter and three
+    // quarters of a period.
     backend.upload(beam.problem, start);
     const auto mean = [&] {
         const State state = backend.download();
@@ -326,8 +327,8 @@ double at_zero(std::vector<double> values, const std::vector<double>& h) {
     return values.back();
 }
 
-/// Edge springs join layers and not half of their surroundings, so that a lattice of few layers is too soft
-/// by a part of first order in the spacing. Without it the beam is that of the continuum.
+/// Edge springs join layers but not half of their surroundings, so that a lattice of few layers is too soft
+/// by a part of first order in the spacing. Extrapolated to zero spacing, the beam is that of the continuum.
 TEST(Beam, BecomesTimoshenkosAsTheLatticeIsRefined) {
     const auto backend = oracle(parallel_reference_name);
     std::vector<double> spacing, stiffness, frequency;
@@ -341,8 +342,8 @@ TEST(Beam, BecomesTimoshenkosAsTheLatticeIsRefined) {
     for (const auto& measured : {stiffness, frequency}) {
         for (std::size_t i = 1; i < measured.size(); ++i)
             EXPECT_LT(std::abs(measured[i] - 1), 0.7 * std::abs(measured[i - 1] - 1)) << i;
-        // What is left is of third order, and Poisson's effect at the pinned end, which beam theory leaves
-        // out.
+        // The remaining error is of third order, and Poisson's effect at the pinned end, which beam theory
+        // ignores.
         EXPECT_NEAR(at_zero(measured, spacing), 1, 0.03);
     }
 }
@@ -373,7 +374,7 @@ TEST_P(Oracle, RepeatsThePublishedLatticeRun) {
             sum += z;
             if (i >= problem.particle_count() - std::size_t(side * side)) top += z / (side * side);
         }
-        // Half a unit of the last digit that was published.
+        // Half a unit of the last published digit.
         EXPECT_NEAR(sum, published.sum_of_z, 0.6e-6) << side;
         EXPECT_NEAR(top, published.top_layer, 0.6e-6) << side;
     }
@@ -381,7 +382,7 @@ TEST_P(Oracle, RepeatsThePublishedLatticeRun) {
 
 // --- Order -----------------------------------------------------------------------------------------------
 
-/// Of every scene of the study `pareto`, from its largest time step on.
+/// The method is of second order on every scene of the study `pareto`, from its largest time step on.
 TEST(OrderTwo, HoldsOnTheScenesOfPareto) {
     References references{DiskCache(std::filesystem::path{})};
     for (const char* name : {"box@32", "heart", "beam"}) {

@@ -1,4 +1,4 @@
-// The reference on all cores against the plain one, and the rounding that is put into it.
+// The reference on all cores against the plain one, and the rounding that is simulated in it.
 #include "backends/cpu/perturbed_reference.h"
 
 #include <gtest/gtest.h>
@@ -61,7 +61,7 @@ std::vector<std::pair<std::string, Problem>> problems() {
     return all;
 }
 
-/// Forces are added in another order: float64 rounds 20 steps by some 1e-16 of lengths of 20 each.
+/// Forces are added in another order, and 20 steps in float64 each round lengths of 20 by some 1e-16.
 constexpr double reordered = 1e-12;
 
 TEST(ParallelReference, AgreesWithThePlainOne) {
@@ -118,7 +118,8 @@ TEST(ParallelReference, DependsOnNoNumberOfThreads) {
 }
 
 TEST(ParallelReference, UsedAgainRunsAsANewOne) {
-    // Of many blocks, so that several threads list them; and with what other problems have no arrays for.
+    // Bodies with many blocks, so that several threads list them, and with arrays that other problems do not
+    // have.
     std::vector<Problem> bodies = {
         with_dynamics(make_lattice_problem(solid({128, 128, 65}), FACE_BITS)),
         with_dynamics(make_lattice_problem(random_grid({12, 11, 10}, 0.7, 4, 3), FACE_BITS | EDGE_BITS)),
@@ -169,7 +170,7 @@ TEST(RandomRounding, GivesTheTwoNeighboursAndTheValueOnAverage) {
             EXPECT_TRUE(rounded == near || rounded == below || rounded == above);
             sum += rounded - value;
         }
-        // The mean of 20000 is off by 0.0035 units in the standard deviation.
+        // The mean of 20000 has a standard deviation of 0.0035 units.
         EXPECT_LT(std::abs(sum / count) / (above - near), 0.02) << value;
     }
     EXPECT_EQ(perturbed::rounded(0, bits, 1, 1), 0);

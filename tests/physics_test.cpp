@@ -1,8 +1,8 @@
 // The oracle, and with it every backend that this machine can run, against closed forms and symmetries.
-// VOXSPRING_REQUIRE (required.h) makes failures of the skips.
+// With VOXSPRING_REQUIRE (required.h) missing devices are failures instead of skips.
 //
-// Closed forms are those of the discrete recurrence, not of the differential equation, so that nothing but
-// rounding is left and rounding_tolerance() (harness/verification/verify.h) is the bound unless a test says
+// The closed forms are those of the discrete recurrence, not of the differential equation, so that only
+// rounding is left. The bound is rounding_tolerance() (harness/verification/verify.h) unless a test says
 // otherwise.
 #include <gtest/gtest.h>
 
@@ -46,9 +46,9 @@ protected:
     std::unique_ptr<Backend> backend;
 };
 
-/// z_{n+1} = z_n + (1 - lambda)(z_n - z_{n-1}) - w z_n, what the integrator makes of z'' = -omega^2 z with
-/// w = (omega dt)^2: z_n = rho^n (a cos n phi + b sin n phi), rho^2 = 1 - lambda,
-/// cos phi = (2 - lambda - w) / (2 rho).
+/// z_{n+1} = z_n + (1 - lambda)(z_n - z_{n-1}) - w z_n is the integrator's form of z'' = -omega^2 z with w =
+/// (omega dt)^2. Its solution is z_n = rho^n (a cos n phi + b sin n phi), rho^2 = 1 - lambda, cos phi = (2 -
+/// lambda - w) / (2 rho).
 struct Oscillator {
     double rho, phi, a, b;
 
@@ -122,13 +122,14 @@ TEST_P(Physics, AnUnstructuredSpringIsTheSame) {
 }
 
 TEST_P(Physics, TheShortestWaveHasTheFrequencyOfTheInfiniteLattice) {
-    // u = (-1)^x A along x, the wave q = (pi, 0, 0) of the highest frequency: omega^2 = 4 k1 + 8 k2 + 16/3
-    // k3. The border's influence travels one voxel a step: the centre has not felt it before step 8.
+    // u = (-1)^x A along x is the wave q = (pi, 0, 0) of the highest frequency: omega^2 = 4 k1 + 8 k2 + 16/3
+    // k3. The influence of the border travels by one voxel per step and does not reach the centre before step
+    // 8.
     const glm::ivec3 dims(17);
     const int steps = 7;
-    // Springs across the wave are geometrically nonlinear, which at first order cancels between opposite
-    // neighbours; the strain of 2 A squared is left, of an acceleration of 4 A. And displacements this small
-    // must stand out against the rounding of positions.
+    // Springs across the wave are geometrically nonlinear. At first order this cancels between opposite
+    // neighbours; a strain of 2 A squared remains, against an acceleration of 4 A. And displacements this
+    // small must exceed the rounding of positions.
     const double amplitude = spec.options.precision == Precision::float32 ? 5e-3 : 1e-4;
     const std::vector<std::array<double, 3>> stiffnesses = {
         {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 0}, {1, 0.5, 0.25}};
@@ -193,7 +194,7 @@ TEST_P(Physics, ParticlesWithoutSpringsFallFreely) {
     }
 }
 
-// What the tool gives to a free body, the body gives back: the momentum of a step is the tool's force on it.
+// The tool's force on a free body is the body's gain of momentum in each step.
 TEST_P(Physics, TheForceOnTheToolIsWhatItsBodyGains) {
     Problem problem = make_lattice_problem(random_grid({9, 8, 7}, 0.8, 22), FACE_BITS | EDGE_BITS);
     problem.materials = {{2, 1}};
@@ -210,7 +211,7 @@ TEST_P(Physics, TheForceOnTheToolIsWhatItsBodyGains) {
         const State now = backend->download();
         glm::dvec3 then(0);
         for (const glm::dvec3& v : now.increment) then += 2.0 / problem.time_step * v;
-        // Of positions each increment is off by two roundings, in the same direction at worst.
+        // On positions each increment is off by two roundings, in the worst case in the same direction.
         const double tolerance = 2 / problem.time_step * double(problem.particle_count()) *
                                  rounding_tolerance(problem, now, spec.options.precision, 1) /
                                  problem.time_step;
@@ -229,8 +230,8 @@ TEST_P(Physics, ALatticeAtRestStaysAtRest) {
         problem.time_step = 0.3;
         const State rest = state_at_rest(problem);
         const State end = run(problem, rest, 200);
-        // To the bit wherever the square root is rounded correctly, since then every spring between integer
-        // coordinates measures its rest length; OpenGL does not promise that.
+        // The bits are exact if the square root is rounded correctly, since every spring between integer
+        // coordinates then measures its rest length. OpenGL does not guarantee that.
         if (backend->capabilities().api == "CPU") {
             EXPECT_EQ(end.displacement, rest.displacement);
             EXPECT_EQ(end.increment, rest.increment);
@@ -265,7 +266,7 @@ TEST_P(Physics, MomentumIsConservedWithoutExternalForce) {
 }
 
 TEST_P(Physics, AxesArePermutable) {
-    // The box turned so that axis a lies along (a + 1) % 3, and everything in it.
+    // The box and everything in it, turned so that axis a lies along (a + 1) % 3.
     const glm::ivec3 dims(13, 6, 9);
     const glm::dvec3 spacing(0.8, 1.0, 1.3);
     const VoxelGrid grid = random_grid(dims, 0.8, 25);
@@ -302,7 +303,7 @@ TEST_P(Physics, AxesArePermutable) {
         turned_start.increment[index_of_turned(i)] = turned(start.increment[i]);
     }
 
-    // The same but for the order in which a particle's forces are summed, hence for rounding.
+    // Only the order in which a particle's forces are summed differs, and therefore the rounding.
     const int steps = 50;
     const State end = run(problem, start, steps);
     const State turned_end = run(turned_problem, turned_start, steps);
@@ -334,7 +335,7 @@ TEST_P(Physics, CoincidentParticlesStayFinite) {
     problem.time_step = 0.2;
     State start = state_at_rest(problem);
     start.displacement[1].x = -1;
-    // No direction to push in: they stay where they are.
+    // There is no direction to push in, so they stay where they are.
     EXPECT_EQ(run(problem, start, 10).displacement, start.displacement);
 
     problem = make_lattice_problem(solid({5, 5, 5}), NEIGHBOUR_BITS);
@@ -343,11 +344,11 @@ TEST_P(Physics, CoincidentParticlesStayFinite) {
     problem.damping = 0.05;
     problem.time_step = 0.2;
     start = state_at_rest(problem);
-    start.displacement[62].x = 1;  // the centre, onto its neighbour
+    start.displacement[62].x = 1;  // moves the centre onto its neighbour
     const State end = run(problem, start, 100);
     for (const glm::dvec3& u : end.displacement) {
         ASSERT_TRUE(std::isfinite(u.x) && std::isfinite(u.y) && std::isfinite(u.z));
-        // Springs that hold the energy of one voxel's displacement move no particle far.
+        // Springs with the energy of one voxel's displacement move no particle far.
         EXPECT_LT(glm::length(u), 2);
     }
 }

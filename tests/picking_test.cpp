@@ -1,5 +1,5 @@
-// Which particles a hand reaches and which springs a blade and a needle meet, where the body is bent; and
-// what a window says of a state.
+// Which particles a hand reaches, and which springs a blade and a needle meet in a deformed body; and what a
+// window shows of a state.
 #include "harness/view/picking.h"
 
 #include <gtest/gtest.h>
@@ -40,7 +40,7 @@ TEST(Picking, TheNearestOfAll) {
         for (std::size_t i = 0; i < bent.problem.particle_count(); ++i)
             EXPECT_LE(glm::distance(bent.place(nearest), place), glm::distance(bent.place(i), place));
     }
-    // Of particles as near as each other the first.
+    // Among equally near particles the first is taken.
     const Problem flat = make_lattice_problem(solid({4, 4, 1}), FACE_BITS);
     const State rest = state_at_rest(flat);
     EXPECT_EQ(Places(flat, rest).nearest_to({1.5, 1.5, 0}), 5u);
@@ -69,7 +69,7 @@ TEST(Picking, AHandReachesWhatIsWithinItsRadius) {
 TEST(Picking, ABladeMeetsTheSpringsThatItsTrianglesCut) {
     const Bent bent;
     const std::vector<Spring> springs = list_springs(bent.problem);
-    // Through all of the body, through a part, along the lattice's planes and beside it; not in one plane.
+    // Through the whole body, through a part, along the lattice's planes and outside of it; not planar.
     const std::vector<Quad> quads = {{{{3.4, -3, -3}, {3.6, -3, 12}, {3.2, 14, -3}, {3.9, 14, 12}}},
                                      {{{2, 3, 1.5}, {5, 3, 2.5}, {2, 6, 3.5}, {5, 6, 1.5}}},
                                      {{{4, -1, -1}, {4, -1, 9}, {4, 9, -1}, {4, 9, 9}}},
@@ -102,7 +102,7 @@ TEST(Picking, ANeedleFindsWhatIsLostNearItsLine) {
     Bent bent;
     const Problem whole = bent.problem;
     const SpringEdit cut = SpringEditor(bent.problem).cut(Plane{{4.1, 3, 3}, {1, 0.2, 0.1}});
-    // A spring of another kind joins two that the cut has parted: they are joined.
+    // Another spring joins two particles that the cut has separated: they count as joined.
     const ChangedSpring& replaced = cut.removed.front();
     bent.problem.springs.push_back({replaced.spring.first, replaced.spring.second, 0.125, 1});
     const glm::dvec3 a(4, 1, 1), b(4, 6, 5);
@@ -155,7 +155,7 @@ TEST(Measures, ARodIsAsTenseAsItIsStretched) {
         for (std::size_t i = 0; i < 4; ++i) state.displacement[i] = {stretch * rod.rest_position[i].x, 0, 0};
         for (const double tension : tensions(rod, state)) EXPECT_DOUBLE_EQ(tension, stretch);
     }
-    // One end alone: its neighbour has one such spring of two.
+    // Only one end is held: its neighbour has one such spring of two.
     state = state_at_rest(rod);
     state.displacement[0].x = -1;
     EXPECT_EQ(tensions(rod, state), (std::vector{0.5, 0.25, 0.0, 0.0}));
@@ -163,7 +163,7 @@ TEST(Measures, ARodIsAsTenseAsItIsStretched) {
 
 TEST(Measures, TensionIsTheMeanOverAllSprings) {
     Bent bent;
-    bent.problem.springs.push_back({3, 7, 1, 0});  // of no rest length
+    bent.problem.springs.push_back({3, 7, 1, 0});  // rest length zero
     std::vector<double> sum(bent.problem.particle_count()), count(sum.size());
     for (const Spring& spring : list_springs(bent.problem)) {
         if (spring.rest_length == 0) continue;

@@ -26,12 +26,12 @@
 
 namespace {
 
-/// A request for more bytes than that finds no memory.
+/// A request for more bytes than this fails.
 std::size_t max_allocation = std::numeric_limits<std::size_t>::max();
 
 }  // namespace
 
-// GCC 12 takes an inlined free() for one of another allocator's memory.
+// GCC 12 takes an inlined free() for that of another allocator.
 [[gnu::noinline]] void* operator new(std::size_t bytes) {
     void* memory = bytes <= max_allocation ? std::malloc(bytes) : nullptr;
     if (memory == nullptr) throw std::bad_alloc();
@@ -49,7 +49,7 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
 
-/// What a few operations on numbers of the size of a few voxels may lose.
+/// The rounding of a few operations on numbers of the size of a few voxels.
 constexpr double rounding = 1e-13;
 
 Problem lattice(const VoxelGrid& grid) { return make_lattice_problem(grid, NEIGHBOUR_BITS); }
@@ -103,8 +103,8 @@ TEST(Surface, IsWhereTheBodyIsAndFacesOutwards) {
         for (std::size_t n = 0; n < 4; ++n) {
             EXPECT_GT(glm::dot(v[n].normal, flat), 0);
             EXPECT_NEAR(glm::length(v[n].normal), 1, 1e-15);
-            // In voxels: at most on the box's planes, and on one of them but for its own edges, which are
-            // rounded.
+            // In voxels: at most on the box's planes, and exactly on one of them except at the box's edges,
+            // which are rounded.
             const glm::dvec3 place = (v[n].position - low) / spacing;
             int inside = 0;
             double nearest = 6;
@@ -139,7 +139,8 @@ TEST(Surface, TurnsWithTheBody) {
 }
 
 TEST(Surface, OfWhatHasNoThickness) {
-    // A particle is a cell around itself; a rope keeps its two faces a voxel however it runs.
+    // A particle is a cell around itself; a rope keeps a distance of one voxel between its two faces, in any
+    // direction.
     const Problem one = lattice(solid({1, 1, 1}));
     for (const SurfaceVertex& vertex : at_rest(one)) {
         EXPECT_GT(glm::distance(vertex.position, one.rest_position[0]), 0.1);
@@ -153,12 +154,13 @@ TEST(Surface, OfWhatHasNoThickness) {
             [](glm::dvec3 x) { return glm::dvec3(4 * std::sin(x.z / 4), 0, 4 * std::cos(x.z / 4)) - x; }),
         std::vector<double>(9));
     EXPECT_EQ(bent.size(), 4 * (9 * 4 + 2u));
-    // Wherever it runs along it is as thick: at each end of a face's side a corner, half a voxel or so apart.
+    // In any direction along it the rope is as thick: at each end of a face's side a corner, half a voxel or
+    // so away.
     for (std::size_t face = 0; face < bent.size() / 4; ++face) {
         const glm::dvec3 across = bent[4 * face + 2].position - bent[4 * face].position;
         EXPECT_GT(glm::length(across), 0.4);
     }
-    // Collapsed to a point there is nothing to see, and nothing that is no number.
+    // A body that has collapsed to a point shows nothing, and no value is NaN.
     const auto gone =
         surface_of(rope, displaced(rope, [](glm::dvec3 x) { return -x; }), std::vector<double>(9));
     for (const auto& surface : {bent, gone}) {
@@ -213,7 +215,7 @@ TEST(Scale, RunsFromTheLeastToTheMost) {
     EXPECT_NEAR(decades.place(1e-6), 2.0 / 3, 1e-15);
     EXPECT_EQ(decades.place(1e-5), 1);
     for (const Colouring colouring : {Colouring::displacement, Colouring::error}) {
-        // An error of nothing at all is a picture too.
+        // A scale for errors of zero is valid too.
         EXPECT_EQ(Scale(colouring, 0).place(0), 0);
         EXPECT_EQ(Scale(colouring, 0).ticks().size(), 1u);
         for (const double most : {1e-300, 2.99e-6, 0.0307, 0.1, 1.0, 6.742, 9.99, 167.0, 1e200}) {
@@ -222,7 +224,7 @@ TEST(Scale, RunsFromTheLeastToTheMost) {
             EXPECT_GE(ticks.size(), 3u) << most;
             EXPECT_LE(ticks.size(), 6u) << most;
             for (std::size_t n = 0; n < ticks.size(); ++n) {
-                // A label says the value in three digits at most.
+                // A label shows the value in at most three digits.
                 EXPECT_NEAR(std::stod(ticks[n].label), ticks[n].value, 0.005 * ticks[n].value)
                     << ticks[n].label;
                 EXPECT_LE(ticks[n].value, most * (1 + rounding));
@@ -259,7 +261,7 @@ TEST(Legend, ShowsItsColoursFromEndToEnd) {
 }
 
 TEST(Png, RefusesWhatIsNoImage) {
-    // libpng finds it, and what it allocated is given back on the way out: a sanitizer looks for leaks.
+    // libpng finds the error, and its memory is freed on the way out: a sanitizer looks for leaks.
     EXPECT_THAT([] { encode_png(Image(0, 5), {}); }, ThrowsMessage<std::runtime_error>(HasSubstr("PNG: ")));
 }
 
@@ -304,7 +306,7 @@ protected:
         }
     }
 
-    /// The body at rest, each particle's value `value(rest position)`.
+    /// Draws the body at rest, with `value(rest position)` for each particle.
     template <class Value>
     Image paint(const Problem& problem, Value value) {
         std::vector<double> values;
@@ -347,7 +349,8 @@ TEST_F(Pixels, OfABoxFillTheirBoundsAndNothingElse) {
             least = std::min(least, int(image.at(x, y)[1]));
         }
     }
-    // At an edge a pixel is as bright as what covers a part of it; a quarter of it tells a colour to 4/255.
+    // A pixel at an edge is as bright as the share of it that is covered; a quarter of it shows a colour to
+    // 4/255.
     EXPECT_LT(partly, 255);
     EXPECT_NEAR(partly, fully, 4);
     // A pixel is covered where one of its samples is: off by one at most.
@@ -373,14 +376,14 @@ TEST_F(Pixels, HaveTheColourOfTheirPlace) {
     const glm::ivec2 high = pixel_of(front + glm::dvec3(0, 0, 8));
     const std::uint8_t* purple = image.at(low.x, low.y);
     const std::uint8_t* yellow = image.at(high.x, high.y);
-    // Light changes how bright a colour is, not which of its parts is the largest: blue, and red and green.
+    // Light changes the brightness of a colour, not which component is the largest: blue, then red and green.
     EXPECT_GT(purple[2], purple[0]);
     EXPECT_GT(purple[0], purple[1]);
     EXPECT_GT(yellow[0], 2 * yellow[2]);
     EXPECT_GT(yellow[1], 2 * yellow[2]);
     EXPECT_GT(yellow[1], 100 + purple[1]);
-    // Between two knots the parts are between theirs: of the mean of the 13th and 14th, red is 0.84 of green,
-    // of those themselves 0.75 and 0.93. A trace of gloss is white.
+    // Between two knots the components lie between those of the knots: for the mean of the 13th and 14th red
+    // is 0.84 of green, for the knots themselves 0.75 and 0.93. A trace of gloss is white.
     const Image between = paint(problem, [](glm::dvec3) { return 13.5 / 15; });
     const std::uint8_t* lime = between.at(high.x, high.y);
     EXPECT_NEAR(double(lime[0]) / lime[1], 0.84, 0.03);
@@ -401,7 +404,7 @@ TEST_F(Pixels, ShowWhatIsBehindAHole) {
 }
 
 TEST_F(Pixels, HideWhatIsBehindThem) {
-    // A small box before a large one, as the camera sees them; each with a value of its own.
+    // A small box in front of a large one, as the camera sees them, with different values.
     const auto grid = make_grid({9, 12, 9}, [](int x, int y, int z) {
         return y >= 6 || (y <= 1 && x >= 3 && x <= 5 && z >= 3 && z <= 5);
     });
@@ -409,7 +412,7 @@ TEST_F(Pixels, HideWhatIsBehindThem) {
     const double before = problem.rest_position.front().y + 2;
     paint(problem, [&](glm::dvec3 x) { return x.y < before ? 1 : 0; });
     const glm::ivec2 pixel = pixel_of({4, 0, 4});
-    // In whichever order its faces are drawn.
+    // The order in which its faces are drawn does not matter.
     std::vector<SurfaceVertex> reversed;
     for (std::size_t n = surface_.size(); n > 0; n -= 4)
         reversed.insert(reversed.end(), surface_.begin() + std::ptrdiff_t(n - 4),
@@ -431,8 +434,8 @@ TEST_F(Pixels, AreTheSameEveryTime) {
 }
 
 TEST_F(Pixels, DoNotDependOnTheUnitOfLength) {
-    // Between pictures of bodies as small and as large as they come, rounding moves an edge across a sample
-    // here and there, which is a quarter of a pixel.
+    // Between pictures of very small and very large bodies rounding moves an edge across a sample here and
+    // there, which is a quarter of a pixel.
     const auto painted = [&](double spacing) {
         return paint(lattice(solid({5, 6, 7}, glm::dvec3(spacing))), [](glm::dvec3) { return 0.5; });
     };

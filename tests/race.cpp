@@ -1,5 +1,5 @@
-// What ThreadSanitizer must find, in threads as the CPU backends have them: the preset `threads` expects this
-// to fail.
+// A race that ThreadSanitizer must find, in threads as the CPU backends have them: the preset `threads`
+// expects this program to fail.
 #include <cstdio>
 
 int main() {

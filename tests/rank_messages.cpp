@@ -1,4 +1,5 @@
-// Ranks that all send to all before any of them receives: tests/scaling_test.py has mpirun start them.
+// Ranks that all send to all others before any of them receives. tests/scaling_test.py lets mpirun start
+// them.
 #include <chrono>
 #include <string>
 #include <thread>
@@ -7,7 +8,7 @@
 
 int main() {
     constexpr int tag = 1;
-    const std::string text(std::size_t(1) << 20, 'x');  // which MPI sends once somebody receives it
+    const std::string text(std::size_t(1) << 20, 'x');  // so large that MPI sends it only once it is received
     const auto mpi = voxspring::OpenMpi::join();
     if (mpi == nullptr) return 1;
     for (int other = 0; other < mpi->ranks(); ++other) {

@@ -1,4 +1,4 @@
-// Ranks as threads: messages, bits, and what becomes of a run whose rank fails or hangs.
+// Ranks as threads: messages, bits, and what happens to a run if a rank fails or hangs.
 #include <dlfcn.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -35,10 +35,10 @@
 // Sanitizers start threads themselves.
 #if !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__) && !defined(__clang__)
 #define VOXSPRING_COUNTS_THREADS
-/// So many more std::threads may be started; any number where it is negative.
+/// How many more std::threads may be started; without limit if it is negative.
 static std::atomic<int> threads_to_start = -1;
 
-/// In the place of the system's.
+/// Replaces the function of the system.
 extern "C" int pthread_create(pthread_t* thread, const pthread_attr_t* attributes, void* (*run)(void*),
                               void* of) noexcept {
     static const auto start = reinterpret_cast<decltype(&pthread_create)>(dlsym(RTLD_NEXT, "pthread_create"));
@@ -201,7 +201,7 @@ TEST(RankRuns, GiveTheBitsOfOneRank) {
     }
 }
 
-/// After so many steps in float64.
+/// The state after `steps` steps in float64.
 State stepped(const Scene& scene, int steps) {
     const std::unique_ptr<Backend> backend = BackendSpec::parse("cpu_reference").make();
     SceneRunner runner(scene);
@@ -267,7 +267,8 @@ TEST(RankRuns, RefuseEditsBeyondTheLattice) {
     EXPECT_THAT(cut_refusal(whole, {1, 1, 2}), HasSubstr("suture after step 50"));
 }
 
-/// Borders in one process as devices would have them, with what DeviceBorders says of turns checked.
+/// Borders in one process that behave as those of devices, and check the order of calls that DeviceBorders
+/// requires.
 class FakeBorders final : public DeviceBorders {
 public:
     FakeBorders(Backend& of, const std::vector<SharedParticles>& borders, bool refuses) : refuses_(refuses) {
@@ -299,10 +300,10 @@ public:
         ++taken_over;
     }
     void disconnect() override { ++disconnected; }
-    /// How often, of all.
+    /// Counts over all borders.
     static inline std::atomic<int> taken_over = 0, disconnected = 0;
 
-    /// Whether all that these borders await has been sent.
+    /// Whether everything that these borders await has been sent.
     bool is_here() const {
         return std::all_of(links_.begin(), links_.end(),
                            [&](const Link& link) { return link.own->sent > received_; });
@@ -327,7 +328,7 @@ public:
     }
 
 private:
-    /// Where messages arrive.
+    /// The inbox for messages.
     struct Shore {
         std::array<std::vector<std::byte>, 2> messages;
         std::atomic<int> sent = 0, taken = 0;
@@ -344,7 +345,7 @@ private:
     int sent_ = 0, received_ = 0;
 };
 
-/// A backend in float64 that `make` makes.
+/// The test's backend in float64 that `make` creates.
 Registered test_backend(const std::string& name, const std::function<std::unique_ptr<Backend>()>& make) {
     return Registered({.name = name,
                        .summary = "A backend for a test.",
@@ -355,7 +356,7 @@ Registered test_backend(const std::string& name, const std::function<std::unique
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 }
 
-/// cpu_reference, in the place of a backend with devices.
+/// A cpu_reference in place of a backend with devices.
 class Wrapped : public MonitoredCpuBackend {
 public:
     Capabilities capabilities() const override {
@@ -383,7 +384,7 @@ private:
     std::unique_ptr<Backend> sound_ = BackendSpec::parse("cpu_reference").make();
 };
 
-/// Does what its name says in the tenth step of whoever does not have the lowest layer.
+/// Does what its name says in the tenth step, on every rank that does not have the lowest layer.
 class Faulty final : public Wrapped {
 public:
     explicit Faulty(std::string what) : what_(std::move(what)) {}
@@ -410,7 +411,7 @@ private:
     int steps_ = 0;
 };
 
-/// On one of two devices, where it keeps its start.
+/// A backend on one of two devices, which keeps its start there.
 class Numbered final : public Wrapped {
 public:
     bool keep_start() override { return keeps_start_ = true; }
@@ -423,7 +424,7 @@ public:
 
 private:
     void begin(const Problem& problem, const State& state) override {
-        // Who keeps it on the device uploads nothing anew.
+        // A backend that keeps its start on the device must not get another upload.
         if (keeps_start_) throw std::logic_error("uploaded though the start was kept");
         problem_ = &problem;
         start_ = state;
@@ -436,7 +437,7 @@ private:
     const int device_ = DeviceOfThread::now().among(2, "test");
 };
 
-/// Says on which devices this thread has made such backends, in turn.
+/// Records on which devices this thread has made such backends, in order.
 class Placed final : public Wrapped {
 public:
     Placed() { devices.push_back(DeviceOfThread::now().among(4, "test")); }
@@ -452,7 +453,7 @@ Registered faulty(const std::string& what) {
 
 const Registered backends[] = {faulty("throws"), faulty("hangs"), faulty("without")};
 
-/// Borders that travel within steps: with a device of its own, which waits for its neighbours.
+/// Borders that travel within steps, simulated by a device that waits for its neighbours.
 class BordersInSteps final : public DeviceBorders {
 public:
     explicit BordersInSteps(std::shared_ptr<DeviceBorders> of) : inner_(std::move(of)) {}
@@ -476,9 +477,9 @@ private:
     const std::shared_ptr<DeviceBorders> inner_;
 };
 
-/// Its edits take long on one rank; no other may be in the steps after them meanwhile. Another rank is late
-/// for its steps; nobody may edit before it has begun them, since an edit may wait for all that a device
-/// does.
+/// Its edits take long on one rank; meanwhile no other rank may be in the steps after them. Another rank is
+/// late for its steps; no rank may edit before it has begun them, since an edit may wait for everything on a
+/// device.
 class WithinSteps final : public Wrapped {
 public:
     WithinSteps() {
@@ -546,7 +547,7 @@ private:
 const Registered within_steps =
     test_backend("rank_within_steps", [] { return std::make_unique<WithinSteps>(); });
 
-/// Says how many steps it was asked for at once at most, in whichever rank that was.
+/// Records the largest number of steps in one call, over all ranks.
 class Counting final : public Wrapped {
 public:
     static inline std::atomic<int> most = 0;
@@ -561,9 +562,9 @@ private:
 
 const Registered counting = test_backend("rank_counting", [] { return std::make_unique<Counting>(); });
 
-/// That run as two ranks ends with an error within seconds.
+/// The error with which a run of two ranks ends; it has to end within seconds.
 std::string error_of(const std::string& backend, const std::string& way = "memory") {
-    // What hangs reads it to the end of the process.
+    // A hanging thread reads the scene until the process ends.
     static const Scene whole = scene();
     State state = state_at_rest(whole.problem);
     const auto begin = std::chrono::steady_clock::now();
@@ -573,7 +574,7 @@ std::string error_of(const std::string& backend, const std::string& way = "memor
     return message;
 }
 
-// As in MPI's workers: whoever takes the first device first leaves a context of each rank there.
+// As in MPI's workers: if a process took the first device first, it would leave a context of each rank there.
 TEST(RanksInProcessesOfTheirOwn, MakeEveryBackendOnTheirDevice) {
     const Scene whole = scene();
     for (const std::vector<int>& devices : {std::vector<int>{}, {3, 2}}) {
@@ -642,7 +643,7 @@ TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
                 run_ranks_as_threads(spec, whole, plan_of(cut, "peer"), state);
             expect_same_bits(state, one);
             const int ranks = int(reports.size());
-            // Edits have each repetition, and the one that takes times apart, upload anew.
+            // With edits each repetition uploads again, and so does the one that measures the parts.
             EXPECT_EQ(FakeBorders::taken_over, edited ? (plan.repetitions + 1) * ranks : 0);
             EXPECT_EQ(FakeBorders::disconnected, ranks);
             for (const RankReport& report : reports) {
@@ -660,7 +661,7 @@ TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
     }
 }
 
-// Edits that touch the first part alone are among them: all stop at the same steps.
+// Some edits touch only the first part: all ranks stop at the same steps.
 TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
     Scene whole = scene();
     const int last = whole.edits.back().step + 1;
@@ -748,13 +749,13 @@ TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {
               "unavailable: rank 2: no test device 2: there are devices 0 to 1");
 }
 
-// What several are held against is not slowed down by exchanges that it has none of.
+// The single rank that several are compared with must not be slowed by exchanges, of which it has none.
 TEST(RankRuns, OfOneRankStepAsManyAtOnceAsTheyAreAskedFor) {
     Scene whole = scene();
     whole.edits.clear();
     State state = state_at_rest(whole.problem);
     (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, plan_of(1), state);
-    // A look for divergence comes between.
+    // A check for divergence lies between.
     EXPECT_GT(Counting::most, 1);
     Counting::most = 0;
     (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, plan_of(2), state);

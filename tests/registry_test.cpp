@@ -72,7 +72,7 @@ TEST(Patterns, StandForEveryValueOfATuningParameter) {
         labels("cpu_parallel:rest=*"),
         ElementsAre("cpu_parallel/increment/float32", "cpu_parallel/increment/float32/rest=step",
                     "cpu_parallel/increment/float32/rest=skip", "cpu_parallel/increment/float32/rest=flush"));
-    // One that the formulation does not take is left out.
+    // A formulation that the backend does not take is left out.
     EXPECT_THAT(labels("cpu_parallel:formulation=position,rest=*"),
                 ElementsAre("cpu_parallel/position/float32", "cpu_parallel/position/float32/rest=step",
                             "cpu_parallel/position/float32/rest=skip"));

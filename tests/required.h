@@ -1,5 +1,5 @@
-// VOXSPRING_REQUIRE: backends whose device must be here, as names or prefixes of names
-// (VOXSPRING_REQUIRE=cuda,gl_fragment). Without their device they fail, where others are skipped.
+// VOXSPRING_REQUIRE names the backends whose device must be available, by name or prefix
+// (VOXSPRING_REQUIRE=cuda,gl_fragment). Without their device they fail, while others are skipped.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ inline std::vector<std::string> required_prefixes() {
     for (std::string item; std::getline(list, item, ',');) {
         std::string prefix;
         std::remove_copy(item.begin(), item.end(), std::back_inserter(prefix), ' ');
-        // An empty one would be a prefix of every name.
+        // An empty name would be a prefix of every name.
         if (!prefix.empty()) prefixes.push_back(prefix);
     }
     return prefixes;
@@ -35,7 +35,7 @@ inline bool is_required(const std::string& backend) {
                        [&](const std::string& prefix) { return backend.starts_with(prefix); });
 }
 
-/// For SetUp(): makes the backend, or leaves it null and the test skipped or failed.
+/// For SetUp(): makes the backend, or leaves it null and skips or fails the test.
 inline void make_or_skip(const BackendSpec& spec, std::unique_ptr<Backend>& backend) {
     try {
         backend = spec.make();
@@ -45,7 +45,7 @@ inline void make_or_skip(const BackendSpec& spec, std::unique_ptr<Backend>& back
     }
 }
 
-/// The same by its text, of a backend that this build may have left out.
+/// Makes the backend that `text` specifies, which this build may have left out.
 inline void make_or_skip(const std::string& text, std::unique_ptr<Backend>& backend) {
     const auto absent = left_out().find(text.substr(0, text.find(':')));
     if (absent == left_out().end()) return make_or_skip(BackendSpec::parse(text), backend);

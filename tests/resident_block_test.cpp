@@ -1,5 +1,5 @@
-// The body of the resident kernel on the host, with a thread for each of a launch's: steps, the tool, ticks
-// that the host orders while the launch goes on, and parts of a body whose launches exchange their borders.
+// The body of the resident kernel on the host, with one host thread for each device thread: steps, the tool,
+// ticks that the host orders during a launch, and parts of a body whose launches exchange their borders.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -18,7 +18,7 @@
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/tick_desk.h"
 #include "tests/host_blocks.h"
-// Kernels' bodies come after what they find on a device.
+// The kernel bodies need the functions above, which a device has built in.
 #include "cuda/kernels/edit.h"
 #include "cuda/kernels/resident_block.h"
 #include "tests/host_kernels.h"
@@ -48,7 +48,7 @@ Problem lattice(const VoxelGrid& grid) {
 }
 Problem lattice(glm::ivec3 dims) { return lattice(solid(dims)); }
 
-/// One of the particles has a load of its own.
+/// The problem with a tool; one of the particles also has a load.
 Problem held(Problem problem, const State& start, const std::vector<std::uint32_t>& particles) {
     Tool tool{.particles = particles, .held = {}, .stiffness = 0.125};
     for (const std::uint32_t i : tool.particles) tool.held.push_back(start.displacement[i]);
@@ -57,27 +57,27 @@ Problem held(Problem problem, const State& start, const std::vector<std::uint32_
     take_hold(problem, tool);
     return problem;
 }
-/// Of bodies of 120 particles and more, in several blocks.
+/// Held particles in several blocks, for bodies of at least 120 particles.
 const std::vector<std::uint32_t> anywhere = {0, 31, 112, 119};
 
-/// A body and how it is dealt out.
+/// A body and how it is divided among blocks.
 struct Body {
     glm::ivec3 dims;
     Partition partition;
     bool overlap;
     ResidentShape shape;
 };
-/// All springs wait for the border: the order of sums is that of the implicit kernels.
+/// All springs wait for the border, so sums have the order of the implicit kernels.
 inline constexpr Body mixed{
     {8, 4, 4}, Partition::bisection, false, {32, 16, 2, 128, 1U << mixed_border, false, {}}};
-/// The same of a lattice that is stressed at rest.
+/// As `mixed`, for a lattice with stress at rest.
 inline constexpr Body masked{
     mixed.dims, Partition::bisection, false, {32, 16, 2, 128, 1U << mixed_border, true, {}}};
 #ifndef WATCHES_THREADS
-/// The same with lanes that have no particle.
+/// As `mixed`, with lanes that have no particle.
 inline constexpr Body idle{{6, 5, 4}, Partition::bisection, false, mixed.shape};
 #endif
-/// A warp a row, with borders on one or two sides: springs within a block are added first.
+/// One warp per row, with borders on one or two sides: springs within a block are added first.
 inline constexpr Body rows{
     {32, 2, 2}, Partition::rows, true, {32, 64, 2, 160, (1U << border_kinds) - 1, false, {}}};
 /// A part of a body: its own particles are {4, 4, 8}, and no lane is idle.
@@ -102,7 +102,7 @@ public:
                               term_damping | term_gravity | (mode == ToolMode::none ? 0 : term_loads), false>;
     using Block = ResidentBlock<Terms, with(mode, body.shape)>;
 
-    /// `tag` and `tick`: the numbers before the first. `rank`: which part of a body it is.
+    /// `tag` and `tick`: the numbers before the first. `rank`: the rank of this part.
     Simulation(const Problem& problem, const State& start, std::uint32_t tag = 0, std::uint32_t tick = 0,
                int rank = 0)
         : problem_(problem),
@@ -151,12 +151,13 @@ public:
     }
     Simulation(const Simulation&) = delete;
 
-    /// Of a part of a body, before its first launch: where those beside it put the points of these ghosts,
+    /// For a part of a body, before its first launch: the words where the neighbours put the points of
+    /// `ghosts`.
     std::vector<std::uint32_t> words_of(const std::vector<std::uint32_t>& ghosts) const {
         return words_of_ghosts(layout_, problem_, ghosts);
     }
     ResidentNeighbour as_neighbour() { return {exchange_.data(), layout_.published_count}; }
-    /// and what it sends to them.
+    /// Connects a part to its neighbours, before its first launch: what it sends, and to which of them.
     void connect(const std::vector<ResidentSending>& sendings, const std::vector<ResidentNeighbour>& to) {
         ASSERT_EQ(sent_refusal(sendings), "");
         sent_ = sent_by_lanes(layout_, sendings);
@@ -164,7 +165,7 @@ public:
         std::copy(to.begin(), to.end(), links_.neighbour);
     }
 
-    /// Between launches.
+    /// Edits between launches.
     void edit(const SpringEdit& edit) {
         const ResidentEdit written = resident_edit(layout_, edit);
         for (std::size_t n = 0; n < written.words.size(); ++n)
@@ -207,7 +208,7 @@ public:
     TickDesk& desk() { return desk_; }
     void set_max_idle(std::chrono::nanoseconds most) { max_idle_ = most; }
     void set_max_wait(std::chrono::nanoseconds most) { step_.wait.nanoseconds = std::uint64_t(most.count()); }
-    /// None, or which wait was in vain.
+    /// Which wait was in vain; empty if none was.
     std::optional<ResidentStall> stall() const {
         if (stall_ == 0) return std::nullopt;
         return ResidentStall::unpacked(stall_);
@@ -285,7 +286,7 @@ TYPED_TEST(Resident, StepsAsTheImplicitKernelDoes) {
     }
 }
 
-/// A body that is edited again and again steps as one that is uploaded as it is then.
+/// A body with repeated edits steps as one that is uploaded again after each edit.
 template <Formulation f, const Body& body>
 void expect_edits_as_uploads(const Problem& problem) {
     const State start = random_state(problem, 0.05, 3);
@@ -307,7 +308,7 @@ void expect_edits_as_uploads(const Problem& problem) {
 TYPED_TEST(Resident, AnEditStepsAsTheEditedProblemDoes) {
     expect_edits_as_uploads<TypeParam::formulation, mixed>(lattice(mixed.dims));
     expect_edits_as_uploads<TypeParam::formulation, rows>(lattice(rows.dims));
-    // Springs pull at rest: masks are asked, and all springs wait for the border.
+    // Springs pull at rest, so masks are tested and all springs wait for the border.
     Problem stressed = lattice(masked.dims);
     for (double& length : stressed.rest_length) length *= 0.9;
     expect_edits_as_uploads<TypeParam::formulation, masked>(stressed);
@@ -332,7 +333,7 @@ TYPED_TEST(Resident, AToolPullsAsThePassBeforeAnImplicitStepDoes) {
     }
 }
 
-/// Ticks of the body, each as a launch would take it.
+/// Compares ticks of the body with a launch for each.
 template <Formulation f, const Body& body>
 void expect_ticks_as_launches(const std::vector<int>& ticks, std::uint32_t before_first = 0,
                               const std::vector<std::uint32_t>& particles = anywhere) {
@@ -340,7 +341,7 @@ void expect_ticks_as_launches(const std::vector<int>& ticks, std::uint32_t befor
     const Problem problem = held(lattice(body.dims), start, particles);
     Simulation<f, body, ToolMode::launch> by_launch(problem, start);
     Simulation<f, body, ToolMode::ticks> in_ticks(problem, start, before_first, before_first);
-    // Another launch goes on from the memory that the first one leaves.
+    // Another launch continues from the memory that the first one leaves.
     const std::size_t half = ticks.size() / 2;
     for (const auto& [begin, end] : {std::pair(std::size_t(0), half), std::pair(half, ticks.size())}) {
         std::vector<glm::dvec3> forces;
@@ -349,7 +350,7 @@ void expect_ticks_as_launches(const std::vector<int>& ticks, std::uint32_t befor
             by_launch.step(ticks[n]);
             forces.push_back(by_launch.tool_force());
         }
-        // At once: an order goes out as soon as the answer to the one before is there.
+        // Each order goes out as soon as the answer to the previous one has arrived.
         for (std::size_t n = begin; n < end; ++n) {
             in_ticks.order(hand(n), ticks[n]);
             ASSERT_EQ(in_ticks.wait_for_force(), forces[n - begin]) << "tick " << n;
@@ -386,7 +387,7 @@ TYPED_TEST(Resident, AnEditBetweenTicksStepsAsTheEditedProblemDoes) {
     in_ticks.order_end();
 }
 
-/// A body of `ranks` parts, each stepped by launches of its own.
+/// A body of `ranks` parts, each stepped by separate launches.
 template <Formulation f, const Body& body, ToolMode mode>
 class Parts {
 public:
@@ -412,8 +413,8 @@ public:
         }
     }
 
-    /// Each part takes these launches on its own. `slow` waits before each of its own, so that the others are
-    /// as far ahead of it as they can be.
+    /// Each part runs these launches by itself. Rank `slow` sleeps before each of its launches, so that the
+    /// others get as far ahead of it as they can.
     void step(const std::vector<int>& counts, std::size_t slow = 0) {
         static constexpr std::chrono::milliseconds delay(20);
         std::vector<std::jthread> hosts;
@@ -440,7 +441,8 @@ public:
             slabs_[rank].copy_own(all_[rank]->download(), state);
         return state;
     }
-    /// Each part has its ghosts where the others have them, and as if they had been there before as well.
+    /// Expects each part to have its ghosts where the others have these particles, both now and one step
+    /// before.
     void expect_ghosts_are_kept() const {
         const State whole = download();
         for (std::size_t rank = 0; rank < all_.size(); ++rank) {
@@ -477,8 +479,8 @@ TYPED_TEST(Resident, PartsGiveTheBitsOfTheWhole) {
     }
 }
 
-// Launches of one step: the point of the next is sent before a late part has read the latest. 2^32 is among
-// the numbers of the steps.
+// Launches of one step: the point of the next step is sent before a late part has read the latest. 2^32 is
+// among the step numbers.
 TEST(ResidentParts, TakeTurnsWhateverTheLaunches) {
     const Problem problem = lattice(dims_of_parts(2));
     const State start = random_state(problem, 0.05, 1);
@@ -525,8 +527,8 @@ TYPED_TEST(Resident, PartsAreHeldByATool) {
     }
 }
 
-// The part beside it is never launched. Only the first wait lasts for as long as one may, and the launch
-// after it has none.
+// The neighbouring part is never launched. Only the first wait takes the longest permitted time; the launch
+// after it does not wait.
 TEST(ResidentParts, DoNotWaitForEver) {
     using Clock = std::chrono::steady_clock;
     const Problem problem = lattice(dims_of_parts(2));
@@ -543,7 +545,7 @@ TEST(ResidentParts, DoNotWaitForEver) {
     EXPECT_LT(Clock::now() - begin, 60 * longest) << "it waits in each step";
 }
 
-// They write into one slot, which nobody reads: a race that ThreadSanitizer need not see.
+// Idle lanes write into one slot that no thread reads: a race that ThreadSanitizer need not report.
 #ifndef WATCHES_THREADS
 TYPED_TEST(Resident, StepsWithIdleLanes) {
     const Problem problem = lattice(idle.dims);
@@ -562,12 +564,12 @@ TYPED_TEST(Resident, AnEditOfAPorousBodyStepsAsTheEditedProblemDoes) {
 }
 #endif
 
-// Of ticks and of steps: 2^32 is among them.
+// Numbers of ticks and of steps wrap around: 2^32 is among them.
 TEST(Ticks, NumbersBeginAnew) {
     expect_ticks_as_launches<Formulation::position, mixed>({1, 1, 3, 1, 2, 1, 1, 1}, 0xFFFFFFFCU);
 }
 
-// Only block 0 answers. The order before is not replaced until the slow block has read that.
+// Only block 0 answers. An order is not replaced until the slow block has read it.
 TEST(Ticks, WaitForASlowBlock) {
     for (const unsigned slow : {1U, 2U, 3U}) {
         slow_block = slow;
@@ -576,7 +578,7 @@ TEST(Ticks, WaitForASlowBlock) {
     slow_block = ~0U;
 }
 
-// Block 0, which looks what the host orders, hands nothing on for longer than the others may wait.
+// Block 0, which reads the host's orders, passes none on for longer than the other blocks may wait.
 TEST(Ticks, EndAfterAWaitInVain) {
     const State start = random_state(lattice(rows.dims), 0.05, 2);
     const Problem problem = held(lattice(rows.dims), start, anywhere);
@@ -590,7 +592,7 @@ TEST(Ticks, EndAfterAWaitInVain) {
     EXPECT_EQ(in_ticks.stall()->step, 3U);
 }
 
-// Nobody orders the end.
+// The launch ends although the host orders no end.
 TEST(Ticks, EndWhereTheHostIsSilentAndGoOnWhenItIsNot) {
     const State start = random_state(lattice(rows.dims), 0.05, 2);
     const Problem problem = held(lattice(rows.dims), start, anywhere);
@@ -604,7 +606,7 @@ TEST(Ticks, EndWhereTheHostIsSilentAndGoOnWhenItIsNot) {
     EXPECT_EQ(in_ticks.wait_for_force(), by_launch.tool_force());
     expect_same_bits(in_ticks.download(), by_launch.download());
 
-    // An order that no launch sees: another one takes it, as a tick of its own.
+    // No launch sees this order: the next launch takes it, as a separate tick.
     in_ticks.desk().order(vector_of<float>(hand(1)), 2);
     EXPECT_FALSE(in_ticks.desk().answered());
     EXPECT_EQ(force_on_tool(in_ticks.desk().forces()), by_launch.tool_force()) << "of the tick before";
@@ -634,11 +636,11 @@ TEST(Ticks, AnAnswerIsThereWhenAllOfItIs) {
     answers[0].word[1] = tick_word(-5.0F, 7);
     EXPECT_TRUE(desk.answered());
     EXPECT_EQ(force_on_tool(desk.forces()), glm::dvec3(5, 7, 9));
-    // The end has no answer, and leaves the latest.
+    // An order to end has no answer, and keeps the latest answer.
     desk.order_end();
     EXPECT_TRUE(desk.answered());
     EXPECT_EQ(force_on_tool(desk.forces()), glm::dvec3(5, 7, 9));
-    // What is left in memory is of no tick to come.
+    // What is left in memory belongs to no later tick.
     desk.open(&asked, answers);
     desk.order({0, 0, 0}, 1);
     EXPECT_EQ(desk.tick(), 9U);

@@ -65,7 +65,7 @@ protected:
         return slot_[std::size_t(bit_of(o.x, o.y, o.z)) * layout_.lane_count() + at];
     }
 
-    /// Which particle each slot of a block has, or fails the test where one has two.
+    /// The particle in each slot of a block; fails the test if a slot has two.
     std::map<int, std::uint32_t> slots_of(std::size_t block) const {
         std::map<int, std::uint32_t> particle;
         const auto has = [&](int slot, std::uint32_t i) {
@@ -107,7 +107,7 @@ TEST_P(Resident, EverySlotHoldsTheNeighbourOfItsDirection) {
         for (std::size_t lane = 0; lane < std::size_t(layout_.lanes); ++lane) {
             const std::size_t at = lane_of(block, lane);
             const std::uint32_t i = layout_.particle[at];
-            // An idle lane writes where nobody reads.
+            // An idle lane writes to a slot that no thread reads.
             if (i == resident_none) {
                 EXPECT_FALSE(slots.contains(layout_.own_slot[at]));
                 continue;
@@ -167,7 +167,7 @@ TEST_P(Resident, WhatIsAddedEarlyIsWithinTheBlock) {
     }
 }
 
-// A warp finds the neighbours in one direction in as many different banks as its own points are in.
+// A warp's neighbours in one direction lie in as many different banks as its own points.
 TEST_P(Resident, PointsOfAWarpAreInFewBanksTwice) {
     std::size_t taken = 0, warps = 0;
     for (std::size_t first = 0; first < layout_.particle.size(); first += 32) {
@@ -180,7 +180,7 @@ TEST_P(Resident, PointsOfAWarpAreInFewBanksTwice) {
         taken += most;
         warps += most > 0 ? 1 : 0;
     }
-    // In rows there is no conflict; a random body, which has no order to use, meets two on average at most.
+    // Rows have no conflict; a random body, which has no order to exploit, has at most two on average.
     const bool rows = GetParam().partition == Partition::rows;
     EXPECT_LE(taken, (rows ? 1 : 3) * warps);
 }
@@ -202,7 +202,7 @@ Vector<float> force_in_two(const ImplicitStep<float>& step, const Vector<float>&
     return force_of<Terms>(step, sums);
 }
 
-// Without a mask, since an absent neighbour is the particle itself, which pulls with no force.
+// It needs no mask, since an absent neighbour is the particle itself, which pulls with no force.
 TEST_P(Resident, SlotsGiveTheForcesOfTheGrid) {
     const auto particle = particle_of_voxel(problem_.lattice);
     const State state = voxspring::testing::random_state(problem_, 0.1, 3);
@@ -260,8 +260,8 @@ INSTANTIATE_TEST_SUITE_P(
                       Case{"more_blocks_than_particles", {2, 2, 1}, 1, 9, 32, Partition::bisection, true}),
     [](const auto& tested) { return std::string(tested.param.name); });
 
-// Edits one after another, each written as on a device, leave all that a launch reads as it is where the
-// edited problem is laid out anew.
+// After a series of edits, each written as on a device, everything that a launch reads equals a new layout of
+// the edited problem.
 TEST_P(Resident, AnEditLeavesTheTablesOfTheEditedProblem) {
     Problem now = problem_, edited = problem_;
     std::vector<std::uint16_t> slot = slot_;
@@ -296,7 +296,7 @@ TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
     EXPECT_EQ(too_much_for_a_block(layout), "");
 }
 
-// Rows waste no more than a tenth here, but the busiest block would have 17 of them, 544 lanes.
+// Here rows waste no more than a tenth, but the busiest block would have 17 of them, 544 lanes.
 TEST(ResidentLayout, DealsOutParticlesWhereABlockCannotHoldItsRows) {
     for (const auto& [dims, blocks] :
          {std::pair{glm::ivec3(29, 46, 46), 132}, {glm::ivec3(29, 42, 42), 108}}) {
@@ -328,7 +328,7 @@ Subdomain slab_of(const Problem& whole, int ranks, int number) {
     return Decomposition(whole, Decomposition::slabs(whole, ranks)).subdomain(whole, number);
 }
 
-/// Parts of a body, laid out, and what they send to each other.
+/// Parts of a body, their layouts, and what they send to each other.
 class ResidentParts : public ::testing::TestWithParam<Case> {
 protected:
     static constexpr int ranks = 3;
@@ -374,8 +374,8 @@ TEST_P(ResidentParts, StepTheirOwnParticlesAlone) {
     }
 }
 
-// Each word is written by one lane, of this part or of one beside it, and polled for the same particle. One
-// poll of each ghost keeps it.
+// Each word is written by one lane, of this part or of a neighbour, and polled for the same particle. Exactly
+// one poll stores each ghost.
 TEST_P(ResidentParts, EveryPollNamesThePointThatSomePartSends) {
     std::vector<std::map<std::uint32_t, std::uint32_t>> writer(ranks);  // particle of the whole, by word
     for (int rank = 0; rank < ranks; ++rank) {
@@ -434,7 +434,7 @@ TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
     EXPECT_EQ(std::count(layout.particle.begin(), layout.particle.end(), resident_none), 0);
 }
 
-// Its own particles are what the card has to hold.
+// The card only has to hold the part's own particles.
 TEST(ResidentRefusal, DoesNotCountGhosts) {
     const Problem whole = make_lattice_problem(body({32, 8, 16}, 1, 1), FACE_BITS);
     EXPECT_EQ(resident_refusal(slab_of(whole, 2, 0).problem, 4, true), "");
@@ -455,7 +455,7 @@ TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
     EXPECT_EQ(refusal(3), "");
 }
 
-// An order takes room that points would have.
+// The order of a tick takes room in shared memory from points.
 TEST(ResidentLayout, HasRoomForAnOrderInTicks) {
     ResidentLayout layout;
     layout.slots = max_resident_slots;
@@ -475,7 +475,7 @@ TEST(ResidentLayout, SaysWhatIsTooMuch) {
         << too_much_for_a_block(few);
 }
 
-// Blocks wait for each other. On a card that does not start all of them at once they would wait for ever.
+// Blocks wait for each other. If a card did not start all of them at once they would wait for ever.
 TEST(ResidentRefusal, IsOfCardsWithoutCooperativeLaunches) {
     const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
     EXPECT_EQ(resident_refusal(problem, 132, true), "");

@@ -70,7 +70,7 @@ TEST(RestPolicy, PausesWhereTooFewRestAndLongerEachTime) {
         EXPECT_EQ(steps_to_due(policy), pause);
         policy.begin_checks();
     }
-    // Once it pays, the next pause is a short one again.
+    // Once checking pays, the next pause is short again.
     EXPECT_EQ(steps_to_due(policy), 10);
     policy.decide(75, 100);
     EXPECT_TRUE(policy.checks());

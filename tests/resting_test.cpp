@@ -1,6 +1,6 @@
-// Tiles at rest, on every backend that leaves them out: that no bit changes, that they are left out, and
-// where that is not worth it. A backend without its device is skipped, or fails if VOXSPRING_REQUIRE names
-// it.
+// Tiles at rest, on every backend that leaves them out: no bit changes, the tiles really are left out, and
+// they are not if it is not worthwhile. A backend without its device is skipped, or fails if
+// VOXSPRING_REQUIRE names it.
 #include <gtest/gtest.h>
 
 #include <memory>
@@ -25,7 +25,7 @@ protected:
     std::unique_ptr<Backend> make(const std::string& how) const {
         return BackendSpec::parse(text + "," + how).make();
     }
-    /// Ways to skip tiles at rest, that may differ in who looks at which of them.
+    /// Ways to skip tiles at rest, which may differ in who checks which tiles.
     std::vector<std::string> ways() const {
         if (on_processor(spec)) return {"rest=skip,threads=1", "rest=skip,threads=3", "rest=skip,threads=7"};
         return {"rest=skip"};
@@ -55,17 +55,17 @@ TEST_P(Resting, SkippingChangesNoBitAndSkips) {
             if (steps != 7 || drifts) continue;
             const WorkCount work = resting->count_work();
             plain->step(1);
-            // Of 16 x 4 x 4 particles, of half as many in float64, or of 256 in any shape.
+            // Tiles have 16 x 4 x 4 particles, half as many in float64, or 256 in any shape.
             EXPECT_EQ(work.at("tiles"), narrow ? 8u * 6 * 6 : 4u * 6 * 6);
             EXPECT_LT(work.at("tiles_stepped"), work.at("tiles") / 2);
-            // The wave has come ten voxels far, and touches tiles next to those that it is in.
+            // The wave has advanced by ten voxels, and touches tiles next to those that it is in.
             EXPECT_GE(work.at("tiles_stepped"), 2u * 3 * 3);
         }
     }
     EXPECT_TRUE(plain->count_work().empty());
 }
 
-// Again and again from the same start: the first step, too, takes what moves alone.
+// Repeated runs from the same start: the first step, too, takes only the tiles that move.
 TEST_P(Resting, ARewoundStartSkipsFromTheFirstStepOn) {
     const Poked poked;
     const auto plain = make("rest=step"), resting = make("rest=skip");
@@ -106,7 +106,7 @@ TEST_P(Resting, EditsAndUploadsWakeWhatTheyTouch) {
             backend->edit(now, editor.suture(shape, 1.5));
             step(3);
         }
-        // Away from rest, all of it and then a part.
+        // A start away from rest, for the whole body and then for a part.
         backend->upload(now, random_state(now, 0.05, 35));
         step(5);
         State start = state_at_rest(now);
@@ -142,14 +142,15 @@ TEST_P(Resting, AToolThatMovesWakesWhatItHolds) {
     EXPECT_GT(plain.displacement[last].y, 0);
 }
 
-// An edit changes the forces of what rests where the springs that it adds are not at rest.
+// An edit changes the forces of resting particles if the springs that it adds are not at rest.
 TEST_P(Resting, AnEditOfWhatRestsUnderStressMovesIt) {
     Problem problem = make_lattice_problem(solid({40, 8, 8}), FACE_BITS);
     problem.damping = 0.01;
     problem.time_step = 0.28;
     std::vector<std::uint8_t> pinned(problem.particle_count());
     State start = state_at_rest(problem);
-    // Two pinned halves, the one moved away: what joins them is stretched, and at rest since pinned.
+    // Two pinned halves, one of them moved away: the springs between them are stretched, and the halves rest
+    // since they are pinned.
     for (std::size_t i = 0; i < pinned.size(); ++i) {
         pinned[i] = problem.rest_position[i] != glm::dvec3(20, 4, 4);
         if (problem.rest_position[i].x > 20) start.displacement[i].x = 0.25;
@@ -171,16 +172,17 @@ TEST_P(Resting, AnEditOfWhatRestsUnderStressMovesIt) {
     EXPECT_NE(plain.displacement, start.displacement);
 }
 
-// By increments tails reach everywhere within as many steps as the lattice is wide. Left to itself a backend
-// looks where that can pay, stops where it does not, and may look again later: nothing that moved meanwhile
-// is at rest.
+// By increments the tails of a wave reach everywhere within as many steps as the lattice is wide. By default
+// a backend checks for rest when that can pay, stops when it does not, and may check again later: nothing
+// that has moved meanwhile counts as resting.
 TEST_P(Resting, AutoChangesNoBitAndSkipsWhatRests) {
-    // The least that a backend checks: 128 tiles of the processor, 512 blocks of a card.
+    // The minimum that a backend checks: 128 tiles on the processor, 512 blocks on a card.
     const Poked poked(on_processor(spec) ? glm::ivec3(64, 32, 16) : glm::ivec3(64, 64, 32));
     const bool drifts = spec.options.formulation == Formulation::paper;
     const auto plain = make("rest=step"), choosing = make("rest=auto");
     for (Backend* b : {plain.get(), choosing.get()}) b->upload(poked.problem, poked.start);
-    // By then every tile has moved, twice 64 steps of looking were in vain, and it looks once more.
+    // By then every tile has moved, checking was in vain for two times 64 steps, and the backend checks once
+    // more.
     for (const int steps : {20, 200, 300}) {
         for (Backend* b : {plain.get(), choosing.get()}) b->step(steps);
         const WorkCount work = choosing->count_work();
@@ -192,7 +194,7 @@ TEST_P(Resting, AutoChangesNoBitAndSkipsWhatRests) {
             EXPECT_EQ(work.at("tiles_stepped"), work.at("tiles"));
         }
     }
-    // Everything moves. The card does not look then; the processor looks in vain, pauses, and looks again.
+    // Everything moves. The card does not check then; the processor checks in vain, pauses, and checks again.
     const State moving = random_state(poked.problem, 0.05, 36);
     for (Backend* b : {plain.get(), choosing.get()}) b->upload(poked.problem, moving);
     choosing->step(20);
@@ -217,7 +219,7 @@ TEST_P(Resting, FlushingRestsMoreForAnErrorOfWhatItFlushes) {
         EXPECT_THROW(make("rest=flush"), BadSpecification);
         return;
     }
-    // Tails have come 30 particles far, what is not flushed half of that.
+    // Tails have advanced by 30 particles; the part above the flush by half of that.
     const Poked poked({64, 32, 32});
     const auto run = [&](const std::string& how, WorkCount& work) {
         const auto backend = make(how);

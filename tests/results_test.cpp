@@ -49,7 +49,7 @@ TEST(Histograms, PercentilesAreValuesOfTheirRank) {
 }
 
 TEST(Histograms, ValuesAreInTheBinThatBeginsAtOrBelowThem) {
-    // Of every bin the begin, what is just below it, and its middle.
+    // For every bin its begin, a value just below it, and its middle.
     const double ratio = std::pow(10, 1.0 / bins_a_decade);
     std::vector<double> values;
     for (const auto& [begin, count] : histogram_of({1e-7, 2.5e-6, 3e-5, 4.7e-4, 0.9})) {
@@ -221,7 +221,7 @@ TEST(Table, DropsColumnsAndShortensNamesWhereThereIsNoRoom) {
     EXPECT_EQ(shortened("abcdefghijkl", 9), "abcd...kl");
 }
 
-// At 80 columns these two were the same text once.
+// At 80 columns these two rows once had the same text.
 TEST(Table, NamesThatDifferStayApart) {
     const std::vector<Column> columns = {{"scene", 0, true}, {"backend", 0, true}, {"time"}, {"error", 1}};
     const std::vector<std::vector<std::string>> rows = {
@@ -286,12 +286,12 @@ TEST(Text, CountsAreOfOneOrOfSeveral) {
 
 TEST(Progress, EstimatesByTheCasesThatCanRun) {
     setenv("VOXSPRING_PROGRESS_SECONDS", "0.01", 1);
-    ::testing::internal::CaptureStderr();  // which is no terminal
+    ::testing::internal::CaptureStderr();  // not a terminal
     Progress progress({{.cases = 100, .rows_per_case = 1, .work_per_case = 1},
                        {.cases = 10, .rows_per_case = 2, .work_per_case = 4}});
     const auto show = [&](const char* what, int done, int total) {
         progress.show(what, done, total);
-        std::this_thread::sleep_for(std::chrono::milliseconds(50));  // in which it is written
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));  // time for it to be written
     };
     progress.begin("first");
     show("all of it", 0, 100);

@@ -1,5 +1,5 @@
-// Reads one scene document a line and answers for each, on a line, "accepted" or why it was refused:
-// what tests/schema_test.py compares with the published schema. Makes no voxels.
+// Reads one scene document per line and answers for each, on one line, "accepted" or why it was refused.
+// tests/schema_test.py compares the answers with the published schema. Makes no voxels.
 #include <iostream>
 #include <string>
 

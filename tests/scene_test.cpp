@@ -31,7 +31,7 @@ constexpr SceneSizeLimits small{100000, 10000};
 
 Scene parse(const std::string& text) { return parse_scene(text, "scene", small); }
 
-/// A scene of a 4 x 3 x 2 box with more keys.
+/// A scene of a 4 x 3 x 2 box, with additional keys.
 Scene box_with(const std::string& keys) {
     return parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}, )" + keys + "}");
 }
@@ -129,7 +129,8 @@ TEST(Scene, EditsAreFoundOneAfterTheOther) {
 }
 
 TEST(Scene, ManyEditsTakeLittleMemory) {
-    // A blade through the middle and back, a thousand times each: 400 particles on either side of it.
+    // A blade through the middle and its suture, a thousand times each: 400 particles on either side of the
+    // cut.
     const std::string plane = R"("plane": {"point": [9.5, 0, 0], "normal": [1, 0, 0]})";
     const std::string often = R"("repeat": {"times": 1000, "every": 2}})";
     const auto held = [] { return mallinfo2().uordblks + mallinfo2().hblkhd; };
@@ -256,13 +257,13 @@ TEST(Scene, EditsPlayBetweenTheirSteps) {
         runner.run(*backend, 6);
         EXPECT_EQ(backend->download().displacement, by_hand.displacement);
     }
-    // A backend that cannot follow says so beforehand.
+    // A backend that cannot follow the edits says so before the run.
     const auto implicit = BackendSpec::parse("cpu_parallel").make();
     EXPECT_EQ(runner.unsupported(*implicit),
               "implicit addressing has no springs beyond the lattice (edit after step 7)");
 }
 
-// Remembers the problem that was uploaded, as the contract lets a backend do, and what its springs were.
+// Remembers the uploaded problem, as the contract lets a backend do, and its springs.
 class Remembering final : public Backend {
 public:
     Capabilities capabilities() const override { return {}; }
@@ -294,7 +295,7 @@ private:
 };
 
 TEST(Scene, EditsThatAreMadeWhenTheyAreDueAreThoseThatWerePrepared) {
-    // Of 700 KiB each, so that the last ones are beyond what is prepared.
+    // Edits of 700 KiB each, so that the last ones exceed what is prepared in advance.
     const Scene scene =
         parse_scene(R"({"dataset": {"type": "box", "dims": [4, 90, 90]}, "gravity": [0, 0.01, 0],
         "edits": [
@@ -332,7 +333,7 @@ TEST(Scene, EditsLeaveTheUploadedProblemAsItWas) {
     };
     SceneRunner runner(scene);
     EXPECT_TRUE(keeps(runner, 10));
-    // From a later start the first edit is part of what is uploaded.
+    // A run that starts later has the first edit in its upload.
     runner.start_from(4, scene.state);
     EXPECT_TRUE(keeps(runner, 6));
     EXPECT_EQ(runner.problem().springs.size(), 1u);
@@ -359,7 +360,7 @@ TEST(Scene, StartsAgainWithoutAnUploadWhereItsEditsHaveCancelled) {
     EXPECT_EQ(uploads_after(10), 0) << "what was uploaded is kept as well";
 }
 
-// Backends skip what a vector that is empty stands for.
+// Backends skip a term whose vector is empty.
 TEST(Scene, WhatASceneDoesNotNeedIsAbsent) {
     const Scene scene = parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}})");
     EXPECT_TRUE(scene.problem.material.empty());
@@ -407,7 +408,7 @@ TEST(Scene, Regions) {
     EXPECT_EQ(pinned(R"({"side": "z-", "slices": 99})").size(), 24u);
     EXPECT_EQ(pinned(R"({"side": "z+", "fraction": 0.01})").size(), 12u);
     EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.5})").size(), 12u);
-    // To the nearest whole slice, half a slice to one more: 1.48, 1.5 and 2.48 of 4.
+    // Rounded to the nearest whole slice, with half a slice rounded up: 1.48, 1.5 and 2.48 of 4.
     EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.37})").size(), 6u);
     EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.375})").size(), 12u);
     EXPECT_EQ(pinned(R"({"side": "x-", "fraction": 0.62})").size(), 12u);
@@ -454,7 +455,7 @@ TEST(Scene, InitialStateOfARegion) {
         EXPECT_EQ(scene.state.displacement[i], displaced ? glm::dvec3(1, 2, 3) : glm::dvec3(0)) << i;
         EXPECT_EQ(scene.state.increment[i], at.x >= 2 ? glm::dvec3(2, 0, -1) : glm::dvec3(0)) << i;
     }
-    // Without a region it is the short form, and a region leaves the numbers as they are.
+    // Without a region the short form applies; a region does not change the numbers.
     EXPECT_EQ(box_with(R"("initial": {"velocity": {"vector": [4, 0, -2]}})").state.increment,
               box_with(R"("initial": {"velocity": [4, 0, -2]})").state.increment);
     const auto random = [](const std::string& region) {
@@ -538,7 +539,7 @@ TEST(Scene, VolumesByThresholdAndLabels) {
               "labels: 3 is not accepted; expected labels that some voxel carries");
 }
 
-/// "wall" and "valve" in one layer of 3D Slicer's, x to the left, y to the posterior, z to the superior.
+/// "wall" and "valve" in one layer of a 3D Slicer file, x to the left, y to the posterior, z to the superior.
 std::string segments_of_a_body() {
     return nrrd_file(
         "type: uint8\ndimension: 3\nspace: left-posterior-superior\nsizes: 2 2 3\n"
@@ -585,14 +586,14 @@ TEST(Scene, SidesOfTheBodyAreThoseOfItsFile) {
             folder.write("s.json", R"({"dataset": {"type": "volume", "file": "v.seg.nrrd"}, )" + keys + "}"),
             small);
     };
-    // z is 37 degrees off the superior, and the nearest to it.
+    // z is 37 degrees off the superior direction, and the nearest axis to it.
     const Scene pinned = scene(R"("pinned": {"side": "inferior"})");
     EXPECT_EQ(pinned.problem.pinned, scene(R"("pinned": {"side": "z-"})").problem.pinned);
     EXPECT_EQ(pinned.notes, std::vector<std::string>{"inferior is taken for z-, which is 37 degrees off"});
     EXPECT_TRUE(scene(R"("pinned": {"side": "z-"})").notes.empty());
     EXPECT_EQ(scene(R"("pinned": {"side": "right"})").problem.pinned,
               scene(R"("pinned": {"side": "x-"})").problem.pinned);
-    // Gravity has the direction itself.
+    // Gravity takes the exact direction.
     const glm::dvec3 gravity = scene(R"("gravity": {"toward": "inferior", "strength": 10})").problem.gravity;
     EXPECT_NEAR(gravity.x, 0, 1e-14);
     EXPECT_NEAR(gravity.y, -6, 1e-14);
@@ -643,7 +644,7 @@ TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
               file + ": dataset: 120 active voxels is not accepted; expected at most 100 on this machine");
 }
 
-/// A body of 12 voxels, islands of 3 and 1, and a blank slice between; by face springs.
+/// A body of 12 voxels, islands of 3 and 1 voxels, and a blank slice between; with face springs.
 std::string body_with_islands(const std::string& dataset, const std::string& keys = "") {
     return R"({"dataset": {"type": "volume", "file": "v.nrrd")" + dataset +
            R"(}, "spring_groups": ["face"], "gravity": [0, 0, -1e-3], "pinned": {"side": "x-"})" + keys + "}";
@@ -679,11 +680,11 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
         refusal([&] { loaded(R"(, "parts": 13)"); }),
         HasSubstr("dataset.parts: 13 is not accepted; expected at most as many particles as the largest part "
                   "has"));
-    // The spring groups decide what hangs together.
+    // The spring groups determine which voxels are connected.
     std::string joined = body_with_islands("");
     joined.replace(joined.find("\"face\""), 6, R"("face", "edge", "corner")");
     EXPECT_THAT(load_scene(folder.write("s.json", joined), small).notes.at(0), HasSubstr("3 parts"));
-    // Where nothing is pinned no part is loose.
+    // If no particle is pinned, no part counts as loose.
     std::string free = body_with_islands("");
     free.replace(free.find(R"(, "pinned")"), free.size(), "}");
     const Scene nothing_pinned = load_scene(folder.write("s.json", free), small);
@@ -729,7 +730,7 @@ TEST(Parts, AreDescribedShortly) {
     EXPECT_EQ(describe({.sizes = {40}, .part = {}, .is_held = {0}}, true), "");
 }
 
-// The heart is pinned at one side of x, where a rod along z is but one slice.
+// The heart is pinned at one side of x, where a rod along z has only one slice.
 TEST(Scene, ARodByItselfIsPinnedAtItsEnd) {
     const TemporaryFolder folder;
     const auto rod = [&](glm::ivec3 dims) {
@@ -739,7 +740,7 @@ TEST(Scene, ARodByItselfIsPinnedAtItsEnd) {
     for (const glm::ivec3 dims : {glm::ivec3(1, 1, 97), glm::ivec3(1, 97, 1), glm::ivec3(97, 1, 1)}) {
         const Scene scene = rod(dims);
         EXPECT_EQ(count_springs(scene.problem).total(), 96u);
-        // 0.35 of 97, from the lower end.
+        // 0.35 of 97 slices, from the lower end.
         const std::vector<std::size_t> pinned = pinned_particles(scene.problem);
         EXPECT_EQ(pinned.size(), 34u);
         EXPECT_EQ(pinned.back(), 33u);
@@ -782,7 +783,7 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
         for (std::size_t i = 0; i < sag.size(); ++i)
             EXPECT_LT(glm::distance(sag[i], expected[i]), 1e-9) << side;
     }
-    // Where voxels are no cubes, gravity is the same in voxels of its axis.
+    // If voxels are no cubes, gravity in voxels of its axis stays the same.
     EXPECT_EQ(bar({0.5F, 0.5F, 2}).problem.gravity, unit.problem.gravity * glm::dvec3(0.5, 0.5, 2));
     VolumeOptions upwards;
     upwards.gravity = glm::dvec3(0, 1, 0);
@@ -861,7 +862,7 @@ TEST(Scene, BadArgumentsAreRefused) {
               "/twice.json: dataset: a second value is not accepted; expected each key once");
 }
 
-// The documents that tests/schema_test.py holds against the published schema.
+// The documents that tests/schema_test.py compares with the published schema.
 class Corpus : public ::testing::Test {
 protected:
     Corpus() { std::ifstream(VOXSPRING_SCENE_CORPUS) >> corpus_; }
@@ -950,7 +951,7 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
     EXPECT_THAT(changed([](P p) { p.springs[0].stiffness = 0; }, pair()), HasSubstr("stiffness"));
     EXPECT_THAT(changed([](P p) { p.springs[0].rest_length = -1; }, pair()), HasSubstr("rest length"));
     EXPECT_THAT(changed([](P p) { p.springs.clear(); }, pair()), HasSubstr("nothing limits it"));
-    // What backends would read beyond a body for, and what spreads.
+    // Masks that would make backends read outside of the body, and values that would spread.
     EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= 1U; }), HasSubstr("outside of its grid"));
     EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= 1U << 7; }), HasSubstr("outside of its group_bits"));
     EXPECT_THAT(changed([](P p) { p.lattice.mask[0] &= ~2U; }), HasSubstr("one of its ends only"));
@@ -958,7 +959,7 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
     EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= PINNED_BIT; }), HasSubstr("pinned bit"));
     EXPECT_THAT(changed([](P p) { p.group_bits |= 1U << 30; }), HasSubstr("group_bits"));
     EXPECT_THAT(changed([](P p) {
-                    // The same box with a hole in it, which the masks around the hole do not know.
+                    // The box with a hole, of which the masks around it do not know.
                     for (auto* list : {&p.lattice.voxel, &p.lattice.mask}) list->erase(list->begin() + 1);
                     p.rest_position.erase(p.rest_position.begin() + 1);
                 }),

@@ -25,7 +25,7 @@ inline std::vector<std::string> formulations_of(const std::vector<std::string>& 
     return specs;
 }
 
-/// Two thirds full, every term in use.
+/// A body that is two thirds full, with every term in use.
 inline Problem problem_with_everything() {
     Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11, 3), NEIGHBOUR_BITS);
     problem.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
@@ -38,7 +38,7 @@ inline Problem problem_with_everything() {
     return problem;
 }
 
-/// The same shape without any optional term, face springs only.
+/// A body of the shape of problem_with_everything(), without any optional term, with face springs only.
 inline Problem plain_problem() {
     Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), FACE_BITS);
     problem.time_step = 0.2;
@@ -99,7 +99,7 @@ inline std::vector<std::pair<std::string, Problem>> scenes_to_skip_in() {
     return cases;
 }
 
-/// What `terms=needed` leaves out changes no bit, and the reference is followed.
+/// Expects that what `terms=needed` leaves out changes no bit, and that the state follows the reference.
 inline void expect_skipping_changes_no_bit(const std::string& specification) {
     const auto skipping = BackendSpec::parse(specification + ",terms=needed").make();
     const auto with_all = BackendSpec::parse(specification + ",terms=all").make();
@@ -114,9 +114,9 @@ inline void expect_skipping_changes_no_bit(const std::string& specification) {
     }
 }
 
-/// That an edit waits for the steps before it, and the steps after it for the edit.
+/// Expects an edit to wait for the steps before it, and the steps after it to wait for the edit.
 inline void expect_edits_in_order(const std::string& specification) {
-    // Enough steps and edits in flight that one out of order would show.
+    // There are enough steps and edits in flight that one out of order would show.
     Problem problem = make_lattice_problem(solid({24, 24, 24}), FACE_BITS | EDGE_BITS);
     problem.gravity = {8e-4, 0, -2e-3};
     problem.time_step = 0.2;

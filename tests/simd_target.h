@@ -1,4 +1,4 @@
-// Tests on a SIMD target that is not the best of this processor.
+// Runs tests on a SIMD target that is not the best one of this processor.
 #pragma once
 
 #include <hwy/targets.h>
@@ -18,7 +18,7 @@ public:
     ChosenTarget& operator=(const ChosenTarget&) = delete;
 };
 
-/// The target of that name, which this processor has.
+/// The target with that name; this processor has to support it.
 inline std::int64_t simd_target(const std::string& name) {
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
         if (hwy::TargetName(target) == name) return target;

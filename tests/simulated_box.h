@@ -1,4 +1,4 @@
-// A box to hold, cut and sew, and what its simulations are compared by.
+// A box to hold, cut and sew, and functions that compare its simulations.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@
 namespace voxspring::testing {
 
 inline const glm::ivec3 dims(8, 6, 5);
-inline const glm::dvec3 top(4, 3, 4);  // of a particle in the uppermost slice
+inline const glm::dvec3 top(4, 3, 4);  // a particle in the uppermost slice
 
 /// A box on its base, which gravity shears.
 inline Scene box() {
@@ -28,7 +28,7 @@ inline Scene box() {
     return scene_of("box", std::move(problem));
 }
 
-/// The quad in the plane x = `at` across all of the box.
+/// The quad in the plane x = `at` across the whole box.
 inline std::array<glm::dvec3, 4> across(double at) {
     return {{{at, -2, -2}, {at, -2, 9}, {at, 9, -2}, {at, 9, 9}}};
 }

@@ -1,5 +1,4 @@
-// What a simulation refuses, how it follows its scene's own edits and motions, and how it outlives its
-// backends.
+// What a simulation refuses, how it follows its scene's edits and motions, and how it outlives its backends.
 #include <gtest/gtest.h>
 
 #include <glm/geometric.hpp>
@@ -22,7 +21,7 @@ namespace {
 // --- Backends that do not do as they are told
 // ---------------------------------------------------------------
 
-/// What goes wrong with the next backend of that name, or with those that are there.
+/// The next fault of backends with that name, or of those that exist.
 struct Faults {
     bool in_step = false, in_upload = false, in_download = false;
     bool refuses = false, absent = false;
@@ -63,7 +62,7 @@ public:
 
 private:
     void fail_if(bool fault) {
-        // A backend that has failed is good for nothing but its end.
+        // A backend that has failed may only be destroyed.
         if (has_failed_) ADD_FAILURE() << "asked after it had failed";
         if (!fault) return;
         has_failed_ = true;
@@ -90,7 +89,7 @@ protected:
     static BackendSpec reference() { return BackendSpec::parse("cpu_reference"); }
     static BackendSpec bad() { return BackendSpec::parse("wayward"); }
 
-    /// Both are in the same place, and stay so.
+    /// Expects both to be in the same place, and to stay so.
     static void expect_alike(Simulation& simulation, Simulation& twin) {
         expect_same_bits(simulation.state(), twin.state());
         expect_same_springs(simulation.problem(), twin.problem());
@@ -224,10 +223,10 @@ TEST_F(SimulationOfOne, StitchesStopBeforeTheTimeStepIsTooLong) {
     EXPECT_GT(stitches, 0u) << "at the surface there is room";
     EXPECT_NE(stitch.refused, "");
     EXPECT_EQ(simulation.problem().springs.size(), stitches);
-    // Of what was made before a reset nothing is left.
+    // A reset removes everything that was made before it.
     simulation.reset();
     EXPECT_EQ(simulation.suture(top, refused, 0.1).springs, 1u);
-    // What was cut may be sewn again as often as one likes.
+    // A cut may be sewn again any number of times.
     for (int n = 0; n < 5; ++n) {
         ASSERT_EQ(simulation.cut({{{-2, -2, 2.5}, {20, -2, 2.5}, {-2, 20, 2.5}, {20, 20, 2.5}}}).refused, "");
         EXPECT_TRUE(simulation.problem().springs.empty());
@@ -238,7 +237,7 @@ TEST_F(SimulationOfOne, StitchesStopBeforeTheTimeStepIsTooLong) {
 
 // --- Edits and motions of the scene's own -----------------------------------------------------------------
 
-/// A box into which a scene cuts twice, sews once, and which a tool moves.
+/// A box that its scene cuts twice and sews once, and that a tool moves.
 Scene busy_box() {
     Scene scene = box();
     Tool tool;
@@ -322,7 +321,7 @@ TEST_F(SimulationOfOne, TheHandTakesTheToolFromTheScene) {
 
 TEST_F(SimulationOfOne, WhatStillAppliesOfAnEditIsMade) {
     const Scene scene = busy_box();
-    // Which keeps what an edit says of its particles.
+    // The backend keeps what an edit says about its particles.
     const BackendSpec spec = BackendSpec::parse("cpu_parallel:precision=float64");
     Simulation simulation(scene, spec);
     // Half of what the scene is about to cut, and other springs of the same particles.
@@ -410,7 +409,7 @@ TEST_F(SimulationOfOne, WhatWasKeptOutlivesTheDevice) {
         both->cut(across(0.5));
         both->keep_state();
     }
-    simulation.step(6);  // makes an edit, and nobody keeps it
+    simulation.step(6);  // makes an edit, of which no state is kept
     faults.in_step = true;
     EXPECT_THROW(simulation.step(1), DeviceError);
     faults = {};
@@ -433,7 +432,7 @@ TEST_F(SimulationOfOne, WhatWasKeptOutlivesTheDevice) {
     ASSERT_EQ(simulation.switch_to(reference()), "");
     EXPECT_GT(simulation.springs_version(), version) << "the edit is undone";
     expect_alike(simulation, twin);
-    expect_alike(simulation, twin);  // and made again
+    expect_alike(simulation, twin);  // the edit was made again
 }
 
 TEST_F(SimulationOfOne, AFailureThatShowsWhenItIsLeftIsOne) {
@@ -466,7 +465,7 @@ TEST_F(SimulationOfOne, ABodyThatHasLeftAllBoundsIsOnlyResetOrSaved) {
     Scene scene = box();
     scene.state = state_at_rest(scene.problem);
     scene.state.displacement.back() = {0.1, 0, 0};
-    scene.stable_time_step *= 100;  // as if it could be held
+    scene.stable_time_step *= 100;  // as if such a time step were stable
     scene.problem.time_step = scene.stable_time_step / 10;
     Simulation simulation(scene, reference()), twin(scene, reference());
     simulation.step(1);

@@ -1,4 +1,4 @@
-// A body under somebody's hands: what holding, cutting, sewing and switching do to it, on several backends.
+// A body in a user's hands: what holding, cutting, sewing and switching do to it, on several backends.
 #include "harness/view/simulation.h"
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ protected:
     static Simulation start(Scene scene = box()) { return {std::move(scene), spec()}; }
     static bool is_double() { return spec().options.precision == Precision::float64; }
 
-    /// A fresh backend that goes on from what `simulation` has now.
+    /// A new backend that continues from the current state of `simulation`.
     State steps_of_another(Simulation& simulation, int steps) {
         const Problem problem = simulation.problem();
         made_->upload(problem, simulation.state());
@@ -59,7 +59,7 @@ TEST_P(SimulationOn, AHandPullsWhatItHolds) {
         oracle->step(15);
         const glm::dvec3 force = simulation.force(), expected = oracle->tool_force();
         EXPECT_LT(force.z, -0.01) << "the body pulls back";
-        // A few roundings of float32 a step, of displacements below 1.
+        // A few roundings of float32 per step, at displacements below 1.
         EXPECT_LT(glm::distance(force, expected), is_double() ? 1e-12 : 1e-6);
     }
     const State after = simulation.state();
@@ -79,7 +79,7 @@ TEST_P(SimulationOn, WhatIsLetGoIsFree) {
     EXPECT_TRUE(simulation.problem().load.empty());
     EXPECT_EQ(simulation.force(), glm::dvec3(0));
     const State expected = steps_of_another(simulation, 11);
-    simulation.drag({9, 9, 9});  // of no hand
+    simulation.drag({9, 9, 9});  // no hand holds anything yet
     simulation.step(11);
     expect_same_bits(simulation.state(), expected);
     EXPECT_EQ(simulation.steps(), 26);
@@ -194,13 +194,13 @@ TEST_P(SimulationOn, AnotherBackendGoesOn) {
     EXPECT_FALSE(simulation.holds());
     EXPECT_FALSE(simulation.problem().has_tool());
     EXPECT_TRUE(parts_box(simulation.problem(), 2.5));
-    expect_same_bits(simulation.state(), before);  // float64 of `increment` keeps them all
+    expect_same_bits(simulation.state(), before);  // float64 of `increment` keeps all bits
     simulation.step(5);
     const State reached = simulation.state();
     ASSERT_EQ(simulation.switch_to(spec()), "");
     EXPECT_EQ(simulation.steps(), 15);
     for (std::size_t i = 0; i < reached.displacement.size(); ++i) {
-        // A rounding of float32, of lengths below 1 where a backend keeps displacements.
+        // One rounding of float32, at lengths below 1 if a backend keeps displacements.
         const double rounding = is_double() ? 0 : 1e-7;
         EXPECT_LE(glm::distance(simulation.state().displacement[i], reached.displacement[i]), rounding);
     }
@@ -248,7 +248,7 @@ TEST_P(SimulationOn, ErrorsAreNoneAtFirstAndSmallLater) {
     const auto expect_small = [&](const char* when) {
         const std::vector<double> errors = simulation.errors();
         const double largest = *std::max_element(errors.begin(), errors.end());
-        // A few roundings of float32 a step; what the hand alone does is 10^5 times that.
+        // A few roundings of float32 per step; the hand's effect is 10^5 times that.
         EXPECT_LT(largest, is_double() ? 1e-12 : 1e-6) << when;
         if (!is_double()) {
             EXPECT_GT(largest, 0) << when;

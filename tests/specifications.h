@@ -11,7 +11,7 @@
 
 namespace voxspring::testing {
 
-/// Every backend that has the tuning parameter `key`, or every one, in every precision and formulation.
+/// Every backend, or only those with the tuning parameter `key`, in every precision and formulation.
 inline std::vector<std::string> in_every_formulation(const std::string& key = "") {
     std::vector<std::string> all;
     for (const auto& [name, entry] : registry()) {

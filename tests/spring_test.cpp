@@ -12,7 +12,7 @@
 namespace voxspring::testing {
 namespace {
 
-/// A spring between random ends, in float32: at rest `rest_offset` apart, `relative` further now.
+/// A spring between random ends, in float32: `rest_offset` apart at rest, and displaced by `relative` now.
 struct RandomSpring {
     glm::vec3 relative, rest_offset;
     float rest_length, stiffness;
@@ -20,7 +20,7 @@ struct RandomSpring {
 
 class Springs {
 public:
-    /// The relative displacement is `size` in each component at most.
+    /// The relative displacement is at most `size` in each component.
     RandomSpring next(float size) {
         const auto vector = [this](float most) {
             std::uniform_real_distribution<float> uniform(-most, most);
@@ -45,8 +45,8 @@ float density_of(const RandomSpring& s) {
     return strain_density(s.relative, s.rest_offset, s.rest_length, 0.0F, s.stiffness, shortest_squared);
 }
 
-/// The force density as it is defined, in extended precision. The rest length is that of the offset, of which
-/// float32's is a rounding.
+/// The force density by its definition, in extended precision. The rest length is that of the offset, of
+/// which float32's rest length is a rounding.
 long double exact_density(const RandomSpring& s) {
     long double squared = 0, rest = 0;
     for (int a = 0; a < 3; ++a) {
@@ -57,7 +57,7 @@ long double exact_density(const RandomSpring& s) {
     return s.stiffness * (std::sqrt(rest) - std::sqrt(squared)) / std::sqrt(squared);
 }
 
-// However small the strain, to a few roundings of the largest of the products that make it: k |w| / |d|.
+// However small the strain is, the error is a few roundings of the largest product in it: k |w| / |d|.
 TEST(StrainDensity, KeepsItsAccuracyAtSmallStrain) {
     Springs springs;
     for (const float size : {0.2F, 1e-3F, 1e-6F, 1e-12F}) {
@@ -71,7 +71,7 @@ TEST(StrainDensity, KeepsItsAccuracyAtSmallStrain) {
                 force_density(s.rest_offset + s.relative, s.rest_length, s.stiffness, shortest_squared));
             worst_naive = std::max(worst_naive, std::abs(naive - exact) / scale);
         }
-        // What it is there for: the difference of lengths has lost every bit by then.
+        // By then the difference of lengths has lost every bit, which is why the other formula exists.
         if (size <= 1e-6F) {
             EXPECT_GT(worst_naive, 0.01);
         }
@@ -98,7 +98,7 @@ TEST(StrainDensity, IsZeroAtRest) {
     Springs springs;
     for (int n = 0; n < 100; ++n) {
         RandomSpring s = springs.next(0);
-        s.rest_offset *= 0.7F;  // |rest_offset| is no longer the rest length, to the last bit
+        s.rest_offset *= 0.7F;  // |rest_offset| then differs from the rest length
         EXPECT_EQ(density_of(s), 0);
     }
 }
@@ -117,7 +117,7 @@ TEST(StrainDensity, IsFiniteForCoincidentParticlesAndNoRestLength) {
     const glm::vec3 rest_offset(1, 0, 0);
     const glm::vec3 force = strain_force(-rest_offset, rest_offset, 1.0F, 0.0F, 1.0F, shortest_squared);
     EXPECT_EQ(force, glm::vec3(0));
-    // A rest length of zero, together and apart: k |d| along d, no more.
+    // A rest length of zero, with ends together and apart: the force is exactly k |d| along d.
     EXPECT_EQ(strain_force(-rest_offset, rest_offset, 0.0F, -1.0F, 2.0F, shortest_squared), glm::vec3(0));
     EXPECT_EQ(strain_force(rest_offset, rest_offset, 0.0F, -1.0F, 2.0F, shortest_squared),
               glm::vec3(-4, 0, 0));
@@ -139,8 +139,9 @@ TEST(Split, SumsKeepTwiceTheBits) {
             split_low(glm::vec3(high), glm::vec3(low), glm::vec3(added), glm::vec3(added_low));
         const long double exact = static_cast<long double>(high) + low + added + added_low;
         const long double scale = std::max(std::abs(high), std::abs(added));
-        // Rounded are the sum of the low parts, under 2^-24 of the scale, and its sum with the error of the
-        // high parts' sum, under 2^-23 more: 2^-24 of 2^-24 and of 3 x 2^-24.
+        // Two sums are rounded: that of the low parts, which is under 2^-24 of the scale, and its sum with
+        // the error of the high parts' sum, which is under 2^-23 more. The errors are 2^-24 of 2^-24 and of 3
+        // x 2^-24.
         EXPECT_LE(std::abs(static_cast<long double>(h.x) + l.x - exact), 0x1p-46L * scale);
         EXPECT_EQ(h.x + l.x, h.x) << "the high part is the nearest to the sum";
     }

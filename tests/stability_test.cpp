@@ -1,4 +1,5 @@
-// The stable time step: against closed forms, and against where the oracle really blows up.
+// The stable time step, compared with closed forms and with the time step at which the oracle really
+// diverges.
 #include "harness/scene/stability.h"
 
 #include <gtest/gtest.h>
@@ -70,15 +71,16 @@ TEST(Stability, AParticleThatAToolHolds) {
 }
 
 TEST(Stability, SingleSpring) {
-    // omega^2 = k (1/m1 + 1/m2); the bound 2 k / min(m) is that for equal masses and above it otherwise.
+    // omega^2 = k (1/m1 + 1/m2). The bound 2 k / min(m) equals that for equal masses and is larger otherwise.
     EXPECT_NEAR(frequency_bound_squared(single_spring(3, 1.5, 1.5)), 4, rounding);
     EXPECT_NEAR(frequency_bound_squared(single_spring(3, 1.5, 6)), 4, rounding);
 }
 
 TEST(Stability, AStretchedSpringAlsoActsAcross) {
-    // k along, k (1 - l/d) = 3/4 k across: the larger is k still. Shorter than at rest, it pushes only.
+    // k along, k (1 - l/d) = 3/4 k across: k is still the larger. Shorter than at rest, the spring only
+    // pushes.
     EXPECT_NEAR(frequency_bound_squared(single_spring(3, 1.5, 1.5, 0.5)), 4, rounding);
-    // Two springs at right angles: k of the one plus 3/4 k of the other.
+    // Two springs at right angles: k of one plus 3/4 k of the other.
     Problem corner = single_spring(3, 1.5, 1.5, 0.5);
     corner.rest_position.emplace_back(2, 0, 0);
     corner.springs.push_back({0, 2, 3, 0.5});
@@ -92,7 +94,7 @@ TEST(Stability, AStretchedSpringAlsoActsAcross) {
 TEST(Stability, PinnedParticlesAndLooseOnesDoNotCount) {
     Problem problem = make_lattice_problem(solid({3, 3, 3}), FACE_BITS);
     std::vector<std::uint8_t> pinned(27, 0);
-    pinned[13] = 1;  // the centre, which alone has all six
+    pinned[13] = 1;  // the centre, which is the only one with all six
     pin(problem, pinned);
     EXPECT_NEAR(frequency_bound_squared(problem), 2 * 2,
                 rounding);  // the middle of a face: 2 along its plane
@@ -139,7 +141,7 @@ double dense_frequency_squared(const Problem& problem, const std::vector<glm::dv
         }
         return sum;
     };
-    constexpr double h = 1e-5;  // of lengths of 1: differences err by h^2 and by rounding / h, both 1e-10
+    constexpr double h = 1e-5;  // lengths are 1: differences err by h^2 and by rounding / h, both 1e-10
     Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(size, size);
     for (Eigen::Index column = 0; column < size; ++column) {
         std::vector<glm::dvec3> u = displacement;
@@ -162,7 +164,7 @@ double dense_frequency_squared(const Problem& problem, const std::vector<glm::dv
 }
 
 TEST(TrueLimit, IsTheLargestEigenvalueOfTheLinearisedForces) {
-    constexpr double tolerance = 1e-7;  // relative: of Lanczos 1e-8, of differences 1e-9
+    constexpr double tolerance = 1e-7;  // relative: Lanczos 1e-8, differences 1e-9
     const auto check = [&](const Problem& problem, const std::vector<glm::dvec3>& displacement) {
         const double expected = dense_frequency_squared(problem, displacement);
         EXPECT_NEAR(true_frequency_squared(problem, displacement).squared.value(), expected,
@@ -180,7 +182,7 @@ TEST(TrueLimit, IsTheLargestEigenvalueOfTheLinearisedForces) {
 }
 
 TEST(TrueLimit, ClosedForms) {
-    constexpr double tolerance = 1e-9;  // so few unknowns leave rounding alone
+    constexpr double tolerance = 1e-9;  // so few unknowns leave only rounding
     const auto of = [](const Problem& problem) { return true_frequency_squared(problem).squared.value(); };
     EXPECT_NEAR(of(single_spring(3, 1.5, 6)), 3 * (1 / 1.5 + 1 / 6.0), tolerance);
     // Stretched to four rest lengths it acts across too, weaker; coincident ends have no direction.
@@ -212,7 +214,7 @@ TEST(TrueLimit, IsNotGuessedForALargeProblem) {
     EXPECT_EQ(frequency.reason, "305252 particles are more than the 300000 for which it is computed");
 }
 
-// How close the bound comes, as harness/scenes/README.md says: the time step that it allows over the limit.
+// How close the bound comes, as harness/scenes/README.md says: the time step that it allows, over the limit.
 TEST(TrueLimit, TheBoundIsCloseToIt) {
     const auto ratio = [](const std::string& name) {
         const Problem problem = load_scene(name).problem;
@@ -221,15 +223,15 @@ TEST(TrueLimit, TheBoundIsCloseToIt) {
     EXPECT_NEAR(ratio("box"), 0.99799, 1e-5);
     EXPECT_NEAR(ratio("beam"), 0.98716, 1e-5);
     EXPECT_NEAR(ratio("heart"), 0.98787, 1e-5);
-    // Uniformly stretched to twice its size, a lattice's springs also act across: 15.9 instead of 12.
+    // In a lattice that is stretched to twice its size springs also act across: 15.9 instead of 12.
     const Problem box = make_lattice_problem(solid({16, 16, 16}), FACE_BITS | EDGE_BITS);
     EXPECT_NEAR(true_frequency_squared(box, box.rest_position).squared.value(), 15.8, 0.2);
 }
 
 class StableStep : public ::testing::TestWithParam<double> {};
 
-// Small amplitudes, so that the springs stay close to their linear selves; a mode that grows does so by
-// orders of magnitude in 3000 steps.
+// Small amplitudes keep the springs close to linear; an unstable mode grows by orders of magnitude in 3000
+// steps.
 TEST_P(StableStep, TheOracleAgrees) {
     const double damping = GetParam();
     Problem box = make_lattice_problem(solid({8, 8, 8}), FACE_BITS | EDGE_BITS);
@@ -237,7 +239,7 @@ TEST_P(StableStep, TheOracleAgrees) {
     const double limit = stable_time_step(box);
     const double start = 1e-6;
     EXPECT_LT(growth(box, 0.95 * limit, 3000, start), 1000 * start);
-    // Of the 8^3 box the bound reaches more than 0.98 (measured: between 0.98 and 0.99).
+    // For the 8^3 box the bound is more than 0.98 of the limit (measured: between 0.98 and 0.99).
     EXPECT_GT(growth(box, 1.1 * limit, 3000, start), 1000 * start);
 
     Problem spring = single_spring(5, 0.2, 0.2);

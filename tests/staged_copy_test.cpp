@@ -1,5 +1,5 @@
-// Copies through pinned memory by one thread to several devices, over a CUDA whose devices are the host's
-// memory: as on a real one, a stream records no event of another device.
+// Copies through pinned memory by one thread to several devices, over a fake CUDA whose devices are the
+// host's memory. As on a real one, a stream records no event of another device.
 #include "cuda/device/staged_copy.h"
 
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@ namespace {
 
 int current_device = 0;
 
-// A handle says which device it is of, and is not 0.
+// A handle encodes its device, and is not 0.
 template <class Handle>
 Handle handle_of(int device) {
     return reinterpret_cast<Handle>(std::uintptr_t(device) + 1);

@@ -1,5 +1,5 @@
-// What rounding to a backend's precision loses, in three neighbouring numbers: GCC 12 drops two of them
-// (stored.h). This file is compiled at -O3, like what it tests.
+// The loss from rounding to a backend's precision, for three neighbouring numbers: GCC 12 drops two of them
+// (stored.h). This file is compiled at -O3, like the code that it tests.
 #include "backends/physics/stored.h"
 
 #include <gtest/gtest.h>

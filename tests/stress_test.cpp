@@ -1,4 +1,4 @@
-// The stress suite on every backend and formulation of this machine, and what all of them make of degenerate
+// The stress suite on every backend and formulation of this machine, and how all of them treat degenerate
 // input. A backend without its device is skipped, or fails if VOXSPRING_REQUIRE names it (required.h).
 #include "harness/study/stress.h"
 
@@ -52,7 +52,7 @@ protected:
     std::unique_ptr<Backend> backend_;
 };
 
-/// A suite's rows; every measurement has a name of its own.
+/// The rows of a suite; checks that names of measurements are unique.
 class Collected {
 public:
     Once once() {
@@ -85,21 +85,22 @@ TEST_P(Stress, EveryGateHolds) {
     for (const auto& row : lists.at("stress")) {
         parts.insert(row.at("part").get<int>());
         EXPECT_FALSE(row.at("measured").is_null()) << row;
-        // Rounding has a gate where the formulation is made for it.
+        // A formulation that is made for it has a gate on rounding.
         EXPECT_TRUE(row.at("part") != 9 || row.at("gate").is_number() == has_gates()) << row;
     }
     for (const int part : {1, 2, 3, 4, 5, 6, 7, 9}) EXPECT_TRUE(parts.contains(part)) << part;
     EXPECT_EQ(parts.contains(8), spec_.entry->tuning.contains("terms"));
 }
 
-// A sanitizer takes twenty times as long.
+// Under a sanitizer it takes twenty times as long.
 #if defined(__has_feature)
 #if __has_feature(address_sanitizer) || __has_feature(undefined_behavior_sanitizer)
 #define VOXSPRING_SANITIZED
 #endif
 #endif
 
-// The gates of the box where they were measured: 32^3, 1e3 and 1e4 steps, three times of it or more.
+// The gates of the box where they were measured: 32^3, 1e3 and 1e4 steps, at least three times the
+// measurement.
 TEST(StressAtFullLength, TheBox) {
 #ifdef VOXSPRING_SANITIZED
     GTEST_SKIP() << "minutes under a sanitizer";
@@ -124,7 +125,7 @@ TEST(StressAtFullLength, TheBox) {
     }
 }
 
-/// cpu_parallel on a problem that it got slightly wrong.
+/// A cpu_parallel that gets a slightly wrong problem.
 class Distorted : public Backend {
 public:
     explicit Distorted(double time_scale)
@@ -200,7 +201,7 @@ TEST(StabilityStudy, MeasuresWhatTheoryGives) {
     EXPECT_NEAR(distorted.rows().at("stability")[0].at("ratio").get<double>(), 1 / 1.01, 2e-3);
 }
 
-// A stretched body of several materials is in equilibrium under loads alone.
+// A stretched body of several materials is in equilibrium only under loads.
 TEST(StabilityStudy, MeasuresWhatTheoryGivesOfSeveralMaterials) {
     const BackendSpec spec = BackendSpec::parse("cpu_parallel:formulation=increment");
     Problem problem = make_lattice_problem(
@@ -221,7 +222,7 @@ TEST(StabilityStudy, MeasuresWhatTheoryGivesOfSeveralMaterials) {
     EXPECT_EQ(distorted.rows().at("failed").size(), 4u) << "an unstable step is still found unstable";
 }
 
-/// What a backend, in whatever precision, makes of a problem that is degenerate at rest or at its start.
+/// Runs a backend, in any precision, on a problem that is degenerate at rest or at its start.
 struct Degenerate {
     std::string name;
     Problem problem;
@@ -274,13 +275,14 @@ std::vector<Degenerate> degenerate_inputs() {
 }
 
 TEST_P(Stress, DegenerateInputIsTheSameEverywhere) {
-    // After 60 steps: float32 and the order of a sum, amplified where springs meet by up to 100.
+    // After 60 steps: rounding of float32 and the order of sums, amplified by up to 100 where springs meet.
     const double tolerance = spec_.options.precision == Precision::float32 ? 2e-4 : 1e-10;
     const auto oracle = BackendSpec::parse("cpu_reference").make();
     for (const Degenerate& input : degenerate_inputs()) {
         SCOPED_TRACE(input.name);
         if (const std::string why = backend_->unsupported(input.problem); !why.empty()) {
-            // List kinds without a stiffness each; the march, whose forces are in units of rest lengths.
+            // Kinds of lists without a stiffness per spring, and the march, whose forces are in units of rest
+            // lengths, refuse this.
             EXPECT_TRUE(input.problem.has_materials() || input.name == "zero_rest_length") << why;
             continue;
         }
@@ -297,7 +299,7 @@ TEST_P(Stress, DegenerateInputIsTheSameEverywhere) {
     }
 }
 
-// What harness/scenes/README.md says of them, on the oracle.
+// The claims of harness/scenes/README.md about these, on the oracle.
 TEST(ExtremeCases, AreAsDocumented) {
     const auto after = [](const std::string& name, int steps) {
         for (const Degenerate& input : degenerate_inputs()) {
@@ -314,14 +316,14 @@ TEST(ExtremeCases, AreAsDocumented) {
     };
     EXPECT_LT(largest(after("coincident", 5000).second), 1e-12);
     EXPECT_LT(largest(after("swapped", 5000).second), 1e-12);
-    // Mirrored about its neighbours, a layer's springs have their rest lengths: it stays.
+    // If a layer is mirrored about its neighbours its springs have their rest lengths, so it stays.
     const auto [inverted, state] = after("inverted_top_layer", 5000);
     EXPECT_LT(glm::length(state.displacement[55] - inverted.start.displacement[55]), 1e-9);
-    // Nothing holds a particle without springs: it falls as a stone does.
+    // A particle without springs falls freely.
     const State fallen = after("isolated_particles", 100).second;
     for (const glm::dvec3& u : fallen.displacement)
         EXPECT_NEAR(u.z, -0.01 * 0.25 * 0.25 * 100 * 101 / 2, 1e-12);
-    // Springs without a length pull all particles onto the pinned ones.
+    // Springs of rest length zero pull all particles onto the pinned ones.
     const State pulled = after("zero_rest_length", 5000).second;
     for (std::size_t i = 48; i < 64; ++i) EXPECT_NEAR(pulled.displacement[i].z, -3, 1e-6);
 }

@@ -1,4 +1,4 @@
-// A kind of study from one file: this one defines it, and a study of it runs as any other. Then what all
+// A kind of study from one file: this file defines it, and a study of it runs as any other. Then what all
 // kinds have in common.
 #include "harness/study/study_kind.h"
 
@@ -117,7 +117,8 @@ private:
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 
-/// One that is edited once in each play: in the first, which is not timed, with a thread, and later with all.
+/// A backend that is edited once per run: in the first run, which is not timed, with one thread, later with
+/// all threads.
 class EditedWithAll final : public Disguised {
 public:
     EditedWithAll() : Disguised(ApiFamily::opengl) {}
@@ -145,7 +146,7 @@ Registered registered_for_test(const std::string& name, std::function<std::uniqu
 Registered disguised(const std::string& name, ApiFamily family) {
     return registered_for_test(name, [family] { return std::make_unique<Disguised>(family); });
 }
-/// cpu_reference as one whose borders travel within steps, between devices that there are not.
+/// A cpu_reference that claims borders within steps, between devices that do not exist.
 class OnDevices final : public CpuBackend {
 public:
     Capabilities capabilities() const override {
@@ -172,7 +173,7 @@ const Registered edited_with_all =
 const Registered with_devices =
     registered_for_test("on_devices", [] { return std::make_unique<OnDevices>(); });
 
-/// cpu_reference, and one layer of voxels elsewhere.
+/// A cpu_reference that displaces one layer of voxels.
 class Nudged final : public CpuBackend {
 public:
     explicit Nudged(double z) : z_(z) {}
@@ -207,7 +208,7 @@ const Registered all[] = {disguised("device_1", ApiFamily::opengl), disguised("d
                           disguised("device_killed", ApiFamily::opengl),
                           disguised("processor", ApiFamily::cpu)};
 
-/// Leaves a mark, and of two devices waits for the mark of the other one.
+/// Leaves a mark; two of the devices wait for each other's mark.
 class MeetingRunner final : public SuiteRunner {
 public:
     MeetingRunner(std::string name, const nlohmann::json& parameters)
@@ -272,7 +273,7 @@ const RegisteredCaseRunner thread_count_runner("thread_count", [](const BackendS
     return std::make_unique<ThreadCountRunner>();
 });
 
-/// Of cases one by one, at once, and one by one again.
+/// Counts threads of cases that run one by one, at once, and one by one again.
 class ThreadCount final : public StudyKind {
     void run(StudyBench& bench) override {
         for (const bool at_once : {false, true, false}) {
@@ -362,7 +363,7 @@ TEST_F(StudyKinds, CasesAtOnceShareTheProcessors) {
     const std::vector<std::pair<std::string, int>> alone = {
         {"device_1", processors}, {"processor", processors}, {"cpu_parallel", processors}};
     std::vector<std::pair<std::string, int>> expected = alone;
-    // A backend that steps on the processor keeps all of it.
+    // A backend that steps on the processor keeps all processors.
     expected.insert(expected.end(), {{"device_1", 1}, {"processor", 1}, {"cpu_parallel", processors}});
     expected.insert(expected.end(), alone.begin(), alone.end());
     EXPECT_EQ(found, expected);
@@ -483,14 +484,14 @@ TEST(ScalingModel, SaysFromWhichSizeOnMoreThanOneRankPays) {
     compare(two, one);
     EXPECT_DOUBLE_EQ(*two.efficiency, 1);
     EXPECT_DOUBLE_EQ(*two.predicted_seconds, particle * 500'000 + latency);
-    // Half of the particles take as long as the exchange does.
+    // At this size half of the particles take as long as the exchange does.
     EXPECT_NEAR(*two.pays_from_particles, 2 * latency / particle, 1);
     two.way = "stores_overlap";
     compare(two, one);
-    // All of them do, beside which half of them go.
+    // With overlap all particles take as long as half of them and the exchange.
     EXPECT_NEAR(*two.pays_from_particles, latency / particle, 1);
 
-    // Borders grow with the square of the length: at the size that it says both sides are equal.
+    // Borders grow with the square of the length: at the stated size both sides are equal.
     two.way = "stores";
     two.largest_part += 10'000;
     two.border_bytes = 160'000;
@@ -499,7 +500,7 @@ TEST(ScalingModel, SaysFromWhichSizeOnMoreThanOneRankPays) {
     const double volume = *two.pays_from_particles / 1e6, area = std::pow(volume, 2.0 / 3);
     const double of_two = particle * (500'000 * volume + 10'000 * area) + latency + 1.6e-5 * area;
     EXPECT_NEAR(of_two, particle * *two.pays_from_particles, 1e-9 * of_two);
-    // Of what is exchanged within steps nothing is known.
+    // An exchange within steps has no measured times, so nothing is predicted.
     two.latency_seconds.reset();
     two.pays_from_particles.reset();
     compare(two, one);
@@ -536,7 +537,7 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
                 ::testing::HasSubstr(
                     box + "does not pay: 2, cut into 1x1x2, by memory are 0.50 times as fast as one; by "
                           "the model they are faster from 2000000 particles of this shape on\n"));
-    // Of 512 particles the model is not to say the other way round what was measured.
+    // For 512 particles the model must not contradict the measurement.
     for (auto& row : result.at("scaling"))
         row["pays_from_particles"] = row.at("ranks") == 2 ? nlohmann::json(100) : nullptr;
     std::ostringstream contradicted;
@@ -665,7 +666,7 @@ TEST_F(StudyKinds, ScalingPredictsTheLongerOfStepAndExchangeWhereTheyOverlap) {
     nlohmann::json& one = result.at("scaling")[0];
     nlohmann::json& two = result.at("scaling")[1];
     ASSERT_EQ(two.at("ranks"), 2);
-    one["seconds_per_step"] = 216e-6;  // a microsecond a particle
+    one["seconds_per_step"] = 216e-6;  // a microsecond per particle
     two["largest_part"] = 144;
     two["border_bytes"] = 1000;
     two["seconds_per_byte"] = 1e-9;
@@ -718,7 +719,7 @@ TEST_F(StudyKinds, ScalingCutsIntoBricksWhereTheseHaveLessBorder) {
         EXPECT_NE(row.at("same_bits"), false);
     }
     EXPECT_EQ(cuts, (std::vector<std::string>{"1x1x1", "1x1x2", "1x1x4", "1x2x2"}));
-    // A slab between others sends two layers, a brick two faces and once more the edge between them.
+    // A slab between others sends two layers; a brick sends two faces, and the edge between them once more.
     const int of_slab = measured[2].at("border_bytes"), of_brick = measured[3].at("border_bytes");
     EXPECT_EQ(of_slab * (2 * 18 + 6), of_brick * 2 * 36);
     EXPECT_EQ(rows(R"("ranks": [1, 2, 4], "cuts": ["slabs"])").size(), 3u);
@@ -813,7 +814,7 @@ TEST_F(StudyKinds, TheBackendThatIsAskedForIsPlayedWhereTheStudyHasIt) {
     const std::string left_out = "voxspring: --backend leaves out scenes that have none of these: ";
     EXPECT_THAT(rows_of("cpu_parallel"),
                 ::testing::ElementsAre(left_out + "box@4, box@5\n", "box@4 cpu_parallel float32"));
-    // What no scene has is added to each once.
+    // A backend that no scene has is added to each scene, once.
     EXPECT_THAT(rows_of("cpu_parallel:precision=float64"),
                 ::testing::ElementsAre(left_out + "box@4\n", "box@4 cpu_parallel float64",
                                        "box@5 cpu_parallel float64"));

@@ -1,4 +1,4 @@
-// The study on backends that misbehave: each takes down its own row and nothing else.
+// Studies on backends that misbehave: each of them loses only its own row.
 #include "harness/study/study.h"
 
 #include <gmock/gmock.h>
@@ -135,8 +135,8 @@ private:
     double compiled_ = 0;  ///< seconds
 };
 
-/// A device that is lost in one of the calls to it; every call fails from then on, as with a card that has
-/// fallen off its bus. The processes of all cases have the same one.
+/// A device that is lost in one of the calls to it. Every later call fails, as with a card that has fallen
+/// off its bus. The processes of all cases share the device.
 struct Device {
     std::array<char, 16> lost_in = {};
     int calls_left = 0;
@@ -150,7 +150,7 @@ struct Device {
         if (lost) throw DeviceError("device lost, seen in " + name);
     }
 };
-/// The test's own, which its environment names to them: System V's shared memory.
+/// The test's device in System V shared memory, which an environment variable names to its processes.
 Device& shared_device() {
     constexpr const char* name = "STUDY_TEST_DEVICE";
     const char* known = std::getenv(name);
@@ -233,7 +233,7 @@ const Registered test_backends[] = {
     fake("losing_two", [] { return std::make_unique<Losing>(); }),
 };
 
-/// What a library of the program locks.
+/// A lock of a library of the program.
 std::mutex in_use;
 std::FILE* const log_file = std::fopen("/dev/null", "w");
 
@@ -243,7 +243,7 @@ std::unique_ptr<Backend> make_with_locks() {
     return std::make_unique<Faulty>(Faulty::Fault::none);
 }
 
-/// The launcher, which forks this backend's process, is killed as the system does where memory runs out.
+/// Kills the launcher, which forks this backend's process, as the system does when memory runs out.
 class LauncherKilled : public Faulty {
 public:
     LauncherKilled() : Faulty(Fault::none) {}
@@ -255,7 +255,7 @@ private:
     }
 };
 
-/// A device that constructs until three processes do at once, and takes its first step likewise.
+/// A device whose constructor waits until three processes are in it at once, and its first step likewise.
 class Together : public Faulty {
 public:
     Together() : Faulty(Fault::none) { wait_for_others(device.constructing, "constructed"); }
@@ -290,7 +290,7 @@ private:
         int processes = 0;
         std::error_code none;
         for (const auto& process : std::filesystem::directory_iterator("/proc", none)) {
-            if (process.is_symlink()) continue;  // self, which has a number as well
+            if (process.is_symlink()) continue;  // `self`, which names a process too
             std::stringstream status;
             status << std::ifstream(process.path() / "status").rdbuf();
             processes += int(status.str().find(parent) != std::string::npos);
@@ -300,7 +300,7 @@ private:
     }
 };
 
-/// A driver that gives a process its device once.
+/// A driver that gives each process its device only once.
 class GivenOnce : public Faulty {
 public:
     GivenOnce() : Faulty(Fault::none) {
@@ -385,7 +385,7 @@ TEST(Study, LeavesOutWhatTheCommandLineDoesNotWant) {
         return names;
     };
     EXPECT_EQ(measured({"!cpu_*"}), std::set<std::string>{"test_sound"});
-    // In whatever order, and nothing is added for it.
+    // They come in any order, and nothing is added for them.
     EXPECT_EQ(measured({"cpu_reference", "!test_sound"}), std::set<std::string>{"cpu_reference"});
     EXPECT_THROW(measured({"!none_of_this_name"}), BadInput);
 }
@@ -398,12 +398,12 @@ TEST(Study, ARunThatDivergesIsNotTimed) {
     EXPECT_THAT(std::string(result.at("failed")[0].at("reason")),
                 HasSubstr("diverged at step 3: a particle is not finite or moved by more than"));
     for (const auto& row : result.at("benchmarks")) EXPECT_EQ(row.at("backend"), "test_sound");
-    // Fewer steps than a look takes: the backend alone can tell, and did not look.
+    // Fewer steps than lie between two checks: only the backend could detect it, and it did not check.
     study.scenes = {{"box@5", 4, {}}};
     EXPECT_TRUE(run_study(study, {}).at("failed").empty());
 }
 
-// Checks come more often in one API than in another.
+// One API checks more often than another.
 TEST(Study, NoCheckForDivergenceIsTimed) {
     Study study = study_of({"checked"});
     study.scenes = {{"box@5", 70, {}}};
@@ -603,7 +603,7 @@ TEST(Study, TakesAProblemThatIsAtHand) {
     EXPECT_EQ(row.at("particles"), 5);
     EXPECT_EQ(row.at("springs"), 4);
     EXPECT_EQ(row.at("passed"), true);
-    // On a lattice alone: it is skipped with its reason rather than run on a scene of another name.
+    // The scene needs a lattice: it is skipped with a reason rather than run on a scene of another name.
     EXPECT_EQ(row_of(result.at("skipped"), "cpu_parallel").at("scene"), "chain");
 }
 
@@ -719,7 +719,7 @@ TEST_F(StudyFile, StartsSeveralAtOnceWhereItSaysNothingOfTheirStart) {
                 ::testing::ElementsAre("together_one", "together_three", "together_two", "test_sound"));
 }
 
-// Processes that have the card are strangers to what is timed there.
+// Processes on the card that are not timed count as strangers.
 TEST_F(StudyFile, EndsTheProcessesOfRefusedCasesBeforeTimes) {
     write(R"({"backends": ["alone", "test_unsupported"], "start_times": false,
               "scenes": [{"scene": "box@3"}], "repetitions": 1, "steps": 2})");
@@ -729,7 +729,7 @@ TEST_F(StudyFile, EndsTheProcessesOfRefusedCasesBeforeTimes) {
     EXPECT_EQ(result.at("verification").size(), 1u);
 }
 
-// To read and judge a state takes all cores, and gigabytes of memory of a large scene.
+// Reading and judging a state takes all cores, and for a large scene gigabytes of memory.
 TEST_F(StudyFile, ReadsNoStateBeforeTheLastBatchOfAll) {
     write(R"({"backends": ["losing_*"], "scenes": [{"scene": "box@3"}], "repetitions": 4, "steps": 2})");
     device = {};
@@ -794,7 +794,7 @@ TEST(Study, WorkIsThatOfAStepAfterTheBatch) {
     EXPECT_GT(work.at("tiles_stepped"), 0);
     EXPECT_LT(work.at("tiles_stepped"), work.at("tiles"));
     EXPECT_FALSE(result.at("verification")[1].contains("work"));
-    // A limit of the whole body would be none of a step that takes a part of it.
+    // The limit of a full step would be wrong for a step of a part.
     int skipping = 0;
     for (const auto& row : result.at("benchmarks")) {
         const bool skips = std::string(row.at("tuning")).find("rest=skip") != std::string::npos;
@@ -828,14 +828,14 @@ nlohmann::json description_of(const std::string& backend) {
 }
 constexpr std::chrono::seconds minute(60);
 
-/// What a step of its scene reads and writes.
+/// The bytes that a step of its scene reads and writes.
 std::uint64_t bytes_said_by(Worker& worker) {
     (void)worker.ask({{"do", "construct"}}, "constructing");
     return worker.ask({{"do", "step work"}}, "counting").at("bytes");
 }
 
 TEST(Signals, GoToOneProcessAndNeverToAll) {
-    // Signal 0 says whether there is such a process, and does nothing to it.
+    // Signal 0 only tests whether the process exists.
     EXPECT_TRUE(signal_process(getpid(), 0));
     for (const pid_t none : {0, -1, -getpid()})
         EXPECT_THROW(signal_process(none, 0), std::logic_error) << none;
@@ -890,7 +890,8 @@ TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene)
     workers.turn_to(&large);
     processes = {construct_and_keep("large")};
     EXPECT_FALSE(processes.contains(construct_and_keep("large")));
-    // Whoever dismisses several does not wait for one after the other.
+    // The dismissed worker is returned, so that a caller who dismisses several need not wait for each in
+    // turn.
     auto dismissed = workers.take("large", description_of("test_sound"), minute);
     workers.keep_or_dismiss("large", dismissed);
     EXPECT_NE(dismissed, nullptr);
@@ -928,7 +929,7 @@ TEST(Study, OfProcessesThatServeCaseAfterCaseAFaultTakesDownItsOwnRowOnly) {
     EXPECT_EQ(verified.at("given_once"), 3);
 }
 
-/// Threads of the program hold locks, one of which every thread takes sooner or later, while it runs a study.
+/// While a study runs, threads of the program hold locks, one of which every thread takes sooner or later.
 class AProgramWithThreads : public ::testing::Test {
 protected:
     void SetUp() override {
@@ -995,7 +996,7 @@ std::size_t open_files() {
 }
 
 TEST(AStudy, LeavesNoProcessAndNoFileOpen) {
-    (void)run_study(study_of({"test_sound"}), {});  // what is opened once and kept
+    (void)run_study(study_of({"test_sound"}), {});  // opens what is opened once and kept
     const std::size_t before = open_files();
     (void)run_study(study_of({"test_*", "launcher_killed"}), {});
     EXPECT_EQ(open_files(), before);
@@ -1019,12 +1020,12 @@ TEST(AWrittenFile, ThatIsAFullDeviceLeavesNoFileOpen) {
     EXPECT_EQ(open_files(), before);
 }
 
-/// A copy of this test that is to serve as a worker.
+/// A copy of this test that serves as a worker.
 class AWorkersProgram : public StudyFile {
 protected:
     std::filesystem::path program_ = folder_.path() / "worker";
     void SetUp() override { std::filesystem::copy_file("/proc/self/exe", program_); }
-    /// Makes it one that says these messages, the first of which is its build, and ignores what it is asked.
+    /// Makes it a worker that sends these messages, the first of which is its build, and ignores requests.
     void say(const std::vector<nlohmann::json>& messages) {
         const std::string words = (folder_.path() / "words").string();
         std::ofstream file(words, std::ios::binary);
@@ -1122,7 +1123,8 @@ TEST(AScene, ArrivesInAnotherProcessAsItIs) {
         return received;
     };
     EXPECT_FALSE(arrived(nullptr));
-    // Of so many bytes that it is written into memory where that is allowed. No process has the number 0.
+    // The scene is so large that its memory is written directly if that is allowed; with process id 0, which
+    // no process has, it is not.
     ASSERT_GE(sent.problem.rest_position.size() * sizeof(glm::dvec3), std::size_t(1) << 22);
     EXPECT_EQ(fingerprint_of(arrived(&sent, 0).value()), fingerprint_of(sent));
     const std::optional<Scene> received = arrived(&sent);
@@ -1152,7 +1154,7 @@ TEST(AStudy, LeavesTheSignalsOfItsProcessAsTheyWere) {
 }
 
 TEST(AJournal, ThatCannotBeReadIsNoEmptyOne) {
-    // Its first bytes are nobody's memory: reading them is an input/output error.
+    // Its first bytes are unmapped: reading them is an input/output error.
     EXPECT_THAT(
         [] {
             Journal("/proc/self/mem", {{"scenes", {"box"}}}, true);

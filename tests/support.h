@@ -62,7 +62,8 @@ inline Problem random_network(std::size_t particles, std::size_t springs, unsign
     return problem;
 }
 
-/// Every particle displaced by up to `amplitude` and moving by up to a tenth of it a step; pinned ones still.
+/// Displaces every particle by up to `amplitude` and moves it by up to a tenth of that per step; pinned
+/// particles rest.
 inline State random_state(const Problem& problem, double amplitude, unsigned seed) {
     std::mt19937 generator(seed);
     std::uniform_real_distribution<double> uniform(-amplitude, amplitude);
@@ -83,7 +84,7 @@ inline void expect_same_bits(const State& a, const State& b) {
     EXPECT_EQ(a.increment, b.increment);
 }
 
-/// A free lattice with one corner pulled out: a wave runs into what is at rest.
+/// A free lattice with one corner pulled out: a wave runs into the part at rest.
 struct Poked {
     Problem problem;
     State start;
@@ -105,9 +106,9 @@ inline void pin_base(Problem& problem) {
     pin(problem, std::move(pinned));
 }
 
-/// Cuts and sutures of `problem`, which they change: a plane, a patch and a ball, some of it sutured again
-/// within the lattice; then, where `beyond`, sutures that leave it, and more of them to one particle than any
-/// list has room for.
+/// Cuts and sutures of `problem`, which they change: a plane, a patch and a ball, of which a part is sutured
+/// again within the lattice. Then, if `beyond`, sutures that leave the lattice, and more of them at one
+/// particle than any list has room for.
 inline std::vector<SpringEdit> edit_everything(Problem& problem, bool beyond) {
     SpringEditor editor(problem);
     const glm::dvec3 middle = problem.rest_position[problem.particle_count() / 2] + glm::dvec3(0.1, 0.2, 0.3);
@@ -118,7 +119,7 @@ inline std::vector<SpringEdit> edit_everything(Problem& problem, bool beyond) {
     const auto most = std::uint32_t(problem.particle_count() - 1);
     std::vector<SpringEdit> edits;
     if (beyond) {
-        // One that needs no longer list, and is gone with the next cut.
+        // A suture that needs no longer list, and is removed by the next cut.
         const std::vector<std::pair<std::uint32_t, std::uint32_t>> ends = {{0, most}};
         edits.push_back(editor.suture(ends, 0.25));
     }
@@ -137,8 +138,8 @@ inline std::vector<SpringEdit> edit_everything(Problem& problem, bool beyond) {
     return edits;
 }
 
-/// `count` edits of `problem`, which they change: cuts of any springs, a few or a third of all, of all that
-/// one particle has, and joins of some of what was cut before.
+/// `count` edits of `problem`, which they change: cuts of random springs, a few or a third of all, cuts of
+/// all springs of one particle, and joins of some springs that were cut before.
 inline std::vector<SpringEdit> random_edits(Problem& problem, int count, unsigned seed) {
     std::mt19937 generator(seed);
     SpringEditor editor(problem);

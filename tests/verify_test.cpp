@@ -1,4 +1,4 @@
-// The verifier, above all on states that must fail.
+// The verifier, mainly on states that must fail.
 #include "harness/verification/verify.h"
 
 #include <gmock/gmock.h>
@@ -57,7 +57,7 @@ TEST_F(Verify, AdmitsWhatApproximateRootsCostAndLittleMore) {
         state.displacement[3].x += off;
         return compare(problem, state, reference, Precision::float32, steps, formulation, error).passed();
     };
-    // Displacements are of 0.05.
+    // Displacements are 0.05.
     EXPECT_TRUE(passes(1e-3, root_error, Formulation::increment));
     EXPECT_FALSE(passes(1e-3, 0, Formulation::increment));
     EXPECT_FALSE(passes(1e-2, root_error, Formulation::increment));
@@ -140,7 +140,7 @@ TEST_F(Verify, ToleranceFollowsPrecisionAndSteps) {
     EXPECT_DOUBLE_EQ(tolerance(Precision::float32, 100) / tolerance(Precision::float64, 100),
                      std::ldexp(1.0, 29));
     EXPECT_GT(tolerance(Precision::float32, 100), tolerance(Precision::float32, 10));
-    // Whatever the number of steps, an error that a viewer would see is none of rounding here.
+    // Whatever the number of steps, a visible error is not accepted as rounding here.
     EXPECT_LT(tolerance(Precision::float32, 20), 1e-3);
 }
 
@@ -151,20 +151,21 @@ TEST_F(Verify, ToleranceFollowsFormulation) {
     const auto tolerance = [&](Formulation formulation, int n = 20) {
         return rounding_tolerance(long_box, moved, Precision::float32, n, formulation);
     };
-    // Positions of 40, rest lengths of 1.4 and displacements of 1e-3, in that order, are what is rounded.
+    // Positions of 40, rest lengths of 1.4 and displacements of 1e-3 are rounded, in that order.
     EXPECT_GT(tolerance(Formulation::paper), 2 * tolerance(Formulation::position));
     EXPECT_GT(tolerance(Formulation::position), 2 * tolerance(Formulation::displacement));
     EXPECT_GT(tolerance(Formulation::displacement), 50 * tolerance(Formulation::increment));
     EXPECT_GT(tolerance(Formulation::increment), tolerance(Formulation::compensated));
-    // The bias of the equation as printed goes with the square of the steps, and is not there without
+    // The bias of the equation as printed grows with the square of the number of steps, and is zero without
     // damping.
     EXPECT_GT(tolerance(Formulation::paper, 10000) / tolerance(Formulation::paper, 1000), 70);
     long_box.damping = 0;
     EXPECT_LT(tolerance(Formulation::paper, 10000) / tolerance(Formulation::paper, 1000), 33);
-    // Nobody is held to less than what a reference on positions rounds itself.
+    // The bound is never less than what a reference on positions rounds itself.
     EXPECT_EQ(rounding_tolerance(long_box, moved, Precision::float64, 20, Formulation::compensated),
               rounding_tolerance(long_box, moved, Precision::float64, 20, Formulation::position));
-    // Rest is free of strain: springs of an unstructured network, far from it, round what they hold.
+    // Rest is free of strain; springs of an unstructured network are far from it and round their stored
+    // lengths.
     const Problem network = random_network(50, 200, 4);
     EXPECT_GT(
         rounding_tolerance(network, state_at_rest(network), Precision::float32, 20, Formulation::increment),
@@ -175,7 +176,7 @@ TEST_F(Verify, ToleranceFollowsFormulation) {
 }
 
 TEST_F(Verify, ToleranceAllowsWhatAConstantForceLosesInRounding) {
-    // Free fall from high up, in steps so small that a float32 position hardly takes what gravity adds.
+    // Free fall from high up, in steps so small that a float32 position hardly changes by gravity.
     Problem falling = make_lattice_problem(solid({1, 1, 60}), FACE_BITS);
     falling.gravity = {0, 0, -1e-3};
     falling.time_step = 0.02;

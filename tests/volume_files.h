@@ -1,4 +1,4 @@
-// Small volume files, made byte by byte so that they can also be wrong in any way.
+// Small volume files, made byte by byte so that they can also be wrong in any respect.
 #pragma once
 
 #include <bzlib.h>
@@ -46,7 +46,7 @@ inline std::string gzipped(const std::string& plain) {
     return packed;
 }
 
-/// As MetaImage has it: without gzip's header.
+/// A compressed stream as in MetaImage: without the header of gzip.
 inline std::string zlib_packed(const std::string& plain) {
     uLongf size = compressBound(uLong(plain.size()));
     std::string packed(size, '\0');
@@ -92,7 +92,7 @@ inline nifti_2_header nifti_2_header_of(const nifti_1_header& first) {
     return header;
 }
 
-/// The header alone: the .hdr of a pair whose .img has nothing but voxels.
+/// Only the header: the .hdr of a pair whose .img has nothing but voxels.
 template <class Header>
 std::string nifti_pair_header(Header header) {
     header.magic[1] = 'i';
@@ -116,7 +116,7 @@ inline std::string metaimage_file(const std::string& fields, const std::string& 
     return "ObjectType = Image\n" + fields + "ElementDataFile = LOCAL\n" + data;
 }
 
-/// A folder of its own that goes away with it.
+/// A temporary folder that is removed with the object.
 class TemporaryFolder {
 public:
     TemporaryFolder() {

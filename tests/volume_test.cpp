@@ -1,4 +1,5 @@
-// Volume files: every format, scalar type, byte order and encoding, and files that are cut short or lie.
+// Volume files: every format, scalar type, byte order and encoding, and files that are truncated or
+// inconsistent.
 #include "harness/volume/volume.h"
 
 #include <gtest/gtest.h>
@@ -24,8 +25,8 @@ namespace {
 std::atomic<std::size_t> largest_allocation{0};
 }
 
-// Replaced for the whole program, so that tests can tell how much a header made the reader allocate. Not
-// inlined: GCC would take malloc and free for a mismatch.
+// Replaced for the whole program, so that tests can tell how much memory a header made the reader allocate.
+// Not inlined: GCC would report a mismatch of malloc and free.
 [[gnu::noinline]] void* operator new(std::size_t size) {
     std::size_t largest = largest_allocation;
     while (size > largest && !largest_allocation.compare_exchange_weak(largest, size)) {
@@ -289,7 +290,7 @@ TEST(Volume, SeveralGzipMembersAreOneStream) {
     EXPECT_EQ(values_of(read(Format::nrrd, nrrd_file(nrrd_fields("uint8", "gzip"), members))), values);
 }
 
-// Every file that ends too early, wherever it does, is refused.
+// A file that ends too early is refused, wherever it ends.
 TEST(Volume, TruncatedFilesAreRefusedAtEveryLength) {
     const std::string data = bytes_of_values<std::uint16_t>(values);
     const std::vector<std::pair<Format, std::string>> files = {
@@ -327,7 +328,7 @@ TEST(Volume, DamagedGzipIsRefused) {
               "f: gzip data: incorrect header check is not accepted; expected a whole gzip stream");
 }
 
-// 8 GB of doubles claimed, 12 bytes there.
+// The header claims 8 GB of doubles; the file has 12 bytes.
 TEST(Volume, AHeaderAloneAllocatesNothing) {
     const SceneSizeLimits boundless{std::uint64_t{1} << 32, std::uint64_t{1} << 32};
     const std::string data = bytes_of_values<std::uint8_t>(values);
@@ -351,7 +352,7 @@ TEST(Volume, AHeaderAloneAllocatesNothing) {
             std::string::npos);
         EXPECT_LT(largest_allocation, std::size_t{1} << 18);
     }
-    // A long stream of zeros, 1000 times smaller when packed, is inflated no further than the header says.
+    // A long stream of zeros, 1000 times smaller when packed, is not inflated beyond what the header says.
     largest_allocation = 0;
     const std::string bomb = gzipped(std::string(std::size_t{1} << 24, '\0'));
     largest_allocation = 0;
@@ -528,7 +529,7 @@ TEST(Volume, PairsOfHeaderAndImage) {
         EXPECT_EQ(refusal_of_file(head), image +
                                              ": voxels: 23 bytes of data is not accepted; expected 24 bytes, "
                                              "12 voxels of datatype 4 as the header says");
-        // As FSL packs them.
+        // Compressed as FSL does.
         folder.write("b.hdr.gz", gzipped(pair));
         const std::string packed = folder.write("b.img.gz", gzipped(data));
         EXPECT_EQ(values_of(read_volume(packed, large)), values);
@@ -558,7 +559,7 @@ TEST(Volume, NrrdAxesAreWhatTheirKindsSay) {
               "f: space directions: none (1,0,0) (0,1,0) is not accepted; expected " + three_axes);
     EXPECT_EQ(refused("dimension: 3\nsizes: 3 2 2\nkinds: domain domain\n"),
               "f: kinds: domain domain is not accepted; expected 3 words, one for each axis");
-    // An axis beside those of space goes first, wherever it is.
+    // An axis that is not one of space goes first, wherever it is.
     const Volume volume = read(
         Format::nrrd, nrrd_file(start + "dimension: 4\nsizes: 12 1 1 1\nkinds: space scalar space space\n"
                                         "space directions: (0,0,2) none (3,0,0) (0,4,0)\n",
@@ -696,12 +697,12 @@ TEST(Volume, MetaImageHeadersThatLieAreRefused) {
 
 const std::vector<Format> all_formats = {Format::nifti, Format::nrrd, Format::metaimage};
 
-/// What a file is to say of its grid, whatever the format.
+/// What the reader has to say about a file's grid, whatever the format.
 struct Described {
     std::vector<int> sizes{2, 3, 2};
     std::vector<double> spacing{0.5, 1, 2};
     bool directed = true;
-    /// Unit vectors of the axes, by right, anterior and superior.
+    /// Unit vectors of the axes, in right, anterior and superior.
     std::array<glm::dvec3, 3> direction{glm::dvec3(1, 0, 0), glm::dvec3(0, 1, 0), glm::dvec3(0, 0, 1)};
     glm::dvec3 origin{10, 20, 30};
     std::string unit{"mm"};
@@ -776,7 +777,7 @@ std::string metaimage_described(const Described& grid, const std::string& data) 
                   "\n";
     }
     if (grid.directed) {
-        // By left, posterior and superior.
+        // In left, posterior and superior.
         std::vector<double> matrix(n * n), offset(n);
         for (std::size_t a = 0; a < n; ++a) matrix[a * n + a] = 1;
         for (std::size_t a = 0; a < 3; ++a) {
@@ -920,7 +921,7 @@ TEST(VolumeRules, AChosenSpacingTakesThePlaceOfABadOne) {
             EXPECT_TRUE(volume.facts.spacing_chosen);
         }
     }
-    // Directions of length 0 say nothing of the orientation.
+    // Directions of length 0 say nothing about the orientation.
     const Volume flat =
         read(Format::nrrd,
              nrrd_file(nrrd_fields("short", "raw", "space: RAS\nspace directions: (1,0,0) (0,1,0) (0,0,0)\n"),
@@ -983,7 +984,7 @@ TEST(VolumeRules, OneOfSeveralValuesIsChosen) {
         nrrd_file("type: short\ndimension: 4\nsizes: 2 2 3 2\nkinds: list domain domain domain\n"
                   "encoding: raw\nendian: little\n",
                   bytes_of_values<std::int16_t>(mixed)));
-    // Along an axis between those of space.
+    // The other axis lies between those of space.
     std::string between;
     for (int z = 0; z < 2; ++z) {
         const std::size_t half = shorts.size() / 2;
@@ -1035,8 +1036,8 @@ TEST(VolumeRules, AFileOfOneFrameIsAVolume) {
     }
 }
 
-// dim[4] of NIfTI is time, whatever the sizes. Elsewhere an axis of size 1 before x is left out, and that is
-// said.
+// dim[4] of NIfTI is time, whatever the sizes. In other formats an axis of size 1 before x is left out, and a
+// note says so.
 TEST(VolumeRules, TimeIsNeverSpace) {
     nifti_1_header header = nifti_header({1, 2, 3}, 4, {3, 0.5F, 1});
     header.dim[0] = 4;
@@ -1082,15 +1083,15 @@ TEST(VolumeRules, LabelsThatAreStoredScaledAreWholeNumbers) {
         ASSERT_EQ(labelled.notes.size(), 1u);
         EXPECT_EQ(labelled.notes[0].rfind("values up to ", 0), 0u) << labelled.notes[0];
     }
-    // A step of a quarter reaches 0.75, which is no 1.
+    // Half a step of a quarter would reach 0.75, but that is not 1.
     grid.slope = 0.25;
     const Volume coarse = read(
         Format::nifti,
         file_of(Format::nifti, grid, bytes_of_values<std::int16_t>({3, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0})));
     EXPECT_EQ(with_labels(coarse, Words{"1"}).counts, (Counts{{"1", 1}}));
     EXPECT_THROW(with_labels(coarse, std::nullopt), BadInput);
-    // A value that was stored for 1 is not above 1.
-    grid.slope = double(1.0F / 49.0F);  // 49 of them are above 1 by what a float rounds
+    // A value that was stored for 1 does not exceed 1.
+    grid.slope = double(1.0F / 49.0F);  // rounded to a float, 49 of them exceed 1
     const Volume threshold = read(
         Format::nifti,
         file_of(Format::nifti, grid, bytes_of_values<std::int16_t>({49, 98, 50, 0, 0, 0, 0, 0, 0, 0, 0, 0})));
@@ -1150,11 +1151,11 @@ TEST(VolumeRules, TheNamedFileIsRead) {
     folder.write("a.img.gz", gzipped(others));
     for (const std::string name : {"a.hdr", "a.img"}) EXPECT_EQ(read_name(name), values);
     for (const std::string name : {"a.hdr.gz", "a.img.gz"}) EXPECT_EQ(read_name(name), other);
-    // One of each kind belong together where nothing else does.
+    // A compressed and a plain file belong together if nothing else does.
     folder.write("b.hdr", pair);
     folder.write("b.img.gz", gzipped(others));
     for (const std::string name : {"b.hdr", "b.img.gz"}) EXPECT_EQ(read_name(name), other);
-    // b.img has b.hdr now: what is left of the other pair does not borrow it.
+    // Now b.hdr belongs to b.img: the rest of the other pair does not take it.
     folder.write("b.img", shorts);
     EXPECT_EQ(read_name("b.hdr"), values);
     EXPECT_EQ(
@@ -1162,7 +1163,7 @@ TEST(VolumeRules, TheNamedFileIsRead) {
         (folder.path() / "b.img.gz").string() +
             ": an image without its header is not accepted; expected b.hdr.gz beside it, or b.hdr if that "
             "has no other image");
-    // A header that has its voxels itself is no header of an image.
+    // A header that contains its voxels is not the header of an image.
     folder.write("c.hdr", nifti_file(nifti_header({2, 3, 2}, 4), shorts));
     folder.write("c.img", others);
     EXPECT_EQ(read_name("c.hdr"), values);
@@ -1176,7 +1177,7 @@ TEST(VolumeRules, TheNamedFileIsRead) {
     EXPECT_EQ(read_name("E.NII.GZ"), values);
     folder.write("F.Nrrd", nrrd_file(nrrd_fields("short"), shorts));
     EXPECT_EQ(read_name("F.Nrrd"), values);
-    // The magic of a pair in a file that is none.
+    // A single file has the magic of a pair.
     nifti_1_header header = nifti_header({2, 3, 2}, 4);
     std::memcpy(header.magic, "ni1", 4);
     const std::string file = folder.write("g.nii", nifti_file(header, shorts));
@@ -1238,7 +1239,8 @@ TEST(VolumeRules, MetaImageCountsItsHeaderBeforeItDecodes) {
 
 // --- Segments of 3D Slicer ------------------------------------------------------------------------------
 
-/// Three segments in two layers: "wall" and "valve" in the first, "scar" in the second, over both of them.
+/// Three segments in two layers: "wall" and "valve" in the first, and "scar" in the second, which overlaps
+/// both.
 std::string segmentation(const std::string& more = "", bool layers = true) {
     std::string text =
         layers ? "type: uchar\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 2 3 1\n"
@@ -1290,7 +1292,7 @@ TEST(Segments, AreChosenByNameIdOrValue) {
         }
         return std::string("accepted");
     };
-    // 1 is the value of two segments.
+    // Two segments have the value 1.
     for (const std::string word : {"aorta", "1"}) {
         EXPECT_EQ(
             refused([&] { with_labels(volume, Words{word}); }),
@@ -1333,7 +1335,7 @@ TEST(Segments, OfOneLayer) {
     EXPECT_EQ(above_threshold(volume, 2).grid.label, (std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1}));
 }
 
-// As Slicer wrote them before segments could share a layer.
+// Files as Slicer wrote them before segments could share a layer.
 TEST(Segments, WithoutLayersHaveOneEach) {
     const Volume volume =
         read(Format::nrrd,

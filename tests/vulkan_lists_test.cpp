@@ -1,5 +1,5 @@
-// Lists that shaders reach by address (vulkan_explicit): the bits are those of lists in bound storage
-// buffers, on small bodies that ask for it and on bodies whose lists exceed a storage buffer.
+// Lists that shaders reach by address (vulkan_explicit) give the bits of lists in bound storage buffers: on
+// small bodies that ask for addresses, and on bodies whose lists exceed a storage buffer.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -31,7 +31,7 @@ std::unique_ptr<Backend> make(const std::string& specification) {
     return BackendSpec::parse(specification).make();
 }
 
-/// Skips its tests where there is no Vulkan, or no device that has addresses of buffers.
+/// Skips its tests if there is no Vulkan, or no device with buffer addresses.
 class AddressedLists : public ::testing::Test {
 protected:
     void SetUp() override {
@@ -49,7 +49,7 @@ private:
 
 // --- Small bodies that ask for it --------------------------------------------------------------------------
 
-/// A body stepped in two ways, alike in every bit.
+/// A body that is stepped in two ways, which must agree in every bit.
 class Pair {
 public:
     Pair(const std::string& options, const Problem& problem, const State& start)
@@ -73,7 +73,7 @@ public:
     void move_tool(const glm::dvec3& displacement) {
         for (Way& way : ways_) way.backend->move_tool(displacement);
     }
-    /// Steps, and compares all that a backend tells.
+    /// Steps, and compares everything that the backends report.
     void step(int count) {
         for (Way& way : ways_) way.backend->step(count);
         Backend &bound = *ways_[0].backend, &addressed = *ways_[1].backend;
@@ -249,7 +249,7 @@ public:
         }
     }
 
-    /// That each copy is where the body is.
+    /// Expects each copy to be where the body is.
     static void expect_alike(const State& body, const State& copies) {
         std::size_t different = 0;
         for (std::size_t i = 0; i < copies.displacement.size(); ++i) {
@@ -275,12 +275,12 @@ private:
     }
 };
 
-/// So many copies that a list with so many bytes a particle takes more than a storage buffer.
+/// The number of copies whose list, at `bytes` bytes per particle, exceeds a storage buffer.
 int copies_beyond(const vulkan::BufferLimits& limits, std::size_t bytes) {
     return int(limits.max_bytes * 5 / 4 / (Copies::particles * bytes));
 }
 
-/// Lists as large as those of cards would take the host minutes.
+/// With buffers as large as those of cards the lists would take the host minutes.
 bool takes_long(const vulkan::BufferLimits& limits) { return limits.max_bytes > std::uint64_t(1) << 28; }
 
 TEST_F(AddressedLists, OfNeighboursMayExceedAStorageBuffer) {
@@ -321,7 +321,7 @@ TEST_F(AddressedLists, OfSpringsAndRestsMayExceedAStorageBuffer) {
     };
     ASSERT_FALSE(vulkan::by_address(copies.many, options, limits()));
     edit_and_step("lists become too large", [](SpringEditor& editor, const Problem& problem) {
-        // From corner to corner of each copy, within a plane that nothing below cuts.
+        // Springs from corner to corner of each copy, within a plane that nothing below cuts.
         std::vector<std::pair<std::uint32_t, std::uint32_t>> ends;
         for (std::uint32_t first = 0; first < problem.particle_count(); first += Copies::particles)
             ends.emplace_back(first + 4, first + Copies::particles - 8);

@@ -1,5 +1,5 @@
-// What only the Vulkan backends can be asked: how their failures read, that validation is heard, what a
-// module says of itself, and what is kept of compiled code.
+// Tests of the Vulkan backends alone: how their failures read, that validation messages are noticed, what a
+// module says about itself, and which compiled code is kept.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -28,7 +28,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-/// An environment variable as long as this lives.
+/// Sets an environment variable for its lifetime.
 class Variable {
 public:
     Variable(const char* name, const std::string& value) : name_(name) {
@@ -74,7 +74,7 @@ TEST(NoVulkan, ALibraryThatIsNoLoaderIsASkip) {
                 AllOf(HasSubstr("no Vulkan loader"), HasSubstr("vkGetInstanceProcAddr")));
 }
 
-/// Skips its tests where there is no Vulkan.
+/// Skips its tests if there is no Vulkan.
 class Vulkan : public ::testing::Test {
 protected:
     void SetUp() override {
@@ -84,7 +84,7 @@ protected:
 };
 
 TEST_F(Vulkan, AMissingDriverIsASkip) {
-    // The newer name and the older.
+    // The newer and the older name.
     const Variable drivers("VK_DRIVER_FILES", "/dev/null"), files("VK_ICD_FILENAMES", "/dev/null");
     EXPECT_THAT(absence("vulkan_explicit"),
                 HasSubstr("no Vulkan driver is here (of a card, or Debian's mesa-vulkan-drivers"));
@@ -131,7 +131,7 @@ TEST_F(Vulkan, WhatValidationLayersSayIsAnError) {
     if (!has_validation()) GTEST_SKIP() << "no VK_LAYER_KHRONOS_validation";
     const vulkan::Device device(Precision::float32);
     EXPECT_NO_THROW(device.check("testing"));
-    // A buffer that says of nothing what it is for.
+    // A buffer without any usage.
     const vk::raii::Buffer useless(device.get(), vk::BufferCreateInfo({}, 16, {}));
     try {
         device.check("testing");
@@ -193,7 +193,7 @@ TEST_F(Vulkan, BuffersMayOutliveTheirPool) {
 
 // --- A lost device ----------------------------------------------------------------------------------------
 
-/// A driver whose device is lost, as long as this lives, from the next submission on.
+/// For its lifetime, a driver whose device is lost from the next submission on.
 class LostDevice {
 public:
     explicit LostDevice(const vulkan::Device& device)
@@ -236,7 +236,7 @@ TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
     EXPECT_NO_THROW((void)other->download());
 }
 
-/// A driver whose submissions take long to hand over, as long as this lives, and how many there were.
+/// For its lifetime, a driver whose submissions take long, and which counts them.
 class SlowDevice {
 public:
     explicit SlowDevice(const vulkan::Device& device)
@@ -262,7 +262,7 @@ private:
     static inline PFN_vkQueueSubmit submit = nullptr;
 };
 
-// A driver that watches a display would reset a device that is kept for seconds.
+// A driver that drives a display would reset a device that is busy for seconds.
 TEST_F(Vulkan, NoSubmissionKeepsADeviceForLong) {
     const Problem problem = plain_problem();
     const auto backend = BackendSpec::parse("vulkan_implicit").make();
@@ -279,7 +279,7 @@ TEST_F(Vulkan, NoSubmissionKeepsADeviceForLong) {
 
 // --- Memory -----------------------------------------------------------------------------------------------
 
-/// A card with memory that the host does not see, some that it does, and the host's own.
+/// A card with memory that the host does not see, some that it does, and the host's memory.
 vk::PhysicalDeviceMemoryProperties memory_of_a_card() {
     using Flag = vk::MemoryPropertyFlagBits;
     vk::PhysicalDeviceMemoryProperties memory;
@@ -311,7 +311,7 @@ TEST(VulkanMemory, IsTriedWhereItIsPreferredAndThenElsewhere) {
         << "what the buffer allows";
 }
 
-/// A driver that has each type of memory twice, as long as this lives, and room in the second one alone.
+/// For its lifetime, a driver that has each type of memory twice, with room only in the second.
 class FullMemory {
 public:
     explicit FullMemory(const vulkan::Device& device)
@@ -418,7 +418,7 @@ TEST(VulkanModule, KnowsTheNamesOfItsSource) {
     EXPECT_THROW((void)vulkan::Module::named("nonsense"), DeviceError);
 }
 
-/// Those of `constants` that `module` does not have: they would be passed over in silence.
+/// The names of `constants` that `module` does not have, which Vulkan would ignore silently.
 std::vector<std::string> unknown(const std::string& module, const glsl::Constants& constants) {
     std::vector<std::string> names;
     for (const auto& [name, value] : constants) {

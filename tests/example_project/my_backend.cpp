@@ -1,5 +1,5 @@
-// A backend outside of Voxspring's tree: this file and its line in CMakeLists.txt are all of it. It keeps
-// displacements and increments in float32 and sums, particle by particle, the force of every spring.
+// A backend outside of Voxspring's tree: it consists of this file and its line in CMakeLists.txt. It keeps
+// displacements and increments in float32 and sums the force of every spring, particle by particle.
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
 #include <memory>
@@ -27,7 +27,7 @@ public:
         force_.resize(displacement_.size());
     }
 
-    // What it keeps of springs it makes anew.
+    // An edit rebuilds what the backend keeps of springs.
     void edit(const Problem& edited, const SpringEdit&) override {
         problem_ = &edited;
         springs_ = list_springs(edited);
@@ -45,8 +45,8 @@ public:
         return {{displacement_.begin(), displacement_.end()}, {increment_.begin(), increment_.end()}};
     }
 
-    // The least that a step takes, which its time is held against: every array once, every operation of the
-    // two functions of spring.h that it calls.
+    // The minimum work of a step, with which its time is compared: every array once, and every operation of
+    // the two functions of spring.h that it calls.
     StepWork step_work(const Problem& problem) const override {
         const std::uint64_t particles = problem.particle_count();
         const std::uint64_t springs = count_springs(problem).total();
@@ -95,7 +95,7 @@ private:
     std::vector<glm::vec3> displacement_, increment_, force_;
 };
 
-// The name is all that a study needs in order to find it.
+// The name is all that a study needs to find it.
 const Registered entry({
     .name = "my_backend",
     .summary = "float32, one thread, a plain loop over springs.",

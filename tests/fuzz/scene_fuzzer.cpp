@@ -1,5 +1,5 @@
-// libFuzzer: any text as a scene file either becomes a scene that could be simulated or is refused with
-// BadInput.
+// libFuzzer: any text, read as a scene file, either becomes a scene that could be simulated or is refused
+// with BadInput.
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>

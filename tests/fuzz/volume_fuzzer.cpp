@@ -1,4 +1,4 @@
-// libFuzzer: any bytes as a volume file, READER deciding the format, either become a grid with an active
+// libFuzzer: any bytes, read as a volume file in the format of READER, either become a grid with an active
 // voxel or are refused with BadInput.
 #include <algorithm>
 #include <cstdint>
@@ -30,7 +30,8 @@ void try_to(const Select& select) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const voxspring::SceneSizeLimits limits{1 << 16, 1 << 16};
-    // What a user may choose: the last byte decides, so that both kinds of inputs are found.
+    // The last byte selects the options that a user may choose, so that the fuzzer finds both kinds of
+    // inputs.
     voxspring::VolumeChoice choice;
     if (size > 0 && data[size - 1] % 2 == 1) choice.frame = 1;
     if (size > 0 && data[size - 1] % 4 > 1) choice.spacing = {1, 2, 3};
