@@ -103,7 +103,7 @@ class Words(InTemporaryFolder):
 
 
 class Volume(InTemporaryFolder):
-    """Options that stand for a scene file."""
+    """Options that replace a scene file."""
 
     def setUp(self):
         super().setUp()
@@ -209,7 +209,7 @@ class Output(InTemporaryFolder):
     def test_follows_a_link_and_writes_to_a_pipe(self):
         target, link = self.folder / "target.csv", self.folder / "link.csv"
         link.symlink_to(target.name)
-        for _ in range(2):  # to a file that is not there, and to one that is
+        for _ in range(2):  # to a file that does not exist, and to one that does
             self.assertEqual(voxspring(*RUN, "--steps", 3, "--out", link).returncode, 0)
             self.assertTrue(link.is_symlink())
             self.assertFalse(target.is_symlink())
@@ -225,7 +225,7 @@ class Output(InTemporaryFolder):
         self.assertEqual(read[0], target.read_text())
 
     def test_a_full_disk_leaves_what_was_there(self):
-        """A limit on the size of files stands for it: the same error from the same call."""
+        """A limit on the size of files simulates a full disk: the same error from the same call."""
         # LLVM's OpenMP has a file of 1024 bytes in shared memory.
         full = {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (1100, 1100))}
         for ending in ("csv", "npz", "vtu"):
@@ -253,7 +253,7 @@ class Output(InTemporaryFolder):
             other = self.folder / "other.json"
             other.write_text(text)
             self.assert_refused(voxspring("advise", "box@4", "--error", 1, "--results", other), "other.json")
-            # As one that was not finished, and whose journal is lost.
+            # As after a study that was not finished, and whose journal is lost.
             ran = voxspring("study", "smoke", "--scene", "box@4", "--backend", "cpu_reference", "--repetitions", 1, "--resume",
                             "--out", other)
             self.assertIn(ran.returncode, (0, 2), ran.stderr)
@@ -339,7 +339,7 @@ class Scripts(InTemporaryFolder):
             self.assert_refused(called, f"{command}.py", str(program.parent))
 
     def python(self, folder, *options):
-        """A Python of other options than the system's, in a folder of its own."""
+        """A Python that runs with other options than the system's, in `folder`."""
         path = self.folder / folder
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f'#!/bin/sh\necho "$0" >> {self.folder}/started\nexec /usr/bin/python3 {" ".join(options)} "$@"\n')
@@ -347,7 +347,7 @@ class Scripts(InTemporaryFolder):
         return path
 
     def test_find_a_python_that_works(self):
-        """That of `./run report`, the system's, or the PATH's: the first that has the packages, whichever stands first on the PATH."""
+        """The Python of `./run report`, the system's, or the PATH's: the first that has the packages, whatever the PATH begins with."""
         program = self.place("tree/build/release/voxspring", "tree/results")
         bare = self.python("path/python3", "-I", "-S")
         called = self.call(program, "diff", "none.json", "none.json", env={"PATH": f"{bare.parent}:/usr/bin:/bin"})

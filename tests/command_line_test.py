@@ -60,7 +60,7 @@ class List(unittest.TestCase):
 class References(InTemporaryFolder):
     def test_another_program_takes_none_of_this_one(self):
         other = self.folder / "voxspring"
-        # Bytes behind the end of an ELF file change what it is, and not what it does.
+        # Bytes behind the end of an ELF file change the file, but not what it does.
         other.write_bytes(pathlib.Path(VOXSPRING).read_bytes() + b"another")
         other.chmod(0o755)
         cache = self.folder / "cache"
@@ -195,7 +195,7 @@ class Run(InTemporaryFolder):
 
 
 def read_png(path):
-    """A picture's size, its pixels as rows of (red, green, blue, opacity) from 0 to 1, and what it says of itself."""
+    """A picture's size, its pixels as rows of (red, green, blue, opacity) from 0 to 1, and the text stored in it."""
     import matplotlib.image
     pixels = matplotlib.image.imread(path)
     data = path.read_bytes()
@@ -219,7 +219,7 @@ class Pictures(InTemporaryFolder):
         self.assertEqual(pixels.shape, (240, 320, 4))
         body = pixels[:200, :, 3]
         self.assertEqual([body[0, 0], body[0, -1], body[-1, 0], body[-1, -1]], [0, 0, 0, 0])
-        # It is as wide or as high as the picture lets it. 0.52 of the part above the legend were seen to be heart.
+        # It is as wide or as high as the picture allows. The heart was seen to cover 0.52 of the part above the legend.
         self.assertTrue(0.45 < (body == 1).mean() < 0.6, (body == 1).mean())
         largest = float(re.search(r"largest displacement (\S+)", result.stdout)[1])
         self.assertAlmostEqual(about.pop("largest") / largest, 1, places=5)  # printed to six digits
@@ -244,7 +244,7 @@ class Pictures(InTemporaryFolder):
         self.assertGreater(max(errors), 0)
         self.assertAlmostEqual(about["largest"] / max(errors), 1, places=12)
         self.assertIn(f"largest error against float64 {max(errors):.6g}\n", result.stdout)
-        # float64 against itself is a picture as well.
+        # float64 compared with itself gives a picture as well.
         result = voxspring("run", "box@8", "--backend", "cpu_reference", "--steps", 40, "--out", self.out, "--colour", "error")
         self.assertEqual(result.returncode, 0, result.stderr)
         self.assertEqual(read_png(self.out)[1]["largest"], 0)
@@ -257,14 +257,14 @@ class Pictures(InTemporaryFolder):
         self.assertEqual(sorted(path.name for path in frames.iterdir()), names)
         pictures = [read_png(frames / name) for name in names]
         self.assertEqual([about["steps"] for _, about in pictures], [20, 40, 50])
-        # The bar with its ticks, at the bottom, is the same in all, though the bodies differ; and the largest above it, in the
-        # right half, is that of its own picture.
+        # The bar at the bottom, with its ticks, is equal in all pictures, though the bodies differ. Above it, in the right half,
+        # stands the largest value of each picture, which differs.
         for pixels, about in pictures[1:]:
             self.assertTrue((pixels[107:] == pictures[0][0][107:]).all())
             self.assertTrue((pixels[102:107, :80] == pictures[0][0][102:107, :80]).all())
             self.assertFalse((pixels[102:107, 80:] == pictures[0][0][102:107, 80:]).all())
             self.assertFalse((pixels[:102] == pictures[0][0][:102]).all())
-        # --out with --every is the same series. Without --every there are 50 frames or fewer.
+        # --out with --every makes an equal series. Without --every there are at most 50 frames.
         result = self.draw("box@6", "--steps", 50, "--out", self.out, "--every", 20, "--size", "160x120")
         self.assertEqual((self.folder / "body_000040.png").read_bytes(), (frames / names[1]).read_bytes())
         self.assertFalse(self.out.exists())
@@ -291,7 +291,7 @@ class Pictures(InTemporaryFolder):
             result = self.draw(scene, "--steps", 150, "--out", self.out, "--size", "160x120")
             self.assertEqual(result.returncode, 0, result.stderr)
             return read_png(self.out)[0][:100, :, 3]
-        # The upper half flies away: between the halves one sees through.
+        # The upper half flies away: the gap between the halves is transparent.
         whole = draw([])
         apart = draw([{"step": 1, "cut": {"plane": {"point": [4, 4, 4.5], "normal": [0, 0, 1]}}}])
         rows = [body.any(axis=1) for body in (whole, apart)]
@@ -318,7 +318,7 @@ class Pictures(InTemporaryFolder):
         self.assertEqual((result.returncode, result.stdout), (1, ""))
         self.assertIn("no OpenGL: ", result.stderr)
         self.assertFalse(self.out.exists())
-        # What needs none goes on.
+        # Commands that need none still work.
         self.assertEqual(voxspring("run", "box@6", "--backend", "cpu_parallel", env=environment).returncode, 0)
 
 
@@ -364,7 +364,7 @@ class Study(InTemporaryFolder):
 
     def run_smoke(self, *arguments):
         out = self.folder / "smoke.json"
-        # Without the line every ten seconds, which a slow machine would have in between.
+        # Lines that appear every ten seconds are left out, since a slow machine would print some in between.
         result = voxspring("study", "smoke", "--out", out, *arguments, env={**os.environ, "VOXSPRING_PROGRESS_SECONDS": "3600"})
         self.assertEqual(result.returncode, 0, result.stdout + result.stderr)
         for line in result.stderr.splitlines():
@@ -385,7 +385,7 @@ class Study(InTemporaryFolder):
         with open("results/schema.json") as file:
             schema = jsonschema.Draft202012Validator(json.load(file))
         schema.validate(result)
-        # Nothing that names the machine, and what CUDA code was built with if there is any.
+        # Nothing that names the machine, but the compiler of CUDA code if there is any.
         for key, value in (("host_name", "a-machine"), ("executable", "/home/somebody/voxspring")):
             self.assertFalse(schema.is_valid(result | {"context": result["context"] | {key: value}}))
         build = result["context"]["voxspring"]
@@ -443,7 +443,7 @@ class Study(InTemporaryFolder):
         result = json.loads(out.read_text())
         with open("results/schema.json") as file:
             jsonschema.Draft202012Validator(json.load(file)).validate(result)
-        # The third edit, beyond the lattice, is refused whether or not a run is long enough to make it.
+        # The third edit leaves the lattice. It is refused whether or not a run is long enough to reach it.
         self.assertIn("cpu_parallel", {row["backend"] for row in result["skipped"]})
         self.assertIn("edit after step 9", str(result["skipped"]))
         edits = {row["steps"]: row["edits"] for row in result["benchmarks"]}
@@ -461,7 +461,7 @@ class Study(InTemporaryFolder):
         self.assertIn("beyond the lattice", run.stderr)
 
     def run_study(self, study):
-        """The table and the result of a study of the user's, which follows its schema as the study does its own."""
+        """Table and result of a study of the user, which follow the schema as those of built-in studies do."""
         path, out = self.folder / "study.json", self.folder / "result.json"
         with open("results/study.schema.json") as file:
             jsonschema.Draft202012Validator(json.load(file)).validate(study)
@@ -594,7 +594,7 @@ class Haptic(InTemporaryFolder):
         schema.validate(result)
         undrawn, drawn = ([row for row in result["haptic"] if row["drawn"] == drawn] for drawn in (False, True))
         self.assertEqual([row["edited"] for row in undrawn], [False, True])
-        # Of rows that are not there the result says why.
+        # If there are no drawn rows the result says why.
         if drawn:
             self.assertEqual([row["edited"] for row in drawn], [False, True])
             self.assertGreater(drawn[0]["picture_seconds"], 0)
@@ -616,7 +616,7 @@ class Haptic(InTemporaryFolder):
                                              capture_output=True, text=True, check=True).stdout)
         self.assertEqual([row["place"] for row in compared["rows"]],
                          [{"hertz": 500.0, "edited": row["edited"], "drawn": row["drawn"]} for row in undrawn + drawn])
-        # Rows of before drawing are the undrawn ones of today.
+        # Rows from before drawing existed equal today's undrawn rows.
         old = self.folder / "old.json"
         old.write_text(json.dumps(result | {"haptic": [before]}))
         compared = json.loads(subprocess.run([sys.executable, "results/diff.py", old, out, "--json", "--all"],
@@ -632,7 +632,7 @@ class Haptic(InTemporaryFolder):
         ran = voxspring("study", study, "--out", out)
         self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
         result = json.loads(out.read_text())
-        # Ticks that were missed on a busy machine do not count as ticks.
+        # Ticks that a busy machine missed do not count as ticks.
         ticks = {(row["hertz"], row["edited"]): row["ticks"] + row["missed"] for row in result["haptic"] if not row["drawn"]}
         self.assertEqual(ticks, {(100, False): 20, (100, True): 20, (200, False): 60, (200, True): 40})
         study.write_text(json.dumps(json.loads(study.read_text()) | {"scenes": [item | {"longest_seconds": 0}]}))
@@ -700,7 +700,7 @@ class Pareto(InTemporaryFolder):
             rows = [row for row in self.result["pareto"] if row["scene"] == scene]
             for row in rows:
                 faster = [other["total_error_relative_l2"] for other in rows if other["seconds"] < row["seconds"]]
-                # A point of the front that is 1% better than the front so far is so than all that is faster.
+                # A point is on the front if it is at least 1% better than all faster rows.
                 if row["on_front"]:
                     self.assertLess(row["total_error_relative_l2"], 0.99 * min(faster, default=math.inf), row["name"])
                 else:
@@ -740,7 +740,7 @@ class Pareto(InTemporaryFolder):
     def test_the_command_that_it_ends_with_reaches_the_error(self):
         for scene in self.SCENES:
             advice = json.loads(voxspring("advise", scene, "--error", 1e-3, "--results", self.out, "--json").stdout)
-            # float64 as far as the third order, which is a sixteenth of the error of the finest step that is tried.
+            # float64 up to the third order, whose error is a sixteenth of that of the finest time step tried.
             best = advice["best"]
             fine = 64
             exact = self.displacement_after("run", scene, "--backend", "cpu_reference", "--time-step", best["time_step"] / fine,
@@ -755,7 +755,7 @@ class Pareto(InTemporaryFolder):
                 self.assertAlmostEqual(error, claimed, delta=0.02 * claimed + best["total_error_relative_l2"] / 1000)
 
     def test_time_steps_leave_the_motion_what_it_is(self):
-        # To the same time the end differs by what the time step loses, a quarter of it at half the step.
+        # At the same time the end differs by the error of the time step, which is a quarter at half the step.
         time_step = json.loads(voxspring("info", "heart@15x13x12", "--json").stdout)["time_step"]
         ends = [self.displacement_after("run", "heart@15x13x12", "--backend", "cpu_reference", "--steps", 50 * finer,
                                         *(["--time-step", time_step / finer] if finer > 1 else [])) for finer in (1, 2, 4, 8)]

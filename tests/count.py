@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ElementTree
 
 
 def tests_of_program(path):
-    """(name, "passed", "failed" or "skipped", backend or nothing) of each test in a file of GoogleTest's."""
+    """(name, "passed", "failed" or "skipped", backend or nothing) of each test in a file that GoogleTest wrote."""
     for case in ElementTree.parse(path).iter("testcase"):
         ended = "failed" if case.find("failure") is not None else "skipped" if case.get("result") == "skipped" else "passed"
         backend = re.match(r'"?([a-z0-9_]+)', case.get("value_param", ""))
@@ -22,7 +22,7 @@ def tests_of_program(path):
 
 
 def tests(ctest, folder):
-    """The same of all that CTest ran."""
+    """(name, outcome, backend or nothing) of each test that CTest ran."""
     for case in ElementTree.parse(ctest).iter("testcase"):
         name, status = case.get("name"), case.get("status")
         ended = {"run": "passed", "fail": "failed", "notrun": "skipped"}.get(status, "failed")

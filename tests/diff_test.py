@@ -58,7 +58,7 @@ PLAIN = [(name, 10, {}) for name in "abcdef"]
 
 
 def changed(**fields):
-    """PLAIN, the first row's time or fields changed, in another run."""
+    """PLAIN in another run, with the first row's time or fields changed."""
     return result([("a", fields.pop("time", 10), fields)] + PLAIN[1:], seed=2)
 
 
@@ -95,7 +95,7 @@ class Diff(unittest.TestCase):
         return code, found, {row["backend"]: row["verdict"] for row in found["rows"]}
 
     def assert_first(self, verdict, old, new, *options):
-        """The verdict on a; the others are the same, so the exit code is that of this verdict alone."""
+        """The verdict on a; the other rows are unchanged, so that the exit code follows from this verdict."""
         code, found, verdicts = self.judge(old, new, *options)
         self.assertEqual(verdicts.pop("a"), verdict)
         self.assertEqual(set(verdicts.values()), {"same"})
@@ -129,14 +129,14 @@ class Diff(unittest.TestCase):
             self.assertLess(row["time"]["interval"][0], row["time"]["ratio"])
             self.assertEqual((row["time"]["p"], row["time"]["q"]), (None, None))
             self.assertEqual(row["detail"], f"{count} and {count}, of which p is {p:.2g} at best; 9 are needed")
-        # Of one there is no interval.
+        # A single repetition has no interval.
         row = self.assert_first("too few repetitions", result(PLAIN), changed(time=20, count=1))
         self.assertEqual((row["time"]["interval"], row["time"]["spread"]), ([None, None], None))
         self.assertAlmostEqual(row["time"]["ratio"], 2, delta=0.1)
         code, text, _ = self.run_diff(result(PLAIN), changed(time=20, count=1))
         self.assertEqual(code, 0)
         self.assertRegex(text, r" x [12]\.\d+ +n = 9, 1\n    9 and 1, of which p is 0\.2 at best")
-        # Eight can tell what is beyond thrice the noise of what is not known, and five if all rows say so.
+        # Eight repetitions can detect a change beyond three times the unknown noise, and five can if all rows agree.
         self.assert_first("slower", result(PLAIN), changed(time=20, count=8))
         self.assert_first("too few repetitions", result(PLAIN), changed(time=11, count=8))
         of_five = [result([(name, time, {"count": 5}) for name in "abcdef"], seed=time) for time in (10, 20)]
@@ -147,7 +147,7 @@ class Diff(unittest.TestCase):
     def test_little_is_said_of_noisy_repetitions(self):
         for noise in (0.1, 0.3):
             self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, noise=noise))
-        # A run that says so of itself is believed, as far as it goes; an error that grew is one all the same.
+        # A run that calls itself noisy is believed, within limits; an error that grew still counts.
         noisy = {"noisy": ["the card's clock moved (between 1200 and 1980 MHz)"]}
         row = self.assert_first("too noisy to tell", result(PLAIN), changed(time=11, **noisy))
         self.assertIn("the card's clock moved", row["detail"])
@@ -301,7 +301,7 @@ class Diff(unittest.TestCase):
         other = result([("z", 10, {})])
         for option in ([], ["--across-devices"]):
             self.assert_refused(["new.json: rows: z: expected a backend that", "a, b, c"], old, other, *option)
-        twice = copy.deepcopy(new)  # as fast as its limits are
+        twice = copy.deepcopy(new)  # as much faster as its device's limits
         for row in twice["benchmarks"]:
             row["real_time"] /= 2
         found = self.judge(old, twice, "--across-devices")[1]
@@ -410,7 +410,7 @@ class Diff(unittest.TestCase):
         print(f"{tried} quiet rows of committed results with a tenth added")
 
     def test_rows_are_whole_on_80_columns(self):
-        """However long their names: two that differ at their ends do not look alike, and no word stands in a column by itself."""
+        """However long names are, two that differ only at their ends look different, and no word stands alone in a column."""
         tunings = [f"block=16x4x4,dependent_launch=on,fetch=l1,interior=mask,rest={rest}" for rest in ("skip", "flush")]
         old, new = result(PLAIN), result(PLAIN, seed=2)
         for one, factor in ((old, 1), (new, 1.3)):
@@ -429,7 +429,7 @@ class Diff(unittest.TestCase):
         for tuning in tunings:
             self.assertIn("heart@480x408x368 cuda_implicit_cached compensated float64 " + tuning.replace(",", " "), flat)
         self.assertEqual(flat.count("the card's clock moved (between 1200 and 1980 MHz, of which the highest is 1980 MHz)"), 2)
-        # The times of all rows begin in one column, and a row takes no more than six lines.
+        # The times of all rows begin in one column, and a row takes at most six lines.
         self.assertEqual(len({line.index("->") for line in lines if " us -> " in line}), 1)
         self.assertLessEqual(len(lines), 4 + 2 * 6 + 4)
 
@@ -446,7 +446,7 @@ class Diff(unittest.TestCase):
             with subprocess.Popen([sys.executable, "results/diff.py", *paths], stdout=other, env=environment) as process:
                 os.close(other)
                 said = b""
-                with contextlib.suppress(OSError):  # which is how the end of a terminal is told
+                with contextlib.suppress(OSError):  # this error marks the end of a terminal
                     while part := os.read(own, 4096):
                         said += part
                 self.assertEqual(process.wait(), 1)
@@ -467,7 +467,7 @@ class Diff(unittest.TestCase):
 
     def test_help_needs_no_package(self):
         for script in ("diff", "report"):
-            # Without the folders that packages are installed to.
+            # Without the folders in which packages are installed.
             said = subprocess.run([sys.executable, "-E", "-S", f"results/{script}.py", "--help"], capture_output=True, text=True)
             self.assertEqual((said.returncode, said.stderr), (0, ""))
             self.assertIn(f"Usage: {script}.py", said.stdout)

@@ -56,7 +56,7 @@ def arrays(attributes):
 
 
 def read_vtk(path):
-    """The dataset and its point, cell and field data, which VTK read without a word."""
+    """The dataset and its point, cell and field data; VTK must read it without any message."""
     reader = {".vtu": vtkXMLUnstructuredGridReader, ".vti": vtkXMLImageDataReader}[path.suffix]()
     complaints = []
     for event in ("ErrorEvent", "WarningEvent"):
@@ -82,7 +82,7 @@ class InTemporaryFolder(unittest.TestCase):
         self.folder = pathlib.Path(folder.name)
 
     def run_scene(self, scene, *endings, steps=40, every=None, backend="cpu_parallel"):
-        # Of another name, as two series would have one .pvd.
+        # The grid needs another name, since two series of one name would share a .pvd.
         paths = [self.folder / ("grid.vti" if ending == ".vti" else f"body{ending}") for ending in endings]
         out = [word for path in paths for word in ("--out", path)]
         result = voxspring("run", scene, "--backend", backend, "--steps", steps, *out,
@@ -91,7 +91,7 @@ class InTemporaryFolder(unittest.TestCase):
         return paths
 
     def assert_same(self, a, b):
-        """To the bit, and not all zero: that would be the same in any order."""
+        """Equal to the bit, and not all zero, since zeros would be equal in any order."""
         self.assertEqual(a.shape, b.shape)
         self.assertTrue((a == b).all())
         self.assertTrue(a.any())
@@ -119,7 +119,7 @@ class Formats(InTemporaryFolder):
                 self.assertEqual(len(numpy.unique(springs, axis=0)), len(springs), "a spring is there once")
                 self.assert_same(loaded["springs"].astype(int), springs)
                 offset = loaded["position"][springs[:, 0]] - loaded["position"][springs[:, 1]]
-                # From positions, whose difference loses up to 1e-16 of a coordinate of up to 64.
+                # Computed from positions, whose difference loses up to 1e-16 of a coordinate of up to 64.
                 tension = cells["stiffness"] * (numpy.linalg.norm(offset, axis=1) - cells["rest_length"])
                 numpy.testing.assert_allclose(cells["tension"], tension, rtol=0, atol=1e-13 * cells["stiffness"].max())
                 self.assertGreater(abs(tension).max(), 1e-9)
@@ -160,7 +160,7 @@ class Formats(InTemporaryFolder):
         loaded = numpy.load(numpys)
         self.assertEqual(loaded["mass"].tolist(), [1, 3, 3, 1, 1])
         self.assertEqual(loaded["spacing"].tolist(), [1, 2, 0.5])
-        # Springs between 1 and 1, 7 and 7, and the two: half of each in series.
+        # Springs between labels 1 and 1, 7 and 7, and 1 and 7: half of each in series.
         self.assertEqual(sorted(set(loaded["stiffness"].round(9))), [1, round(2 / (1 + 1 / 5), 9), 5])
         self.assertEqual(read_vtk(grid)[1]["label"].tolist(), [1, 2, 0, 2, 1, 1])
         self.assertEqual(read_vtk(grid)[1]["mass"].tolist(), [1, 3, 0, 3, 1, 1])
@@ -182,7 +182,7 @@ class Formats(InTemporaryFolder):
         self.assertEqual([[matrix.GetElement(row, axis) for row in range(3)] for axis in range(3)], axes.tolist())
         points = vtk_to_numpy(read_vtk(body)[0].GetPoints().GetData())
         numpy.testing.assert_array_equal(points, loaded["position"] @ axes + (10, 20, 30))
-        # The grid's points are where the body's were, and its vectors lead to where they are.
+        # The grid's points are where particles were, and its vectors lead to where they are now.
         at = numpy.flatnonzero(voxels["active"])
         rest = numpy.array([image.GetPoint(int(v)) for v in at])
         numpy.testing.assert_allclose(rest + voxels["displacement"][at], points, rtol=0, atol=1e-12)

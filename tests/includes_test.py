@@ -5,7 +5,7 @@ import re
 import tempfile
 import unittest
 
-# From the lowest room to the highest. Rooms of one line may not include each other.
+# From the lowest room to the highest. Rooms on one line may not include each other.
 ROOMS = [
     ["backends/physics"],
     ["backends"],
@@ -34,7 +34,7 @@ INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
 
 
 def room_of(path):
-    """The room that a file lies in, by its path from the root; None for a generated header."""
+    """The room in which a file lies, by its path from the root; None for a generated header."""
     for folder in pathlib.PurePosixPath(path).parents:
         if str(folder) in LEVEL:
             return str(folder)
@@ -53,7 +53,7 @@ def includes_of(root):
 
 
 def upward(root):
-    """The includes that point up, or sideways, as lines of text."""
+    """The includes that point up or sideways, as lines of text."""
     found = []
     for source, included in includes_of(root):
         here, there = room_of(source), room_of(included)
@@ -63,7 +63,7 @@ def upward(root):
 
 
 def circles(root):
-    """Files that include themselves by way of others."""
+    """Files that include themselves through others."""
     graph = {}
     for source, included in includes_of(root):
         graph.setdefault(source, set()).add(included)
@@ -106,25 +106,25 @@ class Includes(unittest.TestCase):
             self.assertEqual(circles(root), ["harness/base/low.h -> harness/cli/high.h -> harness/base/low.h"])
 
     def test_what_joins_includes_its_header(self):
-        """fmt::join is in <fmt/ranges.h> from fmt 11 on, and before it in <fmt/format.h> as well."""
+        """From fmt 11 on fmt::join is in <fmt/ranges.h>; before, it was in <fmt/format.h> as well."""
         for path in sorted(pathlib.Path("harness").rglob("*.cpp")):
             text = path.read_text()
             if "fmt::join(" in text:
                 self.assertIn("#include <fmt/ranges.h>\n", text, path)
 
     def test_signals_are_sent_by_signal_process(self):
-        """kill() of a number that is no process, -1 for one that has ended, is for all that the user has."""
+        """kill() with -1, the number of a process that has ended, would signal every process of the user."""
         harness = pathlib.Path("harness")
         found = {path.as_posix() for path in harness.rglob("*.cpp") if re.search(r"\bkill\(\S", path.read_text())}
         self.assertEqual(found, {"harness/process/signal_process.cpp"})
 
     def test_no_source_changes_the_umask(self):
-        """It is of all threads: a file that another one makes meanwhile is open to everybody."""
+        """The umask holds for all threads: a file that another thread creates meanwhile would be open to everybody."""
         harness = pathlib.Path("harness")
         self.assertEqual([path for path in sorted(harness.rglob("*.cpp")) if re.search(r"\bumask\(", path.read_text())], [])
 
     def test_json_is_written_by_json_text(self):
-        """nlohmann::json::dump() throws for a name whose bytes are not UTF-8, after all that was measured."""
+        """nlohmann::json::dump() throws if a name is not UTF-8, which would lose everything that was measured."""
         harness = pathlib.Path("harness")
         found = {path.as_posix() for path in harness.rglob("*") if path.suffix in (".h", ".cpp") and ".dump(" in path.read_text()}
         self.assertEqual(found, {"harness/base/json.cpp"})

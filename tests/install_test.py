@@ -28,7 +28,7 @@ class Install(unittest.TestCase):
         cls.call(CMAKE, "--install", BUILD, "--prefix", cls.prefix)
         cls.call(CMAKE, "-S", cls.project, "-B", cls.project / "build", "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}",
                  f"-DCMAKE_PREFIX_PATH={cls.prefix}",
-                 # Without CUDA's toolkit: what has CUDA backends needs two libraries of it and no more.
+                 # Without CUDA's toolkit; a library with CUDA backends needs only two libraries of it.
                  "-DCMAKE_DISABLE_FIND_PACKAGE_CUDAToolkit=ON")
 
     @staticmethod
@@ -78,7 +78,7 @@ class Install(unittest.TestCase):
             self.assertTrue(row["passed"])
             self.assertEqual((row["scene"], row["particles"], row["steps"]), ("ball", 2553, 50))
             self.assertLessEqual(row["error_max"], row["tolerance"])
-        # float32 rounds: an error of 0 would mean that it was compared with itself.
+        # float32 rounds, so that an error of 0 would mean a comparison with itself.
         self.assertGreater(rows["my_backend"]["error_max"], 0)
         medians = {row["backend"]: row for row in result["benchmarks"] if row.get("aggregate_name") == "median"}
         self.assertEqual(set(medians), set(rows))

@@ -37,13 +37,13 @@ IMPLICIT, EXPLICIT, DELTA = "cuda/kernels/implicit.h", "cuda/kernels/explicit.h"
 SCATTER, MOTION, PARTICLES = "cuda/kernels/scatter.h", "cuda/kernels/motion.h", "backends/layout/particles.cpp"
 LISTS, DELTAS = "backends/layout/neighbour_lists.cpp", "backends/layout/delta_lists.cpp"
 
-# What steps by what is in a file, of the strategies of mutants.cpp; cpu_parallel where none is named.
+# The strategies of mutants.cpp that step by the code of a file; cpu_parallel if none is named.
 STRATEGIES = {IMPLICIT: ["implicit", "tile"], EXPLICIT: ["groups", "springs"], DELTA: ["delta"], SCATTER: ["scatter"],
               MOTION: ["implicit"], PARTICLES: ["implicit"], LISTS: ["groups", "springs"], DELTAS: ["delta"]}
 CPU = ["cpu_parallel"]
 EVERY = [*CPU, *dict.fromkeys(name for names in STRATEGIES.values() for name in names)]
 
-# (what goes wrong, file, from, to); `from` stands there once.
+# (what goes wrong, file, from, to); `from` occurs there exactly once.
 MUTATIONS = [
     ("damping accelerates", SPRING, "* time_step_squared - increment * damping", "* time_step_squared + increment * damping"),
     ("position is not damped", SPRING, "x + ((x - previous) * retained +", "x + ((x - previous) +"),
@@ -115,7 +115,7 @@ def run(command, folder):
 
 
 class Copy:
-    """The sources in a folder of their own, and the program that is built from them."""
+    """A copy of the sources in `folder`, and the program that is built from them."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -125,8 +125,8 @@ class Copy:
                                          "inline const std::map<std::string, std::string> left_out_backends = {};\n")
         self.sources = sorted(path.relative_to(folder) for pattern in SOURCES for path in folder.glob(pattern))
         self.compiler = ([shutil.which("ccache")] if shutil.which("ccache") else []) + [CXX]
-        self.restored = set()  # sources whose objects are still of the mutation before
-        self.strategies = EVERY  # those that are built in
+        self.restored = set()  # sources whose objects still contain the previous mutation
+        self.strategies = EVERY  # the strategies that are built in
 
     def twin(self, folder):
         """Another copy, with the objects of this one."""
@@ -145,12 +145,12 @@ class Copy:
         run([CXX, *map(self.object_of, self.sources), *LIBRARIES, "-o", "mutants"], self.folder)
 
     def depending_on(self, file):
-        """What includes it, by the lists that the compiler left."""
+        """The sources that include `file`, by the compiler's dependency lists."""
         return {source for source in self.sources
                 if file in (self.folder / self.object_of(source)).with_suffix(".d").read_text().split()}
 
     def caught(self, references, strategies):
-        """In how many runs conformance catches it, whether the gate does, and how many runs there are. Who crashes is caught by both."""
+        """In how many runs conformance catches it, whether the gate does, and the number of runs. A crash counts as caught by both."""
         done = subprocess.run([self.folder / "mutants", "check", references, *strategies], capture_output=True, text=True,
                               timeout=300, env=os.environ | {"OMP_NUM_THREADS": "1"})
         if done.returncode == 3:
@@ -158,8 +158,8 @@ class Copy:
         return tuple(map(int, done.stdout.split())) if done.returncode == 0 else (1, 1, 1)
 
     def caught_of(self, mutation, references):
-        """The same of a mutation, with what steps by it alone. What was mutated before is compiled anew with it: mostly the same
-        sources."""
+        """What caught() says of a mutation, with only the strategies that step by its file. Sources of the mutation before, mostly
+        the same ones, are compiled again with it."""
         _, file, before, after = mutation
         path = self.folder / file
         original = path.read_text()
@@ -181,7 +181,7 @@ JOBS = os.cpu_count() or 1
 
 
 def try_all(one, mutations, references):
-    """The names of those that escaped."""
+    """The names of the mutations that escaped."""
     escaped = []
     for mutation in mutations:
         conformance, gate, runs = one.caught_of(mutation, references)
@@ -192,7 +192,7 @@ def try_all(one, mutations, references):
 
 
 def try_groups(one, groups, references):
-    """Those of `groups`, which other copies take from too, until there are no more."""
+    """The escaped mutations of `groups`, from which other copies take as well, until none is left."""
     escaped = []
     while True:
         try:
@@ -206,7 +206,7 @@ def main():
         if (ROOT / file).read_text().count(before) != 1:
             sys.exit(f"mutation '{name}': {file} does not have this once: {before}")
     chosen = [m for m in MUTATIONS if re.search(sys.argv[1] if len(sys.argv) > 1 else "", m[0])]
-    # Those of one file one after the other, since they have the same sources compiled.
+    # Mutations of one file follow each other, since they compile the same sources.
     files = collections.Counter(mutation[1] for mutation in chosen)
     with tempfile.TemporaryDirectory() as folder, concurrent.futures.ThreadPoolExecutor(JOBS) as pool:
         first = Copy(pathlib.Path(folder) / "0")
@@ -219,7 +219,7 @@ def main():
         if conformance or gate or runs < len(EVERY):
             sys.exit(f"without a mutation {conformance} of {runs} runs are caught by conformance, {gate and 'one' or 'none'} by the gate")
         copies = [first] + [first.twin(pathlib.Path(folder) / str(n)) for n in range(1, JOBS)]
-        # What takes longest first, so that no copy is left with it in the end.
+        # The longest groups come first, so that no copy is left with one at the end.
         groups = queue.SimpleQueue()
         for file in sorted(files, key=lambda file: -files[file] * (1 + len(first.depending_on(file)))):
             groups.put([mutation for mutation in chosen if mutation[1] == file])

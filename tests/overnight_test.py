@@ -26,7 +26,7 @@ import jsonschema
 
 FAULTY = os.environ["FAULTY"]
 SANITIZED = os.environ["SANITIZED"] == "1"
-# Seconds that nothing in here takes, however busy the machine.
+# Seconds that no operation in here takes, however busy the machine is.
 PATIENCE = 300
 
 with open("results/schema.json", encoding="utf-8") as file:
@@ -34,7 +34,7 @@ with open("results/schema.json", encoding="utf-8") as file:
 
 
 def processes():
-    """Of the program, wherever they came from."""
+    """All processes of the program, even if this test did not start them."""
     found = []
     for folder in pathlib.Path("/proc").glob("[0-9]*"):
         try:
@@ -55,14 +55,14 @@ XXHASH.XXH3_128bits.argtypes = [ctypes.c_char_p, ctypes.c_size_t]
 
 
 def check_of(rest):
-    """XXH3 of 128 bits, as harness/process/journal.cpp has it."""
+    """XXH3 of 128 bits, as in harness/process/journal.cpp."""
     text = rest.encode()
     found = XXHASH.XXH3_128bits(text, len(text))
     return f"{found.high:016x}{found.low:016x}"
 
 
 def lines_of(journal):
-    """Finished measurements by name, each as often as it is there; a last line without its end is not."""
+    """Finished measurements by name, each as often as it occurs; an unfinished last line does not count."""
     found = collections.defaultdict(list)
     for line in journal.read_bytes().decode().split("\n")[1:-1]:
         rest = line[len('{"check":"') + 33:]
@@ -72,7 +72,7 @@ def lines_of(journal):
 
 
 def cpu_ticks_of_session(session):
-    """Of all processes of a session, so far."""
+    """The ticks that all processes of a session have used so far."""
     ticks = 0
     for stat in pathlib.Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -119,7 +119,7 @@ class Overnight(unittest.TestCase):
             time.sleep(0.01)
 
     def assert_nothing_runs(self):
-        """What a process leaves behind dies with it, which takes the kernel a moment."""
+        """The processes that a process leaves behind die with it, which takes the kernel a moment."""
         self.wait_for(lambda: not set(processes()) - self.before, "a process is left")
 
     def assert_refused(self, ran, *words):
@@ -134,7 +134,7 @@ class Faults(Overnight):
         # A sanitizer needs the address space that `faulty_takes_all_memory` takes away, and hangs without it.
         self.study(backends=["faulty_[!t]*" if SANITIZED else "faulty_*", "cpu_reference"],
                    scenes=[{"scene": "box@4"}, {"scene": "box@5", "backends": ["faulty_crashes", "cpu_reference"]}])
-        # More than anything that does not hang takes, where another test has the processors too: measuring their limits took
+        # Longer than anything that does not hang takes while another test also uses the processors: measuring the limits took
         # more than 3.
         seconds = 6
         self.run_study("--timeout", seconds, code=1)
@@ -208,7 +208,7 @@ class Kills(Overnight):
         """Kills the study `kills` times, at random from its begin to `further` seconds beyond what it takes to
         come to its next measurement, which has `name` in its own; then lets it end. Returns every line that a
         journal ever had, by name, and the last output."""
-        self.kill_after(1, name)  # what it does once, measuring the device's limits, is behind it
+        self.kill_after(1, name)  # skips the measurement of the device's limits, which is done only once
         longest = self.kill_after(1, name) + further
         chance = random.Random(seed)
         lines = {}
@@ -226,7 +226,7 @@ class Kills(Overnight):
             self.assertLessEqual(lines.items(), {name: found[0] for name, found in now.items()}.items(),
                                  "what was finished is lost or has changed")
             lines = {name: found[0] for name, found in now.items()}
-        # A reader may come before the journal is removed: the process is not killed any more.
+        # A reader may come before the journal is removed, since the process is no longer killed.
         ran = self.run_study("--resume")
         self.assertFalse(self.journal.exists())
         return lines, ran
@@ -235,7 +235,7 @@ class Kills(Overnight):
         repetitions = 20
         self.study(backends=["cpu_reference", "cpu_parallel", "slow"], steps=20, repetitions=repetitions,
                    scenes=[{"scene": "box@6"}, {"scene": "box@8"}, {"scene": "beam@3x3x9"}])
-        # Some 5 s in all, of which the half of the sessions that come to it do 100 ms each.
+        # Some 5 s of steps in all; about half of the sessions get to step, and do 100 ms each.
         lines, ran = self.kill_and_resume(25, " repetition ", 0.2, seed=1)
         result = self.result()
         self.assertEqual(ran.stderr.count("cut short"), 0, "a torn line was dropped by an earlier session")
@@ -244,10 +244,10 @@ class Kills(Overnight):
         self.assertEqual(set(names.values()), {repetitions})
         self.assertEqual(len(result["verification"]), 9)
         self.assertEqual(result["failed"] + result["skipped"], [])
-        # About half of the kills come before the first measurement of their session, more where others take the time.
+        # About half of the kills come before the first measurement of their session, and more if other processes take the time.
         self.assertGreater(result["context"]["voxspring"]["study"]["sessions"], 2)
         self.assertNotIn("unfinished", result["context"]["voxspring"])
-        # The times are those that were measured before the kills.
+        # The times are those measured before the kills.
         times = {(1 + ["box@6", "box@8", "beam@3x3x9"].index(row["scene"]), row["name"].split("/iterations:")[0]
                   .partition("/")[2], 1 + row["repetition_index"]): row["real_time"]
                  for row in result["benchmarks"] if row["run_type"] == "iteration"}
@@ -259,7 +259,7 @@ class Kills(Overnight):
                 scene, label, number = measured.groups()
                 self.assertAlmostEqual(times[int(scene), label, int(number)],
                                        json.loads(line)["value"]["device_seconds"] / 20 * 1e6, places=9)
-        # Tens of them; fewer where sanitizers or others take the time.
+        # Tens of kills; fewer if sanitizers or other processes take the time.
         self.assertGreater(kept, 5, "the kills came too early to prove anything")
         self.assertTrue(any(row.get("resumed") for row in result["benchmarks"]))
 
@@ -285,7 +285,7 @@ class Kills(Overnight):
             self.assertEqual(result["failed"], [])
 
     def test_batches_that_go_on_from_each_other_do_so(self):
-        """Where batches are not rewound a resumed contender comes to the state that it would have come to."""
+        """If batches are not rewound, a resumed contender reaches the state that it would have reached without a kill."""
         study = {"kind": "fastest", "backends": ["cpu_reference", "slow"], "repetitions": 20,
                  "scenes": [{"scene": "beam@3x3x9", "rewind": False}]}
         self.study(**study)
@@ -297,7 +297,7 @@ class Kills(Overnight):
 
 class Interruptions(Overnight):
     def begin(self):
-        """A study that has begun its second scene, in a session of its own as under a terminal."""
+        """A study that has begun its second scene, in a new session as under a terminal."""
         self.study(backends=["slow", "cpu_reference"], repetitions=9,
                    scenes=[{"scene": "box@4", "backends": ["cpu_reference"]}, {"scene": "box@5"}, {"scene": "box@6"}])
         ran = self.start(start_new_session=True)
@@ -337,7 +337,7 @@ class Interruptions(Overnight):
         self.assertLess(of_study, 1000)
 
         def of_others():
-            # A process may end between the two, and the one that starts workers is as the study.
+            # A process may end between the two calls, and the launcher of workers has the study's score.
             found = []
             for process in set(processes()) - self.before - {ran.pid}:
                 with contextlib.suppress(OSError):
@@ -354,7 +354,7 @@ class Interruptions(Overnight):
         ran = self.start(start_new_session=True)
         self.addCleanup(ran.kill)
         self.wait_for(lambda: self.journal.exists() and "introduction" in self.journal.read_text(), "it does not begin")
-        # It hangs once none of its processes has taken time for a while.
+        # It hangs once none of its processes has used time for a while.
         def idle():
             before = cpu_ticks_of_session(ran.pid)
             time.sleep(0.5)
@@ -375,7 +375,7 @@ class Progress(Overnight):
 
     def test_in_a_pipe_is_a_line_a_scene(self):
         self.study(**self.STUDY)
-        # Without the line every ten seconds, which a busy machine would have in between.
+        # Lines that appear every ten seconds are left out, since a busy machine would print some in between.
         ran = self.run_study(env={**os.environ, "VOXSPRING_PROGRESS_SECONDS": "3600"})
         first, second = ran.stderr.splitlines()
         self.assertRegex(first, r"^\[1/2\] box@4: 2 rows in \S+ s, about \d+ (s|min) left$")
@@ -390,7 +390,7 @@ class Progress(Overnight):
         self.assertRegex(lines[-1], r"float64, \d s$")
 
     def test_counts_what_can_run(self):
-        """The three that can run are a third of all, and the others are found missing last."""
+        """The three backends that can run are a third of all; the others are found missing last."""
         nowhere = {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json",
                    "VOXSPRING_VULKAN_LOADER": "/nonexistent", "VOXSPRING_PROGRESS_SECONDS": "0.01"}
         for study, rows in (({"kind": "overhead"}, 2), ({"kind": "pareto", "time_steps": [0.5, 0.25]}, 2),
@@ -414,7 +414,7 @@ class Progress(Overnight):
         while True:
             try:
                 shown += os.read(ours, 4096)
-            except OSError:  # as Linux says that the other side is closed
+            except OSError:  # how Linux says that the other side is closed
                 break
         os.close(ours)
         table = ran.communicate(timeout=PATIENCE)[0].decode()
@@ -498,7 +498,7 @@ class JournalFile(Overnight):
         self.assertIn("result.json.journal to resume: the study begins", ran.stderr)
 
     def change(self, pattern, replacement):
-        """Changes a line as if it had been written so."""
+        """Changes a line of the journal and its check, as if it had been written so."""
         lines = self.journal.read_text().split("\n")
         changed = 0
         for number, line in enumerate(lines):
@@ -554,17 +554,17 @@ class JournalFile(Overnight):
         self.result()
 
     def test_a_disk_that_is_full_is_said_and_loses_nothing(self):
-        """A limit on the size of files stands for it: the same error from the same call."""
+        """A limit on the size of files simulates a full disk: the same error from the same call."""
         def full(size):
             return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))}
         ran = self.run_study(code=1, **full(5000))
         self.assert_refused(ran, "cannot write", "result.json.journal", "it misses", "--resume")
-        # Where the journal is full it goes no further.
+        # If the journal is full the study stops.
         ran = self.run_study("--resume", code=1, **full(self.journal.stat().st_size))
         self.assertIn("cannot write", ran.stderr)
         before = lines_of(self.journal)
         self.assertGreater(len(before), 2)
-        # The journal has room, the result has not.
+        # The journal has room, but the result has not.
         size = 24000
         ran = self.run_study("--resume", code=1, **full(size))
         self.assertIn("cannot write", ran.stderr)

@@ -17,7 +17,7 @@ import unittest
 
 ARCHIVE = pathlib.Path(sys.argv.pop(1)).resolve()
 TOOLS = ("bash", "cat", "date", "dirname", "env", "mkdir", "mktemp", "nproc", "rm", "sleep")
-# glibc's own, and what a graphics driver brings.
+# Libraries of glibc, and those that a graphics driver brings.
 SYSTEM_LIBRARIES = re.compile(r"(linux-vdso|ld-linux.*|lib(c|m|dl|pthread|rt)|lib(EGL|GL|OpenGL).*)\.so.*")
 
 
@@ -36,7 +36,7 @@ class Package(unittest.TestCase):
         cls.package, = (path for path in cls.folder.iterdir() if path != cls.tools)
 
     def call(self, *command, **environment):
-        """The package's file that `command` names, with arguments and no variables but these and the PATH."""
+        """Runs `command` of the package with arguments, and with no variables but these and the PATH."""
         return subprocess.run([self.package / command[0], *command[1:]], capture_output=True, text=True, timeout=1500,
                               cwd=self.folder, check=False, env={"PATH": str(self.tools), "OMP_WAIT_POLICY": "passive",
                                                                  "VOXSPRING_CACHE": str(self.folder / "cache"), **environment})
@@ -72,7 +72,7 @@ class Package(unittest.TestCase):
             self.assertIn("vulkan_implicit", measured)
 
     def test_its_tests_pass(self):
-        # All of them have passed in the build tree; of every backend's these say whether it works here.
+        # All tests have passed in the build tree; these say whether each backend works here.
         done = self.call("run", "test", "--gtest_filter=-*AnEditedProblem*:*EditsBetweenSteps*:*Rewinds*:*TheBox:*float64*:*_block_*:"
                          "*_terms_*:*_interior_*:*compensated*:*displacement*:*paper*",
                          VOXSPRING_REQUIRE=os.environ.get("VOXSPRING_REQUIRE", "gl"))
@@ -99,7 +99,7 @@ class Package(unittest.TestCase):
         for command, files in (("diff", ["nosuch.json", "neither.json"]), ("report", ["nosuch.json"])):
             done = self.call("bin/voxspring", command, *files, PATH=f"{self.tools}:/usr/bin:/bin")
             self.assertEqual(done.returncode, 2, done.stdout + done.stderr)
-            # Either the script ran, or what it needs is named.
+            # Either the script ran, or it named what it needs.
             self.assertRegex(done.stderr, r"nosuch\.json|expected a Python 3 that can import")
 
     def test_refuses_what_it_does_not_know(self):

@@ -17,7 +17,7 @@ sys.path.insert(0, "results")
 import result_files  # noqa: E402
 from readme import addressing, facts, prose, rows, tables, template  # noqa: E402
 
-# Figures in prose that are no measurement, with what they are: (page, words of the sentence).
+# Figures in prose that are not measurements, and what they are: (page, words of the sentence).
 ALLOWED = {
     ("cuda/README.md", "80% of all voxels at random"): "how the case is defined",
     ("docs/accuracy.md", "edges 10% softer, rest lengths and gravity 1% larger"): "the wrong models that gate_test tries",
@@ -34,7 +34,7 @@ ALLOWED = {
 
 
 def pages():
-    """Every page that a person writes: of one that is made, its template."""
+    """Every page that a person writes; for a page that is made, its template."""
     found = []
     for path in sorted(pathlib.Path(".").rglob("*.md")):
         hidden = any(part.startswith(".") or part in ("build", "local") for part in path.parts)
@@ -148,7 +148,7 @@ class Verdicts(unittest.TestCase):
 
     def test_addressing_by_size_and_sparsity(self):
         def said(*times):
-            """Of small sparse, small full, large sparse and large full bodies: explicit over implicit."""
+            """The verdict for small sparse, small full, large sparse and large full bodies, by explicit over implicit time."""
             found = []
             for scene, share, particles, ratio in zip("abcd", (0.2, 1, 0.2, 1), (1000, 1000, 10**7, 10**7), times):
                 found += [case(scene, "cuda_implicit_shared", 200, particles, particles / share),
@@ -206,7 +206,7 @@ class Accuracy(unittest.TestCase):
     BACKENDS = {rows.GPU: "cuda_implicit_cached", rows.CPU: "cpu_parallel"}
 
     def errors(self, machine, formulation, precision="float32"):
-        """By scene, the error against the converged solution, of the largest time step first."""
+        """The errors against the converged solution by scene, beginning with the largest time step."""
         found = {}
         runs = facts.runs(machine, self.BACKENDS[machine])
         for (scene, *kind, fraction), run in sorted(runs.items(), key=lambda item: -item[0][3]):
@@ -230,7 +230,7 @@ class Accuracy(unittest.TestCase):
         def better(machine):
             displacement, position = self.errors(machine, "displacement"), self.errors(machine, "position")
             return all(min(displacement[scene]) < min(position[scene]) for scene in displacement)
-        # Of every backend, not of one of each machine.
+        # The minimum is over every backend, not only over one per machine.
         least = {}
         for machine in self.BACKENDS:
             for run in rows.result("pareto", machine)["pareto"]:
@@ -248,7 +248,7 @@ class Accuracy(unittest.TestCase):
         self.on_both("`compensated` keeps low parts as well. It serves small time steps", better)
 
     def test_float64_on_a_processor(self):
-        # "About": a tenth.
+        # "About" allows a tenth.
         def about_twice(machine):
             medians = [statistics.median(ratios) for ratios in facts.float64_ratios(machine).values()]
             return len(medians) >= 3 and 1.8 < max(medians) < 2.2
@@ -288,7 +288,7 @@ class Tables(unittest.TestCase):
         def row(backend, *times):
             return case("a", backend, statistics.median(times), times=list(times), particle_updates_per_second=1000.0,
                         fraction_of_limit=0.5, limited_by="bandwidth")
-        # Repetitions 0, 2, ... choose: lucky there is chosen, and 1, 3, ... tell its time.
+        # Repetitions 0, 2, ... choose, so that lucky is chosen; 1, 3, ... give its time.
         lucky, steady = row("lucky", 1, 9, 1, 9, 1, 9, 5), row("steady", 4, 4, 4, 4, 4, 4, 4)
         found = rows.fastest_of([steady, lucky])
         self.assertEqual((found["backend"], found["real_time"]), ("lucky", 9))

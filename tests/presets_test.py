@@ -11,7 +11,7 @@ import unittest
 
 
 def warnings_are_errors(*arguments):
-    """Whether a tree that is configured so compiles with -Werror: of each of its files."""
+    """Whether each file of a tree that is configured so compiles with -Werror."""
     with tempfile.TemporaryDirectory() as folder:
         configure = ["cmake", "-B", folder, "-DVOXSPRING_CUDA=OFF", "-DVOXSPRING_TESTS=OFF",
                      "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", *arguments]
@@ -24,7 +24,7 @@ def warnings_are_errors(*arguments):
 
 class Presets(unittest.TestCase):
     def test_warnings_are_errors_where_they_are_asked_for(self):
-        # By name: whose default is Make has Ninja alone where `run` installed what is needed.
+        # By name, since machines whose default is Make have Ninja only if `run` installed what is needed.
         self.assertEqual(warnings_are_errors("-S", ".", "-G", "Ninja"), {False})
         self.assertEqual(warnings_are_errors("--preset", "release"), {False})
         self.assertEqual(warnings_are_errors("--preset", "ci"), {True})

@@ -91,7 +91,7 @@ class Pages(unittest.TestCase):
         text = pathlib.Path("docs/measure.md").read_text()
         header = re.search(r"<!-- heart -->\n\n(.*)\n", pathlib.Path("README.md").read_text())[1]
         for column in [cell.strip() for cell in header.split("|")[1:-1]]:
-            # As a table of another unit has it.
+            # The name that a table with another unit uses.
             name = {"backend": None, "us a step": "time a step", "G particles/s": "particles/s"}.get(column, column)
             if name:
                 self.assertRegex(text, rf"(?m)^- .*\*{re.escape(name)}\*", column)
@@ -104,7 +104,7 @@ class Pages(unittest.TestCase):
         self.assertLessEqual({"threads", "rest", "fetch"}, keys)
         self.assertEqual(sorted(set(explained)), explained, "each once, in alphabetical order")
         self.assertLessEqual(keys, set(explained))
-        # What this build leaves out is explained as well, and nothing that no backend has.
+        # Parameters that this build leaves out are explained too, but none that no backend has.
         sources = "".join(path.read_text() for folder in ("backends", "cuda") for path in pathlib.Path(folder).rglob("*.[ch]*"))
         for key in explained:
             self.assertIn(f'"{key}"', sources)
@@ -119,7 +119,7 @@ class Pages(unittest.TestCase):
     def test_the_example_of_a_study_is_one(self):
         example = json.loads(re.search(r"```json\n(.*?)```", pathlib.Path("docs/measure.md").read_text(), re.DOTALL)[1])
         jsonschema.validate(example, json.loads(pathlib.Path("results/study.schema.json").read_text()))
-        # What it calls its own is not here; what is left runs.
+        # The example's own scenes do not exist here; the rest of it runs.
         example["scenes"] = [{"scene": "box@4"}]
         example |= {"repetitions": 1, "steps": 1, "backends": ["cpu_parallel", "cpu_parallel:precision=float64"]}
         with tempfile.TemporaryDirectory() as folder:
@@ -129,7 +129,7 @@ class Pages(unittest.TestCase):
             self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_code_comes_before_long_tables(self):
-        """What a page has code for is what its reader came for."""
+        """If a page has code, readers came for that."""
         for page in PAGES:
             text = page.read_text()
             tables = [match.start() for match in re.finditer(r"(?:^\|.*\n){30,}", text, re.MULTILINE)]

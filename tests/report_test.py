@@ -36,7 +36,7 @@ import result_files  # noqa: E402
 from page import pictures, reading  # noqa: E402
 from results_test import with_work  # noqa: E402
 SKIPPED = 77
-# What the committed results have something for.
+# Kinds of figures for which the committed results have data.
 FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "intensity", "map", "stability", "edits", "overhead", "energy",
            "latency", "stress"]
 WIDTHS = (390, 1440)
@@ -56,13 +56,13 @@ def missing():
 
 
 def start_report(*arguments, python=(PYTHON,), largest_file=resource.RLIM_INFINITY):
-    """report.py as `./run report` starts it."""
+    """Starts report.py as `./run report` does."""
     return subprocess.run([*python, "-W", "error", REPORT, *map(str, arguments)], capture_output=True, text=True, timeout=120,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file)))
 
 
 def report(*arguments):
-    """The same in this process, which saves the three seconds that it takes to load its packages."""
+    """Runs report.py in this process, which saves the three seconds that loading its packages takes."""
     import report as script
     out, err, code = io.StringIO(), io.StringIO(), 0
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -74,7 +74,7 @@ def report(*arguments):
 
 
 def figures_of(path):
-    """By name the figures of a page as it has them, with rows as dictionaries."""
+    """The figures of a page by name, with rows as dictionaries."""
     data = re.search(r'id="report">(.*?)</script>', path.read_text(), re.DOTALL)[1]
     found = json.loads(data.replace("<\\/", "</"))["figures"]
     return {figure["name"]: figure | {"rows": [dict(zip(figure["keys"], row)) for row in figure["rows"]]} for figure in found}
@@ -95,7 +95,7 @@ def medians(study):
     return [row for row in rows if row.get("aggregate_name") == "median"]
 
 
-# A picture of no body, which says what it is asked to.
+# A picture without a body, which says what it is told to say.
 DRAW = '''
 import json, struct, sys, zlib
 
@@ -107,7 +107,7 @@ def png(about):
             + chunk(b"tEXt", b"voxspring\\0" + json.dumps(about).encode()) + chunk(b"IDAT", zlib.compress(rows))
             + chunk(b"IEND", b""))
 '''
-# In place of voxspring: draws, and adds its arguments to a list beside it.
+# Replaces voxspring: draws, and adds its arguments to a list beside it.
 PROGRAM = f"#!{sys.executable}\n{DRAW}\n" + '''
 with open(sys.argv[0] + ".calls", "a") as calls:
     calls.write(json.dumps(sys.argv[1:]) + "\\n")
@@ -129,7 +129,7 @@ ABOUT = {"scene": "box@32", "particles": 32768, "steps": 900, "coloured_by": "er
 
 @functools.cache
 def particles():
-    """Of each dataset of the committed results, as the program would count them, and of one more."""
+    """Counts for each dataset of the committed results, as the program would make them, and for one more."""
     counts = {"mine@8x8x9": 8}
     for path in result_files.committed(H200.parent):
         result = result_files.load(path)
@@ -165,7 +165,7 @@ class InTemporaryFolder(unittest.TestCase):
 
 
 class Input(InTemporaryFolder):
-    """What cannot be used is refused by name, and the page that was there stays."""
+    """Input that cannot be used is refused by name, and the existing page stays."""
 
     def assert_refused(self, result, *words):
         self.assertEqual(result.returncode, 2, result.stderr)
@@ -222,14 +222,14 @@ class Input(InTemporaryFolder):
         self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
 
     def test_a_missing_package_is_named(self):
-        # -S: without the folders that packages are installed to.
+        # -S leaves out the folders in which packages are installed.
         result = start_report(H200 / "table1.json.gz", "--out", self.out, python=(PYTHON, "-S"))
         self.assert_refused(result, "is missing", "./run report")
         self.assertFalse(self.out.exists())
 
     def test_the_same_results_give_the_same_page(self):
         pages = []
-        for make in (report, start_report):  # where sets are in another order
+        for make in (report, start_report):  # in the second, sets have another order
             made = make(H200 / "table1.json.gz", "--out", self.out)
             self.assertEqual((made.returncode, made.stdout), (0, f"{self.out}\n"), made.stderr)
             pages.append(self.out.read_bytes())
@@ -300,7 +300,7 @@ class Input(InTemporaryFolder):
                     "ranks": ranks, "way": "memory", "particles": 64**3, "compute_seconds": 1e-3, "exchange_seconds": 1e-5,
                     "waiting_seconds": 0.0, "efficiency": 1.0, "predicted_seconds": 1.0, **more}
 
-        # A microsecond a particle, a layer of 64^2, a latency of 1 ms, a border of 64 KiB at 1 GB/s; measured as predicted.
+        # A microsecond per particle, a layer of 64^2, a latency of 1 ms, a border of 64 KiB at 1 GB/s; measured as predicted.
         predicted = 1e-6 * (64**3 / 2 + 64**2) + 1e-3 + 65536e-9
         result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
         result["scaling"] = [row(1, seconds_per_step=64**3 * 1e-6, way="none"),
@@ -315,12 +315,12 @@ class Input(InTemporaryFolder):
             beside = 1e-6 * 2 * 64**2 + 1e-3 + 2 * 65536e-9
             self.assertAlmostEqual(row["microseconds"], 1e6 * (own + beside), delta=1)
             self.assertAlmostEqual(row["efficiency"], own / (own + beside), places=3)
-            # Where a rank computes as long as it does all else.
+            # There a rank computes its particles for as long as it does everything else.
             self.assertAlmostEqual(row["half"], 64**3 * 1e-6 / beside, delta=0.1)
         self.assertIn("Prediction: box@64", self.out.read_text())
         self.assertIn("not a measurement", self.out.read_text())
 
-        # Where borders travel meanwhile what takes longer counts alone: the exchange of 64 ranks.
+        # If borders travel meanwhile only the longer part counts: for 64 ranks the exchange.
         overlapped = 1e-6 * (64**3 / 2 + 64**2)
         result["scaling"][1].update(way="stores_overlap", seconds_per_step=overlapped, predicted_seconds=overlapped,
                                     latency_seconds=20e-3)
@@ -330,7 +330,8 @@ class Input(InTemporaryFolder):
         self.assertEqual([row["ranks"] for row in rows], [8, 64])
         self.assertAlmostEqual(rows[0]["microseconds"], 1e6 * 1e-6 * (64**3 / 8 + 2 * 64**2), delta=1)
         self.assertAlmostEqual(rows[1]["microseconds"], 1e6 * exchange, delta=1)
-        # By then an exchange takes twice as long as a rank's own particles, which comes before ghosts do.
+        # Half of the efficiency is left when an exchange takes twice as long as a rank's particles, which happens before ghosts
+        # take as long.
         self.assertAlmostEqual(rows[0]["half"], 2 * 64**3 * 1e-6 / exchange, delta=0.1)
 
     def test_bricks_that_nobody_measured_shrink_with_their_number(self):
@@ -340,7 +341,8 @@ class Input(InTemporaryFolder):
                     "way": "memory", "particles": 64**3, "compute_seconds": 1e-3, "exchange_seconds": 1e-5, "waiting_seconds": 0.0,
                     "efficiency": 1.0, "predicted_seconds": 1.0, **more}
 
-        # Eight bricks of 32^3, each with three sides of 32^2 beside others; a microsecond a particle, 12 bytes a place at 1 GB/s.
+        # Eight bricks of 32^3, each with three sides of 32^2 beside others; a microsecond per particle, 12 bytes per place at 1
+        # GB/s.
         side = 32**2
         predicted = 1e-6 * (32**3 + 3 * side) + 1e-4 + 3 * 12 * side * 1e-9
         result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
@@ -379,7 +381,7 @@ class Input(InTemporaryFolder):
         self.assertEqual(more, "On NVIDIA H200 the force of 99.9 % of the ticks at 5 kHz is there in time in 1 of 1 rows, soonest with "
                                "cuda_implicit_cached increment on grasp: within 105 µs; drawing costs 4 % of the steps that fit into a "
                                "tick at the median.")
-        # Rows of before histograms are read, and have none.
+        # Rows from before histograms existed are read, and have none.
         old = haptic_result()
         for row in old["haptic"]:
             for key in ("histogram", "drawn", "pictures_per_second"):
@@ -403,7 +405,7 @@ class Input(InTemporaryFolder):
             self.assertGreater(high, max(row["period"], *row["end"]))
 
     def test_every_list_of_a_result_is_known(self):
-        """What a study can write is read: of each list that has measurements a figure is made."""
+        """Everything that a study can write is read: each list with measurements becomes a figure."""
         schema = json.loads((ROOT / "results/schema.json").read_text())
         lists = {name for name, about in schema["properties"].items() if about.get("type") == "array" or "items" in about}
         self.assertLessEqual({"benchmarks", "overhead", "energy", "stability_map"}, lists)
@@ -420,7 +422,7 @@ class Input(InTemporaryFolder):
 
 
 def haptic_result(times=1):
-    """Made up: two scenes, two rates, with edits and drawn; every tick so many times as long."""
+    """Made up: two scenes and two rates, with edits and drawn; `times` scales every tick."""
     def row(scene, backend, hertz, edited=False, drawn=False, slower=1):
         slower *= times
         bins = [[1e-5 * slower, 1800], [1e-5 * slower * 10**0.05, 197], [1e-4 * slower, 3]]
@@ -437,7 +439,7 @@ def haptic_result(times=1):
     return result
 
 
-# Values that have caught readers out, for any key.
+# Values that have confused readers before, for any key.
 ODD = [None, True, 0, -1, 1.5, "", "x", [], {}, [1], {"a": 1}, [[1]], 1e308, 10**400, math.nan, "\0", "</script>", ["x"], [None]]
 MUTATIONS = 30
 
@@ -469,7 +471,7 @@ def small_result():
 
 class Mutated(InTemporaryFolder):
     def test_a_result_with_any_value_is_read_or_refused(self):
-        """By the page and by diff.py; a traceback of either fails this."""
+        """Read by the page and by diff.py; a traceback of either fails this."""
         import comparison
         from page import document
         good = small_result()
@@ -515,7 +517,7 @@ class Browser:
             "media": media, "features": [{"name": "prefers-color-scheme", "value": scheme}]})
 
     def look_at(self, path, width=1440, scheme="light"):
-        """Shows a page to a test that changes nothing on it: loading and drawing take seconds."""
+        """Shows a page to a test that does not change it, since loading and drawing take seconds."""
         if self.untouched != path:
             self.open(path, width, scheme)
             self.untouched = path
@@ -535,7 +537,7 @@ class Browser:
         return self.driver.execute_script(text, *arguments)
 
     def settle(self):
-        """Waits until every chart has drawn what was last asked of it."""
+        """Waits until every chart has drawn what was last requested."""
         self.driver.execute_async_script(
             "Promise.all(views.map(({view}) => view.runAsync())).then(() => arguments[0]())")
 
@@ -595,7 +597,7 @@ class Page(unittest.TestCase):
         cls.script = cls.browser.script
 
     def assert_quiet(self):
-        """Neither errors nor warnings in the console, and no request but for the page itself."""
+        """Neither errors nor warnings in the console, and no request except for the page itself."""
         self.assertEqual(self.browser.driver.get_log("browser"), [])
         messages = [json.loads(entry["message"])["message"] for entry in self.browser.driver.get_log("performance")]
         requested = {message["params"]["request"]["url"] for message in messages
@@ -614,11 +616,11 @@ class Page(unittest.TestCase):
                     self.assertEqual(self.script("return innerWidth"), width)
                     self.assertLessEqual(*self.script(
                         "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"))
-                    # A chart is as wide as its place, not cut off by it.
+                    # A chart fits into its place and is not cut off.
                     self.assertEqual(self.script(
                         "return [...document.querySelectorAll('.chart')].filter((chart) => chart.querySelector('svg')"
                         ".getBoundingClientRect().width > chart.clientWidth + 1).map((chart) => chart.id)"), [])
-                    # Nor is what an axis is called.
+                    # The name of an axis is not cut off either.
                     self.assertEqual(self.script(
                         "return [...document.querySelectorAll('.chart .role-axis-title text')].filter((title) => {"
                         "const text = title.getBoundingClientRect(), chart = title.closest('.chart').getBoundingClientRect();"
@@ -627,13 +629,12 @@ class Page(unittest.TestCase):
                     self.assert_legend_is_whole(width)
             self.script("document.querySelector('details[data-figure=figure7]').open = true")
             self.script(axe)
-            # Without what is drawn in the charts: thousands of marks without text, and text in colours that are looked at
-            # below.
+            # Charts are left out: they have thousands of marks without text, and the colours of their text are checked below.
             self.script("document.querySelectorAll('.chart svg').forEach((chart) => chart.replaceChildren())")
             for scheme in SCHEMES:
                 with self.subTest(width=width, scheme=scheme):
                     self.browser.emulate(width, scheme)
-                    # Of all rules contrast alone knows the scheme.
+                    # Contrast is the only rule that depends on the scheme.
                     rules = "" if scheme == SCHEMES[0] else ", runOnly: ['color-contrast']"
                     found = self.browser.driver.execute_async_script(
                         f"axe.run(document, {{resultTypes: ['violations']{rules}}}).then((result) => arguments[0](result.violations"
@@ -641,7 +642,7 @@ class Page(unittest.TestCase):
                     self.assertEqual(found, [])
 
     def assert_legend_is_whole(self, width):
-        """Each backend of the page has its swatch and its name on the screen while any figure is."""
+        """Each backend of the page has its swatch and its name on the screen while any figure is on it."""
         self.script("document.querySelector('#figure7-0').scrollIntoView()")
         labels = self.script(
             "const form = document.getElementById('filters').getBoundingClientRect();"
@@ -657,7 +658,7 @@ class Page(unittest.TestCase):
                 self.assertGreaterEqual(left, 0)
                 self.assertLessEqual(right, width)
                 self.assertTrue(top <= text_top < text_bottom <= bottom, (top, text_top, text_bottom, bottom))
-        # No name lies on another, and the figure has most of the screen.
+        # No name overlaps another, and the figure takes most of the screen.
         self.assertEqual(len({(left, text_top) for _, _, left, _, _, text_top, *_ in labels}), len(labels))
         self.assertLess(labels[0][-1], 0.45 * self.script("return innerHeight"))
 
@@ -675,7 +676,7 @@ class Page(unittest.TestCase):
                 self.assertGreater(len(counts), 0)
                 for rows, marks, alternative in counts:
                     self.assertGreater(len(alternative or ""), 40)
-                    # A curve's points are medians over backends; gates and measurements of zero have no place.
+                    # A curve's points are medians over backends; gates and measurements of zero cannot be shown.
                     if name in ("curves", "stress"):
                         self.assertGreater(marks, 20)
                     else:
@@ -692,7 +693,7 @@ class Page(unittest.TestCase):
 
     def test_the_answer_is_what_the_files_say(self):
         self.browser.look_at(self.path)
-        # Where several files have a row, that of most steps stands.
+        # If several files have a row, the one with most steps is shown.
         told = {}
         files = [result_files.load(path) for path in result_files.within(H200)]
         for result in sorted(files, key=lambda result: result["context"]["date"]):
@@ -713,7 +714,7 @@ class Page(unittest.TestCase):
         self.assertIn("Of the sizes of box, cuda_resident and cuda_bricks are the fastest up to 885 k particles, with "
                       "the state on the chip, and cuda_march up to 134 M particles.", lead.replace("\N{NO-BREAK SPACE}", " "))
         self.assertIn(max(told.values(), key=lambda row: row["particles"])["scene"], lead)
-        # Figure 7's title names the fastest of both scenes.
+        # The title of Figure 7 names the fastest of both scenes.
         title = self.script("return document.querySelector('section[data-figure=figure7] .finding').innerText")
         for scene in ("box@32", "heart"):
             row = min((row for row in medians("figure7") if row["scene"] == scene), key=lambda row: row["real_time"])
@@ -722,7 +723,7 @@ class Page(unittest.TestCase):
             self.assertIn(f"{scale * row['real_time']:.3g}\N{NO-BREAK SPACE}{unit}", title)
 
     def test_every_line_says_what_it_is(self):
-        """Where there are too many for a colour each: in Figure 8, and where edits cost something."""
+        """Charts with too many lines for a colour each: Figure 8, and the figure of what edits cost."""
         self.browser.look_at(self.path)
         for name in ("figure8", "edits"):
             panels = self.script(
@@ -752,7 +753,7 @@ class Page(unittest.TestCase):
         count = sum(row["backend"] == "cuda_scatter" for row in medians("figure8"))
         self.script("document.querySelector('details[data-figure=figure8]').open = true")
         self.assertEqual(self.marks("figure8", "cuda_scatter"), count)
-        # The roofline's points lie over lines of no backend.
+        # The roofline's points lie above lines that belong to no backend.
         self.assertGreater(self.marks("roofline", "cuda_scatter"), 0)
         self.driver_click("#filters input[value=cuda_scatter]")
         for figure in ("figure8", "roofline"):
@@ -783,7 +784,7 @@ class Page(unittest.TestCase):
         self.browser.open(self.path)
         shown = self.script("return [...document.querySelectorAll('#pictures .pair')].map((pair) => [pair.dataset.scene, "
                             "[...pair.querySelectorAll('img')].map((image) => [image.alt, image.naturalWidth])])")
-        # Of the sizes of a dataset one, and the heart first.
+        # Only one size of each dataset is shown, and the heart comes first.
         self.assertEqual([scene for scene, _ in shown], ["heart@80x68x61", "beam", "box@32", "poke", "porous@48"])
         for scene, images in shown:
             alternatives, widths = zip(*images)
@@ -824,7 +825,7 @@ class Page(unittest.TestCase):
         self.browser.settle()
 
     def table(self, figure, column):
-        """What a column of a figure's table holds."""
+        """The values in a column of a figure's table."""
         return set(self.script(
             "const table = document.querySelector(`details[data-figure=${arguments[0]}] table`);"
             "const place = [...table.tHead.rows[0].cells].findIndex((cell) => cell.textContent === arguments[1]);"
@@ -849,7 +850,7 @@ class Page(unittest.TestCase):
             "fetch('https://example.invalid/').catch(() => {})")
         self.assertEqual(blocked, "connect-src")
         self.browser.driver.get_log("browser")
-        # The chart library's own source is full of such words.
+        # The source of the chart library is full of such words.
         text = re.sub("<script.*?</script>", "", self.path.read_text(), flags=re.DOTALL)
         self.assertIsNone(re.search(r"<(script|link|img|iframe)[^>]*(src|href)=[\"'](?!data:)", text))
 
@@ -872,18 +873,18 @@ class Page(unittest.TestCase):
             for name, colour in colours.items():
                 if name in ("--page", "--raised", "--ground", "--line", "--bounded", "--heating", "--diverged"):
                     continue
-                # WCAG 2.2: 4.5 for text, 3 for what a figure is understood by.
+                # WCAG 2.2: 4.5 for text, 3 for the parts without which a figure is not understood.
                 least = 4.5 if name in ("--ink", "--soft", "--link") else 3
                 with self.subTest(scheme=scheme, name=name):
                     self.assertGreaterEqual(contrast(colour, colours["--page"]), least)
-            # A picture's legend is grey (harness/export/legend.cpp) on that ground.
+            # A picture's legend is grey (harness/export/legend.cpp) on that background.
             self.assertGreaterEqual(contrast("#6e6e6e", colours["--ground"]), 4.5)
             # The letters on the map of stability are always dark.
             for region in ("--bounded", "--heating", "--diverged"):
                 self.assertGreaterEqual(contrast("#111111", colours[region]), 4.5)
             backends = [colour for name, colour in colours.items() if name.startswith("--backend-")]
             self.assertEqual(len(backends), len(figures.PLACES) + figures.SPARE_COLOURS)
-            # 0.02 is about what can be told apart side by side; marks are small and apart.
+            # Differences of about 0.02 can be seen side by side; marks are small and apart.
             for vision in VISIONS:
                 for one, other in itertools.combinations(backends, 2):
                     with self.subTest(scheme=scheme, vision=vision, colours=(one, other)):
@@ -891,7 +892,7 @@ class Page(unittest.TestCase):
 
 
 class Latencies(InTemporaryFolder):
-    """The figure that the committed results have nothing for."""
+    """The figure for which the committed results have no data."""
 
     def test_every_histogram_is_drawn_in_both_schemes_and_filtered(self):
         made = report(self.write("haptic.json", haptic_result()), "--out", self.out)
@@ -929,10 +930,10 @@ class Latencies(InTemporaryFolder):
 
 
 class Parts(InTemporaryFolder):
-    """What the committed results have nothing of: several commits, the study fastest, pictures."""
+    """Content that the committed results do not have: several commits, the study fastest, pictures."""
 
     def test_a_backend_has_one_colour_on_every_page(self):
-        """Of one backend beside others, of all, and one that nobody knows."""
+        """One backend beside others, all backends, and one with an unknown name."""
         def colours(result):
             self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
             return dict(re.findall(r'value="(\w+)"><svg class="swatch" viewBox="0 0 10 10" aria-hidden="true" '
@@ -963,7 +964,7 @@ class Parts(InTemporaryFolder):
         return found and found[1]
 
     def later(self, result, **factors):
-        """As of another day and commit, times multiplied by strategy where these say so."""
+        """A result from another day and commit; `factors` multiply the times of the strategies that they name."""
         result = copy.deepcopy(result)
         result["context"]["date"] = "2027-01-02T03:04:05+00:00"
         result["context"]["voxspring"]["commit"] = "0123456789ab"
@@ -994,7 +995,7 @@ class Parts(InTemporaryFolder):
         self.assertIsNone(self.history(result))
 
     def test_the_page_decides_no_more_than_diff(self):
-        """Two runs of two repetitions, one of them by chance more than twice as slow; both readers say the same of it."""
+        """Two runs of two repetitions, one of them by chance more than twice as slow; page and diff.py agree on the verdict."""
         result = h200("figure7")
         kept = {row["run_name"]: [] for row in result["benchmarks"]}
         for row in result["benchmarks"]:
@@ -1008,7 +1009,7 @@ class Parts(InTemporaryFolder):
         said = subprocess.run([PYTHON, ROOT / "results/diff.py", "--json", *sorted(self.folder.glob("?.json"))],
                               capture_output=True, text=True, timeout=60)
         self.assertEqual((said.returncode, json.loads(said.stdout)["counts"]), (0, {"too few repetitions": count}))
-        # Two cards are no history of one.
+        # Results of two cards are no history of one card.
         other = self.later(result)
         for backend in other["context"]["voxspring"]["backends"].values():
             backend["device"] = "Another"
@@ -1017,7 +1018,7 @@ class Parts(InTemporaryFolder):
     def test_the_fastest_is_one_that_repetitions_tell_from_the_others(self):
         times = {row["backend"]: row["real_time"] for row in medians("table1") if row["scene"] == "box@32"}
         def equals(factor, repetitions=9, **fields):
-            """What the page says box@32's fastest is not to be told from, with another at a multiple of its time."""
+            """From which rows the page cannot tell box@32's fastest, with another row at a multiple of its time."""
             result, count = h200("table1"), collections.Counter()
             kept = []
             for row in result["benchmarks"]:
@@ -1072,7 +1073,7 @@ class Parts(InTemporaryFolder):
         self.assertEqual(absent, ["cuda_march was not measured here"])
         self.assertEqual(found[0], "cuda_march wins 2 and cpu_parallel wins 1 of 4 datasets")
         self.assertIn("nobody wins box@16, where what wins smaller and larger ones was not measured", found[1])
-        # What is the fastest beyond the others was measured nowhere else; what refuses a dataset was met there.
+        # The backend that is fastest beyond the others was measured only here; backends that refuse a dataset were seen to do so.
         found, absent = told([("box@16", "cuda_march")])
         self.assertEqual((found[0], absent), ("cuda_march wins 2, cpu_parallel wins 1 and gl_compute_implicit wins 1 of 4 datasets", []))
 
@@ -1086,13 +1087,13 @@ class Parts(InTemporaryFolder):
         self.assertEqual(headline(*on_chip), "Box: on chip up to 32.8 k particles, cuda_march beyond")
         self.assertEqual(headline("cpu_parallel", *on_chip[2:], "cuda_march"),
                          "Box: cpu_parallel up to 512 particles, on chip up to 4.1 k particles, cuda_march beyond")
-        # Without an order, and of one backend, the wins are counted.
+        # Without an order, and for one backend, wins are counted.
         self.assertEqual(headline("cuda_march", "cpu_parallel", "cuda_march", "cpu_parallel", "cuda_march"),
                          "cuda_march is the fastest on 3 of 5 datasets")
         self.assertEqual(headline(*["cpu_parallel"] * 5), "cpu_parallel is the fastest on 5 of 5 datasets")
 
     def test_machines_that_are_called_alike_are_kept_apart(self):
-        """By cores, card and host; files without a host, of which no card is known, by their folder."""
+        """By cores, card and host; files without a host and without a known card by their folder."""
         cpu = result_files.load(H200.parent / "amd-epyc/fastest.json.gz")
         gpu = h200("table1")
         def machines(*files):
@@ -1116,7 +1117,7 @@ class Parts(InTemporaryFolder):
         (self.folder / "c").mkdir()
         self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("c/a/2.json", cpu, 2, "", "")),
                          [f"AMD EPYC ({self.folder.resolve() / 'a'})", f"AMD EPYC ({self.folder.resolve() / 'c/a'})"])
-        # One's own results do not add to the committed ones.
+        # A user's results do not add to the committed ones.
         own = copy.deepcopy(cpu)
         own["context"]["date"] = "2027-01-02T03:04:05+00:00"
         committed = self.folder / "amd-epyc"
@@ -1198,7 +1199,7 @@ class Parts(InTemporaryFolder):
         self.assertEqual({(call[1], call[call.index("--colour") + 1]) for call in drawn},
                          set(itertools.product(("box@32", "heart"), pictures.COLOURED_BY)))
         for call in drawn:
-            # table1's fastest, and as many steps as keep float64 to a few seconds.
+            # The fastest of table1, and as many steps as keep float64 to a few seconds.
             self.assertEqual(call[call.index("--backend") + 1], "auto:formulation=position,precision=float32")
             self.assertEqual(call[call.index("--steps") + 1], {"box@32": "900", "heart": "1000"}[call[1]])
         self.assertEqual(gather(folder, program), (first, [], []))
@@ -1208,7 +1209,7 @@ class Parts(InTemporaryFolder):
         found, left_out, drawn = gather(self.folder / "none", None)
         self.assertEqual((found, drawn), ({}, []))
         self.assertEqual(left_out, [(["heart", "box@32"], "no program was there to draw it")])
-        # A program that ends without a word, and one that does not end.
+        # A program that ends without output, and one that does not end.
         program.write_text("#!/bin/sh\nexit 3\n")
         os.utime(program, (time.time() + 90, time.time() + 90))
         self.assertEqual(gather(folder, program)[:2], ({}, [(["heart", "box@32"], "exit code 3")]))
@@ -1239,7 +1240,7 @@ class Parts(InTemporaryFolder):
         self.assertEqual(left_out, [(["heart"], "the built-in scene of that name is another body")])
 
     def test_charts_are_written_as_files(self):
-        """With a legend of what they show alone, in colours that need no style, and the same every time."""
+        """With a legend of only what they show, in colours that need no style, and equal every time."""
         folder, texts = self.folder / "a/figures", []
         for make in (report, start_report):
             made = make(H200 / "pareto.json.gz", H200 / "stability.json.gz", "--figures", folder)

@@ -30,7 +30,7 @@ def run(*command, **more):
 
 
 class AutoRules(unittest.TestCase):
-    """results/auto_rules.py, on made-up medians of one machine."""
+    """results/auto_rules.py with made-up medians of one machine."""
 
     def test_several_devices_are_advised_from_the_size_on_that_pays_for_every_body(self):
         def row(scene, particles, ranks, efficiency, pays, **more):
@@ -43,12 +43,12 @@ class AutoRules(unittest.TestCase):
         advised = [{"backend": "cuda_march", "devices": 2, "particles": 600}]
         heart = row("heart", 900, 2, 0.7, 600.0)
         self.assertEqual(auto_rules.several_devices([{"scaling": [one, two]}, {"scaling": [heart]}]), advised)
-        # Another way that is slower, what shares a device, what grows, a smaller body that does not pay.
+        # A slower way, ranks that share a device, scenes that grow, and a smaller body that does not pay.
         more = [row("heart", 900, 2, 0.6, 5000.0), row("ball", 900, 2, 0.9, 9000.0, noisy=["ranks share a device"]),
                 row("growing", 900, 2, 0.9, 9000.0, scaling="weak"), row("small", 100, 2, 0.3, 800.0),
                 row("box", 1000, 2, 0.9, 1.0, backend="cpu_parallel")]
         self.assertEqual(auto_rules.several_devices([{"scaling": [one, two, heart, *more]}]), advised)
-        # One that is larger and does not pay contradicts them.
+        # A larger body that does not pay contradicts them.
         self.assertEqual(auto_rules.several_devices([{"scaling": [two, row("net", 5000, 2, 0.4, None)]}]), [])
         resident = row("box", 1000, 2, 0.8, None, backend="cuda_resident")
         self.assertEqual(auto_rules.several_devices([{"scaling": [resident]}]),
@@ -111,13 +111,13 @@ class Committed(InTemporaryFolder):
         for path in files:
             with self.subTest(str(path)):
                 self.assertEqual(path.suffix, ".gz", "results/compact.py compresses it")
-                # gzip checks length and sum; the program's own form is what is inside.
+                # gzip checks length and sum; inside is the form that the program writes.
                 text = gzip.decompress(path.read_bytes()).decode()
                 self.assertEqual(json.loads(text), result_files.load(path))
                 self.assertTrue(text.startswith("{\n"), text[:20])
 
     def test_what_readme_says_to_run_runs(self):
-        """Every indented command and line of Python below "Reading them", each for itself."""
+        """Runs every indented command and line of Python below "Reading them" separately."""
         section = (RESULTS / "README.md").read_text().split("## Reading them\n")[1].split("\n## ")[0]
         lines = re.findall(r"^    (.*?)(?:  +#.*)?$", section, flags=re.MULTILINE)
         self.assertEqual([line.split()[0] for line in lines], ["zcat", "python3", "python3", "rows"])
@@ -200,7 +200,7 @@ class Compact(InTemporaryFolder):
 
 
 class Installed(InTemporaryFolder):
-    """The scripts alone, in a folder that cannot be written to, started from elsewhere: as in a prefix or a package."""
+    """The scripts alone, in a read-only folder, started from elsewhere, as in a prefix or a package."""
 
     def setUp(self):
         super().setUp()
@@ -242,9 +242,9 @@ def with_work(result):
 
 
 def above_limit(result):
-    """The rows of a result that were faster than the limit of their own mix of reading and writing.
+    """The rows of a result that were faster than the limit of their mix of reading and writing.
 
-    Of a row whose repetitions spread too far the median counts alone. OpenGL's launches take as long as the host needs to submit
+    For a row whose repetitions spread too far only the median counts. OpenGL's launches take as long as the host needs to submit
     them; they are measured before and after the row, and a host whose speed moves within the row moves between these too.
     """
     return [row["name"] for row in result.get("benchmarks", [])

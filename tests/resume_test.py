@@ -20,8 +20,7 @@ import zipfile
 
 from program import VOXSPRING, InTemporaryFolder, voxspring
 
-# Within the program's step batches of a fifth of a second and the writing of a small state, on a machine that does
-# something else as well.
+# The program's step batches take a fifth of a second, and then a small state is written, on a machine that also does other work.
 SOON_SECONDS = 20
 
 
@@ -37,7 +36,7 @@ def state_of(path):
 
 class Interrupted(InTemporaryFolder):
     def interrupt(self, *arguments, after="step", sent=signal.SIGINT):
-        """Ends a program once it has said what `after` matches; its exit code, what it wrote, and how long it took to end."""
+        """Ends a program once it has printed what `after` matches; returns its exit code, its output, and how long it took to end."""
         environment = os.environ | {"VOXSPRING_PROGRESS_SECONDS": "0.05"}
         program = subprocess.Popen([VOXSPRING, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                    env=environment)
@@ -129,7 +128,7 @@ class Interrupted(InTemporaryFolder):
         code, said, errors, seconds = self.interrupt(*arguments, after=r"\[1/1\]")
         self.assertEqual((code, said), (130, "heart: interrupted before anything was measured\n"), errors)
         self.assertLess(seconds, SOON_SECONDS)
-        # When some of the runs have been timed, and others have not.
+        # At this point some of the runs have been timed, and others have not.
         code, said, errors, seconds = self.interrupt("advise", "box@8", "--error", "1", "--backend", "cpu_parallel",
                                                      after=r" ([2-9]|[1-4]\d)/60, ")
         self.assertEqual(code, 130, errors)
@@ -148,7 +147,7 @@ class Resume(InTemporaryFolder):
         self.said = ran.stdout
         return state_of(whole), state_of(resumed)
 
-    # What has no more digits than the file, which holds displacement and increment in float64.
+    # Formulations with no more digits than the file, which holds displacement and increment in float64.
     KEEPS_ITS_BITS = [("increment", "float32"), ("increment", "float64"), ("displacement", "float32"), ("position", "float32"),
                       ("paper", "float32")]
     FORMULATIONS = ("increment", "displacement", "position", "paper", "compensated")
@@ -169,7 +168,7 @@ class Resume(InTemporaryFolder):
                 for name in ("displacement", "increment"):
                     pairs = zip(*(array.array("d", state[name]) for state in (whole, resumed)))
                     largest = max(map(abs, array.array("d", whole[name])))
-                    # A rounding of float64 of a position of up to 15, over steps that carry it on.
+                    # One float64 rounding of a position of up to 15, carried on by later steps.
                     self.assertLess(max(abs(a - b) for a, b in pairs), 1e-11 * largest, backend)
 
     def test_edits_before_the_step_are_applied(self):
@@ -190,7 +189,7 @@ class Resume(InTemporaryFolder):
     SUTURE = {"step": 8, "suture": {"pairs": [[[1, 2, 2], [3, 2, 2]], [[0, 0, 4], [4, 4, 4]]], "stiffness": 0.3}}
 
     def test_goes_on_with_the_springs_of_the_file(self):
-        # As if a hand had made the edits: the scene that goes on has none of them, or others that come later.
+        # The resumed scene has none of the edits, or later ones, as if a hand had made them.
         later = {"step": 30, "cut": {"plane": {"point": [0, 0, 2.5], "normal": [0, 0, 1]}}}
         edited, plain = self.scene("edited", edits=[self.CUT, self.SUTURE]), self.scene("plain")
         both = self.scene("both", edits=[self.CUT, self.SUTURE, later])
@@ -248,7 +247,7 @@ class Resume(InTemporaryFolder):
         motion = [(0, (0, 0, 0)), (2, (0.5, 0, 0.1)), (8, (-0.2, 0.3, 0))]
         for line in each_move:
             self.assertAlmostEqual(line["time"], 0.2 * line["step"], delta=1e-12)
-            # In the step that ends there the tool is where it has moved to at the latest multiple of four steps.
+            # In the last step the tool is where it moved at the latest multiple of four steps.
             when = int(line["step"] - 1) // 4 * 4 * 0.2
             (begin, a), (end, b) = motion[:2] if when < 2 else motion[1:]
             at = [p + (q - p) * min((when - begin) / (end - begin), 1) for p, q in zip(a, b)]
@@ -259,7 +258,7 @@ class Resume(InTemporaryFolder):
                 pulled = sum(0.3 * (at[axis] - before[3 * i + axis]) for i in held)
                 self.assertAlmostEqual(line[f"force_{name}"], -pulled, delta=1e-11)
         self.assertGreater(max(abs(line["force_x"]) for line in each_move), 0.1)
-        # With --every, and of a run that goes on, its own steps.
+        # With --every; and for a resumed run, only its steps.
         self.assertEqual(voxspring(*run, "--tool-force", force, "--every", 10).returncode, 0)
         self.assertEqual([line["step"] for line in lines()], [10, 20, 30, 40, 42])
         self.assertEqual(voxspring(*run, "--tool-force", force, "--resume", self.folder / "body_000022.npz").returncode, 0)
@@ -289,7 +288,7 @@ class Resume(InTemporaryFolder):
         for name, damaged in (("cut", whole[:len(whole) // 2]), ("changed", whole[:place] + b"\x55" + whole[place + 1:])):
             (self.folder / f"{name}.npz").write_bytes(damaged)
             self.assert_refused(voxspring(*run, "--resume", self.folder / f"{name}.npz"), f"{name}.npz")
-        # Without an array, with numbers that are not finite, and with springs that are none of the scene.
+        # Without an array, with numbers that are not finite, and with springs that the scene does not have.
         infinite = b"\x00\x00\x00\x00\x00\x00\xf0\x7f"
         for name, array_name, change, said in (
                 ("lacking", "increment", None, "increment is missing"), ("infinite", "increment", infinite, "increment"),

@@ -17,7 +17,7 @@ for package in "${@:3}"; do
 done
 """
 
-# What CTest says of a program of GoogleTest's and of three scripts, and what that program says of its tests.
+# The output of CTest for a program of GoogleTest and three scripts, and that program's output about its tests.
 CTEST_RESULTS = """<testsuite tests="4">
 <testcase name="program" status="fail"/><testcase name="script" status="run"/><testcase name="skipped" status="notrun"/>
 <testcase name="crash" status="fail"/>
@@ -49,7 +49,7 @@ class Study(unittest.TestCase):
                 (path / "requirements.txt").write_text("numpy\n")
         shutil.copy(ROOT / "tests/count.py", self.tree / "tests")
         shutil.copy(ROOT / "CMakePresets.json", self.tree)
-        # The script goes where there is no tool but these.
+        # The script runs where these are the only tools.
         self.tools = pathlib.Path(folder.name) / "tools"
         self.tools.mkdir()
         for tool in ("bash", "cat", "cmp", "cp", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "nproc", "rm", "sed",
@@ -141,7 +141,7 @@ class Study(unittest.TestCase):
             self.assertIn(line, done.stdout.splitlines())
 
     def asked_for(self, *arguments):
-        """The packages that a command looks for; none is there, and it gives up."""
+        """The packages that a command looks for; all are missing, and it gives up."""
         self.write(self.tools / "dpkg-query", "#!/bin/bash\n")
         done = self.run_script(*arguments)
         self.assertEqual(done.returncode, 2)

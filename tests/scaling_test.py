@@ -20,7 +20,7 @@ import jsonschema
 FAULTY = os.environ["FAULTY"]
 OTHER_BUILD = os.environ["OTHER_BUILD"]
 MESSAGES = os.environ["MESSAGES"]
-PATIENCE = 120  # seconds that nothing in here takes, however busy the machine
+PATIENCE = 120  # seconds that no operation in here takes, however busy the machine is
 MPIRUN = ["mpirun", "--oversubscribe", "--bind-to", "none"] + (["--allow-run-as-root"] if os.geteuid() == 0 else [])
 
 with open("results/schema.json", encoding="utf-8") as file:
@@ -28,7 +28,7 @@ with open("results/schema.json", encoding="utf-8") as file:
 
 
 def processes():
-    """Of the program that are alive, wherever they came from."""
+    """All live processes of the program, even if this test did not start them."""
     found = []
     for folder in pathlib.Path("/proc").glob("[0-9]*"):
         try:
@@ -89,7 +89,7 @@ class Scaling(unittest.TestCase):
         self.assertEqual(ran.stdout.count("written:"), 1, "rank 0 alone prints")
 
     def test_all_may_send_to_all_before_any_receives(self):
-        """As ranks do with what they tell of a task, of any number of repetitions."""
+        """Simulates what ranks send about a task, for any number of repetitions."""
         ran = subprocess.run([*MPIRUN, "-n", "3", MESSAGES], capture_output=True, text=True, timeout=PATIENCE)
         self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
 

@@ -16,7 +16,7 @@ import jsonschema
 
 MUTATIONS = 4000
 
-# Values that have caught parsers out: wrong types, both sides of every limit, empty and nested things.
+# Values that have confused parsers before: wrong types, both sides of every limit, empty and nested values.
 ODD_VALUES = [
     None, True, False, 0, -0.0, 1, 1.0, 1.5, -1, 2, 1.9999, 255, 1e-12, 9e-13, 1e12, 1.1e12, 1e300, 1048576,
     1048577, 2**53 - 1, 2**53, 2**53 + 1, 999999999999999, 10**15, "", "x", "x-", "box", "face", "NaN", [], [1], [1, 2],
@@ -97,7 +97,7 @@ def main():
             print(f"{json.dumps(document)}\n  schema: {'accepts' if valid else 'refuses'}, parser: {answer}")
     print(f"{len(good)} good, {len(bad)} bad, {MUTATIONS} mutated ({accepted} of them acceptable): "
           f"{failures} disagreements")
-    # Mutations that are all refused, or all accepted, would compare nothing.
+    # If all mutations were refused, or all accepted, nothing would be compared.
     assert MUTATIONS // 20 < accepted < MUTATIONS - MUTATIONS // 20, accepted
     return 1 if failures else 0
 

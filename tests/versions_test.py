@@ -23,7 +23,7 @@ VOXSPRING = os.environ["VOXSPRING"]
 RESULTS = pathlib.Path("results")
 SCHEMAS = {"scene": RESULTS / "scene.schema.json", "study": RESULTS / "study.schema.json",
            "result": RESULTS / "schema.json"}
-# Cut from a result of commit feeaa65, which knew neither schema_version nor much of what rows have since.
+# Cut from a result of commit feeaa65, which had neither schema_version nor many of today's fields of rows.
 OLD = pathlib.Path("tests/result_of_version_1.json")
 REPORT_PYTHON = pathlib.Path("build/report-venv/bin/python")
 
@@ -41,7 +41,7 @@ def validator(kind):
 
 
 def committed(kind):
-    """Every file of a kind in the source tree. What a user measured himself, in results/local, is his own."""
+    """Every file of a kind in the source tree, except the user's measurements in results/local."""
     return {"scene": sorted(pathlib.Path("harness/scenes").glob("*.json")),
             "study": sorted(pathlib.Path("harness/studies").glob("*.json")),
             "result": [OLD] + result_files.committed(RESULTS)}[kind]

@@ -22,11 +22,11 @@ import numpy
 
 VOXSPRING = os.environ["VOXSPRING"]
 FAULTY = os.environ["FAULTY"]
-PATIENCE = 60  # seconds that nothing in here takes, however busy the machine
+PATIENCE = 60  # seconds that no operation in here takes, however busy the machine is
 SIZE = (1280, 800)
 BACKGROUND = (41, 43, 48)
-PANEL = 345  # pixels from the left that the panel takes, and a few more
-# A box of 12^3 that stands on its lower side, and moves by nothing but the hand.
+PANEL = 345  # width of the panel on the left in pixels, and a few more
+# A box of 12^3 that stands on its lower side; only the hand moves it.
 SCENE = {"dataset": {"type": "box", "dims": [12, 12, 12]}, "pinned": {"side": "z-"}, "damping": 0.05,
          "time_step": {"fraction_of_stable": 0.5}}
 
@@ -50,11 +50,11 @@ class Display:
         self.server.wait(PATIENCE)
 
     def pointer(self, *words):
-        """What xdotool does: "mousemove", 10, 20, "click", 1."""
+        """Runs xdotool with arguments such as "mousemove", 10, 20, "click", 1."""
         subprocess.run(["xdotool", *map(str, words)], env=self.environment, check=True, timeout=PATIENCE)
 
     def pixels(self):
-        """What the screen shows: rows of red, green and blue."""
+        """The screen's pixels: rows of red, green and blue."""
         data = pathlib.Path(self.folder, "Xvfb_screen0").read_bytes()
         fields = struct.unpack(">25I", data[:100])
         header, width, height, line, colours = fields[0], fields[4], fields[5], fields[12], fields[19]
@@ -74,7 +74,7 @@ class Window:
         self.said = ""
 
     def hear(self, pattern):
-        """Waits until the program says that, in what it has not been heard to say before."""
+        """Waits until the program prints that text, in output that was not searched before."""
         end = time.monotonic() + PATIENCE
         while not (found := re.search(pattern, self.said)):
             ready, _, _ = select.select([self.process.stdout], [], [], max(end - time.monotonic(), 0))
@@ -86,14 +86,14 @@ class Window:
         return found
 
     def close(self, how=signal.SIGINT):
-        """Its exit code, and what else it said."""
+        """The exit code of the program, and its remaining output."""
         self.process.send_signal(how)
         out, errors = self.process.communicate(timeout=PATIENCE)
         return self.process.returncode, self.said + out, errors
 
 
 def is_body(pixels):
-    """Where something else is seen than background and panel."""
+    """The pixels that show neither background nor panel."""
     there = numpy.abs(pixels.astype(int) - BACKGROUND).max(axis=2) > 6
     there[:, :PANEL] = False
     return there
@@ -135,7 +135,7 @@ class View(unittest.TestCase):
         return (left + right) // 2, (top + bottom) // 2
 
     def drag(self, begin, end, release=True):
-        """Goes from one pixel to another with the left button down, in steps that a hand would make."""
+        """Moves from one pixel to another with the left button down, in steps like a hand's."""
         self.display.pointer("mousemove", *begin, "sleep", 0.2, "mousedown", 1, "sleep", 0.2)
         for n in range(1, 11):
             self.display.pointer("mousemove", *(int(a + (b - a) * n / 10) for a, b in zip(begin, end)), "sleep", 0.05)
@@ -160,12 +160,12 @@ class View(unittest.TestCase):
                 before = is_body(self.display.pixels())
                 x, y = self.middle()
                 self.drag((x, y - 60), (x + 200, y - 160), release=False)
-                # The piece that is held comes out of the body's outline, towards the pointer.
+                # The held piece comes out of the body's outline, towards the pointer.
                 self.wait_until(lambda: (is_body(self.display.pixels()) & ~before).sum() > 500, "a pulled body")
                 pulled = self.saved(window)
                 self.assertGreater(numpy.linalg.norm(pulled["displacement"], axis=1).max(), 0.5)
                 self.display.pointer("mouseup", 1)
-                # Let go, it comes back.
+                # Once released it comes back.
                 self.wait_until(lambda: (is_body(self.display.pixels()) & ~before).sum() < 100, "a body at rest")
                 self.assert_closes(window)
 
@@ -177,7 +177,7 @@ class View(unittest.TestCase):
         self.drag((x, top - 20), (x, (top + bottom) // 2))
         cut = int(window.hear(r"cut (\d+) springs")[1])
         self.assertGreater(cut, 100)
-        # Pulled apart, the background is seen between the two flaps, where there was body.
+        # After pulling apart, the background shows between the two flaps, where the body was.
         self.display.pointer("key", "g")
         before = is_body(self.display.pixels())
         self.drag((x + 40, top + 30), (x + 240, top - 60), release=False)
@@ -193,7 +193,7 @@ class View(unittest.TestCase):
     def test_keys_pause_step_and_reset(self):
         window = self.open("--backend", "cpu_parallel", "--steps", "1")
         self.display.pointer("key", "space")
-        # The key is taken in order, after what was under way.
+        # The key is handled in order, after the action in progress.
         steps = [int(self.saved(window)["step"])]
         steps.append(int(self.saved(window)["step"]))
         self.display.pointer("key", "n", "sleep", 0.3)
@@ -215,7 +215,7 @@ class View(unittest.TestCase):
 
     def test_a_state_that_cannot_be_written_leaves_the_window(self):
         window = self.open("--backend", "cpu_parallel", "--steps", "1")
-        # Root writes into a folder that is read-only, and nobody into one that is gone.
+        # Root can write into a read-only folder, but no user can write into a deleted one.
         os.rename(self.folder / "saves", self.folder / "elsewhere")
         self.display.pointer("key", "w")
         window.hear(r"step \d+: the state is not saved: .*saved.npz")
@@ -240,7 +240,7 @@ class View(unittest.TestCase):
         self.assert_closes(window)
 
     def choose_backend(self, line):
-        """Opens the list of backends and takes one by its line, from 0."""
+        """Opens the list of backends and selects one by its line, from 0."""
         self.display.pointer("mousemove", 90, 45, "sleep", 0.3, "click", 1, "sleep", 0.5, "mousemove", 90, 66 + 17 * line,
                              "sleep", 0.3, "click", 1)
 
@@ -261,7 +261,7 @@ class View(unittest.TestCase):
         self.assertEqual(window.process.returncode, 0, errors)
         self.assertRegex(out, r"\d+ pictures in .*film, for there is no ffmpeg")
         frames = sorted((self.folder / "film").glob("frame_*.png"))
-        # Thirty a second, however many the machine draws; a busy one opens the window late in the three seconds.
+        # Thirty per second, however many the machine draws; on a busy machine the window opens late within the three seconds.
         self.assertGreaterEqual(len(frames), 30)
         self.assertLessEqual(len(frames), 91)
         self.assertTrue(frames[0].read_bytes().startswith(b"\x89PNG"))
