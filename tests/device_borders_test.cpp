@@ -1,5 +1,5 @@
 // Borders from device to device over a fake CUDA whose devices are the host's memory. Streams are queues, and
-// at random any of them goes on that does not wait for an event: this tries every order that the enqueueing
+// at random any of them goes on that does not wait for an event. This tries the orders that the enqueueing
 // permits.
 #include "cuda/common/device_borders.h"
 
