@@ -123,7 +123,7 @@ class Info(unittest.TestCase):
     def test_percentages_are_numbers_that_people_read(self):
         with tempfile.TemporaryDirectory() as folder:
             scene = pathlib.Path(folder) / "coarse.json"
-            for time_step, said in ((6.0, "1039%"), (0.5, "86.6%"), (0.05, "8.66%")):
+            for time_step, said in ((6.0, "1039%"), (0.5, "87%"), (0.05, "8.7%")):
                 scene.write_text(json.dumps({"dataset": {"type": "box", "dims": [5, 5, 5]}, "time_step": time_step}))
                 self.assertIn(f"({said} of the stable ", voxspring("info", scene).stdout)
 
