@@ -56,7 +56,6 @@ class Panel:
 class Figure:
     name: str
     findings: list  # of (machine, a line, more of it or nothing)
-    note: str
     columns: list  # of (key, label, digits or None for text)
     rows: list
     panels: list
@@ -371,12 +370,7 @@ def datasets(charts, results, rows):
         alternative = (f"Dot plot for {machine}: time per step in microseconds of the best row of each of "
                        f"{len(distinct(of_machine, 'backend'))} backends on {len(order)} datasets.")
         panels.append(charts.panel(machine, {"machine": machine}, points, alternative, step=("scene", 30)))
-    return Figure("datasets", findings, "Median time per step of each backend with its fastest "
-                  "formulation and tuning, in the latest file that has it. Farther left is faster. A dataset is won where "
-                  "repetitions tell the fastest from every other backend: by more than 5%, and by more than thrice their spread; and where "
-                  "every backend was measured, or refuses it, that wins a smaller and a larger dataset.",
-                  STEP, best, panels,
-                  used(results, having="benchmarks"))
+    return Figure("datasets", findings, STEP, best, panels, used(results, having="benchmarks"))
 
 
 def figure7(charts, results, rows):
@@ -405,9 +399,7 @@ def figure7(charts, results, rows):
                                    alt.layer(bars, spread, names), alternative, step=("label", 36)))
     findings = [(machine, listed(f"{name} leads on {listed(scenes)}" for name, scenes in of_machine.items()),
                  "; ".join(text for where, text in findings if where == machine)) for machine, of_machine in leaders.items()]
-    return Figure("figure7", findings, "The paper's Figure 7 with today's bars, those of Vulkan and OpenGL's compute shaders beside "
-                  "CUDA's: the median time per step of every strategy through each of its fetch paths; the line across a bar's end spans "
-                  "the repetitions.", STEP, rows, panels, used(results, "figure7"))
+    return Figure("figure7", findings, STEP, rows, panels, used(results, "figure7"))
 
 
 FIGURE8_HEIGHT = 480
@@ -442,9 +434,7 @@ def figure8(charts, results, rows):
         alternative = (f"Lines for {machine}: time per step of {len(distinct(group, 'label'))} strategies over "
                        f"{len(sizes)} box sizes from {sizes[0]} to {sizes[-1]} particles, both logarithmic.")
         panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, FIGURE8_HEIGHT))
-    return Figure("figure8", findings, "The paper's Figure 8: time per step against the size of a full "
-                  "box. Where a line is flat the device is not full; where it rises by a decade per decade, time is "
-                  "proportional to size.", STEP, ended, panels, used(results, "figure8"))
+    return Figure("figure8", findings, STEP, ended, panels, used(results, "figure8"))
 
 
 def fastest_within(rows, target):
@@ -487,10 +477,7 @@ def front(charts, results, runs):
     title = f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else "no run is on a Pareto front"
     cost = f"an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4" if costs else ""
     findings = [(listed(distinct(runs, "machine")), cost or title, f"{cost}; {title}" if cost else "")]
-    return Figure("front", findings, "Every run as a point: the time it takes to the end of the scene against its "
-                  "total error there, of rounding and time step together. Strong points are on the front of their device: "
-                  "nothing there is both faster and at least as exact. The line joins them.", RUN, runs, panels,
-                  used(results, having="pareto"), legend="backend formulation")
+    return Figure("front", findings, RUN, runs, panels, used(results, having="pareto"), legend="backend formulation")
 
 
 CURVE = [("scene", "dataset", None), ("formulation", "formulation", None), ("precision", "precision", None),
@@ -544,10 +531,7 @@ def curves(charts, results, runs):
                        f"{step(min(fractions))} of the stable one, a line for each formulation and precision.")
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
                                    alt.layer(lines, points), alternative, 320))
-    return Figure("curves", findings, "Total error against the time step, the median over backends, which round alike: solid "
-                  "float32, dotted float64. A line falls with the square of the step as long as the step is what costs, and "
-                  "turns up where rounding takes over.", RUN, runs, panels, used(results, having="pareto"),
-                  legend="formulation precision")
+    return Figure("curves", findings, RUN, runs, panels, used(results, having="pareto"), legend="formulation precision")
 
 
 MAP = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
@@ -591,9 +575,7 @@ def stability_map(charts, results):
                                        alt.layer(cells_of, letters), alternative, step=("damping", 24)))
     if not rows:
         return None
-    return Figure("map", findings, "What becomes of a large random start: it stays "
-                  "bounded, heats up (more than 1.1 times the energy of the start) or diverges.", MAP, rows, panels,
-                  used(results, having="stability_map"), legend="region")
+    return Figure("map", findings, MAP, rows, panels, used(results, having="stability_map"), legend="region")
 
 
 RATIO = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
@@ -629,9 +611,7 @@ def stability(charts, results):
         alternative = (f"Dot plot for {machine}: measured over theoretical limit of the time step, {len(group)} rows by "
                        f"{len(distinct(group, 'kind'))} starts.")
         panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, step=("kind", 44)))
-    return Figure("stability", findings, "The largest stable time step, found by trying, over the one "
-                  "that theory gives for small displacements. A point is a backend, formulation and dataset.", RATIO, rows,
-                  panels, used(results, having="stability"))
+    return Figure("stability", findings, RATIO, rows, panels, used(results, having="stability"))
 
 
 def roofline(charts, results, rows):
@@ -670,10 +650,7 @@ def roofline(charts, results, rows):
         alternative = (f"Scatter plot for {machine}: least time per step by the device's measured limits against the "
                        f"measured time, {len(group)} rows, both logarithmic, with lines at the limit and ten times it.")
         panels.append(charts.panel(machine, {"machine": machine}, alt.layer(*lines, points), alternative, 420))
-    return Figure("roofline", findings, "What the bytes, operations and launches of a step take at least "
-                  "at the rates that the device reached in the same run, against the time it took. A point on the line "
-                  "loses nothing; one below it shows that its limit is wrong, as limits of older files are for steps that "
-                  "leave out tiles at rest or lie in a cache.", STEP, rows, panels, used(results, having="benchmarks"))
+    return Figure("roofline", findings, STEP, rows, panels, used(results, having="benchmarks"))
 
 
 INTENSITY = [*STEP[:4], ("operations_a_byte", "operations per byte", 4), ("operation_rate", "Gop/s", 4),
@@ -745,10 +722,7 @@ def intensity(charts, results, rows):
     for machine, bests in found.items():
         told = [f"{best['backend']} computes most on {best['scene']}, {engineering(best['operation_rate'] * 1e9, 'op/s')}" for best, _ in bests]
         findings.append((machine, told[-1], listed(f"{text} {where}" for text, (_, where) in zip(told, bests))))
-    return Figure("intensity", findings, "What a step computes for each byte that it has to move, and how much it "
-                  "computes in a second, below the measured roofs of memory, cache and arithmetic. A strategy whose state stays on the "
-                  "chip moves no bytes and stands beside the roofs. A row that leaves out tiles at rest has no place here.",
-                  INTENSITY, placed, panels, used(results, having="benchmarks"))
+    return Figure("intensity", findings, INTENSITY, placed, panels, used(results, having="benchmarks"))
 
 
 EDIT = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
@@ -815,9 +789,7 @@ def edits(charts, results, rows):
                     panels.append(panel)
         findings.append((machine, told[0][0], "edits slow, in the median of all strategies, " + listed(text for _, text in told)))
     files = [result for result in results if any(row.get("edits") for row in result.lists["benchmarks"])]
-    return Figure("edits", findings, "Steps with cuts and sutures between them against the same steps "
-                  "without; and one edit by itself, from a device that waits to one that waits again.", EDIT, drawn, panels,
-                  files)
+    return Figure("edits", findings, EDIT, drawn, panels, files)
 
 
 OVERHEAD = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
@@ -850,9 +822,8 @@ def overhead(charts, results):
                        "one and at once.")
         heading = f"{scene}, {engineering(group[0]['particles'], 'particles')}, {machine}"
         panels.append(charts.panel(heading, {"machine": machine, "scene": scene}, points, alternative, step=("label", 18)))
-    return Figure("overhead", findings, "What a step costs beside its work: the time per step of so small bodies that there is hardly "
-                  "any, from the first call until the last step is done; the shortest repetition.", OVERHEAD, rows, panels,
-                  used(results, having="overhead"), legend="backend handed_over")
+    return Figure("overhead", findings, OVERHEAD, rows, panels, used(results, having="overhead"),
+                  legend="backend handed_over")
 
 
 ENERGY = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
@@ -881,8 +852,7 @@ def energy(charts, results):
             color=charts.colour(), tooltip=charts.tooltip(ENERGY))
         alternative = f"Bars for {scene} on {machine}: energy per step of {len(group)} strategies, in millijoules."
         panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene}, bars, alternative, step=("label", 24)))
-    return Figure("energy", findings, "What the device used, by its own counter, while it stepped the scene again and again for ten "
-                  "seconds, divided by the steps.", ENERGY, rows, panels, used(results, having="energy"))
+    return Figure("energy", findings, ENERGY, rows, panels, used(results, having="energy"))
 
 
 RANKS = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("scene", "scene", None),
@@ -922,12 +892,7 @@ def scaling(charts, results):
                        "dotted what the model predicts.")
         panels.append(charts.panel(f"{compared}, {group[0]['scaling']} scaling, {machine}",
                                    {"machine": machine, "compared": compared}, chart, alternative, 300))
-    return Figure("scaling", findings, "Particles that a rank steps in a second, as a fraction of what one rank by "
-                  "itself steps: of one size (strong scaling), or of one that grows with the ranks (weak). Borders travel "
-                  "through the memory of one process (triangles) or by MPI (squares), or from device to device: by copies (diamonds), "
-                  "by stores of the sender (crosses) or by NCCL (triangles upside down). Where borders are stepped first and travel "
-                  "while the rest is stepped these are triangles to the left, to the right, and wedges. Small: the body is cut into slabs; "
-                  "large: into bricks. Dotted: what a model predicts from the latency and bandwidth of the exchange.", RANKS, rows, panels, used(results, having="scaling"))
+    return Figure("scaling", findings, RANKS, rows, panels, used(results, having="scaling"))
 
 
 FORECAST = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("contender", "strategy", None),
@@ -960,10 +925,7 @@ def scaling_forecast(charts, results):
                        "Nothing of it was measured.")
         panels.append(charts.panel(f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}",
                                    {"machine": machine, "compared": compared}, chart, alternative, 300))
-    return Figure("forecast", findings, "A prediction, not a measurement: the model of the figure above for more ranks than "
-                  "there were, each beside another by the same exchange, fitted to the largest number that was measured. Small: "
-                  "slabs; large: bricks. Missing are numbers of ranks for which a part would be thinner than a layer of voxels.", FORECAST, rows, panels,
-                  used(results, having="scaling"))
+    return Figure("forecast", findings, FORECAST, rows, panels, used(results, having="scaling"))
 
 
 TICK = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
@@ -1031,11 +993,7 @@ def latencies(charts, results):
         panels.append(charts.panel(f"{scene}, {rate_text(hertz)}{with_edits}, {machine}",
                                    {"machine": machine, "scene": scene, "hertz": hertz, "edited": edited},
                                    alt.layer(bins, rule, name, marks), alternative, step=("label", 16)))
-    return Figure("latency", findings, "A tool's recorded motion in real time: how long a tick takes from the tool's "
-                  "position leaving the host to the force arriving there. A strip is a histogram in bins of a twentieth of a decade, the "
-                  "stronger the more ticks. Of those left of the dashed line the force is there before the next tick is due. Marks: 99.9% of "
-                  "the ticks are no later. Drawn: while the body is drawn. Edits are a cut or a suture ten times a second.",
-                  TICK, drawn_rows, panels, used(results, having="haptic"))
+    return Figure("latency", findings, TICK, drawn_rows, panels, used(results, having="haptic"))
 
 
 HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
@@ -1115,8 +1073,7 @@ def history(charts, results, rows):
         return None
     several = [result for result in results if any((row["machine"], row["study"], row["date"]) ==
                                                    (result.machine, result.study, result.date) for row in kept)]
-    return Figure("history", findings, "The same study on the same machine at several commits; the line across a "
-                  "point spans the repetitions. Verdicts are those of diff.py on the first and the last run.", HISTORY, kept, panels, several)
+    return Figure("history", findings, HISTORY, kept, panels, several)
 
 
 GATE = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
@@ -1174,9 +1131,7 @@ def stress(charts, results):
                        "reached.")
         panels.append(charts.panel(machine, {"machine": machine}, alt.layer(gate, chart), alternative,
                                    step=("measurement", 24)))
-    return Figure("stress", findings, "Every measurement with a gate, as a share of it: left of the line it holds. What is "
-                  f"less than {error_text(MIN_SHARE)} of its gate is drawn there; gates and measurements of exactly zero "
-                  "are in the table alone.", GATE, rows, panels, results)
+    return Figure("stress", findings, GATE, rows, panels, results)
 
 
 def latest_runs(results):
