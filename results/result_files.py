@@ -39,7 +39,7 @@ def is_finite(value):
         return False
 
 
-def load(path):
+def load(path, parse_constant=None):
     """The result in a file, whatever its name; refuses what is no JSON object of a version that is read."""
     expected = "expected a result that `voxspring study` wrote"
     try:
@@ -47,7 +47,7 @@ def load(path):
         if data.startswith(GZIP):
             data = gzip.decompress(data)
         text = data.decode("utf-8")
-        result = json.loads(text)
+        result = json.loads(text, parse_constant=parse_constant)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or error}; {expected}") from None
     except RecursionError:

@@ -375,7 +375,7 @@ class Scripts(InTemporaryFolder):
                             "python3 of the PATH: ModuleNotFoundError: No module named 'scipy'", "install Debian's python3-scipy",
                             "requirements.txt")
         called = self.call(program, "report", "--out", "a.html", env=environment)
-        self.assert_refused(called, "altair, scipy.stats, vl_convert", f"{own}: ImportError", "requirements.txt")
+        self.assert_refused(called, "altair, fastjsonschema, PIL, scipy.stats, vl_convert", f"{own}: ImportError", "requirements.txt")
         for command in ("diff", "report"):
             called = self.call(program, command, "--help", env=environment)
             self.assertEqual((called.returncode, called.stderr), (0, ""))

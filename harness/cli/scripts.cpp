@@ -50,7 +50,7 @@ const std::map<std::string, Script>& all_scripts() {
           "python3-scipy"}},
         {"report",
          {"A page of results as one HTML file (needs Python 3 with altair, scipy and vl-convert-python)",
-          "altair, scipy.stats, vl_convert", ""}},
+          "altair, fastjsonschema, PIL, scipy.stats, vl_convert", ""}},
     };
     return all;
 }

@@ -5,16 +5,18 @@ coloured by displacement, one by the error against float64. Of the sizes of a da
 drawn. A picture says itself what it shows (its text "voxspring", JSON), so that nothing here is taken on trust.
 """
 
+import io
 import json
 import re
-import struct
 import subprocess
-import zlib
 from dataclasses import dataclass
+
+import PIL.Image
 
 from . import reading
 
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
+# What a PNG file that is whole ends with.
+END = b"IEND\xaeB`\x82"
 COLOURED_BY = ("displacement", "error")
 SIZE = "560x420"
 # Particle updates of a run, which float64 on one core takes about two seconds for, and the most steps.
@@ -28,7 +30,6 @@ SECONDS = 120
 ANOTHER_SIZE = "as those shown, in another size"
 # A built-in scene, perhaps in another size. Nothing else that a file calls a scene gets onto the program's command line.
 NAME = re.compile(r"\w+(@\w+)?")
-ABOUT = {"scene": str, "particles": int, "steps": int, "coloured_by": str, "backend": str, "largest": float, "renderer": str}
 
 
 @dataclass
@@ -58,6 +59,8 @@ class Wanted:
 class Picture:
     about: dict
     data: bytes
+    width: int
+    height: int
 
     @property
     def scene(self):
@@ -66,14 +69,6 @@ class Picture:
     @property
     def coloured_by(self):
         return self.about["coloured_by"]
-
-    @property
-    def width(self):
-        return struct.unpack(">I", self.data[16:20])[0]
-
-    @property
-    def height(self):
-        return struct.unpack(">I", self.data[20:24])[0]
 
 
 def family(scene):
@@ -111,43 +106,27 @@ def choose(results):
     return chosen, left_out
 
 
-def text_of(path, data):
-    """The text "voxspring" of a PNG file whose chunks are whole to the last."""
-    place, text = len(SIGNATURE), None
-    if not data.startswith(SIGNATURE):
-        raise reading.BadInput(f"{path}: begins with {data[:8]!r}; expected a PNG file")
-    while place + 12 <= len(data):
-        length = struct.unpack(">I", data[place:place + 4])[0]
-        kind, body = data[place + 4:place + 8], data[place + 8:place + 8 + length]
-        end = data[place + 8 + length:place + 12 + length]
-        if len(end) < 4 or struct.unpack(">I", end)[0] != zlib.crc32(kind + body):
-            break
-        if kind == b"tEXt" and body.startswith(b"voxspring\0"):
-            text = body[len(b"voxspring\0"):].decode("latin-1")
-        if kind == b"IEND" and text is not None:
-            return text
-        place += 12 + length
-    raise reading.BadInput(f"{path}: is cut off or has no text voxspring; expected a picture that voxspring run --out drew")
-
-
 def read(path):
+    """A picture whose bytes are whole to the last, by what it says of itself: its text "voxspring"."""
     try:
         data = path.read_bytes()
     except OSError as error:
         raise reading.BadInput(f"{path}: {error.strerror}") from None
-    text = text_of(path, data)
+    try:
+        with PIL.Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+            text = image.info["voxspring"]
+            image.verify()
+        if not data.endswith(END):
+            raise SyntaxError
+    except (KeyError, OSError, SyntaxError):
+        raise reading.BadInput(f"{path}: begins with {data[:8]!r}, is cut off or has no text voxspring; expected a PNG file that "
+                               "voxspring run --out drew") from None
     try:
         about = json.loads(text)
     except ValueError:
         about = None
-    if not isinstance(about, dict):
-        raise reading.BadInput(f"{path}: voxspring: {reading.shown(text)}; expected an object")
-    for key, kind in ABOUT.items():
-        reading.need(path, "voxspring", about, key, kind)
-    if about["coloured_by"] not in COLOURED_BY:
-        raise reading.BadInput(f"{path}: voxspring.coloured_by: {reading.shown(about['coloured_by'])}; expected one of "
-                               f"{', '.join(COLOURED_BY)}")
-    return Picture(about, data)
+    reading.check(path, about, "picture", "voxspring")
+    return Picture(about, data, *image.size)
 
 
 def draw(program, folder, wanted, coloured_by):

@@ -1,63 +1,28 @@
 """Results of studies as rows that figures are drawn from.
 
-A file that is not what schema.json says is refused with its path, the key and the value. Only what the page needs is
+A file that is not as reading.schema.json says is refused with its path, the key and the value. Only what the page needs is
 looked at, so that files of older versions, which lack newer keys, are read as well.
 """
 
+import functools
+import importlib.resources
+import json
 import math
 import pathlib
 import re
 from dataclasses import dataclass, field
 
+import fastjsonschema
+
 import result_files
 from result_files import BadInput, shown
 
 
-class Positive(float):
-    """In the tables below: a number above zero."""
-
-
 REGIONS = ("bounded", "heating", "diverged")
-# The lists that a file may have, and which keys of a row the page cannot do without.
-REQUIRED = {
-    "benchmarks": {"name": str, "run_name": str, "scene": str, "backend": str, "formulation": str, "precision": str,
-                   "real_time": Positive, "steps": int, "particles": int, "springs": int},
-    "pareto": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "device": str,
-               "fraction_of_stable": Positive, "end_time": float, "steps": int, "on_front": bool},
-    "fastest": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str,
-                "seconds_per_step": Positive, "targets": list},
-    "stability": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "damping": float,
-                  "start": dict, "ratio": Positive, "passed": bool},
-    "stability_map": {"name": str, "scene": str, "backend": str, "damping": list, "fraction": list, "region": list,
-                      "amplitude": float, "steps": int},
-    "stress": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "measurement": str,
-               "steps": int, "gate_is": str, "passed": bool},
-    "scaling": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "family": str, "scaling": str,
-                "ranks": int, "way": str, "particles": int, "seconds_per_step": Positive, "compute_seconds": float,
-                "exchange_seconds": float, "waiting_seconds": float},
-    "haptic": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "hertz": Positive, "edited": bool,
-               "ticks": int, "median_seconds": Positive, "p99_seconds": Positive, "p999_seconds": Positive,
-               "worst_seconds": Positive, "missed": int, "steps_that_fit": int},
-    "overhead": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "particles": int, "handed_over": str,
-                 "steps": int, "seconds_per_step": Positive, "host_seconds_per_step": float},
-    "energy": {"name": str, "scene": str, "backend": str, "formulation": str, "precision": str, "particles": int, "meter": str,
-               "seconds_per_step": Positive, "joules_per_step": Positive, "springs_per_joule": Positive, "watts": Positive,
-               "idle_watts": float},
-    "failed": {"name": str, "scene": str, "backend": str, "reason": str},
-    "skipped": {"name": str, "scene": str, "backend": str, "reason": str},
-}
-# Those of which a figure is made.
-MEASURED = tuple(name for name in REQUIRED if name not in ("fastest", "failed", "skipped"))
-# What older files lack, or is null where it is not known.
-OPTIONAL = {
-    **dict.fromkeys(("limit_seconds", "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "edits",
-                     "edit_seconds_median", "seconds_per_step_without_edits", "total_error_relative_l2", "seconds", "gate",
-                     "measured", "particles", "step_bytes", "efficiency", "predicted_seconds", "step_footprint_bytes", "step_operations",
-                     "pictures_per_second"), float),
-    **dict.fromkeys(("aggregate_name", "run_type", "tuning", "limited_by", "unit", "detail", "cut"), str), "drawn": bool, "histogram": list,
-}
-WHAT = {str: "text", float: "a number", Positive: "a number above 0", int: "a whole number",
-        bool: "true or false", list: "a list", dict: "an object"}
+SCHEMA = json.loads((importlib.resources.files(__package__) / "reading.schema.json").read_text(encoding="utf-8"))
+# The lists that a file may have, and those of which a figure is made.
+LISTS = tuple(name for name in SCHEMA["properties"] if name != "context")
+MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "skipped"))
 
 
 @dataclass
@@ -87,86 +52,53 @@ class Result:
         return f"{self.machine}{driver}, commit {self.commit}, {self.date[:10]}"
 
 
-def is_a(value, kind):
-    if kind in (float, Positive):
-        return result_files.is_finite(value) and (kind is float or value > 0)
-    if kind is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    return isinstance(value, kind)
+@functools.cache
+def validator(name):
+    return fastjsonschema.compile(SCHEMA | {"$ref": f"#/$defs/{name}"} if name else SCHEMA)
 
 
-def is_texts(value):
-    return isinstance(value, list) and all(isinstance(item, str) for item in value)
+def resolved(schema):
+    return SCHEMA["$defs"][schema["$ref"].removeprefix("#/$defs/")] if "$ref" in schema else schema
 
 
-def need(path, where, holder, key, kind):
-    """holder[key], or a refusal that names the file, the key and the value."""
-    place = f"{where}.{key}" if where else key
-    if key not in holder:
-        raise BadInput(f"{path}: {place}: is missing; expected {WHAT[kind]}")
-    if not is_a(holder[key], kind):
-        raise BadInput(f"{path}: {place}: {shown(holder[key])}; expected {WHAT[kind]}")
-    return holder[key]
+def check(path, data, name="", at=""):
+    """Refuses what is not as reading.schema.json, or its part of a name, says: by the file, the key, the value and what is expected."""
+    try:
+        validator(name)(data)
+    except fastjsonschema.JsonSchemaValueException as error:
+        place, said, wanted = at + error.name.removeprefix("data").removeprefix("." * (not at)), shown(error.value), error.definition
+        if error.rule == "required":
+            key = next(key for key in wanted["required"] if key not in error.value)
+            place, said = f"{place}.{key}".removeprefix("."), "is missing"
+            wanted = resolved((wanted.get("properties", {}) | SCHEMA["$defs"]["row"]["properties"]).get(key, wanted))
+        raise BadInput(f"{path}: {place}: {said}; expected {wanted.get('description', 'another value')}") from None
 
 
 def check_map(path, where, row):
-    for key in ("damping", "fraction"):
-        if not row[key] or not all(is_a(value, float) for value in row[key]):
-            raise BadInput(f"{path}: {where}.{key}: {shown(row[key])}; expected numbers")
     if len(row["region"]) != len(row["damping"]):
         raise BadInput(f"{path}: {where}.region: {len(row['region'])} rows; expected one for each of the "
                        f"{len(row['damping'])} values of damping")
     for line in row["region"]:
-        if not isinstance(line, list) or len(line) != len(row["fraction"]) or any(r not in REGIONS for r in line):
-            raise BadInput(f"{path}: {where}.region: {shown(line)}; expected {len(row['fraction'])} of "
-                           f"{', '.join(REGIONS)}")
-
-
-def check_fastest(path, where, row):
-    for index, target in enumerate(row["targets"]):
-        place = f"{where}.targets[{index}]"
-        if not isinstance(target, dict):
-            raise BadInput(f"{path}: {place}: {shown(target)}; expected an object")
-        need(path, place, target, "quantity", str)
-        need(path, place, target, "value", Positive)
-        if target.get("measured") is not None:
-            need(path, place, target, "measured", float)
-    if row.get("paper") is not None:
-        paper = need(path, where, row, "paper", dict)
-        need(path, f"{where}.paper", paper, "name", str)
-        need(path, f"{where}.paper", paper, "ratio", Positive)
+        if len(line) != len(row["fraction"]):
+            raise BadInput(f"{path}: {where}.region: {shown(line)}; expected {len(row['fraction'])} of {', '.join(REGIONS)}")
 
 
 def check_histogram(path, where, row):
-    last = 0
-    for index, entry in enumerate(row.get("histogram") or []):
-        good = isinstance(entry, list) and len(entry) == 2 and is_a(entry[0], Positive) and is_a(entry[1], int)
-        if not good or entry[1] < 1 or not last < entry[0] <= 1:
-            raise BadInput(f"{path}: {where}.histogram[{index}]: {shown(entry)}; expected where a bin begins, beyond the one before, "
-                           "and a count above 0")
-        last = entry[0]
+    begins = [begin for begin, _ in row.get("histogram") or []]
+    for index, (before, begin) in enumerate(zip(begins, begins[1:]), start=1):
+        if begin <= before:
+            raise BadInput(f"{path}: {where}.histogram[{index}]: {shown(row['histogram'][index])}; expected where a bin begins, beyond "
+                           "the one before, and a count above 0")
 
 
 # Rates of arithmetic: of a device the highest counts.
 OPERATIONS = ("float32_operations_per_second", "compute_shader_float32_operations_per_second")
 
 
-def limits_of(path, about):
+def limits_of(about):
     """The measured limits of the device of each backend; nothing for a device that gave none."""
-    apis = need(path, "context.voxspring", about, "backends", dict) if "backends" in about else {}
-    by_api = {}
-    for name, limits in (need(path, "context.voxspring", about, "limits", dict) if "limits" in about else {}).items():
-        where = f"context.voxspring.limits.{name}"
-        if not isinstance(limits, dict) or not limits.get("bandwidth"):
-            continue
-        for index, entry in enumerate(need(path, where, limits, "bandwidth", list)):
-            for key in ("footprint_bytes", "written_share", "bytes_per_second"):
-                need(path, f"{where}.bandwidth[{index}]", entry, key, float if key == "written_share" else Positive)
-        for key in OPERATIONS:
-            if key == OPERATIONS[0] or key in limits:
-                need(path, where, limits, key, Positive)
-        by_api[need(path, where, limits, "api", str)] = limits
-    return {backend: by_api[one["api"]] for backend, one in apis.items()
+    by_api = {limits["api"]: limits for limits in about.get("limits", {}).values() if isinstance(limits, dict) and limits.get("bandwidth")}
+    return {backend: by_api[one["api"]] for backend, one in about.get("backends", {}).items()
             if isinstance(one, dict) and isinstance(one.get("api"), str) and one["api"] in by_api}
 
 
@@ -197,52 +129,21 @@ def rooflines(limits, rows):
 
 def read(path):
     """The result in a file."""
-    data = result_files.load(path)
-    context = need(path, "", data, "context", dict)
-    about = need(path, "context", context, "voxspring", dict)
-    where = "context.voxspring"
-    study = need(path, where, need(path, where, about, "study", dict), "name", str)
-    machine = about["gpu"] if isinstance(about.get("gpu"), str) else need(path, where, about, "cpu", str)
-    lists = {}
-    for name, keys in REQUIRED.items():
-        rows = need(path, "", data, name, list) if name in data else []
-        for index, row in enumerate(rows):
-            place = f"{name}[{index}]"
-            if not isinstance(row, dict):
-                raise BadInput(f"{path}: {place}: {shown(row)}; expected an object")
-            for key, kind in keys.items():
-                need(path, place, row, key, kind)
-            for key, kind in OPTIONAL.items():
-                if row.get(key) is not None:
-                    need(path, place, row, key, kind)
-            for key in ("noisy", "throttled"):
-                if not is_texts(row.get(key, [])):
-                    raise BadInput(f"{path}: {place}.{key}: {shown(row[key])}; expected a list of text")
-            if row.get("time_unit", "us") != "us":
-                raise BadInput(f"{path}: {place}.time_unit: {shown(row['time_unit'])}; expected \"us\"")
-            if name == "stability":
-                need(path, f"{place}.start", row["start"], "kind", str)
-                need(path, f"{place}.start", row["start"], "amplitude", float)
-            if name == "stability_map":
-                check_map(path, place, row)
-            if name == "fastest":
-                check_fastest(path, place, row)
-            if name == "haptic":
-                check_histogram(path, place, row)
-        lists[name] = rows
+    # NaN and Infinity, which JSON does not have, become texts, and no number is one.
+    data = result_files.load(path, parse_constant=str)
+    check(path, data)
+    lists = {name: data.get(name, []) for name in LISTS}
+    for name, check_row in (("stability_map", check_map), ("haptic", check_histogram)):
+        for index, row in enumerate(lists[name]):
+            check_row(path, f"{name}[{index}]", row)
+    context = data["context"]
+    about = context["voxspring"]
+    machine = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
     driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
-    cores = need(path, "context", context, "num_cpus", int) if context.get("num_cpus") is not None else None
-    host = need(path, "context", context, "host_name", str) if context.get("host_name") is not None else ""
-    return Result(path, study, machine, driver, need(path, where, about, "commit", str),
-                  need(path, "context", context, "date", str), lists, limits_of(path, about), cores, host, cards_of(path, about))
-
-
-def cards_of(path, about):
-    """The identities of the cards that a file is of; none of a processor or of a device that has none."""
-    backends = need(path, "context.voxspring", about, "backends", dict) if "backends" in about else {}
-    found = [need(path, f"context.voxspring.backends.{name}", one, "uuid", str) for name, one in backends.items()
-             if isinstance(one, dict) and one.get("uuid")]
-    return tuple(sorted(set(found)))
+    # The identities of the cards; none of a processor or of a device that has none.
+    cards = {one["uuid"] for one in about.get("backends", {}).values() if isinstance(one, dict) and one.get("uuid")}
+    return Result(path, about["study"]["name"], machine, driver, about["commit"], context["date"], lists, limits_of(about),
+                  context.get("num_cpus"), context.get("host_name") or "", tuple(sorted(cards)))
 
 
 def tell_apart(results):
