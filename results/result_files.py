@@ -117,6 +117,31 @@ def spread_of(times):
     return (high - low) / 2 / middle if middle else None
 
 
+def groups(rows, *keys):
+    """{values of the keys: rows that have them}, in the order of their first rows; a key may be a function of a row."""
+    found = {}
+    for row in rows:
+        found.setdefault(tuple(key(row) if callable(key) else row[key] for key in keys), []).append(row)
+    return found
+
+
+def distinct(rows, key):
+    return list(dict.fromkeys(row[key] for row in rows))
+
+
+def listed(parts):
+    """a, b and c."""
+    parts = list(parts)
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def medians(benchmarks):
+    """(row, times of its repetitions, or its own) of every median among rows of `benchmarks`, in their order."""
+    times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
+    medians_of = (row for row in benchmarks if row.get("aggregate_name") == "median")
+    return [(row, [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]) for row in medians_of]
+
+
 # Lists of a result that repeat or judge what others have, or have no measurement.
 NOT_MEASURED = ("failed", "skipped", "verification", "fastest", "auto")
 

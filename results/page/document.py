@@ -159,10 +159,11 @@ def script_safe(text):
 
 
 def compact(figure):
+    """A figure as page.js takes it, with those keys of its rows that its table or its charts name."""
     used = {column[0] for column in figure.columns}
     used |= {key for panel in figure.panels for key in [*panel.match, *(panel.step or ())[:1]]}
     drawn = json.dumps([panel.spec for panel in figure.panels])
-    used |= {name for name in figure.rows[0] if name in drawn}
+    used |= set(re.findall(r'(?:"field": "|datum\.)(\w+)', drawn)) & figure.rows[0].keys()
     names = sorted(used)
     rows = [[reading.significant(row[name]) for name in names] for row in figure.rows]
     return {"name": figure.name, "columns": figure.columns, "keys": names, "rows": rows,

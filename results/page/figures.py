@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import altair as alt
 
 import comparison
+from result_files import distinct, groups, listed
 
 from . import reading
 
@@ -99,12 +100,6 @@ def percent(fraction):
     return f"{100 * fraction:{'.2g' if abs(fraction) < 0.995 else '.0f'}}{SPACE}%"
 
 
-def listed(parts):
-    """a, b and c."""
-    parts = list(parts)
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-
-
 def between(values, text):
     """The least and the most of some values, once if they read the same."""
     ends = list(dict.fromkeys(text(value) for value in (min(values), max(values))))
@@ -122,17 +117,6 @@ def by_machine(findings):
     for machine, text in findings:
         together.setdefault(text, []).append(machine)
     return sentence("; ".join(f"on {listed(dict.fromkeys(machines))} {text}" for text, machines in together.items()))
-
-
-def distinct(rows, key):
-    return list(dict.fromkeys(row[key] for row in rows))
-
-
-def groups(rows, *keys):
-    found = {}
-    for row in rows:
-        found.setdefault(tuple(row[key] for key in keys), []).append(row)
-    return found
 
 
 def colour_of(backend):
@@ -215,6 +199,11 @@ def ladder(entries):
 
 # Whole names, however long.
 LABEL_AXIS = alt.Axis(labelLimit=320, grid=True)
+
+
+def label_axis(key):
+    """A strategy for each line, that with the least of a key first."""
+    return alt.Y("label:N", title=None, sort=alt.EncodingSortField(key, op="min"), axis=LABEL_AXIS)
 
 
 def labelled(rows):
@@ -304,8 +293,14 @@ class Charts:
         return [alt.Tooltip(f"{key}:{'N' if digits is None else 'Q'}", title=text,
                             format=alt.Undefined if digits is None else f".{digits}~g") for key, text, digits in columns]
 
-    def panel(self, heading, match, chart, alternative, height=None, step=None):
+    def points(self, told, base=None, shape=None, **mark):
+        """A mark for each row, in the colour of its backend and the shape of its family, which tells columns of the table."""
+        return (base or source()).mark_point(filled=True, **mark).encode(
+            color=self.colour(), shape=shape or self.family_shape(), tooltip=self.tooltip(told))
+
+    def panel(self, match, chart, alternative, height=None, step=None, heading=None):
         """A chart as Vega-Lite, as wide as its panel and filtered; its height is fixed or follows its rows."""
+        heading = heading or ", ".join(reversed(match.values()))
         chart = chart.add_params(alt.param(name="shown", value=self.backends), alt.param(name="scene", value=""))
         chart = filtered(chart, "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)")
         chart = chart.properties(width="container", height=height or step[1], description=alternative,
@@ -327,11 +322,38 @@ def filtered(chart, condition):
     return chart
 
 
-TIME = [("microseconds", "time per step (µs)", 4), ("least", "least (µs)", 4), ("most", "most (µs)", 4)]
-STEP = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
-        ("contender", "strategy", None), *TIME, ("spring_rate", "springs/s", 4), ("of_limit", "of limit", 3),
-        ("limited_by", "limited by", None), ("rounding", "rounding error", 3), ("rounding_max", "worst particle", 3),
-        ("error_steps", "after steps", 6), ("study", "study", None), ("commit", "commit", None)]
+# What a column of a table is called, and its digits: none for text. What is not here is a text that is called as its key.
+COLUMNS = {
+    "microseconds": ("time per step (µs)", 4), "least": ("least (µs)", 4), "most": ("most (µs)", 4), "scene": ("dataset", None),
+    "contender": ("strategy", None), "spring_rate": ("springs/s", 4), "of_limit": ("of limit", 3),
+    "limited_by": ("limited by", None), "rounding": ("rounding error", 3), "rounding_max": ("worst particle", 3),
+    "error_steps": ("after steps", 6), "fraction": ("of stable step", 4), "steps": ("steps", 6), "seconds": ("run time (s)", 4),
+    "total": ("total error", 3), "front": ("on the front", None), "middle": ("total error, median", 3),
+    "count": ("backends", 3), "damping": ("damping", 4), "region": ("outcome", None), "ratio": ("measured / theory", 6),
+    "operations_a_byte": ("operations per byte", 4), "operation_rate": ("Gop/s", 4), "footprint": ("footprint (MiB)", 4),
+    "edits": ("edits", 4), "slower": ("slower by (%)", 3), "edit_microseconds": ("an edit (µs)", 4),
+    "base": ("a step without (µs)", 4), "handed_over": ("steps handed over", None),
+    "host": ("the host's calls (µs per step)", 4), "millijoules": ("energy per step (mJ)", 4),
+    "springs_per_joule": ("springs/J", 4), "watts": ("power (W)", 4), "idle_watts": ("idle (W)", 4),
+    "throttled": ("clocks held down by", None), "meter": ("counter", None), "compared": ("dataset", None),
+    "ranks": ("ranks", 4), "cut": ("cut into", None), "compute": ("compute (µs)", 4), "exchange": ("exchange (µs)", 4),
+    "waiting": ("waiting (µs)", 4), "efficiency": ("efficiency", 3), "predicted": ("efficiency predicted", 3),
+    "noisy": ("not to be trusted", None), "measured_ranks": ("ranks measured", 4),
+    "half": ("half of the efficiency at ranks", 2), "hertz": ("ticks per second", 6), "edited": ("edits", None),
+    "pictures": ("pictures per second", 3), "median": ("median (µs)", 4), "p99": ("p99 (µs)", 4), "p999": ("p99.9 (µs)", 4),
+    "worst": ("worst (µs)", 4), "missed": ("missed", 6), "ticks": ("played", 6), "steps_that_fit": ("steps that fit", 6),
+    "day": ("date", None), "verdict": ("first to last run", None), "interval": ("95% interval", None),
+    "measured": ("measured", 3), "gate_is": ("gate is", None), "gate": ("gate", 3)}
+
+
+def columns(keys, **others):
+    """(key, name, digits) of the columns of a table; others have a name of this table."""
+    return [(key, *others.get(key, COLUMNS.get(key, (key, None)))) for key in keys.split(" ")]
+
+
+SUBJECT = "machine scene backend contender"
+REST = "microseconds least most spring_rate of_limit limited_by rounding rounding_max error_steps study commit"
+STEP = columns(f"{SUBJECT} {REST}")
 
 
 def used(results, study=None, having=None):
@@ -364,12 +386,10 @@ def datasets(charts, results, rows):
         sizes = {row["scene"]: row["particles"] for row in of_machine}
         order = sorted(sizes, key=lambda scene: (sizes[scene], reading.natural(scene)))
         x = alt.X("microseconds:Q", title="time per step (µs)", scale=scale([row["microseconds"] for row in of_machine]))
-        chart = source().encode(y=alt.Y("scene:N", sort=order, title=None, axis=alt.Axis(grid=True)))
-        points = chart.mark_point(filled=True, size=75).encode(
-            x=x, color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(STEP))
+        points = charts.points(STEP, size=75).encode(x=x, y=alt.Y("scene:N", sort=order, title=None, axis=alt.Axis(grid=True)))
         alternative = (f"Dot plot for {machine}: time per step in microseconds of the best row of each of "
                        f"{len(distinct(of_machine, 'backend'))} backends on {len(order)} datasets.")
-        panels.append(charts.panel(machine, {"machine": machine}, points, alternative, step=("scene", 30)))
+        panels.append(charts.panel({"machine": machine}, points, alternative, step=("scene", 30)))
     return Figure("datasets", findings, STEP, best, panels, used(results, having="benchmarks"))
 
 
@@ -395,8 +415,8 @@ def figure7(charts, results, rows):
         alternative = (f"Bars for {scene} on {machine}: time per step of {len(group)} strategies, from "
                        f"{first['label']} with {time_text(first['microseconds'])} to {last['label']} with "
                        f"{time_text(last['microseconds'])}.")
-        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
-                                   alt.layer(bars, spread, names), alternative, step=("label", 36)))
+        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(bars, spread, names), alternative,
+                                   step=("label", 36)))
     findings = [(machine, listed(f"{name} leads on {listed(scenes)}" for name, scenes in of_machine.items()),
                  "; ".join(text for where, text in findings if where == machine)) for machine, of_machine in leaders.items()]
     return Figure("figure7", findings, STEP, rows, panels, used(results, "figure7"))
@@ -427,13 +447,10 @@ def figure8(charts, results, rows):
             x=alt.X("particles:Q", title="particles", scale=scale(sizes), axis=alt.Axis(format="~s")),
             y=alt.Y("microseconds:Q", title="time per step (µs)", scale=exact_scale(times)),
             color=charts.colour(), detail="label:N")
-        chart = alt.layer(lines.mark_line(strokeWidth=1.6),
-                          lines.mark_point(filled=True, size=45).encode(shape=charts.family_shape(),
-                                                                       tooltip=charts.tooltip(STEP)),
-                          *end_labels("particles", "microseconds"))
+        chart = alt.layer(lines.mark_line(strokeWidth=1.6), charts.points(STEP, lines, size=45), *end_labels("particles", "microseconds"))
         alternative = (f"Lines for {machine}: time per step of {len(distinct(group, 'label'))} strategies over "
                        f"{len(sizes)} box sizes from {sizes[0]} to {sizes[-1]} particles, both logarithmic.")
-        panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, FIGURE8_HEIGHT))
+        panels.append(charts.panel({"machine": machine}, chart, alternative, FIGURE8_HEIGHT))
     return Figure("figure8", findings, STEP, ended, panels, used(results, "figure8"))
 
 
@@ -442,10 +459,7 @@ def fastest_within(rows, target):
     return min((row for row in rows if row["total"] <= target), key=lambda row: row["seconds"], default=None)
 
 
-RUN = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
-       ("contender", "strategy", None), ("fraction", "of stable step", 4), ("steps", "steps", 6),
-       ("seconds", "run time (s)", 4), ("total", "total error", 3), ("rounding", "rounding error", 3),
-       ("device", "device", None), ("front", "on the front", None)]
+RUN = columns(f"{SUBJECT} fraction steps seconds total rounding device front")
 
 
 def front(charts, results, runs):
@@ -457,22 +471,19 @@ def front(charts, results, runs):
         if coarse and fine:
             costs.append(fine["seconds"] / coarse["seconds"])
         on_front += [row["formulation"] for row in group if row["front"]]
-        points = source().mark_point(filled=True, size=55).encode(
+        points = charts.points(RUN, shape=charts.shape("formulation", FORMULATIONS), size=55).encode(
             x=alt.X("seconds:Q", title=f"run time to t = {group[0]['end_time']:.3g} (s)",
                     scale=scale([row["seconds"] for row in group])),
             y=alt.Y("total:Q", title="total error (relative L2)", axis=alt.Axis(format="~e"),
                     scale=scale([row["total"] for row in group])),
-            color=charts.colour(), shape=charts.shape("formulation", FORMULATIONS),
-            opacity=alt.condition("datum.front", alt.value(1), alt.value(0.3)),
-            tooltip=charts.tooltip(RUN))
+            opacity=alt.condition("datum.front", alt.value(1), alt.value(0.3)))
         steps = source().transform_filter("datum.front").mark_line(
             interpolate="step-after", color="var(--ink)", strokeWidth=1.1).encode(
                 x="seconds:Q", y="total:Q",
                 strokeDash=alt.StrokeDash("device:N", legend=None, sort=distinct(group, "device")))
         alternative = (f"Scatter plot for {scene} on {machine}: {len(group)} runs, run time against total error, both "
                        f"logarithmic, with the Pareto front of each device as a line.")
-        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
-                                   alt.layer(steps, points), alternative, 340))
+        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(steps, points), alternative, 340))
     most = statistics.mode(on_front) if on_front else ""
     title = f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else "no run is on a Pareto front"
     cost = f"an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4" if costs else ""
@@ -480,8 +491,7 @@ def front(charts, results, runs):
     return Figure("front", findings, RUN, runs, panels, used(results, having="pareto"), legend="backend formulation")
 
 
-CURVE = [("scene", "dataset", None), ("formulation", "formulation", None), ("precision", "precision", None),
-         ("fraction", "of stable step", 4), ("middle", "total error, median", 3), ("count", "backends", 3)]
+CURVE = columns("scene formulation precision fraction middle count")
 
 
 def curves(charts, results, runs):
@@ -529,13 +539,11 @@ def curves(charts, results, runs):
                                                               tooltip=charts.tooltip(CURVE))
         alternative = (f"Lines for {scene} on {machine}: total error against the time step from {step(max(fractions))} to "
                        f"{step(min(fractions))} of the stable one, a line for each formulation and precision.")
-        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene},
-                                   alt.layer(lines, points), alternative, 320))
+        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(lines, points), alternative, 320))
     return Figure("curves", findings, RUN, runs, panels, used(results, having="pareto"), legend="formulation precision")
 
 
-MAP = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
-       ("damping", "damping", 4), ("fraction", "of the limit", 4), ("region", "outcome", None)]
+MAP = columns("machine scene backend damping fraction region", fraction=("of the limit", 4))
 
 
 def stability_map(charts, results):
@@ -570,28 +578,21 @@ def stability_map(charts, results):
             alternative = (f"Map for {row['scene']} on {result.machine}: outcome after {row['steps']} steps for "
                            f"{len(row['damping'])} dampings and {len(row['fraction'])} time steps.")
             panels = [panel for panel in panels if panel.match != {"machine": result.machine, "scene": row["scene"]}]
-            panels.append(charts.panel(f"{row['scene']}, {result.machine}",
-                                       {"machine": result.machine, "scene": row["scene"]},
-                                       alt.layer(cells_of, letters), alternative, step=("damping", 24)))
+            panels.append(charts.panel({"machine": result.machine, "scene": row["scene"]}, alt.layer(cells_of, letters), alternative,
+                                       step=("damping", 24)))
     if not rows:
         return None
     return Figure("map", findings, MAP, rows, panels, used(results, having="stability_map"), legend="region")
 
 
-RATIO = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
-         ("contender", "strategy", None), ("start", "start", None), ("damping", "damping", 4),
-         ("ratio", "measured / theory", 6), ("passed", "passed", None)]
+RATIO = columns(f"{SUBJECT} start damping ratio passed")
 
 
 def stability(charts, results):
-    rows = []
-    for result in results:
-        for row in result.lists["stability"]:
-            start = "stretched" if row["start"]["kind"] == "stretched" else f"±{row['start']['amplitude']:g}"
-            rows.append({"machine": result.machine, "scene": row["scene"], "backend": row["backend"],
-                         "family": reading.family(row["backend"]), "contender": reading.contender(row), "start": start,
-                         "kind": f"{start}, λ = {row['damping']:g}", "damping": row["damping"], "ratio": row["ratio"],
-                         "held": row.get("tolerance") is not None, "passed": "yes" if row["passed"] else "no"})
+    rows = [row | {"start": f"±{row['start']['amplitude']:g}" if row["start"]["kind"] != "stretched" else "stretched",
+                   "held": row.get("tolerance") is not None, "passed": "yes" if row["passed"] else "no"}
+            for row in reading.rows_of(results, "stability")]
+    rows = [row | {"kind": f"{row['start']}, λ = {row['damping']:g}"} for row in rows]
     if not rows:
         return None
     rows = reading.latest(rows, "machine", "scene", "contender", "kind")
@@ -602,15 +603,14 @@ def stability(charts, results):
     findings = [(listed(distinct(rows, "machine")), line or ends.replace(" of it", " of the limit of theory"), f"{line}; {ends}" if line else "")]
     panels = []
     for (machine,), group in groups(rows, "machine").items():
-        chart = source().mark_point(filled=True, size=40, opacity=0.75).encode(
+        chart = charts.points(RATIO, size=40, opacity=0.75).encode(
             x=alt.X("ratio:Q", title="measured limit / theory", scale=alt.Scale(zero=False),
                     axis=alt.Axis(tickCount=6)),
             y=alt.Y("kind:N", title="start in spacings, damping λ", sort=distinct(group, "kind")),
-            yOffset=alt.YOffset("backend:N", sort=charts.backends),
-            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(RATIO))
+            yOffset=alt.YOffset("backend:N", sort=charts.backends))
         alternative = (f"Dot plot for {machine}: measured over theoretical limit of the time step, {len(group)} rows by "
                        f"{len(distinct(group, 'kind'))} starts.")
-        panels.append(charts.panel(machine, {"machine": machine}, chart, alternative, step=("kind", 44)))
+        panels.append(charts.panel({"machine": machine}, chart, alternative, step=("kind", 44)))
     return Figure("stability", findings, RATIO, rows, panels, used(results, having="stability"))
 
 
@@ -630,12 +630,11 @@ def roofline(charts, results, rows):
                          "them"))
         ends = {key: (min(row[key] for row in group), max(row[key] for row in group))
                 for key in ("limit_microseconds", "microseconds")}
-        points = source().mark_point(filled=True, size=50, opacity=0.85).encode(
+        points = charts.points(STEP, size=50, opacity=0.85).encode(
             x=alt.X("limit_microseconds:Q", title="least time per step by the device's limits (µs)",
                     scale=scale(ends["limit_microseconds"], domain=ends["limit_microseconds"])),
             y=alt.Y("microseconds:Q", title="measured time per step (µs)",
-                    scale=scale(ends["microseconds"], domain=ends["microseconds"])),
-            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(STEP))
+                    scale=scale(ends["microseconds"], domain=ends["microseconds"])))
         lines = []
         for factor, text in ((1, "the limit"), (10, "ten times as long")):
             low, high = ends["limit_microseconds"]
@@ -649,12 +648,11 @@ def roofline(charts, results, rows):
                 x="x:Q", y="y:Q", text="text:N"))
         alternative = (f"Scatter plot for {machine}: least time per step by the device's measured limits against the "
                        f"measured time, {len(group)} rows, both logarithmic, with lines at the limit and ten times it.")
-        panels.append(charts.panel(machine, {"machine": machine}, alt.layer(*lines, points), alternative, 420))
+        panels.append(charts.panel({"machine": machine}, alt.layer(*lines, points), alternative, 420))
     return Figure("roofline", findings, STEP, rows, panels, used(results, having="benchmarks"))
 
 
-INTENSITY = [*STEP[:4], ("operations_a_byte", "operations per byte", 4), ("operation_rate", "Gop/s", 4),
-             ("footprint", "footprint (MiB)", 4), *STEP[4:]]
+INTENSITY = columns(f"{SUBJECT} operations_a_byte operation_rate footprint {REST}")
 # The datasets of a panel each: one that lies in a card's cache, and one far beyond it. Without them the smallest and the largest.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
@@ -699,9 +697,8 @@ def intensity(charts, results, rows):
         still = any(not row["operations_a_byte"] for row in group)
         x = alt.X("place:Q", title="operations per byte", axis=alt.Axis(labelExpr=f"datum.value > {edge} ? '' : datum.label"),
                   scale=alt.Scale(type="log", nice=False, domain=[start, edge * ON_CHIP**1.5 if still else edge]))
-        points = source().mark_point(filled=True, size=50, opacity=0.85).encode(
-            x=x, y=alt.Y("operation_rate:Q", title="operations per second (Gop/s)", scale=alt.Scale(type="log", nice=False)),
-            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(INTENSITY))
+        points = charts.points(INTENSITY, size=50, opacity=0.85).encode(
+            x=x, y=alt.Y("operation_rate:Q", title="operations per second (Gop/s)", scale=alt.Scale(type="log", nice=False)))
         lines = on_chip_strip(edge) if still else []
         for family, (bandwidths, operations) in roofs.items():
             at = sorted({start, *(operations / rate for rate in bandwidths.values()), edge})
@@ -716,8 +713,8 @@ def intensity(charts, results, rows):
                                    dy=-3, baseline="bottom"))
         alternative = (f"Roofline of {machine} on {scene}: operations per byte against operations per second, both logarithmic, "
                        f"{len(group)} rows below the roofs of memory, cache and arithmetic.")
-        panels.append(charts.panel(f"{machine}, {scene}", {"machine": machine, "scene": scene}, alt.layer(*lines, points),
-                                   alternative, 420))
+        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(*lines, points), alternative, 420,
+                                   heading=f"{machine}, {scene}"))
     findings = []
     for machine, bests in found.items():
         told = [f"{best['backend']} computes most on {best['scene']}, {engineering(best['operation_rate'] * 1e9, 'op/s')}" for best, _ in bests]
@@ -725,10 +722,8 @@ def intensity(charts, results, rows):
     return Figure("intensity", findings, INTENSITY, placed, panels, used(results, having="benchmarks"))
 
 
-EDIT = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
-        ("contender", "strategy", None), ("edits", "edits", 4), ("steps", "steps", 6), ("slower", "slower by (%)", 3),
-        ("edit_microseconds", "an edit (µs)", 4), ("microseconds", "a step with edits (µs)", 4),
-        ("base", "a step without (µs)", 4), ("study", "study", None), ("commit", "commit", None)]
+EDIT = columns(f"{SUBJECT} edits steps slower edit_microseconds microseconds base study "
+               "commit", microseconds=("a step with edits (µs)", 4))
 
 
 EDITS_HEIGHT = 300
@@ -748,22 +743,18 @@ def edit_panels(charts, machine, formulation, steps, group):
         among = f", {counts[0]} in {steps} steps" * (len(counts) == 1)
         name = f"{sentence(heading)}{among}, {formulation}, {machine}"
         if len(counts) == 1:
-            chart = source().mark_point(filled=True, size=45).encode(
-                x=alt.X(f"{key}:Q", title=title, scale=scale(values)),
-                y=alt.Y("label:N", title=None, sort=alt.EncodingSortField(key, op="min"), axis=LABEL_AXIS),
-                color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(EDIT))
+            chart = charts.points(EDIT, size=45).encode(x=alt.X(f"{key}:Q", title=title, scale=scale(values)), y=label_axis(key))
             form = {"step": ("label", 18)}
         else:
             rows = with_end_labels(rows, "label", "edits", key, EDITS_HEIGHT)
             lines = source().encode(
                 x=alt.X("edits:Q", title=f"edits in {steps} steps", scale=scale(counts), axis=alt.Axis(values=counts)),
                 y=alt.Y(f"{key}:Q", title=title, scale=exact_scale(values)), color=charts.colour(), detail="label:N")
-            chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_point(filled=True, size=45).encode(
-                shape=charts.family_shape(), tooltip=charts.tooltip(EDIT)), *end_labels("edits", key))
+            chart = alt.layer(lines.mark_line(strokeWidth=1.4), charts.points(EDIT, lines, size=45), *end_labels("edits", key))
             form = {"height": EDITS_HEIGHT}
         alternative = (f"{sentence(heading)} for {machine}, {formulation}, over {listed(map(str, counts))} edits in {steps} steps for "
                        f"{len(distinct(group, 'backend'))} backends.")
-        yield rows, charts.panel(name, match, chart, alternative, **form)
+        yield rows, charts.panel(match, chart, alternative, heading=name, **form)
 
 
 def edits(charts, results, rows):
@@ -792,9 +783,7 @@ def edits(charts, results, rows):
     return Figure("edits", findings, EDIT, drawn, panels, files)
 
 
-OVERHEAD = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
-            ("handed_over", "steps handed over", None), ("steps", "steps", 6), ("microseconds", "time per step (µs)", 4),
-            ("host", "the host's calls (µs per step)", 4)]
+OVERHEAD = columns(f"{SUBJECT} handed_over steps microseconds host")
 HANDED_OVER = {"at once": "circle", "one by one": "diamond"}
 
 
@@ -813,23 +802,18 @@ def overhead(charts, results):
                          line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told)))
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         times = [row["microseconds"] for row in group]
-        marks = source().encode(
-            x=alt.X("microseconds:Q", title="time per step (µs)", scale=scale(times)),
-            y=alt.Y("label:N", title=None, sort=alt.EncodingSortField("microseconds", op="min"), axis=LABEL_AXIS), color=charts.colour())
-        points = marks.mark_point(filled=True, size=55).encode(
-            shape=charts.shape("handed_over", HANDED_OVER), tooltip=charts.tooltip(OVERHEAD))
+        points = charts.points(OVERHEAD, shape=charts.shape("handed_over", HANDED_OVER), size=55).encode(
+            x=alt.X("microseconds:Q", title="time per step (µs)", scale=scale(times)), y=label_axis("microseconds"))
         alternative = (f"Dot plot for {scene} on {machine}: time per step of {len(distinct(group, 'label'))} strategies, handed over one by "
                        "one and at once.")
-        heading = f"{scene}, {engineering(group[0]['particles'], 'particles')}, {machine}"
-        panels.append(charts.panel(heading, {"machine": machine, "scene": scene}, points, alternative, step=("label", 18)))
+        panels.append(charts.panel({"machine": machine, "scene": scene}, points, alternative, step=("label", 18),
+                                   heading=f"{scene}, {engineering(group[0]['particles'], 'particles')}, {machine}"))
     return Figure("overhead", findings, OVERHEAD, rows, panels, used(results, having="overhead"),
                   legend="backend handed_over")
 
 
-ENERGY = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
-          ("millijoules", "energy per step (mJ)", 4), ("springs_per_joule", "springs/J", 4), ("watts", "power (W)", 4),
-          ("idle_watts", "idle (W)", 4), ("microseconds", "time per step (µs)", 4), ("throttled", "clocks held down by", None),
-          ("meter", "counter", None)]
+ENERGY = columns(f"{SUBJECT} millijoules springs_per_joule watts idle_watts microseconds "
+                 "throttled meter")
 
 
 def energy(charts, results):
@@ -847,18 +831,15 @@ def energy(charts, results):
         findings.append((machine, told[-1], "; ".join(told) if len(told) > 1 else ""))
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         bars = source().mark_bar(height=11).encode(
-            x=alt.X("millijoules:Q", title="energy per step (mJ)", scale=alt.Scale(zero=True)),
-            y=alt.Y("label:N", title=None, sort=alt.EncodingSortField("millijoules", op="min"), axis=LABEL_AXIS),
+            x=alt.X("millijoules:Q", title="energy per step (mJ)", scale=alt.Scale(zero=True)), y=label_axis("millijoules"),
             color=charts.colour(), tooltip=charts.tooltip(ENERGY))
         alternative = f"Bars for {scene} on {machine}: energy per step of {len(group)} strategies, in millijoules."
-        panels.append(charts.panel(f"{scene}, {machine}", {"machine": machine, "scene": scene}, bars, alternative, step=("label", 24)))
+        panels.append(charts.panel({"machine": machine, "scene": scene}, bars, alternative, step=("label", 24)))
     return Figure("energy", findings, ENERGY, rows, panels, used(results, having="energy"))
 
 
-RANKS = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("scene", "scene", None),
-         ("contender", "strategy", None), ("ranks", "ranks", 4), ("cut", "cut into", None), ("parts", "parts", None), ("way", "way", None),
-         ("microseconds", "time per step (µs)", 4), ("compute", "compute (µs)", 4), ("exchange", "exchange (µs)", 4), ("waiting", "waiting (µs)", 4),
-         ("efficiency", "efficiency", 3), ("predicted", "efficiency predicted", 3), ("noisy", "not to be trusted", None)]
+RANKS = columns("machine compared scaling scene contender ranks cut parts way microseconds compute exchange "
+                "waiting efficiency predicted noisy", scene=("scene", None))
 
 
 WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square", "peer": "diamond", "peer_overlap": "triangle-left",
@@ -886,19 +867,17 @@ def scaling(charts, results):
             color=charts.colour(), detail=["contender:N", "way:N", "parts:N"])
         y = alt.Y("efficiency:Q", title="efficiency", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0))
         predicted = lines.transform_filter("datum.ranks > 1").mark_line(strokeWidth=1.1, strokeDash=[2, 3]).encode(y="predicted:Q")
-        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), lines.mark_point(filled=True).encode(
-            y=y, size=BRICKS_ARE_LARGER, shape=charts.shape("way", WAYS), tooltip=charts.tooltip(RANKS)))
+        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), charts.points(
+            RANKS, lines, charts.shape("way", WAYS)).encode(y=y, size=BRICKS_ARE_LARGER))
         alternative = (f"Lines for {compared} on {machine}: efficiency against one rank over {len(ranks)} numbers of ranks, and "
                        "dotted what the model predicts.")
-        panels.append(charts.panel(f"{compared}, {group[0]['scaling']} scaling, {machine}",
-                                   {"machine": machine, "compared": compared}, chart, alternative, 300))
+        panels.append(charts.panel({"machine": machine, "compared": compared}, chart, alternative, 300,
+                                   heading=f"{compared}, {group[0]['scaling']} scaling, {machine}"))
     return Figure("scaling", findings, RANKS, rows, panels, used(results, having="scaling"))
 
 
-FORECAST = [("machine", "machine", None), ("compared", "dataset", None), ("scaling", "scaling", None), ("contender", "strategy", None),
-            ("parts", "parts", None), ("way", "way", None), ("measured_ranks", "ranks measured", 4), ("ranks", "ranks", 4),
-            ("microseconds", "time per step, predicted (µs)", 3), ("efficiency", "efficiency, predicted", 3),
-            ("half", "half of the efficiency at ranks", 2)]
+FORECAST = columns("machine compared scaling contender parts way measured_ranks ranks microseconds efficiency "
+                                  "half", microseconds=("time per step, predicted (µs)", 3), efficiency=("efficiency, predicted", 3))
 
 
 def scaling_forecast(charts, results):
@@ -923,15 +902,13 @@ def scaling_forecast(charts, results):
             size=BRICKS_ARE_LARGER, shape=charts.shape("way", WAYS), tooltip=charts.tooltip(FORECAST)))
         alternative = (f"Dotted lines for {compared} on {machine}: the efficiency that a model predicts for {listed(map(str, ranks))} ranks. "
                        "Nothing of it was measured.")
-        panels.append(charts.panel(f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}",
-                                   {"machine": machine, "compared": compared}, chart, alternative, 300))
+        panels.append(charts.panel({"machine": machine, "compared": compared}, chart, alternative, 300,
+                                   heading=f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}"))
     return Figure("forecast", findings, FORECAST, rows, panels, used(results, having="scaling"))
 
 
-TICK = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None), ("contender", "strategy", None),
-        ("hertz", "ticks per second", 6), ("edited", "edits", None), ("drawn", "drawn", None), ("pictures", "pictures per second", 3),
-        ("median", "median (µs)", 4), ("p99", "p99 (µs)", 4), ("p999", "p99.9 (µs)", 4), ("worst", "worst (µs)", 4),
-        ("missed", "missed", 6), ("ticks", "played", 6), ("steps_that_fit", "steps that fit", 6)]
+TICK = columns(f"{SUBJECT} hertz edited drawn pictures median p99 p999 worst missed ticks "
+               "steps_that_fit")
 def rate_text(hertz):
     return f"{hertz / 1e3:.3g}{SPACE}kHz" if hertz >= 1e3 else f"{hertz:.3g}{SPACE}Hz"
 
@@ -990,16 +967,14 @@ def latencies(charts, results):
         alternative = (f"Histograms for {scene} at {rate_text(hertz)} on {machine}: a strip for each of {len(order)} rows, the darker "
                        "the more ticks took that time, with a line at the period of a tick.")
         with_edits = ", with edits" if edited == "yes" else ""
-        panels.append(charts.panel(f"{scene}, {rate_text(hertz)}{with_edits}, {machine}",
-                                   {"machine": machine, "scene": scene, "hertz": hertz, "edited": edited},
-                                   alt.layer(bins, rule, name, marks), alternative, step=("label", 16)))
+        panels.append(charts.panel({"machine": machine, "scene": scene, "hertz": hertz, "edited": edited},
+                                   alt.layer(bins, rule, name, marks), alternative, step=("label", 16),
+                                   heading=f"{scene}, {rate_text(hertz)}{with_edits}, {machine}"))
     return Figure("latency", findings, TICK, drawn_rows, panels, used(results, having="haptic"))
 
 
-HISTORY = [("machine", "machine", None), ("study", "study", None), ("scene", "dataset", None),
-           ("backend", "backend", None), ("contender", "strategy", None), ("commit", "commit", None),
-           ("day", "date", None), *TIME, ("rounding", "rounding error", 3), ("verdict", "first to last run", None),
-           ("ratio", "ratio of times", 4), ("interval", "95% interval", None)]
+HISTORY = columns("machine study scene backend contender commit day microseconds least most rounding verdict "
+                  "ratio interval", ratio=("ratio of times", 4))
 # What diff.py takes unless it is told otherwise.
 RULE = comparison.Rule()
 
@@ -1063,12 +1038,11 @@ def history(charts, results, rows):
             y=alt.Y("microseconds:Q", title="time per step (µs)", scale=scale(ends, domain=ends)),
             color=charts.colour(), detail="contender:N")
         chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_rule(strokeWidth=1.2).encode(
-            y="least:Q", y2="most:Q"), lines.mark_point(filled=True, size=45).encode(
-                shape=charts.family_shape(), tooltip=charts.tooltip(HISTORY)))
+            y="least:Q", y2="most:Q"), charts.points(HISTORY, lines, size=45))
         alternative = (f"Lines for {scene}, study {study} on {machine}: time per step of {len(of_contender)} strategies in "
                        f"{len(runs)} runs.")
-        panels.append(charts.panel(f"{scene}, study {study}, {machine}",
-                                   {"machine": machine, "study": study, "scene": scene}, chart, alternative, 300))
+        panels.append(charts.panel({"machine": machine, "study": study, "scene": scene}, chart, alternative, 300,
+                                   heading=f"{scene}, study {study}, {machine}"))
     if not panels:
         return None
     several = [result for result in results if any((row["machine"], row["study"], row["date"]) ==
@@ -1076,11 +1050,7 @@ def history(charts, results, rows):
     return Figure("history", findings, HISTORY, kept, panels, several)
 
 
-GATE = [("machine", "machine", None), ("scene", "dataset", None), ("backend", "backend", None),
-        ("contender", "strategy", None), ("measurement", "measurement", None), ("steps", "steps", 6),
-        ("measured", "measured", 3), ("gate_is", "gate is", None), ("gate", "gate", 3), ("unit", "unit", None),
-        ("detail", "detail", None),
-        ("passed", "passed", None)]
+GATE = columns(f"{SUBJECT} measurement steps measured gate_is gate unit detail passed")
 MIN_SHARE = 1e-6
 
 
@@ -1094,22 +1064,17 @@ def by_study(results):
 
 
 def stress(charts, results):
-    rows = []
     # A machine's latest suite stands for it, whole.
     results = list({result.machine: result for result in results if result.lists["stress"]}.values())
-    for result in results:
-        for row in result.lists["stress"]:
-            gate, value = row.get("gate"), row.get("measured")
-            if gate is None:
-                continue
-            numbers = (value, gate) if row["gate_is"] == "at most" else (gate, value)
-            rows.append({"machine": result.machine, "scene": row["scene"], "backend": row["backend"],
-                         "family": reading.family(row["backend"]), "contender": reading.contender(row),
-                         "measurement": row["measurement"], "steps": row["steps"], "measured": value, "gate": gate,
-                         "gate_is": row["gate_is"], "unit": row.get("unit", ""), "detail": row.get("detail", ""),
-                         # Zero has no place on a logarithmic axis.
-                         "share": max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None,
-                         "passed": "yes" if row["passed"] else "no"})
+    rows = []
+    for row in reading.rows_of(results, "stress"):
+        value, gate = row.get("measured"), row.get("gate")
+        numbers = (value, gate) if row["gate_is"] == "at most" else (gate, value)
+        # Zero has no place on a logarithmic axis.
+        share = max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
+        if gate is not None:
+            rows.append(row | {"measured": value, "unit": row.get("unit", ""), "detail": row.get("detail", ""), "share": share,
+                               "passed": "yes" if row["passed"] else "no"})
     if not rows:
         return None
     missed = [row for row in rows if row["passed"] == "no"]
@@ -1121,15 +1086,14 @@ def stress(charts, results):
         drawn = [row for row in group if row["share"]]
         if not drawn:
             continue
-        chart = source().transform_filter("isValid(datum.share)").mark_point(filled=True, size=40, opacity=0.8).encode(
+        chart = charts.points(GATE, source().transform_filter("isValid(datum.share)"), size=40, opacity=0.8).encode(
             x=alt.X("share:Q", title="measured, as a share of the gate", axis=alt.Axis(format="~e"),
                     scale=scale([row["share"] for row in drawn] + [1])),
-            y=alt.Y("measurement:N", title=None, sort=distinct(group, "measurement"), axis=alt.Axis(labelLimit=130)),
-            color=charts.colour(), shape=charts.family_shape(), tooltip=charts.tooltip(GATE))
+            y=alt.Y("measurement:N", title=None, sort=distinct(group, "measurement"), axis=alt.Axis(labelLimit=130)))
         gate = alt.Chart(alt.InlineData(values=[{"share": 1}])).mark_rule(color="var(--ink)").encode(x="share:Q")
         alternative = (f"Dot plot for {machine}: {len(drawn)} measurements over their gates, with a line where a gate is "
                        "reached.")
-        panels.append(charts.panel(machine, {"machine": machine}, alt.layer(gate, chart), alternative,
+        panels.append(charts.panel({"machine": machine}, alt.layer(gate, chart), alternative,
                                    step=("measurement", 24)))
     return Figure("stress", findings, GATE, rows, panels, results)
 

@@ -219,39 +219,25 @@ def moved_and_computed(row):
             "footprint": footprint / 2**20 or None}
 
 
+def rows_of(results, name):
+    """The rows of a list, with what tells them apart on the page; `compared` is what a file calls the family of a scene."""
+    return [row | {"machine": result.machine, "study": result.study, "commit": result.short_commit, "date": result.date,
+                   "compared": row.get("family"), "family": family(row["backend"]), "contender": contender(row),
+                   "noisy": "; ".join(row.get("noisy", [])), "throttled": "; ".join(row.get("throttled", []))}
+            for result in results for row in result.lists[name]]
+
+
 def measured(results):
     """A row for each contender, scene and file: the median over the repetitions, with the least and the most of them."""
-    rows = []
-    for result in results:
-        spread = {}
-        for row in result.lists["benchmarks"]:
-            if row.get("run_type") == "iteration":
-                spread.setdefault((row["run_name"], row["steps"]), []).append(row["real_time"])
-        for row in result.lists["benchmarks"]:
-            if row.get("aggregate_name") != "median":
-                continue
-            times = spread.get((row["run_name"], row["steps"]), [row["real_time"]])
-            limit = row.get("limit_seconds")
-            edit = row.get("edit_seconds_median")
-            rows.append({
-                "machine": result.machine, "study": result.study, "commit": result.short_commit, "date": result.date,
-                "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
-                "contender": contender(row), "formulation": row["formulation"], "precision": row["precision"],
-                "tuning": row.get("tuning", ""), "steps": row["steps"], "particles": row["particles"],
-                "microseconds": row["real_time"], "least": min(times), "most": max(times),
-                "repetition_times": tuple(times),
-                "particle_rate": row["particles"] / row["real_time"] * 1e6,
-                "spring_rate": row["springs"] / row["real_time"] * 1e6,
-                "limit_microseconds": limit * 1e6 if limit else None, "limited_by": row.get("limited_by"),
-                "of_limit": row.get("fraction_of_limit"),
-                **moved_and_computed(row), "rounding": row.get("error_relative_l2"),
-                "rounding_max": row.get("error_max"), "total": row.get("total_error_relative_l2"),
-                "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),
-                "edit_microseconds": edit * 1e6 if edit is not None else None,
-                "without_edits": row.get("seconds_per_step_without_edits"),
-                "noisy": "; ".join(row.get("noisy", [])),
-            })
-    return rows
+    return [row | {
+        "microseconds": row["real_time"], "least": min(times), "most": max(times), "repetition_times": tuple(times),
+        "spring_rate": row["springs"] / row["real_time"] * 1e6, "of_limit": row.get("fraction_of_limit"), "limited_by": row.get("limited_by"),
+        "limit_microseconds": row["limit_seconds"] * 1e6 if row.get("limit_seconds") else None,
+        **moved_and_computed(row), "rounding": row.get("error_relative_l2"), "rounding_max": row.get("error_max"),
+        "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),
+        "edit_microseconds": row["edit_seconds_median"] * 1e6 if row.get("edit_seconds_median") is not None else None,
+        "without_edits": row.get("seconds_per_step_without_edits")}
+        for result in results for row, times in result_files.medians(rows_of([result], "benchmarks"))]
 
 
 def latest(rows, *keys):
@@ -268,27 +254,21 @@ def strategies(rows):
 
 def pareto(results):
     """A row for each run to a scene's end time that has a time and a total error."""
-    return [{"machine": result.machine, "device": row["device"], "scene": row["scene"], "backend": row["backend"],
-             "family": family(row["backend"]), "contender": contender(row), "formulation": row["formulation"],
-             "precision": row["precision"], "fraction": row["fraction_of_stable"], "steps": row["steps"],
-             "particles": row.get("particles"),
-             "end_time": row["end_time"], "seconds": row["seconds"], "total": row["total_error_relative_l2"],
-             "rounding": row.get("error_relative_l2"), "front": row["on_front"]}
-            for result in results for row in result.lists["pareto"]
-            if row.get("seconds") and row.get("total_error_relative_l2")]
+    return [row | {"fraction": row["fraction_of_stable"], "particles": row.get("particles"), "total": row["total_error_relative_l2"],
+                   "rounding": row.get("error_relative_l2"), "front": row["on_front"]}
+            for row in rows_of(results, "pareto") if row.get("seconds") and row.get("total_error_relative_l2")]
+
+
+def is_bricks(row):
+    return sum(parts > 1 for parts in along_axes(row)) > 1
 
 
 def scaling(results):
     """A row for each number of ranks and way that has an efficiency; what the model predicts is an efficiency as well."""
-    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
-             "contender": contender(row), "compared": row["family"], "scaling": row["scaling"], "ranks": row["ranks"],
-             "cut": row.get("cut", ""), "parts": "bricks" if sum(parts > 1 for parts in along_axes(row)) > 1 else "slabs",
-             "way": row["way"], "particles": row["particles"], "microseconds": row["seconds_per_step"] * 1e6,
-             **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
-             "efficiency": row["efficiency"],
-             "predicted": row["efficiency"] * row["seconds_per_step"] / row["predicted_seconds"],
-             "noisy": "; ".join(row.get("noisy", []))}
-            for result in results for row in result.lists["scaling"] if row.get("efficiency") and row.get("predicted_seconds")]
+    return [row | {"cut": row.get("cut", ""), "parts": "bricks" if is_bricks(row) else "slabs", "microseconds": row["seconds_per_step"] * 1e6,
+                   **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
+                   "predicted": row["efficiency"] * row["seconds_per_step"] / row["predicted_seconds"]}
+            for row in rows_of(results, "scaling") if row.get("efficiency") and row.get("predicted_seconds")]
 
 
 # Ranks that nobody here has measured.
@@ -310,7 +290,7 @@ def forecast(one, most):
     large as they were, those of bricks in a body of one size shrink with them. A part is no thinner than a layer.
     """
     ranks, weak, cut = most["ranks"], most["scaling"] == "weak", along_axes(most)
-    bricks = sum(parts > 1 for parts in cut) > 1
+    bricks = is_bricks(most)
     sides = 6 if bricks else 2
     particle, particles = one["seconds_per_step"] / one["particles"], most["particles"]
     layer = most["ghosts"] / sum(2 * (parts - 1) * ranks / parts for parts in cut)
@@ -338,25 +318,21 @@ def forecast(one, most):
 
 def scaling_forecast(results):
     """A row for each number of ranks beyond those that were measured, for each family of scenes, strategy and way."""
+    needed = ("latency_seconds", "seconds_per_byte", "predicted_seconds", "ghosts", "border_bytes", "particles", "seconds_per_step")
     found = []
     for result in results:
-        rows = result.lists["scaling"]
-        needed = ("latency_seconds", "seconds_per_byte", "predicted_seconds", "ghosts", "border_bytes", "particles", "seconds_per_step")
-        several = [row for row in rows if row["ranks"] > 1 and all(row.get(name) is not None for name in needed)]
-
-        def line_of(row):
-            return row["family"], contender(row), row["way"], sum(parts > 1 for parts in along_axes(row)) > 1
-
-        for line in dict.fromkeys(map(line_of, several)):
-            most = max((row for row in several if line_of(row) == line), key=lambda row: row["ranks"])
-            ones = [row for row in rows if row["ranks"] == 1 and line_of(row)[:2] == line[:2]]
-            if not ones or not most["predicted_seconds"]:
+        rows = rows_of([result], "scaling")
+        lines, ones = {}, {(row["compared"], row["contender"]): row for row in reversed(rows) if row["ranks"] == 1}
+        for row in rows:
+            if row["ranks"] > 1 and all(row.get(name) is not None for name in needed):
+                lines.setdefault((row["compared"], row["contender"], row["way"], is_bricks(row)), []).append(row)
+        for line, several in lines.items():
+            most = max(several, key=lambda row: row["ranks"])
+            if line[:2] not in ones or not most["predicted_seconds"]:
                 continue
-            counts, half = forecast(ones[0], most)
-            found += [{"machine": result.machine, "compared": most["family"], "scaling": most["scaling"], "backend": most["backend"],
-                       "family": family(most["backend"]), "contender": contender(most), "way": most["way"],
-                       "parts": "bricks" if line[3] else "slabs", "measured_ranks": most["ranks"], "ranks": ranks, "microseconds": seconds * 1e6, "efficiency": efficiency,
-                       "half": half} for ranks, seconds, efficiency in counts]
+            counts, half = forecast(ones[line[:2]], most)
+            found += [most | {"parts": "bricks" if line[3] else "slabs", "measured_ranks": most["ranks"], "ranks": ranks,
+                              "microseconds": seconds * 1e6, "efficiency": efficiency, "half": half} for ranks, seconds, efficiency in counts]
     return found
 
 
@@ -377,29 +353,22 @@ def bin_begin(number):
 
 def haptic(results):
     """A row for each rate and way of playing, of those that keep a histogram; times in microseconds."""
-    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
-             "contender": contender(row), "formulation": row["formulation"], "hertz": row["hertz"], "edited": "yes" if row["edited"] else "no",
-             "drawn": "yes" if row.get("drawn") else "no", "pictures": row.get("pictures_per_second"), "ticks": row["ticks"],
-             **{name: row[f"{name}_seconds"] * 1e6 for name in ("median", "p99", "p999", "worst")},
-             "missed": row["missed"], "steps_that_fit": row["steps_that_fit"], "period": 1e6 / row["hertz"], "bins": bins_of(row)}
-            for result in results for row in result.lists["haptic"] if row.get("histogram")]
+    return [row | {"edited": "yes" if row["edited"] else "no", "drawn": "yes" if row.get("drawn") else "no",
+                   "pictures": row.get("pictures_per_second"), "period": 1e6 / row["hertz"], "bins": bins_of(row),
+                   **{name: row[f"{name}_seconds"] * 1e6 for name in ("median", "p99", "p999", "worst")}}
+            for row in rows_of(results, "haptic") if row.get("histogram")]
 
 
 def overhead(results):
     """A row for each way of handing over steps; times in microseconds."""
-    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
-             "contender": contender(row), "formulation": row["formulation"], "particles": row["particles"],
-             "handed_over": row["handed_over"], "steps": row["steps"], "microseconds": row["seconds_per_step"] * 1e6,
-             "host": row["host_seconds_per_step"] * 1e6} for result in results for row in result.lists["overhead"]]
+    return [row | {"microseconds": row["seconds_per_step"] * 1e6, "host": row["host_seconds_per_step"] * 1e6}
+            for row in rows_of(results, "overhead")]
 
 
 def energy(results):
     """A row for each strategy and scene."""
-    return [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "family": family(row["backend"]),
-             "contender": contender(row), "formulation": row["formulation"], "particles": row["particles"],
-             "millijoules": row["joules_per_step"] * 1e3, "microseconds": row["seconds_per_step"] * 1e6,
-             "throttled": "; ".join(row.get("throttled", [])), **{key: row[key] for key in ("springs_per_joule", "watts", "idle_watts", "meter")}}
-            for result in results for row in result.lists["energy"]]
+    return [row | {"millijoules": row["joules_per_step"] * 1e3, "microseconds": row["seconds_per_step"] * 1e6}
+            for row in rows_of(results, "energy")]
 
 
 def natural(text):

@@ -1,6 +1,7 @@
 """Explicit against implicit addressing, by size and by sparsity: the paper's first question."""
 
-from readme.rows import PAPER, contender, fastest_of, medians, microseconds, percent, scenes_of, table, time_of
+from readme.rows import PAPER, contender, fastest_of, medians, microseconds, percent, table, time_of
+from result_files import groups, listed
 
 # Beyond so many particles positions (48 bytes) and lists (72 bytes) are more than the 60 MB of an H200's L2.
 LARGE = 500_000
@@ -38,7 +39,7 @@ def datasets(formulation="position"):
     """The datasets of the study fastest on which both kinds of addressing ran without edits, small ones first."""
     rows = [row for row in medians("fastest")
             if row["formulation"] == formulation and row["precision"] == "float32" and not row.get("edits")]
-    found = [Dataset([row for row in rows if row["scene"] == scene]) for scene in scenes_of(rows)]
+    found = map(Dataset, groups(rows, "scene").values())
     return sorted((one for one in found if one.implicit and one.explicit), key=lambda one: (one.particles, one.active))
 
 
@@ -49,26 +50,14 @@ def winner(ratios):
     return "inverts" if all(ratio > 1 + ALIKE for ratio in ratios) else "is undecided"
 
 
-def joined(texts):
-    return texts[0] if len(texts) == 1 else ", ".join(texts[:-1]) + " and " + texts[-1]
-
-
-def verdict_of(by_kind):
-    """`holds for small sparse bodies, inverts for large sparse and large full bodies` of {kind: ratios}."""
-    found = {}
-    for kind in KINDS:
-        if kind in by_kind:
-            found.setdefault(winner(by_kind[kind]), []).append(kind)
-    if len(found) == 1:
-        return next(iter(found))
-    return ", ".join(f"{word} for {joined(found[word])} bodies" for word in ("holds", "is undecided", "inverts") if word in found)
-
-
 def verdict():
-    by_kind = {}
-    for one in datasets():
-        by_kind.setdefault(one.kind, []).append(one.ratio)
-    return verdict_of(by_kind)
+    """`holds for small sparse bodies, inverts for large sparse and large full bodies`."""
+    by_kind = groups(datasets(), lambda one: one.kind)
+    ratios = {kind: winner([one.ratio for one in by_kind[kind,]]) for kind in KINDS if (kind,) in by_kind}
+    if len(set(ratios.values())) == 1:
+        return next(iter(ratios.values()))
+    said = {word: [kind for kind, verdict_of in ratios.items() if verdict_of == word] for word in ("holds", "is undecided", "inverts")}
+    return ", ".join(f"{word} for {listed(kinds)} bodies" for word, kinds in said.items() if kinds)
 
 
 def best_cell(rows):

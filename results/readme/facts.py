@@ -9,9 +9,9 @@ import statistics
 
 import result_files
 from readme import addressing, tables
-from readme.addressing import joined
 from readme.rows import (CPU, GPU, Missing, by_name, fastest_of, figure, is_papers, medians, medians_of, result, three_digits)
 from readme.tables import slow_down
+from result_files import distinct, groups, listed
 
 # A time a particle that stays within this share of that of the largest box grows linearly.
 LINEAR = 0.2
@@ -96,7 +96,7 @@ def repetitions_above_limit():
     """How many single repetitions, of how many, and of which rows."""
     repetitions = [one for study in tables.results_of() for one in study["benchmarks"] if one["run_type"] == "iteration"]
     above = above_limit(repetitions)
-    names = joined(sorted({f"{tables.contender(one)} on {one['scene']}" for one in above}))
+    names = listed(sorted({f"{tables.contender(one)} on {one['scene']}" for one in above}))
     marked = all(one.get("noisy") and one["limited_by"] == "launch" for one in above)
     reason = ", marked `~`: its time and that of an empty launch moved" if marked else ""
     return f"{len(above)} of {len(repetitions):,} repetitions" + (f" ({names}{reason})" if above else "")
@@ -159,13 +159,13 @@ def by_time(study, scene, cases=None):
 def l1_wins():
     """On how many boxes of Figure 8 plain L1-cached loads are the fastest of the implicit strategies."""
     won, lost = 0, []
-    for scene in tables.scenes_of(medians("figure8")):
+    for scene in distinct(medians("figure8"), "scene"):
         others = min(us("figure8", scene, case) for case in addressing.IMPLICIT)
         if us("figure8", scene, "cuda_implicit_cached fetch=l1") < others:
             won += 1
         else:
             lost.append(f"{scene.removeprefix('box@')}^3")
-    return f"all {won} boxes" if not lost else f"{won} of the {won + len(lost)} boxes (all but {joined(lost)})"
+    return f"all {won} boxes" if not lost else f"{won} of the {won + len(lost)} boxes (all but {listed(lost)})"
 
 
 def papers_cuda(one):

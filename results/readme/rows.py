@@ -38,16 +38,7 @@ def name_of(row):
 
 def medians_of(one):
     """The median row of each case of a result, in the order of the file, with its `times` (us a step) and their `spread`."""
-    times = {}
-    for row in one["benchmarks"]:
-        if row["run_type"] == "iteration":
-            times.setdefault((row["run_name"], row["steps"]), []).append(row["real_time"])
-    found = []
-    for row in one["benchmarks"]:
-        if row.get("aggregate_name") == "median":
-            of_row = times.get((row["run_name"], row["steps"]), [])
-            found.append(row | {"times": of_row, "spread": result_files.spread_of(of_row)})
-    return found
+    return [row | {"times": times, "spread": result_files.spread_of(times)} for row, times in result_files.medians(one["benchmarks"])]
 
 
 def medians(study, machine=GPU):
@@ -56,10 +47,6 @@ def medians(study, machine=GPU):
 
 def by_name(one):
     return {name_of(row): row for row in medians_of(one)}
-
-
-def scenes_of(rows):
-    return list(dict.fromkeys(row["scene"] for row in rows))
 
 
 def tuning_of(row):
@@ -116,6 +103,10 @@ def fastest_of(rows):
 
 def three_digits(value):
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def giga(value):
+    return three_digits(value * 1e-9)
 
 
 def figure(value):

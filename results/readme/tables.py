@@ -1,13 +1,15 @@
 """The tables of results/README.md, a function each; figures are medians over the repetitions."""
 
 import collections
+import math
 
 import result_files
 from readme import addressing
 from readme.rows import (
-    GPU, PAPER, RESULTS, alike, by_name, contender, fastest_of, held_out, is_papers, loaded, machines, marked, medians, medians_of,
-    microseconds, name_of, percent, result, scenes_of, spread_text, table, three_digits, time_of, tuning_of,
+    GPU, PAPER, RESULTS, alike, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, machines, marked, medians, medians_of,
+    microseconds, name_of, percent, result, spread_text, table, three_digits, time_of, tuning_of,
 )
+from result_files import distinct, groups
 
 FORMULATIONS = ["paper", "position", "displacement", "increment", "compensated"]
 
@@ -21,57 +23,45 @@ def limit_of(row):
     return f"{percent(row['fraction_of_limit'])} ({row['limited_by']})" if row["fraction_of_limit"] else "-"
 
 
-def by_scene(rows, value):
-    """{contender: {scene: value(row)}}, contenders in the order of their first row."""
-    found = {}
-    for row in rows:
-        found.setdefault(contender(row), {})[row["scene"]] = value(row)
-    return found
+def matrix(corner, rows, heads, cells, key=None, whose=True, ends=None):
+    """A line for each contender: below `heads` of each scene `cells` of its row there; then those of `ends`, a header and a function
+    of its rows by scene. By default the order is that of the file."""
+    scenes = distinct(rows, "scene")
+    found = [(name, {row["scene"]: row for row in own}) for (name,), own in groups(rows, contender).items()]
+    blank = ["-"] * len(heads(scenes[0]))
+    header = [corner] + ["strategy of"] * whose + [head for scene in scenes for head in heads(scene)] + (ends[0] if ends else [])
+    return table(header, [
+        [name] + [papers(next(iter(own.values())))] * whose
+        + [cell for scene in scenes for cell in (cells(own[scene]) if scene in own else blank)] + (ends[1](own) if ends else [])
+        for name, own in (sorted(found, key=key) if key else found)])
 
 
 def limits(study):
     context = result(study)["context"]["voxspring"]
-    header = ["", "copy", "in cache", "launch", "float32", "float64", "float32 in compute shaders"]
-    rows = []
-    for api, limit in context["limits"].items():
-        def rate(key, unit, scale, limit=limit):
-            return f"{three_digits(limit[key] / scale)} {unit}" if limit.get(key) else "-"
-        launch = limit["launch_seconds"]
-        rows.append([api, rate("copy_bytes_per_second", "GB/s", 1e9), rate("cached_copy_bytes_per_second", "GB/s", 1e9),
-                     f"{three_digits(launch * 1e6)} us" if launch else "-",
-                     rate("float32_operations_per_second", "Gop/s", 1e9),
-                     rate("float64_operations_per_second", "Gop/s", 1e9),
-                     rate("compute_shader_float32_operations_per_second", "Gop/s", 1e9)])
+    columns = {"copy": ("copy_bytes_per_second", 1e9, "GB/s"), "in cache": ("cached_copy_bytes_per_second", 1e9, "GB/s"),
+               "launch": ("launch_seconds", 1e-6, "us"), "float32": ("float32_operations_per_second", 1e9, "Gop/s"),
+               "float64": ("float64_operations_per_second", 1e9, "Gop/s"),
+               "float32 in compute shaders": ("compute_shader_float32_operations_per_second", 1e9, "Gop/s")}
+    rows = [[api] + [f"{three_digits(limit[key] / scale)} {unit}" if limit.get(key) else "-" for key, scale, unit in columns.values()]
+            for api, limit in context["limits"].items()]
     machine = (f"{context['gpu']}, driver {context['driver']}; {context['cpu']}; commit {context['commit']}"
                f"{'' if context['clean'] else ' (not clean)'}; {context['compiler']}, {context['cuda_compiler']}.")
-    return machine + "\n\n" + table(header, rows)
+    return machine + "\n\n" + table(["", *columns], rows)
 
 
 def steps(study):
     rows = medians(study)
-    scenes = scenes_of(rows)
-    cells = by_scene(rows, lambda row: [time_of(row),
-                                        three_digits(row["spring_updates_per_second"] * 1e-9),
-                                        limit_of(row),
-                                        f"{row['error_max']:.1e}"])
-    whose = {contender(row): papers(row) for row in rows}
-    times = by_scene(rows, lambda row: row["real_time"])
-    header = ["time a step", "strategy of"] + [f"{scene}: {what}" for scene in scenes
-                                               for what in ("us", "G springs/s", "of limit", "error")]
-    order = sorted(cells, key=lambda name: times[name].get(scenes[0], float("inf")))
-    return table(header, [[name, whose[name]] + [cell for scene in scenes for cell in cells[name].get(scene, ["-"] * 4)]
-                          for name in order])
+    first = rows[0]["scene"]
+    return matrix("time a step", rows, lambda scene: [f"{scene}: {what}" for what in ("us", "G springs/s", "of limit", "error")],
+                  lambda row: [time_of(row), giga(row["spring_updates_per_second"]), limit_of(row), f"{row['error_max']:.1e}"],
+                  key=lambda line: line[1][first]["real_time"] if first in line[1] else math.inf)
 
 
 def scaling():
     rows = medians("figure8")
-    scenes = scenes_of(rows)
     particles = {row["scene"]: row["particles"] for row in rows}
-    whose = {contender(row): papers(row) for row in rows}
-    cells = by_scene(rows, lambda row: f"{time_of(row)} "
-                                       f"({three_digits(row['real_time'] * 1e3 / row['particles'])})")
-    header = ["us a step (ns a particle)", "strategy of"] + [f"{scene[4:]}^3: {particles[scene]}" for scene in scenes]
-    return table(header, [[name, whose[name]] + [cells[name].get(scene, "-") for scene in scenes] for name in cells])
+    return matrix("us a step (ns a particle)", rows, lambda scene: [f"{scene[4:]}^3: {particles[scene]}"],
+                  lambda row: [f"{time_of(row)} ({three_digits(row['real_time'] * 1e3 / row['particles'])})"])
 
 
 def slow_down(row):
@@ -80,27 +70,18 @@ def slow_down(row):
 
 def edits():
     rows = medians("edits")
-    scenes = scenes_of(rows)
-    slow = by_scene(rows, lambda row: marked(row, f"{100 * slow_down(row):+.1f} %") + spread_text(row))
-    found = by_scene(rows, lambda row: row)
-    counts = [found[next(iter(found))][scene]["edits"] for scene in scenes]
-    header = ["slow-down of 1000 steps", "strategy of"] + [f"{count} edit" + "s" * (count > 1) for count in counts]
-    header += ["an edit (us)", "a step (us)"]
-    lines = []
-    for name, cells in slow.items():
-        last = found[name].get(scenes[-1])
-        lines.append([name, papers(next(iter(found[name].values())))] + [cells.get(scene, "-") for scene in scenes] +
-                     ([microseconds(last["edit_seconds_median"] * 1e6),
-                       microseconds(last["seconds_per_step_without_edits"] * 1e6)] if last else ["-", "-"]))
-    return table(header, lines)
+    counts = {row["scene"]: row["edits"] for row in rows}
+    last = list(counts)[-1]
+    def by_itself(own):
+        return [microseconds(own[last][key] * 1e6) if last in own else "-" for key in ("edit_seconds_median", "seconds_per_step_without_edits")]
+    return matrix("slow-down of 1000 steps", rows, lambda scene: [f"{counts[scene]} edit" + "s" * (counts[scene] > 1)],
+                  lambda row: [marked(row, f"{100 * slow_down(row):+.1f} %") + spread_text(row)],
+                  ends=(["an edit (us)", "a step (us)"], by_itself))
 
 
 def tuning():
-    best = {}
-    for row in medians("tuning"):
-        best.setdefault((row["backend"], row["scene"]), []).append(row)
     lines = []
-    for (backend, scene), rows in sorted(best.items()):
+    for (backend, scene), rows in sorted(groups(medians("tuning"), "backend", "scene").items()):
         default = next((row for row in rows if not tuning_of(row)), None)
         if default and len(rows) > 1:
             default = held_out(default)
@@ -119,51 +100,42 @@ def tuned(row):
 
 def formulations():
     """Time of position, and for each formulation its multiple and its rounding error."""
-    rows = [row for row in medians("formulations") if not tuned(row)]
-    cells = {}
-    for row in rows:
-        cells.setdefault((row["scene"], row["steps"], contender(row)), {})[row["formulation"]] = row
     lines = []
-    for (scene, count, name), by_formulation in cells.items():
-        base = by_formulation.get("position")
-        if base is None:
-            continue
-        def cell(row, base=base["real_time"]):
-            return marked(row, f"{row['real_time'] / base:.2f}{spread_text(row)} ({row['error_relative_l2']:.1e})") if row else "-"
-        lines.append([f"{name}, {scene}, {count} steps", time_of(base)] + [cell(by_formulation.get(f)) for f in FORMULATIONS])
+    rows = [row for row in medians("formulations") if not tuned(row)]
+    for (scene, count, name), group in groups(rows, "scene", "steps", contender).items():
+        known = {row["formulation"]: row for row in group}
+        if "position" in known:
+            base = known["position"]["real_time"]
+            cells = [marked(row, f"{row['real_time'] / base:.2f}{spread_text(row)} ({row['error_relative_l2']:.1e})") if row else "-"
+                     for row in map(known.get, FORMULATIONS)]
+            lines.append([f"{name}, {scene}, {count} steps", time_of(known["position"])] + cells)
     return table(["case", "position (us a step)"] + FORMULATIONS, lines)
 
 
 def stress():
     """The largest figure of any backend against the gates about rounding."""
-    rows = result("stress")["stress"]
-    worst = {}
-    for row in rows:
-        if row["part"] not in (7, 9) or row["precision"] != "float32":
-            continue
-        entry = worst.setdefault((row["measurement"], row["scene"], row["steps"]), {})
-        measured = float("inf") if row["measured"] is None else row["measured"]
-        known = entry.get(row["formulation"], (0, None))
-        entry[row["formulation"]] = (max(known[0], measured), row["gate"])
-    def cell(figure):
-        measured, gate = figure
-        return f"{measured:.1e}" + (f" (gate {gate:.1e})" if gate is not None else "")
-    return table(["largest error of any strategy"] + FORMULATIONS,
-                 [[f"{measurement}, {scene}, {count} steps"] + [cell(entry[f]) for f in FORMULATIONS]
-                  for (measurement, scene, count), entry in worst.items() if len(entry) == len(FORMULATIONS)])
+    def measured(row):
+        return math.inf if row["measured"] is None else row["measured"]
+    rows = [row for row in result("stress")["stress"] if row["part"] in (7, 9) and row["precision"] == "float32"]
+    lines = []
+    for (measurement, scene, count), group in groups(rows, "measurement", "scene", "steps").items():
+        own = {formulation: (max(map(measured, of)), of[-1]["gate"]) for (formulation,), of in groups(group, "formulation").items()}
+        if len(own) == len(FORMULATIONS):
+            lines.append([f"{measurement}, {scene}, {count} steps"] + [
+                f"{own[name][0]:.1e}" + (f" (gate {own[name][1]:.1e})" if own[name][1] is not None else "") for name in FORMULATIONS])
+    return table(["largest error of any strategy"] + FORMULATIONS, lines)
 
 
 def stability():
     """The range of measured over theoretical limits, over all backends and scenes."""
-    rows = result("stability")["stability"]
-    ranges = {}
-    for row in rows:
+    def kind(row):
         start = row["start"]
-        kind = f"{start['kind']} {start['amplitude'] or start['stretch']:g}, damping {row['damping']:g}"
-        ranges.setdefault(kind, {}).setdefault(row["formulation"], []).append(row["ratio"])
-    return table(["measured over theory"] + FORMULATIONS,
-                 [[kind] + [f"{min(entry[f]):.4f} to {max(entry[f]):.4f}" for f in FORMULATIONS]
-                  for kind, entry in ranges.items()])
+        return f"{start['kind']} {start['amplitude'] or start['stretch']:g}, damping {row['damping']:g}"
+    lines = []
+    for (name,), group in groups(result("stability")["stability"], kind).items():
+        ratios = {formulation: [row["ratio"] for row in of] for (formulation,), of in groups(group, "formulation").items()}
+        lines.append([name] + [f"{min(ratios[f]):.4f} to {max(ratios[f]):.4f}" for f in FORMULATIONS])
+    return table(["measured over theory"] + FORMULATIONS, lines)
 
 
 def quantity(target, value):
@@ -174,7 +146,7 @@ def quantity(target, value):
         return f"{percent(value)} of the limit"
     if kind == "speed_ratio":
         return f"{value:.2f} of the speed of `{target['over']}`"
-    return f"{three_digits(value * 1e-9)} G {kind.split('_')[0]}s/s"
+    return f"{giga(value)} G {kind.split('_')[0]}s/s"
 
 
 def titled(one, text):
@@ -217,11 +189,8 @@ def starts_of(row):
 
 def starts():
     """The cold and the warm start of every strategy."""
-    rows = medians("table1")
-    scenes = scenes_of(rows)
-    cells = by_scene(rows, starts_of)
-    header = ["start (ms)"] + [f"{scene}: {what}" for scene in scenes for what in ("cold (compiling)", "warm")]
-    return table(header, [[name] + [cell for scene in scenes for cell in cells[name].get(scene, ["-"] * 2)] for name in sorted(cells)])
+    return matrix("start (ms)", medians("table1"), lambda scene: [f"{scene}: cold (compiling)", f"{scene}: warm"], starts_of,
+                  key=lambda line: line[0], whose=False)
 
 
 def fastest():
@@ -234,8 +203,7 @@ def fastest():
             paper, times, row = block["paper"], block["auto"]["times_fastest"], held_out(known[block["name"]])
             tried = alike(rows, row)
             lines.append([f"{block['scene']} {block['formulation']} {block['precision']}", contender(row), str(len(tried)),
-                          time_of(row), three_digits(row["particle_updates_per_second"] * 1e-9),
-                          three_digits(row["spring_updates_per_second"] * 1e-9),
+                          time_of(row), giga(row["particle_updates_per_second"]), giga(row["spring_updates_per_second"]),
                           limit_of(row), f"{row['error_max']:.1e}",
                           f"{paper['ratio']:.2f} ({contender(paper)}, of {sum(other['backend'] in PAPER for other in tried)})"
                           if paper else "-", f"{times:.2f}" if times else "not measured", *starts_of(row)])
@@ -249,7 +217,7 @@ def resting():
     """A step of all tiles, one that leaves out those at rest, and what share of them it took in the end."""
     work = {row["name"]: row["work"] for row in result("skips")["verification"] if "work" in row}
     times = by_name(result("skips"))
-    scenes, lines = scenes_of(medians("skips")), {}
+    scenes, lines = distinct(medians("skips"), "scene"), {}
     for name, skipping in times.items():
         way = next((way for way in ("skip", "flush") if name.endswith(f"/rest={way}")), None)
         if way is None:
@@ -275,7 +243,7 @@ def energy():
     """What a step takes of the device's energy, and what the device draws meanwhile and idle."""
     found = result("energy")
     lines = [[f"{row['scene']}, {contender(row)}", f"{three_digits(row['joules_per_step'] * 1e3)}",
-              three_digits(row["springs_per_joule"] * 1e-9), three_digits(row["watts"]), three_digits(row["idle_watts"]),
+              giga(row["springs_per_joule"]), three_digits(row["watts"]), three_digits(row["idle_watts"]),
               ", ".join(row.get("throttled", [])) or "-", row["meter"], cross_check(row), f"{row['seconds']:.1f}"]
              for row in found["energy"]]
     return titled(found, table(["case", "mJ a step", "G springs/J", "power (W)", "idle (W)", "clocks held down by", "counter",
