@@ -19,6 +19,7 @@ sys.path[:0] = [str(ROOT / "results"), str(ROOT / "tests")]
 
 import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
+from result_files import distinct, groups  # noqa: E402  # pylint: disable=wrong-import-position
 
 # The strategies of the table: of each kind the one that says most.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
@@ -29,20 +30,29 @@ DRAWN = {"cuda": "CUDA, a launch a tick", "a launch for all ticks": "CUDA, a lau
          "cpu": "the processor"}
 
 
+def origin(result, before="", after=""):
+    """What a table was measured on, below it."""
+    context = result["context"]["voxspring"]
+    return f"\n\n{before}{context['gpu'] or context['cpu']}{after}; commit {context['commit'][:8]}"
+
+
+def plain_rows(backends):
+    """Of the study fastest the rows in float32 by `position` of some backends."""
+    return [row for row in results.medians("fastest")
+            if (row["formulation"], row["precision"]) == ("position", "float32") and row["backend"] in backends]
+
+
 def heart():
     """The best row of each shown backend on the heart, and of how many tunings it is the best."""
-    context = results.result("fastest")["context"]["voxspring"]
-    tried = {}
-    for row in results.medians("fastest"):
-        if (row["scene"], row["formulation"], row["precision"]) == ("heart", "position", "float32") and row["backend"] in SHOWN:
-            tried.setdefault(row["backend"], []).append(row)
+    found = results.result("fastest")
+    tried = groups((row for row in plain_rows(SHOWN) if row["scene"] == "heart"), "backend")
     rows = sorted(map(results.fastest_of, tried.values()), key=lambda row: row["real_time"])
     lines = [[f"`{row['backend']}`", results.time_of(row), f"{row['real_time'] / rows[0]['real_time']:.2f}",
-              results.three_digits(row["particle_updates_per_second"] * 1e-9), results.percent(row["fraction_of_limit"]),
-              f"{row['error_max']:.1e}", str(len(tried[row["backend"]]))] for row in rows]
+              results.giga(row["particle_updates_per_second"]), results.percent(row["fraction_of_limit"]),
+              f"{row['error_max']:.1e}", str(len(tried[row["backend"],]))] for row in rows]
+    about = (f"{rows[0]['particles']:,} particles, {rows[0]['formulation']} in {rows[0]['precision']}, {rows[0]['error_steps']} steps, on ")
     return (results.table(["backend", "us a step", "x fastest", "G particles/s", "% of roofline", "error", "best of"], lines) +
-            f"\n\n{rows[0]['particles']:,} particles, {rows[0]['formulation']} in {rows[0]['precision']}, "
-            f"{rows[0]['error_steps']} steps, on {context['gpu']} and {context['cpu']}; commit {context['commit'][:8]}.")
+            origin(found, about, f" and {found['context']['voxspring']['cpu']}") + ".")
 
 
 def architecture():
@@ -89,9 +99,7 @@ def float64():
     """What float64 costs on a processor and on a card."""
     lines, origins = [], []
     for machine, backend in PRECISE.items():
-        context = results.result("pareto", machine)["context"]["voxspring"]
-        device = context["gpu"] or context["cpu"]
-        origins.append(f"{device}: commit {context['commit'][:8]}")
+        origins.append(origin(results.result("pareto", machine)).strip().replace("; ", ": "))
         for scene, ratios in facts.float64_ratios(machine, backend).items():
             lines.append([f"`{backend}`, {scene}", *(f"{of(ratios):.2f}" for of in (min, statistics.median, max)), str(len(ratios))])
     return results.table(["float64 over float32", "least", "median", "most", "pairs of runs"], lines) + f"\n\n{'; '.join(origins)}."
@@ -111,15 +119,12 @@ def launches():
     found = results.result("overhead")
     context = found["context"]["voxspring"]
     rows = {(row["backend"], row["scene"], row["handed_over"]): row for row in found["overhead"]}
-    scenes = list(dict.fromkeys(row["scene"] for row in found["overhead"]))
-    lines = []
-    for backend, api in APIS.items():
-        for scene in scenes:
-            cells = [seconds_text(rows[backend, scene, way][key]) for way in ("one by one", "at once")
-                     for key in ("seconds_per_step", "host_seconds_per_step")]
-            lines.append([api, f"{rows[backend, scene, 'at once']['particles']:,}", *cells])
+    lines = [[api, f"{rows[backend, scene, 'at once']['particles']:,}",
+              *(seconds_text(rows[backend, scene, way][key]) for way in ("one by one", "at once")
+                for key in ("seconds_per_step", "host_seconds_per_step"))]
+             for backend, api in APIS.items() for scene in distinct(found["overhead"], "scene")]
     return (results.table(["API", "particles", "one by one: device", "host", "at once: device", "host"], lines) +
-            f"\n\n{context['gpu']}, driver {context['driver']}, {context['cpu']}; commit {context['commit'][:8]}.")
+            origin(found, after=f", driver {context['driver']}, {context['cpu']}") + ".")
 
 
 def empty_steps():
@@ -131,23 +136,17 @@ def empty_steps():
 
 def sizes():
     """The fastest row of each API's implicit strategies by scene, `position` in float32."""
-    tried = {}
-    for row in results.medians("fastest"):
-        if (row["formulation"], row["precision"]) == ("position", "float32") and row["backend"] in APIS:
-            tried.setdefault(row["scene"], {}).setdefault(row["backend"], []).append(row)
-    best = {scene: {backend: results.fastest_of(rows) for backend, rows in by_backend.items()} for scene, by_backend in tried.items()}
+    others = [backend for backend in APIS if backend not in ("cuda_implicit_cached", "cuda_resident")]
     lines = []
-    for scene, rows in sorted(best.items(), key=lambda item: next(iter(item[1].values()))["particles"]):
+    for (scene, particles), group in sorted(groups(plain_rows(APIS), "scene", "particles").items(), key=lambda item: item[0][1]):
+        rows = {backend: results.fastest_of(own) for (backend,), own in groups(group, "backend").items()}
         cuda = rows.get("cuda_implicit_cached")
-        if cuda is None or len(rows) == 1:
-            continue
-        cells = [f"{results.time_of(rows[backend])} ({rows[backend]['real_time'] / cuda['real_time']:.2f})" if backend in rows else "-"
-                 for backend in APIS if backend not in ("cuda_implicit_cached", "cuda_resident")]
-        lines.append([scene, f"{cuda['particles']:,}", results.time_of(cuda), *cells])
-    names = [api for backend, api in APIS.items() if backend not in ("cuda_implicit_cached", "cuda_resident")]
-    context = results.result("fastest")["context"]["voxspring"]
-    return (results.table(["scene", "particles", "CUDA", *names], lines) +
-            f"\n\n{context['gpu']}; commit {context['commit'][:8]}; of CUDA and OpenGL the faster of what was tried of each strategy.")
+        if cuda and len(rows) > 1:
+            cells = [f"{results.time_of(rows[backend])} ({rows[backend]['real_time'] / cuda['real_time']:.2f})" if backend in rows else "-"
+                     for backend in others]
+            lines.append([scene, f"{particles:,}", results.time_of(cuda), *cells])
+    return (results.table(["scene", "particles", "CUDA", *map(APIS.get, others)], lines) +
+            origin(results.result("fastest")) + "; of CUDA and OpenGL the faster of what was tried of each strategy.")
 
 
 def tick_rows(rows):
@@ -181,9 +180,8 @@ def late_ticks():
             met = [f"{often[least]:.0f} ({100 * often[least] * row['median_seconds']:.2f} %)" for least in (1e-5, 2e-5)]
             lines.append([row["scene"], results.contender(row), f"{row['missed'] + row['ticks']:,}", seconds_text(row["median_seconds"]),
                           seconds_text(row["p999_seconds"]), *met, f"{row['missed']:,}", f"{often[period] * row['waited_seconds']:.0f}"])
-        context = found["context"]["voxspring"]
         if lines:
-            parts.append(results.table(header, lines) + f"\n\n{context['gpu'] or context['cpu']}; commit {context['commit'][:8]}.")
+            parts.append(results.table(header, lines) + origin(found) + ".")
     return "\n\n".join(parts) or "No committed result has it yet."
 
 
@@ -193,22 +191,21 @@ def drawing():
     found = results.result("haptic")
     plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"] for row in found["haptic"]
              if not row["drawn"] and not row["edited"]}
-    groups = {}
-    for row in found["haptic"]:
-        fit = plain.get((row["scene"], row["name"], row["hertz"]))
-        if row["drawn"] and not row["edited"] and fit and fit >= finest:
-            name = "a launch for all ticks" if "ticks=resident" in row["tuning"] else row["backend"].split("_")[0]
-            groups.setdefault((name, row["displacements_by"]), []).append((row, 1 - row["steps_that_fit"] / fit))
+    drawn = [row | {"lost": 1 - row["steps_that_fit"] / fit,
+                    "who": "a launch for all ticks" if "ticks=resident" in row["tuning"] else row["backend"].split("_")[0]}
+             for row in found["haptic"] if row["drawn"] and not row["edited"]
+             and (fit := plain.get((row["scene"], row["name"], row["hertz"]))) and fit >= finest]
+    def median(rows, key):
+        return statistics.median(row[key] for row in rows)
     lines = []
-    for (name, way), rows in sorted(groups.items(), key=lambda item: statistics.median(lost for _, lost in item[1])):
-        median = {key: statistics.median(row[key] for row, _ in rows) for key in ("hand_over_seconds", "picture_seconds", "pictures_per_second")}
-        lost = sorted(lost for _, lost in rows)
-        lines.append([DRAWN[name], f"`{way}()`", str(len(rows)), *(f"{seconds_text(median[key])} ({100 * median[key] * median['pictures_per_second']:.1f} %)"
-                                                         for key in ("hand_over_seconds", "picture_seconds")),
+    for (name, way), rows in sorted(groups(drawn, "who", "displacements_by").items(), key=lambda item: median(item[1], "lost")):
+        lost, rate = sorted(row["lost"] for row in rows), median(rows, "pictures_per_second")
+        lines.append([DRAWN[name], f"`{way}()`", str(len(rows)),
+                      *(f"{seconds_text(seconds)} ({100 * seconds * rate:.1f} %)"
+                        for seconds in (median(rows, "hand_over_seconds"), median(rows, "picture_seconds"))),
                       f"{100 * statistics.median(lost):.1f} %", f"{100 * lost[0]:.1f} to {100 * lost[-1]:.1f} %"])
-    context = found["context"]["voxspring"]
-    return (results.table(["steps by", "displacements by", "rows", "hand-over (of a second)", "picture (of a second)", "fewer steps, median", "from, to"], lines) +
-            f"\n\n{context['gpu']}; commit {context['commit'][:8]}; rows without edits in which {finest} steps fit.")
+    header = ["steps by", "displacements by", "rows", "hand-over (of a second)", "picture (of a second)", "fewer steps, median", "from, to"]
+    return results.table(header, lines) + origin(found) + f"; rows without edits in which {finest} steps fit."
 
 
 def ticks():
@@ -216,11 +213,9 @@ def ticks():
     header = ["scene", "backend", "kHz", "median", "99 %", "99.9 %", "worst", "missed", "steps fit", "of them for drawing", "force error"]
     parts = []
     for found in results.machines("haptic"):
-        context = found["context"]["voxspring"]
         real_time = {row["real_time"] for row in found["haptic"]}
         thread = "real-time" if real_time == {True} else "not real-time" if real_time == {False} else "real-time in a part of the rows"
-        parts.append(results.table(header, tick_rows(found["haptic"])) + f"\n\n{context['gpu'] or context['cpu']}; the host's thread was "
-                     f"{thread}; commit {context['commit'][:8]}.")
+        parts.append(results.table(header, tick_rows(found["haptic"])) + origin(found, after=f"; the host's thread was {thread}") + ".")
     return "\n\n".join(parts) or "No committed result has it yet."
 
 

@@ -14,8 +14,9 @@ import unittest
 from unittest import mock
 
 sys.path.insert(0, "results")
+import figures_in_prose  # noqa: E402
 import result_files  # noqa: E402
-from readme import addressing, facts, prose, rows, tables, template  # noqa: E402
+from readme import addressing, facts, rows, tables, template  # noqa: E402
 
 # Figures in prose that are not measurements, and what they are: (page, words of the sentence).
 ALLOWED = {
@@ -48,7 +49,7 @@ class Prose(unittest.TestCase):
         self.assertGreater(len(pages()), 15)
         used = set()
         for page in pages():
-            for sentence in prose.unfounded(page.read_text()):
+            for sentence in figures_in_prose.unfounded(page.read_text()):
                 reasons = [key for key in ALLOWED if key[0] == str(page) and key[1] in sentence]
                 used.update(reasons)
                 self.assertTrue(reasons, f"{page}: a figure that no template made and no commit stands beside: {sentence}")
@@ -58,21 +59,21 @@ class Prose(unittest.TestCase):
         for page in pages():
             for figure in ("It takes 1.22 us a step.", "It reaches 43% of it.", "That is 2.5 times as fast.", "It moves 4.1 TB/s.",
                            "It makes 929 G springs/s.", "A step takes 0.3 J.", "A build takes 12 s.", "An edit takes 9 to 11 ms."):
-                found = prose.unfounded(page.read_text() + "\n# Another\n\n" + figure + "\n")
+                found = figures_in_prose.unfounded(page.read_text() + "\n# Another\n\n" + figure + "\n")
                 self.assertIn(figure, found, page)
 
     def test_tables_by_hand_are_noticed_by_their_header(self):
         table = "| case | us a step |\n| --- | --: |\n| a | 12.5 |\n| b | - |"
-        self.assertEqual(prose.unfounded(table), ["| a | 12.5 |"])
-        self.assertEqual(prose.unfounded(f"Of commit 0b0c168:\n\n{table}"), [])
-        self.assertEqual(prose.unfounded("| bytes |\n| --- |\n| 48 |"), [])
+        self.assertEqual(figures_in_prose.unfounded(table), ["| a | 12.5 |"])
+        self.assertEqual(figures_in_prose.unfounded(f"Of commit 0b0c168:\n\n{table}"), [])
+        self.assertEqual(figures_in_prose.unfounded("| bytes |\n| --- |\n| 48 |"), [])
 
     def test_what_has_an_origin_is_let_through(self):
         for text in ("Commit 0b0c168 took 2.5 us.", "It takes {{ us() }} us.", "<!-- a -->\n3 us\n<!-- /a -->\n", "Give `--time 5 s`.",
                      "```\n12 us\n```", "So:\n\n    sleep 5 s\n\nEnd.", "# Trials\n\nUp to commit 0b0c168.\n\nIt took 5 us.\n\n## Part\n\n7 us.",
                      "A box of 256^3 has 18 springs in 72 bytes."):
-            self.assertEqual(prose.unfounded(text), [], text)
-        self.assertEqual(prose.unfounded("# Trials\n\nUp to commit 0b0c168.\n\n# Now\n\nWords.\n\nIt takes 5 us. Commit 0b0c168 took 6 us."),
+            self.assertEqual(figures_in_prose.unfounded(text), [], text)
+        self.assertEqual(figures_in_prose.unfounded("# Trials\n\nUp to commit 0b0c168.\n\n# Now\n\nWords.\n\nIt takes 5 us. Commit 0b0c168 took 6 us."),
                          ["It takes 5 us."])
 
 

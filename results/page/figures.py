@@ -14,6 +14,8 @@ import zlib
 from dataclasses import dataclass
 
 import altair as alt
+import numpy
+import scipy.optimize
 
 import comparison
 from result_files import distinct, groups, listed
@@ -113,10 +115,8 @@ def sentence(text):
 
 def by_machine(findings):
     """(machine, what was found there) in one sentence, machines with the same finding together."""
-    together = {}
-    for machine, text in findings:
-        together.setdefault(text, []).append(machine)
-    return sentence("; ".join(f"on {listed(dict.fromkeys(machines))} {text}" for text, machines in together.items()))
+    told = groups(findings, lambda finding: finding[1]).items()
+    return sentence("; ".join(f"on {listed(dict.fromkeys(machine for machine, _ in own))} {text}" for (text,), own in told))
 
 
 def colour_of(backend):
@@ -215,15 +215,8 @@ def labelled(rows):
 
 def spread_out(places, gap):
     """The places, ascending, that lie nearest to these and at least `gap` apart."""
-    blocks = []  # of [sum of places less their shifts, how many]
-    for index, place in enumerate(places):
-        blocks.append([place - index * gap, 1])
-        while len(blocks) > 1 and blocks[-2][0] / blocks[-2][1] > blocks[-1][0] / blocks[-1][1]:
-            total, count = blocks.pop()
-            blocks[-1][0] += total
-            blocks[-1][1] += count
-    shifted = [total / count for total, count in blocks for _ in range(count)]
-    return [place + index * gap for index, place in enumerate(shifted)]
+    steps = gap * numpy.arange(len(places))
+    return list(scipy.optimize.isotonic_regression(numpy.asarray(places) - steps).x + steps)
 
 
 LABEL_SIZE = 10
@@ -432,10 +425,7 @@ def figure8(charts, results, rows):
     findings, panels, ended = [], [], []
     for (machine,), group in groups(rows, "machine").items():
         sizes = sorted({row["particles"] for row in group})
-        ends = []
-        for size in (sizes[0], sizes[-1]):
-            ends.append(fastest(row for row in group if row["particles"] == size))
-        small, large = ends
+        small, large = (fastest(row for row in group if row["particles"] == size) for size in (sizes[0], sizes[-1]))
         text = (f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with "
                 f"{time_text(large['microseconds'])} per step")
         findings.append((machine, text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "

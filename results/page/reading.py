@@ -13,6 +13,7 @@ import re
 from dataclasses import dataclass, field
 
 import fastjsonschema
+import scipy.optimize
 
 import result_files
 from result_files import BadInput, shown
@@ -306,14 +307,14 @@ def forecast(one, most):
 
     counts = [(count, *predicted(particles / (ranks if weak else count))) for count in FORECAST_RANKS if count > ranks]
     found = [(count, seconds, efficiency) for count, seconds, efficiency, thick in counts if thick]
-    # The more ranks the less efficient.
-    few, many = 1.0, float(particles)
-    if weak or predicted(particles / few)[1] <= 0.5:
+    # The more ranks the less efficient, and one the most.
+    def beyond_half(exponent):
+        return predicted(particles ** (1 - exponent))[1] - 0.5
+
+    if weak or beyond_half(0) <= 0:
         return found, None
-    for _ in range(100):
-        middle = (few * many) ** 0.5
-        few, many = (middle, many) if predicted(particles / middle)[1] > 0.5 else (few, middle)
-    return found, many if predicted(particles / many)[2] else None
+    half = float(particles) ** (scipy.optimize.brentq(beyond_half, 0, 1, xtol=1e-12) if beyond_half(1) < 0 else 1)
+    return found, half if predicted(particles / half)[2] else None
 
 
 def scaling_forecast(results):

@@ -4,6 +4,7 @@ A case is named as in the tables: `cuda_implicit_cached fetch=l1`. Formulation a
 said otherwise.
 """
 
+import collections
 import re
 import statistics
 
@@ -19,13 +20,14 @@ LINEAR = 0.2
 CHEAP = 0.05
 
 
-def row(study, scene, case, formulation="position", precision="float32", machine=GPU):
+def row(study, scene, case, formulation="position", precision="float32", machine=GPU, rows=None):
+    """The median row of a case, or its row in another list of the study."""
     backend, *tuning = case.split()
     name = "/".join([scene, backend, formulation, precision, *tuning])
-    found = by_name(result(study, machine)).get(name)
-    if found is None:
+    found = by_name(result(study, machine)) if rows is None else {one["name"]: one for one in rows}
+    if name not in found:
         raise Missing(f"{machine}/{study} has no row {name}")
-    return found
+    return found[name]
 
 
 def us(study, scene, case, **which):
@@ -69,7 +71,8 @@ def verdict(ratios):
     ratios = list(ratios)
     if not ratios:
         raise Missing("there is no row to judge by")
-    return {"holds": "holds", "inverts": "inverts"}.get(addressing.winner(ratios), "depends on the dataset")
+    found = addressing.winner(ratios)
+    return "depends on the dataset" if found == "is undecided" else found
 
 
 # --- Where the files are from -----------------------------------------------------------------------------
@@ -112,11 +115,9 @@ def fragment_share():
 
 def scaled_ratios(case, over, smallest=0):
     """Ratios of two cases on every box of Figure 8 of at least so many particles."""
-    rows = medians("figure8")
-    times = {(tables.contender(one).replace("`", ""), one["scene"]): one["real_time"] for one in rows}
-    return [times[case, scene] / times[over, scene]
-            for scene, particles in {one["scene"]: one["particles"] for one in rows}.items()
-            if particles >= smallest and (case, scene) in times and (over, scene) in times]
+    times = {(tables.contender(one).replace("`", ""), one["scene"]): one["real_time"]
+             for one in medians("figure8") if one["particles"] >= smallest}
+    return [time / times[over, scene] for (name, scene), time in times.items() if name == case and (over, scene) in times]
 
 
 def addressing_ratios(kind):
@@ -158,14 +159,10 @@ def by_time(study, scene, cases=None):
 
 def l1_wins():
     """On how many boxes of Figure 8 plain L1-cached loads are the fastest of the implicit strategies."""
-    won, lost = 0, []
-    for scene in distinct(medians("figure8"), "scene"):
-        others = min(us("figure8", scene, case) for case in addressing.IMPLICIT)
-        if us("figure8", scene, "cuda_implicit_cached fetch=l1") < others:
-            won += 1
-        else:
-            lost.append(f"{scene.removeprefix('box@')}^3")
-    return f"all {won} boxes" if not lost else f"{won} of the {won + len(lost)} boxes (all but {listed(lost)})"
+    won = {scene: us("figure8", scene, "cuda_implicit_cached fetch=l1") < min(us("figure8", scene, case) for case in addressing.IMPLICIT)
+           for scene in distinct(medians("figure8"), "scene")}
+    lost = [f"{scene.removeprefix('box@')}^3" for scene in won if not won[scene]]
+    return f"{sum(won.values())} of the {len(won)} boxes (all but {listed(lost)})" if lost else f"all {len(won)} boxes"
 
 
 def papers_cuda(one):
@@ -196,20 +193,17 @@ def edit_times(*cases):
 
 
 def nanoseconds(one):
-    """Of a particle."""
+    """The time of a step per particle."""
     return one["real_time"] * 1e3 / one["particles"]
 
 
 def growth(cases=papers_cuda, smallest=0):
     """How far the time a particle of each case is from that on its largest box, over the boxes from a size on."""
+    rows = [one for one in medians("figure8") if cases(one) and one["particles"] >= smallest]
     found = []
-    by_case = {}
-    for one in medians("figure8"):
-        if cases(one) and one["particles"] >= smallest:
-            by_case.setdefault(tables.contender(one), []).append(one)
-    for rows in by_case.values():
-        last = nanoseconds(max(rows, key=lambda one: one["particles"]))
-        found += [nanoseconds(one) / last for one in rows]
+    for of_case in groups(rows, tables.contender).values():
+        last = nanoseconds(max(of_case, key=lambda one: one["particles"]))
+        found += [nanoseconds(one) / last for one in of_case]
     return max(max(found) - 1, 1 - min(found))
 
 
@@ -227,14 +221,10 @@ def linear_verdict():
     return f"holds from {size / 1e6:.2g} million on" if size >= 1e6 else f"holds from {size:,} on"
 
 
-def best_of_paper(study, scene):
-    return fastest_of([one for one in medians(study)
-                       if one["scene"] == scene and papers_cuda(one) and one["formulation"] == "position"])["real_time"]
-
-
 def times_as_long(study, scene, case):
     """A case over the paper's fastest CUDA strategy on a dataset."""
-    return us(study, scene, case) / best_of_paper(study, scene)
+    papers = [one for one in medians(study) if one["scene"] == scene and papers_cuda(one) and one["formulation"] == "position"]
+    return us(study, scene, case) / fastest_of(papers)["real_time"]
 
 
 # --- Between studies, formulations, errors -----------------------------------------------------------------
@@ -253,8 +243,8 @@ def signed_percent(value):
 def increments_cost():
     """The times of increment over those of position, over every case of the study formulations."""
     known = by_name(result("formulations"))
-    return [one["real_time"] / known[name.replace("/increment/", "/position/")]["real_time"] for name, one in known.items()
-            if "/increment/" in name and name.replace("/increment/", "/position/") in known]
+    pairs = [(one, known.get(name.replace("/increment/", "/position/"))) for name, one in known.items() if "/increment/" in name]
+    return [one["real_time"] / other["real_time"] for one, other in pairs if other]
 
 
 def increments_gain(scene, case="cuda_implicit_cached"):
@@ -271,19 +261,14 @@ def front(machine=GPU):
 
 def front_of(machine=GPU):
     """`cuda_resident` 12, ...: how many runs of the fronts each backend has."""
-    counts = {}
-    for one in front(machine):
-        counts[one["backend"]] = counts.get(one["backend"], 0) + 1
-    return ", ".join(f"`{name}` {count}" for name, count in sorted(counts.items(), key=lambda item: -item[1]))
+    counts = collections.Counter(one["backend"] for one in front(machine))
+    return ", ".join(f"`{name}` {count}" for name, count in counts.most_common())
 
 
 def front_float64(machine=GPU):
     """Below which error a front has float64 runs, over the scenes."""
-    errors = {}
-    for one in front(machine):
-        if one["precision"] == "float64":
-            errors[one["scene"]] = max(errors.get(one["scene"], 0), one["total_error_relative_l2"])
-    return span(errors.values(), lambda error: f"{error:.0e}")
+    exact = [one for one in front(machine) if one["precision"] == "float64"]
+    return span((max(one["total_error_relative_l2"] for one in of) for of in groups(exact, "scene").values()), lambda error: f"{error:.0e}")
 
 
 def runs(machine, backend="cpu_parallel"):
@@ -337,13 +322,8 @@ def launching_all(scene, formulation="increment"):
 
 
 def joules(scene, case):
-    """Of a step, in the study energy."""
-    backend, *tuning = case.split()
-    name = "/".join([scene, backend, "position", "float32", *tuning])
-    found = [one["joules_per_step"] for one in result("energy")["energy"] if one["name"] == name]
-    if not found:
-        raise Missing(f"energy has no row {name}")
-    return found[0]
+    """What a step takes in the study energy."""
+    return row("energy", scene, case, rows=result("energy")["energy"])["joules_per_step"]
 
 
 def noisy(study, machine=GPU):
@@ -354,8 +334,7 @@ def noisy(study, machine=GPU):
 
 def best_of(study, scene, backend, formulation="position"):
     """Microseconds of a backend with the tuning that suits it best."""
-    rows = [one for one in medians(study)
-            if (one["scene"], one["backend"], one["formulation"], one["precision"]) == (scene, backend, formulation, "float32")]
+    rows = groups(medians(study), "scene", "backend", "formulation", "precision").get((scene, backend, formulation, "float32"))
     if not rows:
         raise Missing(f"{study} has no row of {backend} on {scene}")
     return fastest_of(rows)["real_time"]
